@@ -104,7 +104,7 @@ fn radius_and_ratio_are_found_and_odometry_less_creep_comes_back() {
 /// them is in the tests of the parameters.
 #[test]
 fn runs_on_virtual_boards_are_those_of_boards_in_this_process() {
-    let images = Images::open(None, None, None).unwrap();
+    let images = Images::open(None, None).unwrap();
     let boards = Role::ALL.map(|role| -> Box<dyn Target> {
         let log = BoardLog::default();
         let board = VirtualLink::start(&images, role, &log, None);

@@ -127,7 +127,7 @@ fn rounds() -> u64 {
 /// The instants lie at different phases of the boards' epochs.
 #[test]
 fn speed_command_acts_within_25_ms_and_its_absence_within_220_ms() {
-    let images = Images::open(None, None, None).unwrap();
+    let images = Images::open(None, None).unwrap();
     let logs = [(); 3].map(|()| BoardLog::quiet());
     let scenario = Scenario::default();
     let mut robot =
@@ -198,7 +198,7 @@ fn speed_command_acts_within_25_ms_and_its_absence_within_220_ms() {
 /// host that comes back commands it.
 #[test]
 fn robot_stops_whenever_its_cable_is_pulled_and_its_host_comes_back() {
-    let images = Images::open(None, None, None).unwrap();
+    let images = Images::open(None, None).unwrap();
     let logs = [(); 3].map(|()| BoardLog::quiet());
     let (scenario, options) = (
         Scenario::default(),

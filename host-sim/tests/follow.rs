@@ -174,21 +174,6 @@ fn without_the_sensor_the_bend_is_lost() {
 }
 
 #[test]
-fn same_seed_same_run() {
-    let path = Path::line(0.4).unwrap();
-    let (one, first) = run(&path, PathMode::Track, &scenario(), 7);
-    let (two, second) = run(&path, PathMode::Track, &scenario(), 7);
-    assert_eq!(one, two);
-    assert_eq!(first.len(), second.len());
-    for (a, b) in first.iter().zip(&second) {
-        assert_eq!(a.record.midpoint, b.record.midpoint);
-        assert_eq!(a.record.lead, b.record.lead);
-    }
-    let (other, _) = run(&path, PathMode::Track, &scenario(), 8);
-    assert_ne!(one, other);
-}
-
-#[test]
 fn path_beyond_the_frame_is_refused_with_place_and_value() {
     let bend = Path::from_csv("0,0\n1,0\n1.1,0.3\n0.4,0.4\n".as_bytes()).unwrap();
     let error = Route::new(&bend, 1, &scenario()).unwrap_err().to_string();

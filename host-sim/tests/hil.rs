@@ -398,7 +398,7 @@ fn terminal(mut board: impl Link + 'static) -> (PathBuf, JoinHandle<()>) {
 fn boards_on_serial_ports_are_the_same() {
     let mut scenario = short();
     scenario.mission.time_limit_s = 1.5;
-    let images = Images::open(None, None, None).unwrap();
+    let images = Images::open(None, None).unwrap();
     let mut boards = Vec::new();
     let targets = Role::ALL.map(|role| {
         let (path, board) = match role {

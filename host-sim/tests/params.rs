@@ -82,7 +82,7 @@ fn what_was_saved_is_there_after_a_reset() {
 /// The board's own image, with the store that writes the chip's flash; the flash is a file.
 #[test]
 fn what_was_saved_is_there_after_a_reset_of_a_virtual_board() {
-    let images = Images::open(None, None, None).unwrap();
+    let images = Images::open(None, None).unwrap();
     let folder = tempfile::tempdir().unwrap();
     for role in Role::ALL {
         let file = folder.path().join(format!("a, b {}", role.name()));

@@ -41,14 +41,6 @@ fn the_relative_position_sensor_brings_the_robot_home() {
 }
 
 #[test]
-fn a_trial_repeats_to_the_bit() {
-    let scenario = Scenario::default();
-    let a = regulate(&scenario, 3, 4, |_| {}).unwrap();
-    let b = regulate(&scenario, 3, 4, |_| {}).unwrap();
-    assert_eq!(format!("{a:?}"), format!("{b:?}"));
-}
-
-#[test]
 fn lost_and_late_messages_are_survived() {
     let mut scenario = Scenario::default();
     scenario.world.bus.loss = 0.05;

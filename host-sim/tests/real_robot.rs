@@ -79,7 +79,7 @@ impl Bench {
             wire: None,
         });
         ports.iter_mut().for_each(|port| port.plug(true));
-        let images = Images::open(None, None, None).unwrap();
+        let images = Images::open(None, None).unwrap();
         let options = Options {
             host: false,
             ..Options::default()

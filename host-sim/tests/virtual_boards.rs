@@ -102,29 +102,6 @@ fn what_the_images_cannot_be_told_is_refused() {
     assert_refused(folder.path(), POSTURE, table);
 }
 
-/// Together, and each board a second after the others.
-#[test]
-fn boards_get_ready_in_whatever_order_their_power_comes() {
-    let images = Images::open(None, None, None).unwrap();
-    let scenario = Scenario::default();
-    for power_on_ms in [[0, 0, 0], [1000, 0, 0], [0, 1000, 0], [0, 0, 1000]] {
-        let options = Options {
-            threads: 1,
-            power_on_ms,
-            ..Options::default()
-        };
-        let logs = [(); 3].map(|()| BoardLog::default());
-        let mut robot = VirtualRobot::new(&scenario, &images, 1, 0, &options, &logs)
-            .unwrap_or_else(|error| panic!("{power_on_ms:?}: {error}"));
-        for board in robot.reports() {
-            assert!(
-                board.resets.is_empty() && board.findings.is_empty(),
-                "{board:?}"
-            );
-        }
-    }
-}
-
 #[test]
 fn boards_drive_in_other_than_the_default_configuration() {
     let folder = tempfile::tempdir().unwrap();
@@ -140,7 +117,7 @@ fn boards_drive_in_other_than_the_default_configuration() {
 
 /// A robot with the logs of its boards.
 fn robot(scenario: &Scenario) -> (VirtualRobot, [BoardLog; 3]) {
-    let images = Images::open(None, None, None).unwrap();
+    let images = Images::open(None, None).unwrap();
     let logs = [(); 3].map(|()| BoardLog::quiet());
     let robot = VirtualRobot::new(scenario, &images, 1, 0, &Options::default(), &logs);
     (robot.unwrap(), logs)

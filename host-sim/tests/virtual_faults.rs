@@ -17,7 +17,7 @@ const SEED: u64 = 1;
 fn trials() -> (Campaign, Reference) {
     let campaign = Campaign {
         scenario: Scenario::default(),
-        images: Some(Images::open(None, None, None).unwrap()),
+        images: Some(Images::open(None, None).unwrap()),
         quick: true,
     };
     let reference = reference(&campaign, SEED, AFTER_MS).unwrap();

@@ -1,9 +1,8 @@
 #!/usr/bin/env python3
 """Prints the speeds on this machine for docs/benchmarks.md.
 
-Plant alone beside MuJoCo in the same run, the whole closed loop, how Monte Carlo runs scale with
-threads and memory, and the kernels (`cargo bench`). One command, on a machine with nothing else to
-do; about five minutes and, the first time, the build of the kernels:
+Plant alone beside MuJoCo in the same run, and how Monte Carlo runs of the whole closed loop scale with
+threads and memory. One command, on a machine with nothing else to do; about five minutes:
 
     pip install mujoco && cargo build --release && tools/scripts/regenerate.py benchmarks
 
@@ -18,7 +17,6 @@ import json
 import os
 import pathlib
 import platform
-import re
 import statistics
 import subprocess
 import sys
@@ -55,45 +53,6 @@ def drives(repeats):
     return factors
 
 
-# What the kernels are, as they are called in host-sim/benches/kernels.rs.
-KERNELS = {
-    "plant_second normal": "plant, 1000 steps of the normal drive",
-    "plant_second harsh": "plant, 1000 steps of the harsh drive",
-    "plant_second normal, portable": "plant, 1000 steps of the normal drive, without vector instructions",
-    "plant_five_gauges": "curvature at five gauges",
-    "closed_loop_100_ticks": "whole closed loop, 100 ticks of 1 ms",
-    "axle_filter": "axle filter, predict and update",
-    "relative_posture piecewise": "relative posture, piecewise, 100 segments",
-    "relative_posture quadrature": "relative posture, quadrature",
-    "relative_posture elastica": "relative posture, elastica fit",
-    "covariance_intersection": "covariance intersection, 3×3",
-    "sine_and_cosine": "sine and cosine together",
-}
-
-
-def kernels(quick):
-    """Rows of a table of the kernels: fastest and median, as divan prints them."""
-    command = ["cargo", "bench", "--locked", "--quiet", "--package", "host-sim", "--bench", "kernels"]
-    command += ["--", "--sample-count", "5" if quick else "100"]
-    found, parent = {}, ""
-    for line in output(*command).splitlines():
-        if line[:1] not in ("├", "╰", "│", " "):
-            continue
-        cells = line.split("│")
-        # Branches of the tree are drawn before the names: one more level is three characters.
-        nested = line[:1] in ("│", " ")
-        name, *fastest = re.split(r"\s{2,}", line.strip("│ ").lstrip("├╰─ ").split("│")[0].strip())
-        if not nested and line[:1] in ("├", "╰"):
-            parent = name
-        cells = cells[1:] if line[:1] == "│" else cells
-        if fastest and len(cells) >= 5:
-            found[f"{parent} {name}" if nested else name] = (fastest[0], cells[2].strip())
-    if found.keys() != KERNELS.keys():
-        odd = ", ".join(sorted(found.keys() ^ KERNELS.keys()))
-        fail(f"kernels measured and described are not the same: {odd}")
-    return [f"| {title} | {found[name][1]} | {found[name][0]} |" for name, title in KERNELS.items()]
-
-
 def monte_carlo(trials, threads):
     """Wall time (s), processor time (s) and largest memory (MB) of a paired experiment."""
     with tempfile.TemporaryDirectory() as folder:
@@ -125,7 +84,6 @@ def main():
     try:
         rounds = ["--repeats", "2"] if arguments.quick else []
         beside = json.loads(output(sys.executable, "tools/scripts/bench_mujoco.py", "--json", *rounds))
-        times = kernels(arguments.quick)
     except subprocess.CalledProcessError as error:
         fail(error.stderr.strip())
     plant = drives(3 if arguments.quick else 15)
@@ -171,16 +129,6 @@ def main():
     page += [
         "",
         "Where the time goes: [profile.md](profile.md).",
-        "",
-        "## Kernels",
-        "",
-        "`cargo bench`, one core.",
-        "",
-        "| | median | fastest |",
-        "|---|---|---|",
-        *times,
-    ]
-    page += [
         "",
         "## Monte Carlo",
         "",

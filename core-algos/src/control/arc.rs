@@ -257,7 +257,9 @@ mod tests {
                 let [s0, s1, s2, s3] = arc.start;
                 let start = reach * (1.0 + square * (s0 + square * s1))
                     / (1.0 + square * (s2 + square * s3));
-                assert!((start - psi).abs() < SETTLED, "{end} {psi}: {start}");
+                // The quotient is right to the ninth power.
+                let allowed = SETTLED.min(2e-7 + 0.2 * psi.powi(11));
+                assert!((start - psi).abs() < allowed, "{end} {psi}: {start}");
             }
         }
     }

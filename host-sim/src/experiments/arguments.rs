@@ -6,6 +6,7 @@ use crate::base::{spelling, toml_file};
 use crate::experiments::result::JsonArgs;
 use crate::scenario::Scenario;
 use crate::scenario::effect::GivenKeys;
+use crate::targets::images::Images;
 use clap::{Args, ValueEnum};
 use core_algos::topology::Role;
 use std::path::PathBuf;
@@ -108,17 +109,29 @@ pub fn place(text: &str) -> Result<Place, String> {
     Ok(Place::Serial(found))
 }
 
+/// Baud rate of the boards' images.
+const BAUD: u32 = 921_600;
+
 /// Place of the boards.
 #[derive(Clone, Debug, Args)]
 pub struct BoardArgs {
     /// Place of the boards: in-process, virtual (their images on virtual boards, built if needed),
-    /// or serial:front=PORT,rear=PORT,beam=PORT; other boards than those with a port run in this program (hil) or
-    /// are reached over the bus (params, doctor)
+    /// or serial:front=PORT[,rear=PORT][,beam=PORT] (real ones); boards without a port run in this program (hil) or are
+    /// reached over the bus
     #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = place)]
     pub on: Place,
     /// Baud rate of the serial ports
-    #[arg(long, default_value_t = 921_600, value_parser = whole::<u32>(9_600..=12_000_000))]
+    #[arg(long, default_value_t = BAUD, value_parser = whole::<u32>(9_600..=12_000_000))]
     pub baud: u32,
+}
+
+impl Default for BoardArgs {
+    fn default() -> Self {
+        Self {
+            on: Place::InProcess,
+            baud: BAUD,
+        }
+    }
 }
 
 /// Sensors of the robot.
@@ -162,61 +175,55 @@ pub struct PlanArgs {
     pub restart_after: Option<f64>,
 }
 
-/// Images of virtual boards, and instruments at them.
+/// Images of virtual boards.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Virtual boards")]
-pub struct VirtualArgs {
+pub struct ImageArgs {
     /// Use this image (ELF) on both axle boards
     #[arg(long, value_name = "ELF")]
     pub axle_image: Option<PathBuf>,
-    /// Use this image (ELF) on the front board
-    #[arg(long, value_name = "ELF")]
-    pub front_image: Option<PathBuf>,
-    /// Use this image (ELF) on the rear board
-    #[arg(long, value_name = "ELF")]
-    pub rear_image: Option<PathBuf>,
     /// Use this image (ELF) on the beam board
     #[arg(long, value_name = "ELF")]
     pub beam_image: Option<PathBuf>,
+}
+
+impl ImageArgs {
+    /// The images.
+    pub fn open(&self) -> Result<Images, Error> {
+        Images::open(self.axle_image.as_deref(), self.beam_image.as_deref())
+    }
+
+    /// The options, and whether each is given.
+    pub fn given(&self) -> [(&'static str, bool); 2] {
+        [
+            ("--axle-image", self.axle_image.is_some()),
+            ("--beam-image", self.beam_image.is_some()),
+        ]
+    }
+}
+
+/// The robot of `posture`, `follow` and `track`.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Boards")]
+pub struct RobotArgs {
+    /// Place of the boards.
+    #[command(flatten)]
+    pub boards: BoardArgs,
+    /// Duration and failures.
+    #[command(flatten)]
+    pub plan: PlanArgs,
+    /// Images.
+    #[command(flatten)]
+    pub images: ImageArgs,
     /// Print the time by function and interrupt
     #[arg(long)]
     pub profile: bool,
 }
 
-/// The robot of `posture`, `follow` and `track`.
-#[derive(Clone, Debug, Args)]
-#[command(next_help_heading = "Boards")]
-pub struct RobotArgs {
-    /// Place of the boards: in-process, virtual (their images on virtual boards, built if needed),
-    /// or serial:front=PORT (a real robot at its front board's port)
-    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = place)]
-    pub on: Place,
-    /// Baud rate of the serial port
-    #[arg(long, default_value_t = 921_600, value_parser = whole::<u32>(9_600..=12_000_000))]
-    pub baud: u32,
-    /// Duration and failures.
-    #[command(flatten)]
-    pub plan: PlanArgs,
-    /// Images and instruments.
-    #[command(flatten)]
-    pub instruments: VirtualArgs,
-}
-
-impl Default for RobotArgs {
-    fn default() -> Self {
-        Self {
-            on: Place::InProcess,
-            baud: 921_600,
-            plan: PlanArgs::default(),
-            instruments: VirtualArgs::default(),
-        }
-    }
-}
-
 impl RobotArgs {
     /// True if the robot has boards of its own.
     pub fn has_boards(&self) -> bool {
-        self.on != Place::InProcess
+        self.boards.on != Place::InProcess
     }
 
     /// Refuses options of boards for a robot without any.
@@ -231,16 +238,13 @@ impl RobotArgs {
 
     /// Refuses options of virtual boards for others.
     pub fn refuse_of_virtual_boards(&self) -> Result<(), Error> {
-        let (plan, instruments) = (&self.plan, &self.instruments);
+        let plan = &self.plan;
+        refuse(&self.images.given())?;
         refuse(&[
             ("--real-time", plan.real_time),
             ("--kill", !plan.kill.is_empty()),
             ("--restart-after", plan.restart_after.is_some()),
-            ("--axle-image", instruments.axle_image.is_some()),
-            ("--front-image", instruments.front_image.is_some()),
-            ("--rear-image", instruments.rear_image.is_some()),
-            ("--beam-image", instruments.beam_image.is_some()),
-            ("--profile", instruments.profile),
+            ("--profile", self.profile),
         ])
     }
 }

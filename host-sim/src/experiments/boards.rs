@@ -50,7 +50,7 @@ impl<'a> Links<'a> {
     /// Builds the images of virtual boards, if there are to be any; their store is in this directory.
     pub fn new(args: &'a BoardArgs, flash: Option<PathBuf>) -> Result<Self, Error> {
         let images = match args.on {
-            Place::Virtual => Some(Images::open(None, None, None)?),
+            Place::Virtual => Some(Images::open(None, None)?),
             _ => None,
         };
         Ok(Self {

@@ -82,7 +82,7 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
     };
     if !simulated {
         whole_robot::check_real(&args.robot, &args.sensors, &args.common)?;
-        if args.robot.on == Place::Virtual {
+        if args.robot.boards.on == Place::Virtual {
             context.check_keys(STEPS, &[(&context.scenario, Use::Virtual)])?;
         }
         return whole_robot::run_on(&context, &mission, (&args.common, &args.log, &args.robot));

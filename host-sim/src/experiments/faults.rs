@@ -4,7 +4,7 @@ use crate::base::error::Error;
 use crate::base::interrupt::watch_for_interrupt;
 use crate::base::numbers::whole;
 use crate::base::progress::Progress;
-use crate::experiments::arguments::{Place, WorldChoice, place, refuse};
+use crate::experiments::arguments::{ImageArgs, Place, WorldChoice, place, refuse};
 use crate::experiments::pool;
 use crate::experiments::result::{JsonArgs, Provenance};
 use crate::run::virtual_robot::faults::{
@@ -12,14 +12,12 @@ use crate::run::virtual_robot::faults::{
     run as run_case,
 };
 use crate::scenario::Scenario;
-use crate::targets::images::Images;
 use clap::Args;
 use core_algos::safety::Condition;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt::Write;
-use std::path::PathBuf;
 use std::sync::atomic::Ordering::Relaxed;
 
 /// Times of a fault, ms after the press of the button: during the start, and under way.
@@ -52,12 +50,9 @@ pub struct FaultsArgs {
     /// Number of threads; does not change the result [default: one a core]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub threads: Option<u16>,
-    /// With --on virtual: use this image (ELF) on both axle boards
-    #[arg(long, value_name = "ELF")]
-    pub axle_image: Option<PathBuf>,
-    /// With --on virtual: use this image (ELF) on the beam board
-    #[arg(long, value_name = "ELF")]
-    pub beam_image: Option<PathBuf>,
+    /// Images.
+    #[command(flatten)]
+    pub images: ImageArgs,
     /// Exit 1 if a row differs from the committed table, or with --quick, if an outcome is not in its row
     #[arg(long)]
     pub check: bool,
@@ -382,9 +377,8 @@ fn chosen<'a>(all: &'a [Entry], args: &FaultsArgs) -> Result<Vec<&'a Entry>, Err
 
 /// Settings of all runs.
 fn settings(args: &FaultsArgs) -> Result<Campaign, Error> {
-    let axle = args.axle_image.as_deref();
     let images = match args.on {
-        Place::Virtual => Some(Images::open(axle, axle, args.beam_image.as_deref())?),
+        Place::Virtual => Some(args.images.open()?),
         Place::InProcess => None,
         Place::Serial(_) => {
             return Err(Error::input(
@@ -393,10 +387,7 @@ fn settings(args: &FaultsArgs) -> Result<Campaign, Error> {
         }
     };
     if images.is_none() {
-        refuse(&[
-            ("--axle-image", args.axle_image.is_some()),
-            ("--beam-image", args.beam_image.is_some()),
-        ])?;
+        refuse(&args.images.given())?;
     }
     Ok(Campaign {
         scenario: scenario(args.choice.world.as_deref())?,

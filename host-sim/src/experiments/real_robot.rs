@@ -65,7 +65,7 @@ pub fn run(
     context.check_mission_keys()?;
     let plan = Plan::new(&args.plan, 0.0)?;
     recorder::check(log)?;
-    let Boards::Serial([Some(front), rear, beam]) = &args.on else {
+    let Boards::Serial([Some(front), rear, beam]) = &args.boards.on else {
         return Err(Error::input(
             "--on serial: must be serial:front=PORT[,rear=PORT][,beam=PORT]: the front board's port is that of the \
              robot; the other boards are recorded at theirs",
@@ -77,7 +77,7 @@ pub fn run(
             "--on serial: rear=PORT, beam=PORT: only with --log, --csv or --live, which record those boards",
         ));
     }
-    let (path, baud) = (front.clone(), args.baud);
+    let (path, baud) = (front.clone(), args.boards.baud);
     let open = move |role: Role, path: &Path| {
         let port = Serial::open(path, baud);
         let named = |error| Error::input(format!("--on serial:{}={error}", role.name()));

@@ -3,7 +3,7 @@
 
 use crate::base::error::Error;
 use crate::base::table::Table;
-use crate::experiments::arguments::{Common, Place, RobotArgs, SensorArgs, VirtualArgs};
+use crate::experiments::arguments::{Common, Place, RobotArgs, SensorArgs};
 use crate::experiments::follow::{self, FollowArgs};
 use crate::experiments::mission::{Mission, Outcome, Plan};
 use crate::experiments::posture::{self, PostureArgs, Variant};
@@ -84,14 +84,6 @@ fn plan(args: &RobotArgs, scenario: &Scenario, limit_s: f64) -> Result<Plan, Err
     Ok(plan)
 }
 
-/// The images of the boards.
-fn images(args: &VirtualArgs) -> Result<Images, Error> {
-    let axle = args.axle_image.as_deref();
-    let front = args.front_image.as_deref().or(axle);
-    let rear = args.rear_image.as_deref().or(axle);
-    Images::open(front, rear, args.beam_image.as_deref())
-}
-
 /// Runs `cfmmr posture` with boards.
 pub fn posture(args: &PostureArgs) -> Result<(), Error> {
     if args.trials.is_some() || args.rows.is_some() {
@@ -128,9 +120,11 @@ pub fn check_real(robot: &RobotArgs, sensors: &SensorArgs, common: &Common) -> R
         ("--world", common.scenario.choice.world.is_some()),
     ];
     match given.iter().find(|(_, given)| *given) {
-        Some((option, _)) if matches!(robot.on, Place::Serial(_)) => Err(Error::input(format!(
-            "{option}: no effect with --on serial: a real robot has its sensors and its surroundings"
-        ))),
+        Some((option, _)) if matches!(robot.boards.on, Place::Serial(_)) => {
+            Err(Error::input(format!(
+                "{option}: no effect with --on serial: a real robot has its sensors and its surroundings"
+            )))
+        }
         _ => Ok(()),
     }
 }
@@ -142,7 +136,7 @@ pub fn run_on(
     arguments: (&Common, &LogArgs, &RobotArgs),
 ) -> Result<(), Error> {
     let (_, log, args) = arguments;
-    match args.on {
+    match args.boards.on {
         Place::Serial(_) => real_robot::run(context, mission, (log, args)),
         _ => run(context, mission, arguments),
     }
@@ -156,14 +150,14 @@ fn run(
     let plan = plan(args, &context.scenario, mission.limit_s(&context.scenario))?;
     recorder::check(log)?;
     let mut options = Options {
-        profile: args.instruments.profile,
+        profile: args.profile,
         record: log.any(),
         ..Options::default()
     };
     if let Some(threads) = common.threads {
         options.threads = threads.into();
     }
-    let images = images(&args.instruments)?;
+    let images = args.images.open()?;
     let logs = Role::ALL.map(|_| BoardLog::default());
     let drive = Drive {
         args,
@@ -186,7 +180,7 @@ fn run(
     report.experiment = experiment;
     board_log::put(&mut files, &logs);
     let mut text = format!("{text}\n{}", summary(&report));
-    if args.instruments.profile {
+    if args.profile {
         files.json("profile.json", &profiles);
         for profile in &profiles {
             files.text(

@@ -530,7 +530,12 @@ fn next_stamp(owner: u16, sequence: &AtomicU16) -> Stamp {
     Stamp { owner, sequence }
 }
 
-fn greeted(protocol: u16, (wanted, role): (Role, Role), build: &str) -> Result<(), Error> {
+/// Refuses a board of another protocol or another role.
+pub(super) fn greeted(
+    protocol: u16,
+    (wanted, role): (Role, Role),
+    build: &str,
+) -> Result<(), Error> {
     let name = wanted.name();
     if protocol != PROTOCOL {
         return Err(Error::input(format!(

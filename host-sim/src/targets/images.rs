@@ -45,22 +45,17 @@ pub fn build(package: &str) -> Result<Vec<u8>, Error> {
     fs::read(&built).map_err(|error| Error::Failure(format!("{}: {error}", built.display())))
 }
 
-/// An axle's image and the beam's.
+/// The axles' image and the beam's.
 #[derive(Clone)]
 pub struct Images {
-    front: Arc<Image>,
-    rear: Arc<Image>,
+    axle: Arc<Image>,
     beam: Arc<Image>,
 }
 
 impl Images {
     /// The images that users flash, built if they are not up to date; a file that is given takes the
     /// place of one.
-    pub fn open(
-        front: Option<&Path>,
-        rear: Option<&Path>,
-        beam: Option<&Path>,
-    ) -> Result<Self, Error> {
+    pub fn open(axle: Option<&Path>, beam: Option<&Path>) -> Result<Self, Error> {
         let given = |(file, package): (&Path, &str)| {
             let name = file.display().to_string();
             let refuse = |what: &dyn Display| Error::input(format!("{name}: {what}"));
@@ -79,18 +74,12 @@ impl Images {
             ))
         };
         // Files first: a wrong one is told before anything is built.
-        let [axle, beam_board] = ["firmware-axle", "firmware-beam"];
-        let files = [(front, axle), (rear, axle), (beam, beam_board)];
-        let [front, rear, beam] =
+        let files = [(axle, "firmware-axle"), (beam, "firmware-beam")];
+        let [axle, beam] =
             files.map(|(file, package)| file.map(|file| given((file, package))).transpose());
-        let (front, rear, beam) = (front?, rear?, beam?);
-        let axle = match (&front, &rear) {
-            (Some(axle), Some(_)) => axle.clone(),
-            _ => built("firmware-axle")?,
-        };
+        let (axle, beam) = (axle?, beam?);
         Ok(Self {
-            front: front.unwrap_or_else(|| axle.clone()),
-            rear: rear.unwrap_or(axle),
+            axle: axle.map_or_else(|| built("firmware-axle"), Ok)?,
             beam: beam.map_or_else(|| built("firmware-beam"), Ok)?,
         })
     }
@@ -105,8 +94,7 @@ impl Images {
     /// The image of a board.
     pub fn of(&self, role: Role) -> &Image {
         match role {
-            Role::Front => &self.front,
-            Role::Rear => &self.rear,
+            Role::Front | Role::Rear => &self.axle,
             Role::Beam => &self.beam,
         }
     }

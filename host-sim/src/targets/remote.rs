@@ -2,6 +2,7 @@
 //!
 //! One request at a time, repeated until its answer comes; see [`core_algos::link`].
 
+use super::board_link::greeted;
 use super::boards::fatal;
 use super::link::Link;
 use super::{Fault, HostCommand, Latency, Output, Posted, Report, Room, Target, Traffic};
@@ -68,34 +69,28 @@ impl Remote {
     /// Begins a session: a board that drives is asked for one, and resets. Checks that the board is the one that is
     /// expected.
     pub(super) fn hello(&mut self) -> Result<(), Fault> {
-        for _ in 0..STALE {
-            if self.greet_once()? {
-                return Ok(());
-            }
-            self.conversation.ask(&Request::Rig)?;
-            match self.conversation.answer()? {
-                // Where the answer was lost, the board has reset already.
-                Reply::Done | Reply::Refused(Refusal::NoSession) => {}
-                other => return Err(refused(self.role, "a session", other)),
-            }
-        }
-        Err(unexpected(self.role, "session"))
+        self.change_session("a session", true, &Request::Rig)
     }
 
     /// Ends a session that an earlier host has left open: a board in a session does not relay.
     pub(super) fn attend(&mut self) -> Result<(), Fault> {
+        self.change_session("the end of its session", false, &Request::Leave)
+    }
+
+    /// Asks until the board is in a session, or in none.
+    fn change_session(&mut self, what: &str, open: bool, ask: &Request) -> Result<(), Fault> {
         for _ in 0..STALE {
-            if !self.greet_once()? {
+            if self.greet_once()? == open {
                 return Ok(());
             }
-            self.conversation.ask(&Request::Leave)?;
+            self.conversation.ask(ask)?;
             match self.conversation.answer()? {
                 // Where the answer was lost, the board has reset already.
                 Reply::Done | Reply::Refused(Refusal::NoSession) => {}
-                other => return Err(refused(self.role, "the end of its session", other)),
+                other => return Err(refused(self.role, what, other)),
             }
         }
-        Err(unexpected(self.role, "end of its session"))
+        Err(unexpected(self.role, what))
     }
 
     /// Ends a session that an earlier host has left open, with the parameters that it has changed and not saved.
@@ -166,20 +161,7 @@ impl Remote {
             if nonce != sent {
                 continue;
             }
-            if protocol != PROTOCOL {
-                return Err(Fault::Fatal(Error::Failure(format!(
-                    "{} board: its image ({build}) has protocol version {protocol}, this program version \
-                     {PROTOCOL}: flash the image of this version",
-                    expected.name()
-                ))));
-            }
-            if role != expected {
-                return Err(Fault::Fatal(Error::input(format!(
-                    "{} board: this port leads to the {} board: check ports and strap",
-                    expected.name(),
-                    role.name()
-                ))));
-            }
+            greeted(protocol, (expected, role), build).map_err(Fault::Fatal)?;
             self.build = build.to_owned();
             return Ok(session);
         }

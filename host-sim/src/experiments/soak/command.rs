@@ -190,7 +190,7 @@ pub fn run(args: &SoakArgs) -> Result<(), Error> {
         let report = soak::run(&mut robot, &scenario, run, &mut advance)?;
         (report, Vec::new())
     } else {
-        let images = Images::open(None, None, None)?;
+        let images = Images::open(None, None)?;
         let logs = [(); 3].map(|()| BoardLog::default());
         let options = Options::default();
         let mut robot = VirtualRobot::new(&scenario, &images, args.seed, 0, &options, &logs)?;
