@@ -185,6 +185,9 @@ fn the_core_is_let_go_after_power_on_and_the_clock_goes_to_168_mhz() {
     bench.chip.advance(bench.cycle, bench.cycle);
     assert!(!bench.chip.must_stop());
     assert_eq!(bench.chip.clocks().hclk_hz, 168_000_000);
+    let clocks = bench.chip.shared.clocks;
+    assert_eq!([clocks.apb1, clocks.apb2], [4, 2]);
+    assert_eq!([clocks.timer1, clocks.timer2], [2, 1]);
     let before = bench.chip.time_of(bench.cycle);
     assert_eq!(
         bench.chip.time_of(bench.cycle + 168) - before,
@@ -237,6 +240,8 @@ fn a_crystal_that_fails_asks_for_the_nmi_and_slows_the_clock() {
     assert_eq!(bench.chip.clocks().hclk_hz, 16_000_000);
     assert!(bench.chip.take_nmi() && !bench.chip.take_nmi());
     assert_eq!(bench.read(RCC + 0x0c), 1 << 7);
+    bench.write(RCC + 0x0c, 1 << 23);
+    assert_eq!(bench.read(RCC + 0x0c), 0);
     assert!(bench.findings().is_empty(), "{:?}", bench.findings());
 }
 

@@ -329,22 +329,6 @@ fn a_bus_held_dominant_takes_the_sender_off_and_it_comes_back() {
 }
 
 #[test]
-fn an_open_bus_takes_the_sender_off() {
-    let mut bench = Bench::equal(2);
-    let open = Fault::Level(Some(Level::Recessive));
-    bench.wire.inject(micros(50), open);
-    bench.nodes[0].send(micros(100), standard(0x123, &[1]));
-    bench.run(micros(1500));
-    let statistics = bench.wire.statistics(0);
-    assert_eq!(statistics.bus_offs, 1);
-    assert_eq!(
-        statistics.errors_of(ErrorKind::BitDominant),
-        statistics.errors.iter().sum::<u64>()
-    );
-    assert_eq!(bench.wire.statistics(1).errors, [0; 6]);
-}
-
-#[test]
 fn pieces_of_a_cut_wire_live_by_themselves() {
     let mut bench = Bench::equal(4);
     for node in [2, 3] {

@@ -113,22 +113,6 @@ impl Bench {
 }
 
 #[test]
-fn a_scan_takes_the_data_sheets_time() {
-    let mut bench = Bench::new(SCANNED, STREAMED);
-    bench.trigger().pass(2000);
-    // 2 clocks, then 15 + 12 each.
-    assert_eq!(bench.asked, [1000 + 4 + 54, 1000 + 4 + 108]);
-    assert_eq!(bench.data, [100, 200]);
-    let counts = Counts {
-        regular: 2,
-        ..Counts::default()
-    };
-    assert_eq!(bench.adc.counts(), counts);
-    assert_eq!(bench.read(SR), STRT);
-    assert!(bench.shared.kinds().is_empty());
-}
-
-#[test]
 fn the_voltage_counts_where_sampling_ends() {
     /// Rises by a count in each cycle of 16 MHz.
     struct Ramp;

@@ -1,30 +1,6 @@
-//! Loads and stores beyond the ordinary: bit-band, unaligned, code that changes.
+//! Loads and stores beyond the ordinary: bit-band, code that changes.
 
 use super::*;
-
-#[test]
-fn unaligned_words_and_halves_are_put_together_from_bytes() {
-    // ldr r1, [r0]; ldrh r2, [r0, #4]; ldrsh r3, [r0, r6]; str r1, [r0, #8]; bkpt
-    let program = [0x6801, 0x8882, 0x5f83, 0x6081, 0xbe00];
-    for offset in 0..4u32 {
-        let bytes: Vec<u8> = (0..32).map(|k| 0x81u8.wrapping_add(k * 7)).collect();
-        let mut machine = Machine::new(&program).registers(&[(0, LOG + offset), (6, 3)]);
-        machine.chip.sram[..32].copy_from_slice(&bytes);
-        machine.run_to_breakpoint();
-        let at = |k: usize| bytes[offset as usize + k];
-        assert_eq!(
-            machine.r(1),
-            u32::from_le_bytes([at(0), at(1), at(2), at(3)])
-        );
-        assert_eq!(machine.r(2), u32::from(u16::from_le_bytes([at(4), at(5)])));
-        assert_eq!(machine.r(3), i16::from_le_bytes([at(3), at(4)]) as u32);
-        let place = offset as usize + 8;
-        assert_eq!(
-            machine.chip.sram[place..place + 4],
-            bytes[offset as usize..][..4]
-        );
-    }
-}
 
 #[test]
 fn bits_have_words_of_their_own_in_the_alias() {
