@@ -31,8 +31,6 @@ pub enum Trigger {
     Tim5Cc2,
     Tim5Cc3,
     Tim5Cc4,
-    Exti11,
-    Exti15,
 }
 
 /// Who asks a DMA controller for a transfer.

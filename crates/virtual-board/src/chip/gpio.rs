@@ -2,9 +2,9 @@
 //!
 //! Source: reference manual RM0090, chapter 8. A pin's level is that of the strongest side that drives
 //! it: chip or world, then the resistors of either. An output and the world against each other is a
-//! finding. So is listening to a pin that nobody drives, by a peripheral or as a line of the external
-//! interrupts; by the input register only where something is soldered to the pin, because a load of it
-//! does not say which of its pins is meant. Such a pin reads low.
+//! finding. So is listening to a pin that nobody drives, by a peripheral; by the input register only where
+//! something is soldered to the pin, because a load of it does not say which of its pins is meant. Such a
+//! pin reads low.
 //!
 //! Not modelled: speeds (kept), analogue levels between the thresholds, locked settings, which are a finding.
 

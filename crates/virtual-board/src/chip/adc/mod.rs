@@ -12,8 +12,8 @@
 //! - A program that clears EOC itself has fetched the datum.
 //!
 //! Not modelled: ADC2 and ADC3, dual and triple modes, discontinuous modes, an injected group that follows by
-//! itself, resolutions below 12 bits, results aligned to the left, the analogue watchdog, channels inside the
-//! chip; switching one on is a finding. The capacitor that samples takes no charge from the pin.
+//! itself, resolutions below 12 bits, results aligned to the left, the analogue watchdog, triggers by pins
+//! and TIM8, channels inside the chip; switching one on is a finding. The capacitor that samples takes no charge from the pin.
 
 mod registers;
 #[cfg(test)]

@@ -63,7 +63,7 @@ pub(super) const REGULAR: [Option<Trigger>; 16] = [
     Some(Trigger::Tim1Cc1), Some(Trigger::Tim1Cc2), Some(Trigger::Tim1Cc3), Some(Trigger::Tim2Cc2),
     Some(Trigger::Tim2Cc3), Some(Trigger::Tim2Cc4), Some(Trigger::Tim2Trgo), Some(Trigger::Tim3Cc1),
     Some(Trigger::Tim3Trgo), Some(Trigger::Tim4Cc4), Some(Trigger::Tim5Cc1), Some(Trigger::Tim5Cc2),
-    Some(Trigger::Tim5Cc3), None, None, Some(Trigger::Exti11),
+    Some(Trigger::Tim5Cc3), None, None, None,
 ];
 
 #[rustfmt::skip]
@@ -71,7 +71,7 @@ pub(super) const INJECTED: [Option<Trigger>; 16] = [
     Some(Trigger::Tim1Cc4), Some(Trigger::Tim1Trgo), Some(Trigger::Tim2Cc1), Some(Trigger::Tim2Trgo),
     Some(Trigger::Tim3Cc2), Some(Trigger::Tim3Cc4), Some(Trigger::Tim4Cc1), Some(Trigger::Tim4Cc2),
     Some(Trigger::Tim4Cc3), Some(Trigger::Tim4Trgo), Some(Trigger::Tim5Cc4), Some(Trigger::Tim5Trgo),
-    None, None, None, Some(Trigger::Exti15),
+    None, None, None, None,
 ];
 
 /// The pin of a channel; those from 16 on are inside the chip.

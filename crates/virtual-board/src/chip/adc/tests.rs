@@ -252,6 +252,8 @@ fn what_is_not_modelled_is_found() {
         (CR1, 1 << 23),
         (CR1, 1 << 24),
         (CR2, ALIGN),
+        (CR2, 15 << 24 | 1 << 28),
+        (CR2, 15 << 16 | 1 << 20),
         (CCR, 1),
         (CCR, 1 << 23),
     ] {

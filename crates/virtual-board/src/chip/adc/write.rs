@@ -22,6 +22,12 @@ impl Adc {
         if value & ALIGN != 0 {
             shared.note(Kind::NotModelled, "ADC1: results aligned to the left");
         }
+        for (enable, select, triggers) in [(28, 24, REGULAR), (20, 16, INJECTED)] {
+            let trigger = triggers[(value >> select & 15) as usize];
+            if value >> enable & 3 != 0 && trigger.is_none() {
+                shared.note(Kind::NotModelled, "ADC1: triggers by pins and TIM8");
+            }
+        }
         if value & ADON == 0 {
             if value & (SWSTART | JSWSTART) != 0 {
                 shared.note(Kind::Forbidden, "ADC1: started while it is off");
