@@ -43,7 +43,7 @@ mod tests;
 pub use adc::Counts as Conversions;
 pub use cause::Cause;
 pub use chip_variation::ChipVariation;
-pub use circuit::{Bare, Circuit, Inputs, SpiMode};
+pub use circuit::{Bare, Circuit, Inputs};
 pub use effect::{Clocks, Request, Trigger};
 pub use flash::FlashOperation;
 pub use injected_faults::InjectedFaults;

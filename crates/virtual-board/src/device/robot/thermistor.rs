@@ -11,8 +11,6 @@ pub enum ThermistorFault {
     None,
     /// A lead is open.
     Open,
-    /// It is shorted.
-    Short,
 }
 
 /// A thermistor and its resistor.
@@ -48,7 +46,6 @@ impl Thermistor {
                 self.resistance_25_ohm * (self.b_k * inverse).exp()
             }
             ThermistorFault::Open => f64::INFINITY,
-            ThermistorFault::Short => 0.0,
         }
     }
 
@@ -79,12 +76,10 @@ mod tests {
     }
 
     #[test]
-    fn half_the_supply_at_room_temperature_and_the_rails_when_broken() {
+    fn half_the_supply_at_room_temperature_and_the_supply_when_broken() {
         let mut thermistor = Thermistor::default();
         assert!((thermistor.voltage(25.0, 3.3) - 1.65).abs() < 1e-12);
         thermistor.fault = ThermistorFault::Open;
         assert_eq!(thermistor.voltage(25.0, 3.3), 3.3);
-        thermistor.fault = ThermistorFault::Short;
-        assert_eq!(thermistor.voltage(25.0, 3.3), 0.0);
     }
 }
