@@ -49,7 +49,6 @@ pub use flash::FlashOperation;
 pub use injected_faults::InjectedFaults;
 pub use interrupt::Interrupt;
 pub use pin::{Drive, Pin, Signal};
-pub use transfer::Errors as ConverterErrors;
 
 use crate::finding::{Findings, Kind};
 use crate::time::{Cycles, Time};

@@ -26,6 +26,7 @@ use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::register::{Register, merge};
 use super::shared::Shared;
+use super::transfer;
 use crate::finding::Kind;
 use crate::noise::Noise;
 use crate::time::{Cycles, NEVER, Time};
@@ -337,8 +338,8 @@ impl Adc {
                 0.0
             }
         };
-        let errors = shared.variation.converter;
-        errors.count(volts / shared.volts, &mut self.noise)
+        let noise = shared.variation.converter_noise;
+        transfer::count(volts / shared.volts, noise, &mut self.noise)
     }
 
     /// Whether an overrun of the regular group is noticed.

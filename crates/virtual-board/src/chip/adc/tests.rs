@@ -50,7 +50,7 @@ impl Bench {
             data: Vec::new(),
             stream: Stream::Fetches,
         };
-        bench.shared.variation.converter.noise = 0.0;
+        bench.shared.variation.converter_noise = 0.0;
         bench.write(&[
             (SMPR2, 1 << 3 | 1 << 6 | 2 << 9),
             (SQR1, 1 << 20),

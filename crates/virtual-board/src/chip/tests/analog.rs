@@ -22,7 +22,7 @@ impl Bench {
     /// A chip whose converter has no noise, long after power came on.
     fn precise() -> Self {
         let mut part = ChipVariation::default();
-        part.converter.noise = 0.0;
+        part.converter_noise = 0.0;
         let mut bench = Self::new(&[]);
         bench.chip.set_variation(part);
         bench.run_to(100_000);
