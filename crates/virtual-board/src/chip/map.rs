@@ -57,6 +57,7 @@ const NOT_MODELLED: &[(u32, u32, &str)] = &[
     (0x5000_0000, 0x5003_ffff, "USB OTG FS"), (0x5006_0800, 0x5006_0bff, "RNG"), (0x6000_0000, 0x9fff_ffff, "FSMC banks"),
     (0xa000_0000, 0xa000_0fff, "FSMC"), (0x4002_8000, 0x4002_93ff, "ETH"),
     (0x5005_0000, 0x5005_03ff, "DCMI"), (0x1fff_0000, 0x1fff_77ff, "the boot loader's memory"),
+    (0x2200_0000, 0x23ff_ffff, "bit-band aliases"), (0x4200_0000, 0x43ff_ffff, "bit-band aliases"),
     (0x1fff_7800, 0x1fff_7a0f, "the memory that is programmed once"), (0x1fff_c000, 0x1fff_c00f, "option bytes"),
 ];
 

@@ -7,10 +7,10 @@
 //! it: the manual does not say at which frequency the PLL goes on. Then everything that the core's
 //! clock drives stands still, outputs stay as they are, and only the watchdog goes on.
 //!
-//! Not modelled: clock outputs MCO, PLLI2S, a clock instead of the crystal, the low-speed crystal, spread spectrum, trimming of the
-//! internal oscillator; switching one of them on is a finding. Enables for sleep are kept and do
-//! nothing. A peripheral can be used in the cycle after its clock was switched on, where the chip needs
-//! two (errata sheet, 2.1.13).
+//! Not modelled: clock outputs MCO, PLLI2S, a clock instead of the crystal (HSEBYP), the low-speed
+//! crystal, spread spectrum, trimming of the internal oscillator; switching one of them on is a finding.
+//! Enables for sleep are kept and do nothing. A peripheral can be used in the cycle after its clock was
+//! switched on, where the chip needs two (errata sheet, 2.1.13).
 
 mod tree;
 

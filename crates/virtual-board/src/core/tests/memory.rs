@@ -1,24 +1,6 @@
-//! Loads and stores beyond the ordinary: bit-band, code that changes.
+//! Loads and stores beyond the ordinary; code that changes.
 
 use super::*;
-
-#[test]
-fn bits_have_words_of_their_own_in_the_alias() {
-    // str r1, [r0]; ldr r2, [r0]; str r3, [r0]; strb r1, [r4]; bkpt
-    let program = [0x6001, 0x6802, 0x6003, 0x7021, 0xbe00];
-    let bit = |word: u32, bit: u32| 0x2200_0000 + (word - 0x2000_0000) * 32 + bit * 4;
-    let mut machine = Machine::new(&program).registers(&[
-        (0, bit(LOG + 4, 13)),
-        (1, 0xffff_ffff),
-        (3, 0xffff_fffe),
-        (4, bit(LOG + 8, 31)),
-    ]);
-    machine.chip.set_word(LOG + 4, 0x8000_2001);
-    machine.run_to_breakpoint();
-    assert_eq!(machine.r(2), 1);
-    assert_eq!(machine.chip.word(LOG + 4), 0x8000_0001);
-    assert_eq!(machine.chip.word(LOG + 8), 0x8000_0000);
-}
 
 #[test]
 fn code_in_ram_that_changes_is_executed_as_it_is_now() {
