@@ -11,6 +11,7 @@ pub(super) const CR2: u32 = 0x08;
 pub(super) const SMPR1: u32 = 0x0c;
 pub(super) const SMPR2: u32 = 0x10;
 pub(super) const JOFR1: u32 = 0x14;
+pub(super) const JOFR4: u32 = 0x20;
 pub(super) const HTR: u32 = 0x24;
 pub(super) const LTR: u32 = 0x28;
 pub(super) const SQR1: u32 = 0x2c;
@@ -30,7 +31,7 @@ pub(super) const COUNT: usize = JSQR as usize / 4 + 1;
 pub(super) const REGISTERS: &[Register] = &[
     word(SR, "SR", 0x3f), word(CR1, "CR1", 0x07c0_ffff), word(CR2, "CR2", 0x7f7f_0f03), word(SMPR1, "SMPR1", 0x07ff_ffff),
     word(SMPR2, "SMPR2", 0x3fff_ffff), word(JOFR1, "JOFR1", 0xfff), word(0x18, "JOFR2", 0xfff), word(0x1c, "JOFR3", 0xfff),
-    word(0x20, "JOFR4", 0xfff), word(HTR, "HTR", 0xfff), word(LTR, "LTR", 0xfff), word(SQR1, "SQR1", 0x00ff_ffff),
+    word(JOFR4, "JOFR4", 0xfff), word(HTR, "HTR", 0xfff), word(LTR, "LTR", 0xfff), word(SQR1, "SQR1", 0x00ff_ffff),
     word(SQR2, "SQR2", 0x3fff_ffff), word(SQR3, "SQR3", 0x3fff_ffff), word(JSQR, "JSQR", 0x003f_ffff),
     narrow(JDR1, "JDR1", 0xffff), narrow(0x40, "JDR2", 0xffff), narrow(0x44, "JDR3", 0xffff), narrow(JDR4, "JDR4", 0xffff),
     narrow(DR, "DR", 0xffff), word(CSR, "CSR", 0x003f_3f3f), word(CCR, "CCR", 0x00c3_ef1f), word(CDR, "CDR", !0),

@@ -227,24 +227,6 @@ fn after_a_block_without_dds_nothing_is_asked_for_and_nothing_is_lost() {
 }
 
 #[test]
-fn continuous_conversions_follow_without_a_pause() {
-    let mut bench = Bench::new(SCANNED, ADON | CONT | DMA | DDS);
-    bench.command(SWSTART).pass(1004 + 5 * 54);
-    let expected: Vec<_> = (1..=5).map(|k| 1004 + 54 * k).collect();
-    assert_eq!(bench.asked, expected);
-    // Off at once.
-    bench.write(&[(CR2, 0)]).pass(9000);
-    assert_eq!(bench.asked.len(), 5);
-}
-
-#[test]
-fn offsets_are_taken_off_injected_results() {
-    let mut bench = Bench::new(SCAN, ADON);
-    bench.write(&[(JOFR1, 301)]).command(JSWSTART).pass(2000);
-    assert_eq!(bench.read(JDR1), 0xffff);
-}
-
-#[test]
 fn what_is_not_modelled_is_found() {
     for (offset, value) in [
         (CR1, 1 << 10),
@@ -252,6 +234,8 @@ fn what_is_not_modelled_is_found() {
         (CR1, 1 << 23),
         (CR1, 1 << 24),
         (CR2, ALIGN),
+        (CR2, CONT),
+        (JOFR1, 301),
         (CR2, 15 << 24 | 1 << 28),
         (CR2, 15 << 16 | 1 << 20),
         (CCR, 1),

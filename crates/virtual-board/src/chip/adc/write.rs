@@ -19,9 +19,11 @@ impl Adc {
     pub(super) fn write_cr2(&mut self, value: u32, shared: &mut Shared) {
         let old = self.cr2();
         self.plain[CR2 as usize / 4] = value & !(SWSTART | JSWSTART);
-        if value & ALIGN != 0 {
-            shared.note(Kind::NotModelled, "ADC1: results aligned to the left");
-        }
+        let features = [
+            (ALIGN, "ADC1: results aligned to the left"),
+            (CONT, "ADC1: continuous conversions"),
+        ];
+        shared.note_not_modelled(value, &features);
         for (enable, select, triggers) in [(28, 24, REGULAR), (20, 16, INJECTED)] {
             let trigger = triggers[(value >> select & 15) as usize];
             if value >> enable & 3 != 0 && trigger.is_none() {
