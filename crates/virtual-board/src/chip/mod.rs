@@ -44,7 +44,7 @@ pub use adc::Counts as Conversions;
 pub use cause::Cause;
 pub use chip_variation::ChipVariation;
 pub use circuit::{Bare, Circuit, Inputs};
-pub use effect::{Clocks, Request, Trigger};
+pub use effect::{Clocks, Request};
 pub use flash::FlashOperation;
 pub use injected_faults::InjectedFaults;
 pub use interrupt::Interrupt;
@@ -284,9 +284,9 @@ impl Chip {
         while let Some(effect) = self.shared.effects.pop_front() {
             let (units, shared) = (&mut self.units, &mut self.shared);
             match effect {
-                Effect::Trigger(trigger, rises) => {
+                Effect::Trigger(timer, rises) => {
                     if !(rises && self.injected_faults.loses_trigger()) {
-                        units.adc.trigger(trigger, rises, shared);
+                        units.adc.trigger(timer, rises, shared);
                     }
                 }
                 Effect::Dma(request) => self.serve(request),

@@ -13,7 +13,7 @@
 //!
 //! Not modelled: ADC2 and ADC3, dual and triple modes, continuous and discontinuous modes, an injected
 //! group that follows by itself, offsets (JOFRx), resolutions below 12 bits, results aligned to the left,
-//! the analogue watchdog, triggers by pins and TIM8, channels inside the chip; switching one on is a
+//! the analogue watchdog, triggers but TRGO of TIM1 to TIM5, channels inside the chip; switching one on is a
 //! finding. The capacitor that samples takes no charge from the pin.
 
 mod registers;
@@ -22,12 +22,12 @@ mod tests;
 mod write;
 
 use super::Peripheral;
-use super::effect::{Effect, Request, Trigger};
+use super::effect::{Effect, Request};
 use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::register::{Register, merge};
 use super::shared::Shared;
-use super::transfer;
+use super::{timer, transfer};
 use crate::finding::Kind;
 use crate::noise::Noise;
 use crate::time::{Cycles, NEVER, Time};
@@ -240,17 +240,17 @@ impl Adc {
         &mut self.places[usize::from(injected)]
     }
 
-    /// A trigger rises or falls.
-    pub fn trigger(&mut self, trigger: Trigger, rises: bool, shared: &mut Shared) {
+    /// TRGO of a timer rises or falls.
+    pub fn trigger(&mut self, timer: timer::Kind, rises: bool, shared: &mut Shared) {
         let cr2 = self.cr2();
         if cr2 & ADON == 0 || self.gated.is_some() {
             return;
         }
         let edge = if rises { 1 } else { 2 };
-        if cr2 >> 20 & edge != 0 && INJECTED[(cr2 >> 16 & 15) as usize] == Some(trigger) {
+        if cr2 >> 20 & edge != 0 && injected_trigger(cr2 >> 16) == Some(timer) {
             self.start(true, shared);
         }
-        if cr2 >> 28 & edge != 0 && REGULAR[(cr2 >> 24 & 15) as usize] == Some(trigger) {
+        if cr2 >> 28 & edge != 0 && regular_trigger(cr2 >> 24) == Some(timer) {
             self.start(false, shared);
         }
     }

@@ -1,8 +1,8 @@
 //! Registers of the converter and their bits (RM0090, chapter 13).
 
-use super::super::effect::Trigger;
 use super::super::pin::Pin;
 use super::super::register::{Register, narrow, word};
+use super::super::timer::Kind;
 
 // Places.
 pub(super) const SR: u32 = 0x00;
@@ -51,7 +51,9 @@ pub(super) const UNKNOWN_CR1: u32 = 0x03c0_1c00;
 bits! { pub(super):
     ADON 0, CONT 1, DMA 8, DDS 9, EOCS 10, ALIGN 11
 }
+pub(super) const JEXTEN: u32 = 3 << 20;
 pub(super) const JSWSTART: u32 = 1 << 22;
+pub(super) const EXTEN: u32 = 3 << 28;
 pub(super) const SWSTART: u32 = 1 << 30;
 /// Of CCR: MULTI, the DMA mode of several converters, VBATE, TSVREFE.
 pub(super) const UNKNOWN_COMMON: u32 = 0x00c0_c01f;
@@ -59,21 +61,25 @@ pub(super) const UNKNOWN_COMMON: u32 = 0x00c0_c01f;
 /// Clocks of sampling, by SMPx.
 pub(super) const SAMPLING: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
 
-#[rustfmt::skip]
-pub(super) const REGULAR: [Option<Trigger>; 16] = [
-    Some(Trigger::Tim1Cc1), Some(Trigger::Tim1Cc2), Some(Trigger::Tim1Cc3), Some(Trigger::Tim2Cc2),
-    Some(Trigger::Tim2Cc3), Some(Trigger::Tim2Cc4), Some(Trigger::Tim2Trgo), Some(Trigger::Tim3Cc1),
-    Some(Trigger::Tim3Trgo), Some(Trigger::Tim4Cc4), Some(Trigger::Tim5Cc1), Some(Trigger::Tim5Cc2),
-    Some(Trigger::Tim5Cc3), None, None, None,
-];
+/// The timer whose TRGO starts the regular group, by EXTSEL; others are not modelled.
+pub(super) fn regular_trigger(select: u32) -> Option<Kind> {
+    match select & 15 {
+        6 => Some(Kind::Tim2),
+        8 => Some(Kind::Tim3),
+        _ => None,
+    }
+}
 
-#[rustfmt::skip]
-pub(super) const INJECTED: [Option<Trigger>; 16] = [
-    Some(Trigger::Tim1Cc4), Some(Trigger::Tim1Trgo), Some(Trigger::Tim2Cc1), Some(Trigger::Tim2Trgo),
-    Some(Trigger::Tim3Cc2), Some(Trigger::Tim3Cc4), Some(Trigger::Tim4Cc1), Some(Trigger::Tim4Cc2),
-    Some(Trigger::Tim4Cc3), Some(Trigger::Tim4Trgo), Some(Trigger::Tim5Cc4), Some(Trigger::Tim5Trgo),
-    None, None, None, None,
-];
+/// The same of the injected group, by JEXTSEL.
+pub(super) fn injected_trigger(select: u32) -> Option<Kind> {
+    match select & 15 {
+        1 => Some(Kind::Tim1),
+        3 => Some(Kind::Tim2),
+        9 => Some(Kind::Tim4),
+        11 => Some(Kind::Tim5),
+        _ => None,
+    }
+}
 
 /// The pin of a channel; those from 16 on are inside the chip.
 pub(super) fn pin(channel: u32) -> Option<Pin> {

@@ -82,7 +82,7 @@ impl Bench {
     }
 
     fn trigger(&mut self) -> &mut Self {
-        self.adc.trigger(Trigger::Tim2Trgo, true, &mut self.shared);
+        self.adc.trigger(timer::Kind::Tim2, true, &mut self.shared);
         self
     }
 
@@ -164,12 +164,12 @@ fn triggers_are_heard_on_the_edges_that_are_chosen() {
         let mut bench = Bench::new(0, ADON | 1 << 16 | edges << 20);
         bench
             .adc
-            .trigger(Trigger::Tim1Trgo, true, &mut bench.shared);
+            .trigger(timer::Kind::Tim1, true, &mut bench.shared);
         bench.pass(1500);
         assert_eq!(bench.adc.counts().injected, rising);
         bench
             .adc
-            .trigger(Trigger::Tim1Trgo, false, &mut bench.shared);
+            .trigger(timer::Kind::Tim1, false, &mut bench.shared);
         bench.pass(2000);
         assert_eq!(bench.adc.counts().injected, rising + falling);
     }

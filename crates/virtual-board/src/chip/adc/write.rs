@@ -24,11 +24,11 @@ impl Adc {
             (CONT, "ADC1: continuous conversions"),
         ];
         shared.note_not_modelled(value, &features);
-        for (enable, select, triggers) in [(28, 24, REGULAR), (20, 16, INJECTED)] {
-            let trigger = triggers[(value >> select & 15) as usize];
-            if value >> enable & 3 != 0 && trigger.is_none() {
-                shared.note(Kind::NotModelled, "ADC1: triggers by pins and TIM8");
-            }
+        let regular = value & EXTEN != 0 && regular_trigger(value >> 24).is_none();
+        let injected = value & JEXTEN != 0 && injected_trigger(value >> 16).is_none();
+        if regular || injected {
+            let text = "ADC1: triggers but TRGO of TIM1 to TIM5";
+            shared.note(Kind::NotModelled, text);
         }
         if value & ADON == 0 {
             if value & (SWSTART | JSWSTART) != 0 {

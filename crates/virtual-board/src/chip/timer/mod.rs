@@ -9,8 +9,7 @@
 //! - The counter starts at the second edge of its clock after CEN is set (the manual: CNT_EN is set one
 //!   clock after CEN).
 //! - A counter above its reload value goes on to its full width and begins at 0, without an event.
-//! - The trigger TIMx_CCn of the converters is the rising edge of the channel's output as it leaves the
-//!   timer, so that it needs CCxE, and MOE on TIM1; TRGO from OCxREF needs neither.
+//! - TRGO from OCxREF needs neither CCxE nor MOE.
 //! - MOE and the break input act at once; resynchronisation, one or two clocks, is left out.
 //! - The level of OCxREF after a change from a forced mode to pulses follows the counter from the next
 //!   change of the comparison on (the manual's note on OCxM).
@@ -265,7 +264,7 @@ impl Timer {
 
     /// An edge of TRGO.
     fn trgo(&self, rises: bool, shared: &mut Shared) {
-        shared.effect(Effect::Trigger(self.kind.trgo(), rises));
+        shared.effect(Effect::Trigger(self.kind, rises));
     }
 
     /// Compares for pulses with the counter at `count`.
@@ -319,12 +318,6 @@ impl Timer {
         }
         let signal = Signal::CHANNELS[self.kind as usize][k];
         shared.effect(Effect::Output(signal, drive));
-        let [was, is] = [before, drive].map(|drive| drive == Drive::High);
-        if was != is
-            && let Some(trigger) = self.kind.compare(k)
-        {
-            shared.effect(Effect::Trigger(trigger, is));
-        }
     }
 
     fn drive_all(&mut self, shared: &mut Shared) {

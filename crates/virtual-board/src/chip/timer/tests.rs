@@ -1,7 +1,6 @@
 //! Times are counted by hand from RM0090: a counter starts at the second edge of its clock after CEN.
 
 use super::*;
-use crate::chip::effect::Trigger;
 use crate::chip::interrupt::Interrupt;
 use crate::chip::map::Unit;
 use crate::chip::pin::Signal;
@@ -102,7 +101,7 @@ fn centred(cms: u32, repetition: u32) -> Bench {
     bench
 }
 
-const TRGO1: Effect = Effect::Trigger(Trigger::Tim1Trgo, true);
+const TRGO1: Effect = Effect::Trigger(Kind::Tim1, true);
 
 #[test]
 fn an_edge_aligned_timer_updates_every_reload_plus_one() {
@@ -110,7 +109,7 @@ fn an_edge_aligned_timer_updates_every_reload_plus_one() {
     bench.write(&[(ARR, 874), (CR2, 2 << 4), (EGR, 1)]);
     bench.seen.clear();
     bench.write(&[(CR1, CEN)]).pass(2701);
-    let trgo = Effect::Trigger(Trigger::Tim2Trgo, true);
+    let trgo = Effect::Trigger(Kind::Tim2, true);
     assert_eq!(bench.times(trgo), [876, 1751, 2626]);
     assert_eq!(bench.read(CNT), 75);
     assert_eq!(bench.read(SR) & UPDATE, UPDATE);
@@ -362,24 +361,14 @@ fn the_reference_of_channel_4_is_a_trigger_once_a_period() {
     bench.pass(START + 700);
     // At once, since nothing was loaded yet; then at 90 on the way up, with the outputs off.
     assert_eq!(bench.times(TRGO1), [0, 291, 491, 691]);
-    let falls = Effect::Trigger(Trigger::Tim1Trgo, false);
+    let falls = Effect::Trigger(Kind::Tim1, false);
     assert_eq!(bench.times(falls), [111, 311, 511]);
-}
-
-#[test]
-fn a_channels_output_is_a_trigger_only_while_it_is_enabled() {
-    let mut bench = centred(1, 0);
-    bench.pass(START + 180);
-    let rises = Effect::Trigger(Trigger::Tim1Cc1, true);
-    assert_eq!(bench.times(rises), [171]);
-    bench.write(&[(BDTR, OSSI)]).pass(START + 900);
-    assert_eq!(bench.times(rises), [171]);
 }
 
 #[test]
 fn trigger_outputs_of_software_enable_and_compare() {
     let mut bench = Bench::new(Kind::Tim4);
-    let trgo = Effect::Trigger(Trigger::Tim4Trgo, true);
+    let trgo = Effect::Trigger(Kind::Tim4, true);
     bench.pass(5).write(&[(ARR, 9), (CCR1, 3), (EGR, 1)]);
     assert_eq!(bench.times(trgo), [5]);
     bench.pass(7).write(&[(CR2, 1 << 4), (CR1, CEN)]);
