@@ -95,6 +95,8 @@ pub(super) const COUNT: usize = 21;
 bits! { pub(super):
     CEN 0, UDIS 1, URS 2, OPM 3, DIR 4
 }
+/// SMS: the edges of two inputs are counted.
+pub(super) const ENCODER: u32 = 3;
 pub(super) const CMS: u32 = 3 << 5;
 pub(super) const ARPE: u32 = 1 << 7;
 // Bits of CR2.

@@ -118,13 +118,13 @@ fn an_edge_aligned_timer_updates_every_reload_plus_one() {
 #[test]
 fn nothing_is_on_the_schedule_that_nobody_waits_for_and_nothing_is_lost() {
     let mut bench = Bench::new(Kind::Tim3);
-    // A channel that toggles, its output off; the clock two cycles, a step six.
+    // A channel with pulses, its output off; the clock two cycles, a step six.
     bench.shared.clocks.timer1 = 2;
     bench.write(&[
         (PSC, 2),
         (ARR, 9),
         (CCR1, 4),
-        (CCMR1, 0x30),
+        (CCMR1, 0x60),
         (EGR, 1),
         (SR, 0),
         (CR1, CEN),
@@ -134,10 +134,10 @@ fn nothing_is_on_the_schedule_that_nobody_waits_for_and_nothing_is_lost() {
     bench.pass(2 + 6 * (10 * 1000 + 7) + 1);
     assert_eq!(bench.read(CNT), 7);
     assert_eq!(bench.read(SR) & 3, UPDATE | 2);
-    assert!(bench.timer.channels[0].reference);
-    bench.pass(2 + 6 * (10 * 1001 + 7));
-    bench.read(CNT);
     assert!(!bench.timer.channels[0].reference);
+    bench.pass(2 + 6 * (10 * 1001 + 2));
+    bench.read(CNT);
+    assert!(bench.timer.channels[0].reference);
 }
 
 #[test]
@@ -280,14 +280,9 @@ fn full_and_empty_pulses_have_no_edges() {
 
 #[test]
 fn outputs_do_what_their_modes_say() {
-    // ARR 9, CCR 4: set, clear, toggle on match; forced; pulses; then polarity.
+    // ARR 9, CCR 4: pulses; then polarity.
     for (mode, ccer, levels, times) in [
-        (1, 1, [High, Low], [5].as_slice()),
-        (2, 1, [High, Low], &[]),
-        (3, 1, [High, Low], &[5, 15, 25]),
-        (4, 1, [High, Low], &[]),
-        (5, 1, [High, Low], &[0]),
-        (6, 1, [High, Low], &[0, 5, 11, 15, 21, 25]),
+        (6, 1, [High, Low], [0, 5, 11, 15, 21, 25].as_slice()),
         (7, 1, [High, Low], &[5, 11, 15, 21, 25]),
         (6, 3, [Low, High], &[0, 5, 11, 15, 21, 25]),
     ] {
@@ -299,15 +294,6 @@ fn outputs_do_what_their_modes_say() {
         bench.write(&[(CCMR1, mode << 4), (CR1, CEN)]).pass(29);
         assert_eq!(bench.drives(Signal::Tim3Ch1), edges, "{mode} {ccer}");
     }
-}
-
-#[test]
-fn after_a_forced_level_pulses_begin_with_the_next_change_of_the_comparison() {
-    let mut bench = Bench::new(Kind::Tim3);
-    bench.write(&[(ARR, 9), (CCR1, 4), (CCMR1, 0x40), (CCER, 1), (CR1, CEN)]);
-    bench.seen.clear();
-    bench.pass(12).write(&[(CCMR1, 0x60)]).pass(24);
-    assert_eq!(bench.drives(Signal::Tim3Ch1), [(21, High)]);
 }
 
 #[test]
@@ -398,8 +384,14 @@ fn a_halted_or_gated_timer_stands_still() {
 #[test]
 fn a_halted_tim1_has_its_outputs_off() {
     let mut bench = Bench::new(Kind::Tim1);
-    // Channel 1 forced active.
-    bench.write(&[(CCMR1, 0x50), (CCER, 1), (BDTR, MOE | OSSI), (CR1, CEN)]);
+    // Channel 1 always active.
+    bench.write(&[
+        (CCR1, 0xffff),
+        (CCMR1, 0x60),
+        (CCER, 1),
+        (BDTR, MOE | OSSI),
+        (CR1, CEN),
+    ]);
     let drives = |bench: &Bench| bench.timer.channels[0].drive;
     assert_eq!(drives(&bench), Drive::High);
     bench.timer.freeze(true, &mut bench.shared);
@@ -447,17 +439,17 @@ fn an_encoder_counts_filtered_edges_both_ways_and_wraps() {
 }
 
 #[test]
-fn polarity_turns_an_encoder_round_and_modes_count_half() {
+fn polarity_turns_an_encoder_round() {
     use Signal::{Tim4Ch1 as A, Tim4Ch2 as B};
-    for (mode, ccer, count) in [(3, 0, 4), (3, 2, -4), (1, 0, 2), (2, 0, 2)] {
+    for (ccer, count) in [(0, 4), (2, -4)] {
         let mut bench = Bench::new(Kind::Tim4);
-        bench.write(&[(CCMR1, 0x101), (CCER, ccer), (SMCR, mode), (CR1, CEN)]);
+        bench.write(&[(CCMR1, 0x101), (CCER, ccer), (SMCR, ENCODER), (CR1, CEN)]);
         bench.write(&[(CNT, 100)]);
         for (signal, level) in [(A, true), (B, true), (A, false), (B, false)] {
             bench.input(signal, level);
         }
         let expected = 100u32.wrapping_add_signed(count);
-        assert_eq!(bench.read(CNT), expected, "{mode} {ccer}");
+        assert_eq!(bench.read(CNT), expected, "{ccer}");
     }
 }
 
@@ -466,6 +458,8 @@ fn what_is_not_modelled_or_forbidden_is_found() {
     for (kind, writes) in [
         (Finding::NotModelled, vec![(DIER, 1 << 8)]),
         (Finding::NotModelled, vec![(SMCR, 4)]),
+        (Finding::NotModelled, vec![(SMCR, 1)]),
+        (Finding::NotModelled, vec![(CCMR1, 0x30)]),
         (
             Finding::NotModelled,
             vec![(CCMR1, 1), (CCER, 1), (CR1, CEN)],
