@@ -1,6 +1,7 @@
 //! What the parts of the chip do together.
 
 mod analog;
+mod can;
 
 use super::*;
 use crate::core::{BusError, System, Transfer};
@@ -111,6 +112,11 @@ impl Bench {
     fn set(&mut self, address: u32, bits: u32) {
         let value = self.read(address) | bits;
         self.write(address, value);
+    }
+
+    fn run_to(&mut self, until: Cycles) {
+        self.chip.advance(until, until);
+        self.cycle = until;
     }
 
     /// Lets time pass, resets included.

@@ -36,11 +36,6 @@ impl Bench {
         self.chip.refresh();
     }
 
-    fn run_to(&mut self, until: Cycles) {
-        self.chip.advance(until, until);
-        self.cycle = until;
-    }
-
     /// Each access at the cycle after the one before, whatever it takes.
     fn write_all(&mut self, values: &[(u32, u32)]) {
         for (&(address, value), cycle) in values.iter().zip(self.cycle..) {
