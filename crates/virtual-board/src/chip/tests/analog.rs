@@ -21,8 +21,10 @@ const CYCLE_PS: u64 = 62_500;
 impl Bench {
     /// A chip whose converter has no noise, long after power came on.
     fn precise() -> Self {
-        let mut part = ChipVariation::default();
-        part.converter_noise = 0.0;
+        let part = ChipVariation {
+            converter_noise: 0.0,
+            ..ChipVariation::default()
+        };
         let mut bench = Self::new(&[]);
         bench.chip.set_variation(part);
         bench.run_to(100_000);
