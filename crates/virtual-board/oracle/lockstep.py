@@ -19,7 +19,7 @@ nothing like it:
 - YIELD is a hint (A7.7.268); Unicorn stops there;
 - LDM, STM, LDRD, STRD, VLDR and VSTR fault at unaligned addresses (A3.2.1); Unicorn's do not, so
   images' instructions of these sorts get aligned ones (the crate's tests have the faults);
-- exceptions, private peripherals and bit-band aliases.
+- exceptions and private peripherals.
 
 Unicorn sometimes executes its translation of code that stood at an address before. A block that
 differs runs again, translated anew, up to three times; if then it is equal and the core gives what

@@ -8,7 +8,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use virtual_board::board::Board;
 use virtual_board::image::Image;
-use virtual_board::probe::rtt::{Mode, Rtt};
+use virtual_board::probe::rtt::Rtt;
 
 /// First address of the memory that holds the log.
 const SRAM: u32 = 0x2000_0000;
@@ -57,7 +57,7 @@ impl Reader {
 
     /// Reads no more, and leaves the board's log full and waiting for it.
     pub fn hang(&mut self, board: &mut Board) {
-        self.rtt.set_mode(board.chip().sram(), Mode::Block);
+        self.rtt.set_blocking(board.chip().sram());
         self.rtt.leave_full(board.chip().sram());
         self.rtt.set_reading(false);
     }

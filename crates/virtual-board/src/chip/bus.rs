@@ -222,8 +222,6 @@ impl Chip {
                 self.longest_reaction = self.longest_reaction.max(took);
             }
             Unit::Rcc => self.gate(),
-            Unit::Syscfg => self.route_lines(),
-            Unit::Exti => self.judge_lines(),
             Unit::Dma1 | Unit::Dma2 => self.dma_written(),
             _ => {}
         }

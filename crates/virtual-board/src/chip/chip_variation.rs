@@ -1,6 +1,6 @@
 //! What differs from one chip and its crystal to the next.
 
-use super::transfer::Errors;
+use super::transfer;
 use crate::time::Time;
 
 /// What differs from one chip and its crystal to the next; typical by default.
@@ -10,8 +10,6 @@ pub struct ChipVariation {
     pub crystal_hz: u64,
     /// Time from switching the crystal on to a stable clock (data sheet: 2 ms typically at 8 MHz).
     pub crystal_start: Time,
-    /// Whether a clock, and not a crystal, is soldered to the oscillator's input.
-    pub external_clock: bool,
     /// Frequency of the fast internal oscillator, Hz (data sheet: 16 MHz ± 1 % at 25 °C, − 8 to + 4.5 % over
     /// all temperatures).
     pub internal_hz: u64,
@@ -19,8 +17,8 @@ pub struct ChipVariation {
     pub slow_hz: u64,
     /// Brown-out level in the option bytes, 0 the highest and 3 none, as a flasher has written it.
     pub brown_out: u32,
-    /// Errors of the analogue converter.
-    pub converter: Errors,
+    /// Noise of the analogue converter, counts rms.
+    pub converter_noise: f64,
     /// Makes the unique identifier, what memory shows after power came on, what an operation of the
     /// flash leaves that was cut short, and the converter's noise.
     pub seed: u64,
@@ -31,11 +29,10 @@ impl Default for ChipVariation {
         Self {
             crystal_hz: 8_000_000,
             crystal_start: Time::from_micros(2_000),
-            external_clock: false,
             internal_hz: 16_000_000,
             slow_hz: 32_000,
             brown_out: 3,
-            converter: Errors::default(),
+            converter_noise: transfer::NOISE,
             seed: 1,
         }
     }

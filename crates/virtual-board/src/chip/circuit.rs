@@ -27,11 +27,6 @@ pub trait Circuit: Any + Send {
         ((1u32 << bits) - 1) as u16
     }
 
-    /// SPI1 exchanges its words in this way from now on.
-    fn spi_mode(&mut self, mode: SpiMode, at: Time) {
-        let _ = (mode, at);
-    }
-
     /// A byte was sent by USART3; its stop bit ends at `at`.
     fn serial(&mut self, byte: u8, at: Time) {
         let _ = (byte, at);
@@ -59,19 +54,6 @@ pub trait Circuit: Any + Send {
 pub struct Bare;
 
 impl Circuit for Bare {}
-
-/// How SPI1 clocks its words.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SpiMode {
-    /// The clock idles high (CPOL).
-    pub idles_high: bool,
-    /// Data are sampled at the second edge (CPHA).
-    pub second_edge: bool,
-    /// The lowest bit goes first.
-    pub low_first: bool,
-    /// Frequency of the clock, Hz.
-    pub clock_hz: u64,
-}
 
 /// What changes at the chip's inputs.
 #[derive(Debug, Default)]

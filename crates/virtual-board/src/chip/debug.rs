@@ -16,11 +16,6 @@ use crate::finding::Kind;
 const IDCODE: u32 = 0x100f_6413;
 /// Size of the flash, KiB.
 const FLASH_KIB: u32 = 1024;
-/// Codes of the internal reference (1.21 V) and of the temperature sensor at 30 and 110 °C (0.76 V at
-/// 25 °C, 2.5 mV/°C), converted at the factory with 3.3 V.
-const REFERENCE: u32 = 1502;
-const TEMPERATURE: [u32; 2] = [959, 1207];
-
 /// APB1_FZ: real-time clock, which is not there, window watchdog and independent watchdog.
 const FREEZE_RTC: u32 = 1 << 10;
 const FREEZE_WWDG: u32 = 1 << 11;
@@ -35,10 +30,10 @@ const TRACE: u32 = 0xe0;
 const REGISTERS: &[Register] = &[
     word(0x00, "IDCODE", !0), word(0x04, "CR", 0xe7), word(0x08, "APB1_FZ", 0x06e0_1dff), word(0x0c, "APB2_FZ", 0x0007_0003),
     narrow(IDENTITY, "ID1", !0), narrow(IDENTITY + 4, "ID2", !0), narrow(IDENTITY + 8, "ID3", !0),
-    narrow(IDENTITY + 16, "FLASH_SIZE", !0), narrow(IDENTITY + 24, "VREFINT_CAL", !0), narrow(IDENTITY + 28, "TS_CAL", !0),
+    narrow(IDENTITY + 16, "FLASH_SIZE", !0),
 ];
 
-/// DBGMCU, unique identifier, size of the flash, calibration.
+/// DBGMCU, unique identifier, size of the flash.
 #[derive(Default)]
 pub(crate) struct Debug {
     settings: [u32; 3],
@@ -89,10 +84,8 @@ impl Peripheral for Debug {
         if let Some(offset) = offset.checked_sub(IDENTITY) {
             return match offset {
                 0..=8 => Self::identity(shared)[offset as usize / 4],
-                // In the upper half, as is the reference.
-                16 => FLASH_KIB << 16,
-                24 => REFERENCE << 16,
-                _ => TEMPERATURE[0] | TEMPERATURE[1] << 16,
+                // In the upper half.
+                _ => FLASH_KIB << 16,
             };
         }
         match offset {

@@ -2,38 +2,7 @@
 
 use super::cause::Cause;
 use super::pin::{Drive, Pin, Signal};
-
-/// Events inside the chip that start conversions.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs, reason = "the manual's names")]
-pub enum Trigger {
-    Tim1Trgo,
-    Tim1Cc1,
-    Tim1Cc2,
-    Tim1Cc3,
-    Tim1Cc4,
-    Tim2Trgo,
-    Tim2Cc1,
-    Tim2Cc2,
-    Tim2Cc3,
-    Tim2Cc4,
-    Tim3Trgo,
-    Tim3Cc1,
-    Tim3Cc2,
-    Tim3Cc4,
-    Tim4Trgo,
-    Tim4Cc1,
-    Tim4Cc2,
-    Tim4Cc3,
-    Tim4Cc4,
-    Tim5Trgo,
-    Tim5Cc1,
-    Tim5Cc2,
-    Tim5Cc3,
-    Tim5Cc4,
-    Exti11,
-    Exti15,
-}
+use super::timer;
 
 /// Who asks a DMA controller for a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,8 +21,8 @@ impl Request {
 /// Effects of one part of the chip on the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Effect {
-    /// A trigger rises or falls.
-    Trigger(Trigger, bool),
+    /// TRGO of a timer, which can start conversions, rises or falls.
+    Trigger(timer::Kind, bool),
     /// One transfer is wanted.
     Dma(Request),
     /// A peripheral begins to use a signal, which must be on a pin.

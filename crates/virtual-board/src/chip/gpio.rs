@@ -2,11 +2,11 @@
 //!
 //! Source: reference manual RM0090, chapter 8. A pin's level is that of the strongest side that drives
 //! it: chip or world, then the resistors of either. An output and the world against each other is a
-//! finding. So is listening to a pin that nobody drives, by a peripheral or as a line of the external
-//! interrupts; by the input register only where something is soldered to the pin, because a load of it
-//! does not say which of its pins is meant. Such a pin reads low.
+//! finding. So is listening to a pin that nobody drives, by a peripheral; by the input register only where
+//! something is soldered to the pin, because a load of it does not say which of its pins is meant. Such a
+//! pin reads low.
 //!
-//! Not modelled: speeds (kept), analogue levels between the thresholds.
+//! Not modelled: speeds (kept), analogue levels between the thresholds, locked settings, which are a finding.
 
 use super::Peripheral;
 use super::effect::Effect;
@@ -33,51 +33,6 @@ struct Port {
     pull: u32,
     output: u32,
     alternate: [u32; 2],
-    lock: Lock,
-}
-
-/// Pins whose settings stay until the next reset.
-#[derive(Clone, Copy, Debug, Default)]
-struct Lock {
-    pins: u32,
-    /// Writes of the sequence that were right so far; three lock.
-    steps: u8,
-}
-
-/// LCKR: the key's bit.
-const LCKK: u32 = 1 << 16;
-
-impl Lock {
-    fn is_locked(self) -> bool {
-        self.steps == 3
-    }
-
-    /// With the key set, without, with, the same pins each time (RM0090, 8.3.6).
-    fn write(&mut self, value: u32) {
-        if self.is_locked() {
-            return;
-        }
-        let (pins, key) = (value & 0xffff, value & LCKK != 0);
-        let wanted = self.steps != 1;
-        let same = self.steps == 0 || pins == self.pins;
-        self.steps = match (key == wanted && same, key) {
-            (true, _) => self.steps + 1,
-            (false, true) => 1,
-            (false, false) => 0,
-        };
-        self.pins = pins;
-    }
-
-    /// Locked pins, each with so many bits.
-    fn mask(self, bits: u32) -> u64 {
-        if !self.is_locked() {
-            return 0;
-        }
-        let field = (1u64 << bits) - 1;
-        (0..16)
-            .filter(|pin| self.pins >> pin & 1 != 0)
-            .fold(0, |mask, pin| mask | field << (bits * pin))
-    }
 }
 
 // Modes.
@@ -367,7 +322,6 @@ impl Peripheral for Gpio {
             0x0c => port.pull,
             0x10 => self.input(index, shared),
             0x14 => port.output,
-            0x1c => port.lock.pins | u32::from(port.lock.is_locked()) << 16,
             0x20 => port.alternate[0],
             0x24 => port.alternate[1],
             _ => 0,
@@ -378,24 +332,19 @@ impl Peripheral for Gpio {
         let (index, offset) = (offset as usize / 0x400, offset % 0x400);
         let port = &mut self.ports[index];
         let before = *port;
-        let (register, locked) = match offset {
-            0x00 => (&mut port.mode, before.lock.mask(2)),
-            0x04 => (&mut port.open_drain, before.lock.mask(1)),
-            0x08 => (&mut port.speed, before.lock.mask(2)),
-            0x0c => (&mut port.pull, before.lock.mask(2)),
-            0x14 => (&mut port.output, 0),
+        let register = match offset {
+            0x00 => &mut port.mode,
+            0x04 => &mut port.open_drain,
+            0x08 => &mut port.speed,
+            0x0c => &mut port.pull,
+            0x14 => &mut port.output,
             0x18 => return self.set_and_reset(index, value, shared),
-            0x1c => return port.lock.write(value),
-            0x20 => (&mut port.alternate[0], before.lock.mask(4)),
-            0x24 => (&mut port.alternate[1], before.lock.mask(4) >> 32),
+            0x1c => return shared.note(Kind::NotModelled, "GPIO: locked settings"),
+            0x20 => &mut port.alternate[0],
+            0x24 => &mut port.alternate[1],
             _ => return shared.note(Kind::Forbidden, "GPIO_IDR is read only"),
         };
-        let locked = locked as u32;
-        let new = merge(*register, value, mask);
-        if (new ^ *register) & locked != 0 {
-            shared.note(Kind::Forbidden, "GPIO: settings of a locked pin written");
-        }
-        *register = merge(new, *register, locked);
+        *register = merge(*register, value, mask);
         if matches!(offset, 0x00 | 0x20 | 0x24) {
             self.routes = Routes::of(&self.ports);
         }

@@ -30,7 +30,6 @@ pub(crate) enum Unit {
     Pwr,
     Gpio,
     Exti,
-    Syscfg,
     Tim11,
     Debug,
 }
@@ -53,11 +52,12 @@ const NOT_MODELLED: &[(u32, u32, &str)] = &[
     (0x4000_4c00, 0x4000_4fff, "UART4"), (0x4000_5000, 0x4000_53ff, "UART5"), (0x4000_5400, 0x4000_5fff, "I2C"),
     (0x4000_6800, 0x4000_6bff, "CAN2"), (0x4000_7400, 0x4000_77ff, "DAC"), (0x4001_0400, 0x4001_07ff, "TIM8"),
     (0x4001_1000, 0x4001_13ff, "USART1"), (0x4001_1400, 0x4001_17ff, "USART6"), (0x4001_2c00, 0x4001_2fff, "SDIO"),
-    (0x4001_4000, 0x4001_43ff, "TIM9"), (0x4001_4400, 0x4001_47ff, "TIM10"),
+    (0x4001_3800, 0x4001_3bff, "SYSCFG"), (0x4001_4000, 0x4001_43ff, "TIM9"), (0x4001_4400, 0x4001_47ff, "TIM10"),
     (0x4002_3000, 0x4002_33ff, "CRC"), (0x4002_4000, 0x4002_4fff, "BKPSRAM"), (0x4004_0000, 0x4007_ffff, "USB OTG HS"),
     (0x5000_0000, 0x5003_ffff, "USB OTG FS"), (0x5006_0800, 0x5006_0bff, "RNG"), (0x6000_0000, 0x9fff_ffff, "FSMC banks"),
     (0xa000_0000, 0xa000_0fff, "FSMC"), (0x4002_8000, 0x4002_93ff, "ETH"),
     (0x5005_0000, 0x5005_03ff, "DCMI"), (0x1fff_0000, 0x1fff_77ff, "the boot loader's memory"),
+    (0x2200_0000, 0x23ff_ffff, "bit-band aliases"), (0x4200_0000, 0x43ff_ffff, "bit-band aliases"),
     (0x1fff_7800, 0x1fff_7a0f, "the memory that is programmed once"), (0x1fff_c000, 0x1fff_c00f, "option bytes"),
 ];
 
@@ -102,7 +102,7 @@ const fn by(register: u32, bit: u32) -> Option<(u32, u32)> {
 }
 
 /// In the order of addresses.
-const PLACES: [Place; 22] = [
+const PLACES: [Place; 21] = [
     place(0x1fff_7a10, 0x14, Unit::Debug, "UID", None),
     place(0x4000_0000, 0x400, Unit::Tim2, "TIM2", by(APB1ENR, 0)),
     place(0x4000_0400, 0x400, Unit::Tim3, "TIM3", by(APB1ENR, 1)),
@@ -116,7 +116,6 @@ const PLACES: [Place; 22] = [
     place(0x4001_0000, 0x400, Unit::Tim1, "TIM1", by(APB2ENR, 0)),
     place(0x4001_2000, 0x400, Unit::Adc, "ADC1", by(APB2ENR, 8)),
     place(0x4001_3000, 0x400, Unit::Spi1, "SPI1", by(APB2ENR, 12)),
-    place(0x4001_3800, 0x400, Unit::Syscfg, "SYSCFG", by(APB2ENR, 14)),
     place(0x4001_3c00, 0x400, Unit::Exti, "EXTI", None),
     place(0x4001_4800, 0x400, Unit::Tim11, "TIM11", by(APB2ENR, 18)),
     place(0x4002_0000, 9 * PORT, Unit::Gpio, "GPIO", None),

@@ -43,13 +43,12 @@ mod tests;
 pub use adc::Counts as Conversions;
 pub use cause::Cause;
 pub use chip_variation::ChipVariation;
-pub use circuit::{Bare, Circuit, Inputs, SpiMode};
-pub use effect::{Clocks, Request, Trigger};
+pub use circuit::{Bare, Circuit, Inputs};
+pub use effect::{Clocks, Request};
 pub use flash::FlashOperation;
 pub use injected_faults::InjectedFaults;
 pub use interrupt::Interrupt;
 pub use pin::{Drive, Pin, Signal};
-pub use transfer::Errors as ConverterErrors;
 
 use crate::finding::{Findings, Kind};
 use crate::time::{Cycles, Time};
@@ -90,7 +89,6 @@ struct Units {
     pwr: pwr::Pwr,
     gpio: gpio::Gpio,
     exti: exti::Exti,
-    syscfg: exti::Syscfg,
     /// TIM1 first.
     timers: [timer::Timer; 5],
     tim11: tim11::Tim11,
@@ -112,7 +110,6 @@ impl Units {
             pwr: pwr::Pwr::default(),
             gpio: gpio::Gpio::default(),
             exti: exti::Exti::default(),
-            syscfg: exti::Syscfg::default(),
             timers: timer::Kind::ALL.map(timer::Timer::new),
             tim11: tim11::Tim11::default(),
             adc: adc::Adc::default(),
@@ -287,9 +284,9 @@ impl Chip {
         while let Some(effect) = self.shared.effects.pop_front() {
             let (units, shared) = (&mut self.units, &mut self.shared);
             match effect {
-                Effect::Trigger(trigger, rises) => {
+                Effect::Trigger(timer, rises) => {
                     if !(rises && self.injected_faults.loses_trigger()) {
-                        units.adc.trigger(trigger, rises, shared);
+                        units.adc.trigger(timer, rises, shared);
                     }
                 }
                 Effect::Dma(request) => self.serve(request),
@@ -323,23 +320,13 @@ impl Chip {
                         shared.note(Kind::Pin, format!("{pin} is converted and not analogue"));
                     }
                 }
-                Effect::VoltageDetector(low) => units.exti.level(16, low, shared),
+                Effect::VoltageDetector(low) => units.exti.level(low, shared),
                 Effect::ResetUnit(register, bit) => self.reset_unit(register, bit),
                 Effect::Reset(cause) => {
                     self.reset = Some(cause);
                     self.shared.limit = 0;
                 }
             }
-        }
-    }
-
-    /// Lines of the external interrupts hear the ports that they listen to.
-    fn route_lines(&mut self) {
-        let (units, shared) = (&mut self.units, &mut self.shared);
-        for line in 0..16 {
-            let port = units.syscfg.port_of(line);
-            let level = port < pin::PORTS && units.gpio.level(Pin::of(port, line));
-            units.exti.level(line, level, shared);
         }
     }
 
@@ -384,10 +371,6 @@ impl Chip {
     /// A pin has another level.
     fn level(&mut self, pin: Pin, level: bool) {
         let (units, shared) = (&mut self.units, &mut self.shared);
-        let port = units.syscfg.port_of(pin.number());
-        if port == pin.port() {
-            units.exti.level(pin.number(), level, shared);
-        }
         if let Some(signal) = units.gpio.signal_at(pin)
             && let Some(timer) = signal.timer()
         {
@@ -419,7 +402,6 @@ impl Chip {
             Unit::Pwr => &mut u.pwr,
             Unit::Gpio => &mut u.gpio,
             Unit::Exti => &mut u.exti,
-            Unit::Syscfg => &mut u.syscfg,
             Unit::Tim1 | Unit::Tim2 | Unit::Tim3 | Unit::Tim4 | Unit::Tim5 => {
                 &mut u.timers[unit.timer()]
             }
@@ -437,16 +419,5 @@ impl Chip {
             Unit::Flash => &mut self.flash,
         };
         (peripheral, &mut self.shared)
-    }
-
-    /// Whether pins float that the program waits for as external interrupts.
-    fn judge_lines(&mut self) {
-        let units = &self.units;
-        for line in (0..16).filter(|&line| units.exti.listens(line)) {
-            let port = units.syscfg.port_of(line);
-            if port < pin::PORTS {
-                units.gpio.judge(Pin::of(port, line), &mut self.shared);
-            }
-        }
     }
 }

@@ -4,7 +4,7 @@ use super::cause::Cause;
 use super::chip_variation::Random;
 use super::effect::{Clocks, Effect};
 use super::map::Unit;
-use super::pin::{Drive, Pin};
+use super::pin::Drive;
 use super::{Chip, Units, pwr};
 use crate::noise::Noise;
 use crate::time::{Cycles, NEVER, Time};
@@ -51,9 +51,6 @@ impl Chip {
         };
         units.adc.begin(noise);
         units.gpio.begin(&before.gpio, shared);
-        for line in 0..16 {
-            units.exti.begin(line, units.gpio.level(Pin::of(0, line)));
-        }
         let at = shared.time();
         shared.cancel_sample();
         shared.volts = shared.world().supply(at);
@@ -151,7 +148,6 @@ impl Chip {
             Unit::Can1 => units.can1.reset(&mut self.shared),
             Unit::Usart3 => units.usart3 = new.usart3,
             Unit::Wwdg => units.window_watchdog = new.window_watchdog,
-            Unit::Syscfg => units.syscfg = new.syscfg,
             Unit::Pwr => {
                 units.pwr = new.pwr;
                 // The detector is off.
@@ -169,7 +165,6 @@ impl Chip {
                 self.shared.effect(Effect::Level(pin, level));
             }
         }
-        self.route_lines();
         self.gate();
     }
 }

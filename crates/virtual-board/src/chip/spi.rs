@@ -2,9 +2,10 @@
 //!
 //! A word is shifted while the next waits in the transmit buffer. Its last bit is sampled half a clock
 //! before its end: that is when it is in the receive buffer.
+//!
+//! Not modelled: polarity and phase of the clock, which devices do not see.
 
 use super::Peripheral;
-use super::circuit::SpiMode;
 use super::effect::Effect;
 use super::interrupt::Interrupt;
 use super::map::Unit;
@@ -69,7 +70,8 @@ pub(crate) struct Spi {
     waiting: Option<u16>,
     shift: Option<Shift>,
     polynomial: u32,
-    mode: Option<SpiMode>,
+    /// Its signals were looked for on the pins.
+    placed: bool,
 }
 
 impl Spi {
@@ -101,6 +103,7 @@ impl Spi {
             (BIDIMODE, "SPI1: one bidirectional line"),
             (CRCEN, "SPI1: checksums"),
             (RXONLY, "SPI1: receive only"),
+            (LSBFIRST, "SPI1: the lowest bit first"),
         ];
         shared.note_not_modelled(changed & value, &features);
         if self.shift.is_some() && changed & (SHAPE | SPE) != 0 {
@@ -127,23 +130,15 @@ impl Spi {
         if self.cr1 & MSTR == 0 {
             return shared.note(Kind::NotModelled, "SPI1: as a slave");
         }
-        let mode = SpiMode {
-            idles_high: self.cr1 & CPOL != 0,
-            second_edge: self.cr1 & CPHA != 0,
-            low_first: self.cr1 & LSBFIRST != 0,
-            clock_hz: shared.clocks.hclk_hz / self.period(shared).max(1),
-        };
-        if self.mode != Some(mode) {
-            self.mode = Some(mode);
-            let at = shared.time();
-            shared.world().spi_mode(mode, at);
+        if !std::mem::replace(&mut self.placed, true) {
             for signal in [Signal::Spi1Sck, Signal::Spi1Miso, Signal::Spi1Mosi] {
                 shared.effect(Effect::Uses(signal));
             }
-            if mode.clock_hz > CLOCK_LIMIT {
-                let text = format!("SPI1: {} Hz, {CLOCK_LIMIT} Hz at most", mode.clock_hz);
-                shared.note(Kind::ClockLimit, text);
-            }
+        }
+        let hz = shared.clocks.hclk_hz / self.period(shared);
+        if hz > CLOCK_LIMIT {
+            let text = format!("SPI1: {hz} Hz, {CLOCK_LIMIT} Hz at most");
+            shared.note(Kind::ClockLimit, text);
         }
     }
 

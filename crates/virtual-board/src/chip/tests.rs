@@ -1,6 +1,7 @@
 //! What the parts of the chip do together.
 
 mod analog;
+mod can;
 
 use super::*;
 use crate::core::{BusError, System, Transfer};
@@ -76,8 +77,6 @@ const PWR: u32 = 0x4000_7000;
 const FLASH_ACR: u32 = 0x4002_3c00;
 const FLASH_KEYR: u32 = 0x4002_3c04;
 const GPIOB: u32 = 0x4002_0400;
-const EXTI: u32 = 0x4001_3c00;
-const SYSCFG: u32 = 0x4001_3800;
 const PB13: Pin = Pin::new('B', 13);
 
 impl Bench {
@@ -113,6 +112,11 @@ impl Bench {
     fn set(&mut self, address: u32, bits: u32) {
         let value = self.read(address) | bits;
         self.write(address, value);
+    }
+
+    fn run_to(&mut self, until: Cycles) {
+        self.chip.advance(until, until);
+        self.cycle = until;
     }
 
     /// Lets time pass, resets included.
@@ -185,6 +189,9 @@ fn the_core_is_let_go_after_power_on_and_the_clock_goes_to_168_mhz() {
     bench.chip.advance(bench.cycle, bench.cycle);
     assert!(!bench.chip.must_stop());
     assert_eq!(bench.chip.clocks().hclk_hz, 168_000_000);
+    let clocks = bench.chip.shared.clocks;
+    assert_eq!([clocks.apb1, clocks.apb2], [4, 2]);
+    assert_eq!([clocks.timer1, clocks.timer2], [2, 1]);
     let before = bench.chip.time_of(bench.cycle);
     assert_eq!(
         bench.chip.time_of(bench.cycle + 168) - before,
@@ -237,6 +244,8 @@ fn a_crystal_that_fails_asks_for_the_nmi_and_slows_the_clock() {
     assert_eq!(bench.chip.clocks().hclk_hz, 16_000_000);
     assert!(bench.chip.take_nmi() && !bench.chip.take_nmi());
     assert_eq!(bench.read(RCC + 0x0c), 1 << 7);
+    bench.write(RCC + 0x0c, 1 << 23);
+    assert_eq!(bench.read(RCC + 0x0c), 0);
     assert!(bench.findings().is_empty(), "{:?}", bench.findings());
 }
 
@@ -344,30 +353,6 @@ fn a_peripheral_that_is_reset_has_its_defaults_and_cannot_be_used_meanwhile() {
 }
 
 #[test]
-fn a_line_listens_to_the_port_that_is_chosen_even_over_a_reset() {
-    let mut bench = Bench::new(&[
-        (5_000, Change::Pin(PB13, Drive::High)),
-        (20_000, Change::Pin(PB13, Drive::Low)),
-    ]);
-    bench.pass(6_000);
-    bench.chip.restart(Cause::Pin, bench.cycle);
-    bench.set(RCC + 0x30, 3);
-    bench.set(RCC + 0x44, 1 << 14);
-    bench.write(EXTI + 0x0c, 1 << 13);
-    bench.write(SYSCFG + 0x14, 1 << 4);
-    bench.write(EXTI, 1 << 13);
-    assert_eq!(bench.chip.lines(), 0);
-    bench.pass(15_000);
-    assert_eq!(bench.chip.lines(), 1 << Interrupt::Exti15To10 as u32);
-    assert!(bench.findings().is_empty(), "{:?}", bench.findings());
-    // PA13 has a pull, PC13 nothing.
-    bench.write(SYSCFG + 0x14, 2 << 4);
-    bench.write(EXTI, 1 << 13);
-    let found = bench.findings();
-    assert_eq!(found, [(Kind::Pin, "PC13 floats and is listened to")]);
-}
-
-#[test]
 fn a_wrong_key_is_a_bus_error_and_the_flash_stays_locked_until_a_reset() {
     let mut bench = Bench::new(&[]);
     let wrong = bench
@@ -453,21 +438,6 @@ fn the_same_part_forgets_in_the_same_way() {
 }
 
 #[test]
-fn a_pin_that_is_high_over_a_reset_gives_a_falling_edge_when_it_falls() {
-    let pin = Pin::new('A', 0);
-    let mut bench = Bench::new(&[
-        (5_000, Change::Pin(pin, Drive::High)),
-        (20_000, Change::Pin(pin, Drive::Low)),
-    ]);
-    bench.pass(6_000);
-    bench.chip.restart(Cause::Pin, bench.cycle);
-    bench.write(EXTI + 0x0c, 1);
-    bench.write(EXTI, 1);
-    bench.pass(15_000);
-    assert_eq!(bench.chip.lines(), 1 << Interrupt::Exti0 as u32);
-}
-
-#[test]
 fn a_crystal_that_fails_stops_the_outputs_of_tim1_where_its_break_is_enabled() {
     const TIM1: u32 = 0x4001_0000;
     const BKE: u32 = 1 << 12;
@@ -484,26 +454,6 @@ fn a_crystal_that_fails_stops_the_outputs_of_tim1_where_its_break_is_enabled() {
         bench.pass(10_000);
         assert_eq!(bench.read(TIM1 + 0x44) & MOE != 0, goes_on);
     }
-}
-
-#[test]
-fn a_reset_of_syscfg_takes_the_lines_back_to_port_a() {
-    let mut bench = Bench::new(&[(5_000, Change::Pin(PB13, Drive::High))]);
-    bench.pass(6_000);
-    bench.set(RCC + 0x44, 1 << 14);
-    bench.write(EXTI + 0x0c, 1 << 13);
-    bench.write(EXTI, 1 << 13);
-    // From PC13, which is low, and PB13, which is high, to PA13, which has a pull-up.
-    bench.write(SYSCFG + 0x14, 1 << 4);
-    bench.write(RCC + 0x24, 1 << 14);
-    assert_eq!(bench.chip.lines(), 0);
-    bench.write(RCC + 0x24, 0);
-    bench.write(SYSCFG + 0x14, 2 << 4);
-    assert_ne!(bench.chip.lines(), 0, "from PA13 down to PC13");
-    bench.write(EXTI + 0x14, 1 << 13);
-    bench.write(EXTI + 0x08, 1 << 13);
-    bench.write(RCC + 0x24, 1 << 14);
-    assert_ne!(bench.chip.lines(), 0, "from PC13 up to PA13");
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! USART3, asynchronous.
+//! USART3, asynchronous: eight data bits, no parity, one stop bit, oversampling by 16.
 
 use super::Peripheral;
 use super::effect::{Effect, Request};
@@ -25,6 +25,7 @@ const CR1_BITS: u32 = 0xbfff;
 
 /// CR2.
 const CLKEN: u32 = 1 << 11;
+const STOP: u32 = 3 << 12;
 const LINEN: u32 = 1 << 14;
 const CR2_BITS: u32 = 0x7f6f;
 
@@ -84,33 +85,16 @@ impl Usart {
             self.sr |= ORE;
             shared.note(Kind::Lost, "USART3: overrun");
         } else {
-            self.received = byte & self.mask();
+            self.received = byte;
             self.sr |= RXNE;
             self.request_receive(shared);
         }
         self.plan(shared);
     }
 
-    /// Data bits, without parity.
-    fn mask(&self) -> u8 {
-        if self.cr1 & (M | PCE) == PCE {
-            0x7f
-        } else {
-            0xff
-        }
-    }
-
-    /// Length of a frame, core cycles.
+    /// Length of a frame, core cycles: a start bit, eight of data and a stop bit.
     fn frame(&self, shared: &Shared) -> Cycles {
-        let clocks = if self.cr1 & OVER8 != 0 {
-            (self.brr >> 4) * 8 + (self.brr & 7)
-        } else {
-            self.brr
-        };
-        let data = if self.cr1 & M != 0 { 9 } else { 8 };
-        let stop_halves = [2, 1, 4, 3][(self.cr2 >> 12 & 3) as usize];
-        let halves = 2 * (1 + data) + stop_halves;
-        (Cycles::from(clocks) * shared.clocks.apb1 * halves / 2).max(1)
+        (10 * Cycles::from(self.brr) * shared.clocks.apb1).max(1)
     }
 
     fn status(&self) -> u32 {
@@ -119,12 +103,15 @@ impl Usart {
 
     fn write_cr1(&mut self, value: u32, shared: &mut Shared) {
         let changed = self.cr1 ^ value;
-        let features = [(SBK, "USART3: break"), (RWU, "USART3: mute mode")];
+        let features = [
+            (SBK, "USART3: break"),
+            (RWU, "USART3: mute mode"),
+            (PCE, "USART3: parity"),
+            (M, "USART3: nine bits"),
+            (OVER8, "USART3: oversampling by 8"),
+        ];
         shared.note_not_modelled(changed & value, &features);
-        if changed & (M | PCE) != 0 && value & (M | PCE) == M {
-            shared.note(Kind::NotModelled, "USART3: nine data bits");
-        }
-        if self.shift.is_some() && changed & (M | PCE | OVER8 | UE) != 0 {
+        if self.shift.is_some() && changed & UE != 0 {
             shared.note(Kind::Forbidden, "USART3: CR1 changed during a transmission");
         }
         self.cr1 = value;
@@ -161,7 +148,7 @@ impl Usart {
         if self.waiting.is_some() {
             shared.note(Kind::Lost, "USART3: DR written while it is full");
         }
-        self.waiting = Some(value & self.mask());
+        self.waiting = Some(value);
         self.sr &= !TC;
         self.load(shared);
     }
@@ -213,7 +200,11 @@ impl Usart {
     }
 
     fn write_cr2(&mut self, value: u32, shared: &mut Shared) {
-        let features = [(LINEN, "USART3: LIN"), (CLKEN, "USART3: synchronous mode")];
+        let features = [
+            (LINEN, "USART3: LIN"),
+            (CLKEN, "USART3: synchronous mode"),
+            (STOP, "USART3: other than one stop bit"),
+        ];
         shared.note_not_modelled(value & !self.cr2, &features);
         self.cr2 = value;
     }

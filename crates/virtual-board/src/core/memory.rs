@@ -1,5 +1,5 @@
 //! Loads and stores: what the page of the address allows goes straight to the chip; private
-//! peripherals, bit-band aliases, protected or unaligned places take another look.
+//! peripherals, protected or unaligned places take another look.
 
 use super::exception::{Done, Trap};
 use super::mpu::{Access, Mode};
@@ -9,17 +9,6 @@ use super::{Core, NO_LINE, System, Transfer, Width, fetch};
 /// The private peripheral bus, but DBGMCU, which is the chip's.
 fn is_private(address: u32) -> bool {
     address >> 20 == 0xe00 && address & 0xf_f000 != 0x4_2000
-}
-
-/// Word and bit that an access in a bit-band alias stands for.
-fn bit_band(at: Transfer) -> Option<(Transfer, u32)> {
-    if !matches!(at.address >> 24, 0x22 | 0x23 | 0x42 | 0x43) {
-        return None;
-    }
-    let offset = at.address & 0x1ff_ffff;
-    let base = at.address & 0xf000_0000;
-    let word = Transfer::word(base | offset >> 7 << 2, at.pc);
-    Some((word, offset >> 2 & 31))
 }
 
 /// The bytes of an access, numbered.
@@ -84,12 +73,7 @@ impl Core {
             self.private_load(system, at)
         } else {
             self.check_data(at.address, Access::Read)?;
-            match bit_band(at) {
-                Some((word, bit)) => system
-                    .read(word, &mut self.cycles)
-                    .map(|value| value >> bit & 1),
-                None => system.read(at, &mut self.cycles),
-            }
+            system.read(at, &mut self.cycles)
         };
         value.or_else(|_| self.data_bus_error(at.address))
     }
@@ -107,13 +91,7 @@ impl Core {
             self.private_store(system, at, value)
         } else {
             self.check_data(at.address, Access::Write)?;
-            match bit_band(at) {
-                Some((word, bit)) => system.read(word, &mut self.cycles).and_then(|old| {
-                    let new = old & !(1 << bit) | (value & 1) << bit;
-                    system.write(word, new, &mut self.cycles)
-                }),
-                None => system.write(at, value, &mut self.cycles),
-            }
+            system.write(at, value, &mut self.cycles)
         };
         done.or_else(|_| self.data_bus_error(at.address).map(drop))
     }
@@ -185,9 +163,8 @@ impl Core {
         self.line = NO_LINE;
         self.flash_executes = self.mpu.page_executes(fetch::FLASH >> 24, view);
         for page in 0..256u32 {
-            let special = matches!(page, 0xe0 | 0x22 | 0x23 | 0x42 | 0x43);
-            let open = self.mpu.page_is_open(page, view);
-            self.plain[page as usize] = !special && open && !self.debug.watches_page(page);
+            let open = page != 0xe0 && self.mpu.page_is_open(page, view);
+            self.plain[page as usize] = open && !self.debug.watches_page(page);
         }
     }
 }

@@ -130,14 +130,6 @@ impl Core {
         }
     }
 
-    /// PRIMASK, FAULTMASK, BASEPRI and CONTROL, as a debugger packs them: bits 0, 8, 16 and 24 on.
-    pub fn masks(&self) -> u32 {
-        u32::from(self.primask)
-            | u32::from(self.basepri) << 8
-            | u32::from(self.faultmask) << 16
-            | self.control() << 24
-    }
-
     pub(super) fn control(&self) -> u32 {
         u32::from(self.user_thread)
             | u32::from(self.process_stack) << 1

@@ -11,19 +11,9 @@ use crate::chip::Drive;
 use crate::time::Time;
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
-use std::ops::Range;
 
 /// Edges that are late because the angle was corrected follow each other so closely, ps: 100 ns.
 const CATCH_UP: Time = Time::from_nanos(100);
-
-/// What drives the two lines.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum OutputStage {
-    /// Both levels strongly.
-    PushPull,
-    /// Low strongly, high not at all: somebody else's resistor pulls up.
-    OpenCollector,
-}
 
 /// An encoder.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,8 +23,6 @@ pub struct EncoderConfig {
     /// Angle of the disc, counts, at the wheel's angle 0. From 0 to less than 1 it decides where in
     /// the first count the wheel stands.
     pub phase: f64,
-    /// What drives the lines.
-    pub output: OutputStage,
 }
 
 impl Default for EncoderConfig {
@@ -42,7 +30,6 @@ impl Default for EncoderConfig {
         Self {
             lines: 2048,
             phase: 0.5,
-            output: OutputStage::PushPull,
         }
     }
 }
@@ -57,7 +44,7 @@ pub enum Line {
 }
 
 /// What can be wrong with it. Several may be at once.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EncoderFault {
     /// A stands at this level.
     pub stuck_a: Option<bool>,
@@ -65,8 +52,6 @@ pub struct EncoderFault {
     pub stuck_b: Option<bool>,
     /// The lines are swapped.
     pub swapped: bool,
-    /// Lines of the disc that are covered: both outputs low there.
-    pub missing: Range<u32>,
 }
 
 /// A disturbance of a line: its level is the other one.
@@ -169,13 +154,8 @@ impl Encoder {
     /// Levels of A and B at the time of the latest call.
     pub fn levels(&self) -> (bool, bool) {
         let quarter = self.count.rem_euclid(4);
-        let line = self
-            .count
-            .div_euclid(4)
-            .rem_euclid(self.config.lines.into());
-        let covered = self.fault.missing.contains(&(line as u32));
-        let mut a = !covered && matches!(quarter, 1 | 2);
-        let mut b = !covered && matches!(quarter, 2 | 3);
+        let mut a = matches!(quarter, 1 | 2);
+        let mut b = matches!(quarter, 2 | 3);
         if self.fault.swapped {
             (a, b) = (b, a);
         }
@@ -195,12 +175,8 @@ impl Encoder {
 
     /// How A and B are driven.
     pub fn drives(&self) -> (Drive, Drive) {
-        let drive = |level| match self.config.output {
-            OutputStage::OpenCollector if level => Drive::Open,
-            _ => Drive::to(level),
-        };
         let (a, b) = self.levels();
-        (drive(a), drive(b))
+        (Drive::to(a), Drive::to(b))
     }
 
     /// Finds the next change of the count after now.

@@ -12,11 +12,11 @@ mod robot;
 mod supply;
 mod switches;
 
-pub use encoder::{Encoder, EncoderConfig, EncoderFault, Line, OutputStage};
+pub use encoder::{Encoder, EncoderConfig, EncoderFault, Line};
 #[cfg(feature = "devices")]
 pub use robot::*;
 pub use supply::{Divider, Profile, Supply};
-pub use switches::{Contact, Led};
+pub use switches::Contact;
 
 use crate::time::Time;
 

@@ -1,4 +1,4 @@
-//! Contacts (button, strap, emergency stop) with bounce, and a light-emitting diode that is watched.
+//! Contacts (button, strap, emergency stop) with bounce.
 
 use crate::noise::Noise;
 use crate::time::Time;
@@ -67,44 +67,6 @@ impl Contact {
     }
 }
 
-/// A light-emitting diode: how long it was lit, and how often it went on.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Led {
-    lit: bool,
-    since: Time,
-    lit_for: Time,
-    count: u64,
-}
-
-impl Led {
-    /// It is lit, or not, from now on.
-    pub fn set(&mut self, lit: bool, at: Time) {
-        if lit == self.lit {
-            return;
-        }
-        if self.lit {
-            self.lit_for = self.lit_for + (at - self.since);
-        } else {
-            self.count += 1;
-        }
-        (self.lit, self.since) = (lit, at);
-    }
-
-    /// How often it went on.
-    pub fn count(&self) -> u64 {
-        self.count
-    }
-
-    /// How long it was lit until a time.
-    pub fn lit_for(&self, at: Time) -> Time {
-        if self.lit {
-            self.lit_for + (at - self.since)
-        } else {
-            self.lit_for
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -140,18 +102,5 @@ mod tests {
         strap.set(false, Time(2 * MS));
         strap.advance(Time(2 * MS));
         assert!(!strap.is_closed() && strap.next() == Time::NEVER);
-    }
-
-    #[test]
-    fn a_blinking_diode_is_counted() {
-        let mut led = Led::default();
-        for k in 0..10 {
-            led.set(true, Time(2 * k * MS));
-            led.set(false, Time((2 * k + 1) * MS));
-        }
-        assert_eq!(
-            (led.count(), led.lit_for(Time(99 * MS))),
-            (10, Time(10 * MS))
-        );
     }
 }

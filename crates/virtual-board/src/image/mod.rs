@@ -88,7 +88,6 @@ pub struct Symbol {
 pub struct Image {
     bytes: Vec<u8>,
     segments: Vec<Segment>,
-    reset_vector: u32,
     /// By address.
     functions: Vec<Symbol>,
     /// By the name in the file and by the readable one.
@@ -125,11 +124,10 @@ impl Image {
         check_header(&bytes)?;
         let elf = ElfFile32::<LittleEndian>::parse(&*bytes).map_err(|e| cut(e, &bytes))?;
         let segments = segments(&elf, &bytes)?;
-        let reset_vector = vectors(&segments)?;
+        vectors(&segments)?;
         let (functions, names) = symbols(&elf);
         Ok(Self {
             segments,
-            reset_vector,
             functions,
             names,
             lines: OnceLock::new(),
@@ -155,11 +153,6 @@ impl Image {
                 bytes.copy_from_slice(&segment.data);
             }
         }
-    }
-
-    /// Where the program begins (with the Thumb bit).
-    pub fn reset_vector(&self) -> u32 {
-        self.reset_vector
     }
 
     /// The address of a function or variable by its name, as it is in the file or in the source.
@@ -311,7 +304,7 @@ fn segments(elf: &ElfFile32<'_, LittleEndian>, bytes: &[u8]) -> Result<Vec<Segme
 }
 
 /// The program's beginning, checked as the stack pointer is.
-fn vectors(segments: &[Segment]) -> Result<u32, Wrong> {
+fn vectors(segments: &[Segment]) -> Result<(), Wrong> {
     let first = segments
         .iter()
         .find(|s| s.address == FLASH.start)
@@ -339,7 +332,7 @@ fn vectors(segments: &[Segment]) -> Result<u32, Wrong> {
             "an odd address (Thumb) within the image",
         ));
     }
-    Ok(reset)
+    Ok(())
 }
 
 type Names = HashMap<String, (u32, u32)>;

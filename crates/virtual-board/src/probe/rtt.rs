@@ -3,24 +3,15 @@
 //! After SEGGER UM08001, "Real Time Transfer". The control block begins with `SEGGER RTT`, then the
 //! numbers of up and down channels, then the channels of six words each: name, buffer, size, write
 //! offset (the target's), read offset (the host's), flags. What the target does when the ring is full
-//! is its own matter, by the flags, which a host may set ([`Rtt::set_mode`]) and may forget to set back.
+//! is its own matter, by the flags, which a host may set ([`Rtt::set_blocking`]) and may forget to set back.
 
 /// First bytes of the control block.
 const IDENTITY: &[u8; 16] = b"SEGGER RTT\0\0\0\0\0\0";
 /// Offset of the first up channel, and the length of a channel.
 const CHANNEL: usize = 24;
 const CHANNEL_LENGTH: usize = 24;
-
-/// What the target does when the ring is full.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mode {
-    /// Drops what does not fit as a whole.
-    Skip,
-    /// Writes what fits.
-    Trim,
-    /// Waits for the host.
-    Block,
-}
+/// Flags: the target waits for the host.
+const BLOCKING: u8 = 2;
 
 /// The host's side of up channel 0.
 #[derive(Clone, Debug)]
@@ -88,11 +79,11 @@ impl Rtt {
         }
     }
 
-    /// Sets the mode, as a host does that begins to read (usually to [`Mode::Block`]) or that leaves.
-    pub fn set_mode(&mut self, memory: &mut [u8], mode: Mode) {
+    /// Has the target wait for the host when the ring is full, as a host does that begins to read.
+    pub fn set_blocking(&mut self, memory: &mut [u8]) {
         if let Some(channel) = self.channel(memory) {
             let at = channel.fields + 20;
-            memory[at] = memory[at] & !3 | mode as u8;
+            memory[at] = memory[at] & !3 | BLOCKING;
         }
     }
 
@@ -225,7 +216,7 @@ mod tests {
         let mut target = Target::new();
         let mut rtt = Rtt::new(BASE, None);
         let mut out = Vec::new();
-        rtt.set_mode(&mut target.memory, Mode::Block);
+        rtt.set_blocking(&mut target.memory);
         assert_eq!(word(&target.memory, BLOCK + 44), Some(2));
         rtt.set_reading(false);
         assert_eq!(target.write(&[7; 20]), SIZE - 1);

@@ -15,10 +15,8 @@ pub struct Statistics {
     pub arbitrations_lost: u64,
     /// Errors by kind, in the order of [`ErrorKind::ALL`].
     pub errors: [u64; 6],
-    /// Error flags sent, active ones and passive ones.
-    pub active_flags: u64,
-    /// Passive error flags.
-    pub passive_flags: u64,
+    /// Error frames begun.
+    pub error_frames: u64,
     /// Overload flags sent.
     pub overloads: u64,
     /// How often it went off the bus.
@@ -26,11 +24,6 @@ pub struct Statistics {
 }
 
 impl Statistics {
-    /// Error frames begun.
-    pub fn error_frames(&self) -> u64 {
-        self.active_flags + self.passive_flags
-    }
-
     /// Errors of a kind.
     pub fn errors_of(&self, kind: ErrorKind) -> u64 {
         self.errors[kind as usize]

@@ -136,7 +136,7 @@ fn a_frame_takes_its_bits_and_arrives_at_all() {
             assert!((before - BIT as i64).abs() < 300_000, "{before}");
         }
         assert_eq!(bench.wire.statistics(0).sent, 1);
-        assert_eq!(bench.wire.statistics(0).error_frames(), 0);
+        assert_eq!(bench.wire.statistics(0).error_frames, 0);
     }
 }
 
@@ -237,7 +237,7 @@ fn a_corrupted_frame_is_sent_again_within_the_recovery_time() {
         assert_eq!(bench.received(node).len(), 1);
         let statistics = bench.wire.statistics(node);
         assert_eq!(statistics.errors_of(ErrorKind::Stuff), 1);
-        assert_eq!(statistics.active_flags, 1);
+        assert_eq!(statistics.error_frames, 1);
     }
 }
 
@@ -262,7 +262,7 @@ fn a_receiver_that_alone_sees_an_error_counts_nine() {
         [(What::Error(ErrorKind::Stuff), 1), (What::Counted, 9)]
     );
     assert_eq!(bench.wire.statistics(0).sent, 1);
-    assert_eq!(bench.wire.statistics(0).error_frames(), 1);
+    assert_eq!(bench.wire.statistics(0).error_frames, 1);
 }
 
 #[test]
@@ -283,7 +283,7 @@ fn equal_identifiers_with_other_data_are_an_error() {
     bench.run(micros(1000));
     for node in [0, 1] {
         let statistics = bench.wire.statistics(node);
-        assert_eq!((statistics.sent, statistics.error_frames()), (1, 0));
+        assert_eq!((statistics.sent, statistics.error_frames), (1, 0));
     }
     assert_eq!(bench.received(2).len(), 1);
 }
@@ -326,22 +326,6 @@ fn a_bus_held_dominant_takes_the_sender_off_and_it_comes_back() {
     let back = bench.events(0, |w| *w == What::Recovered);
     let bits = back[0].at.micros() - 2120;
     assert!((1407..1440).contains(&bits), "{bits}");
-}
-
-#[test]
-fn an_open_bus_takes_the_sender_off() {
-    let mut bench = Bench::equal(2);
-    let open = Fault::Level(Some(Level::Recessive));
-    bench.wire.inject(micros(50), open);
-    bench.nodes[0].send(micros(100), standard(0x123, &[1]));
-    bench.run(micros(1500));
-    let statistics = bench.wire.statistics(0);
-    assert_eq!(statistics.bus_offs, 1);
-    assert_eq!(
-        statistics.errors_of(ErrorKind::BitDominant),
-        statistics.errors.iter().sum::<u64>()
-    );
-    assert_eq!(bench.wire.statistics(1).errors, [0; 6]);
 }
 
 #[test]
@@ -407,7 +391,7 @@ fn another_bit_rate_spoils_the_bus_until_that_node_is_passive() {
     }
     bench.run(micros(40_000));
     let [sender, _, other] = [0, 1, 2].map(|k| bench.wire.statistics(k));
-    assert!(sender.error_frames() > 3, "{sender:?}");
+    assert!(sender.error_frames > 3, "{sender:?}");
     assert!(other.errors.iter().sum::<u64>() > 10, "{other:?}");
     assert_eq!(other.received, 0);
 }
@@ -429,7 +413,7 @@ fn clocks_may_differ_as_far_as_the_specification_says() {
         }
         bench.run(micros(125_000));
         (0..3)
-            .map(|k| bench.wire.statistics(k).error_frames())
+            .map(|k| bench.wire.statistics(k).error_frames)
             .sum::<u64>()
     };
     // Second segments of more than a quantum more than is used, as edges are seen to a quantum.
@@ -450,9 +434,7 @@ fn noise_costs_time_and_never_gives_wrong_frames() {
     }
     bench.run(micros(60_000));
     assert_eq!(bench.wire.statistics(0).sent, 100);
-    let errors: u64 = (0..3)
-        .map(|k| bench.wire.statistics(k).error_frames())
-        .sum();
+    let errors: u64 = (0..3).map(|k| bench.wire.statistics(k).error_frames).sum();
     // 60 000 bits at three nodes, 36 read wrongly, on the idle bus too; each is seen by three at most.
     assert!((18..160).contains(&errors), "{errors}");
     for node in [1, 2] {
@@ -481,7 +463,7 @@ fn a_dominant_bit_in_the_intermission_is_an_overload_and_no_error() {
     for node in [0, 1] {
         let statistics = bench.wire.statistics(node);
         assert_eq!(statistics.overloads, 1);
-        assert_eq!(statistics.error_frames(), 0);
+        assert_eq!(statistics.error_frames, 0);
     }
     let records = bench.wire.take_records();
     let bits = (records[1].start - records[0].end).0 / BIT;

@@ -198,7 +198,7 @@ pub fn of(
             overrun,
             lost: can.given_up.saturating_sub(watch.boot_lost),
             arbitrations_lost: can.arbitrations_lost,
-            error_frames: can.error_frames(),
+            error_frames: can.error_frames,
         },
     }
 }

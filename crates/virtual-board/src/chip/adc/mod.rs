@@ -11,9 +11,10 @@
 //! - A datum that comes when the one before was not fetched is the one that is lost.
 //! - A program that clears EOC itself has fetched the datum.
 //!
-//! Not modelled: ADC2 and ADC3, dual and triple modes, discontinuous modes, an injected group that follows by
-//! itself, resolutions below 12 bits, results aligned to the left, the analogue watchdog, channels inside the
-//! chip; switching one on is a finding. The capacitor that samples takes no charge from the pin.
+//! Not modelled: ADC2 and ADC3, dual and triple modes, continuous and discontinuous modes, an injected
+//! group that follows by itself, offsets (JOFRx), resolutions below 12 bits, results aligned to the left,
+//! the analogue watchdog, triggers but TRGO of TIM1 to TIM5, channels inside the chip; switching one on is a
+//! finding. The capacitor that samples takes no charge from the pin.
 
 mod registers;
 #[cfg(test)]
@@ -21,11 +22,12 @@ mod tests;
 mod write;
 
 use super::Peripheral;
-use super::effect::{Effect, Request, Trigger};
+use super::effect::{Effect, Request};
 use super::interrupt::Interrupt;
 use super::map::Unit;
 use super::register::{Register, merge};
 use super::shared::Shared;
+use super::{timer, transfer};
 use crate::finding::Kind;
 use crate::noise::Noise;
 use crate::time::{Cycles, NEVER, Time};
@@ -238,17 +240,17 @@ impl Adc {
         &mut self.places[usize::from(injected)]
     }
 
-    /// A trigger rises or falls.
-    pub fn trigger(&mut self, trigger: Trigger, rises: bool, shared: &mut Shared) {
+    /// TRGO of a timer rises or falls.
+    pub fn trigger(&mut self, timer: timer::Kind, rises: bool, shared: &mut Shared) {
         let cr2 = self.cr2();
         if cr2 & ADON == 0 || self.gated.is_some() {
             return;
         }
         let edge = if rises { 1 } else { 2 };
-        if cr2 >> 20 & edge != 0 && INJECTED[(cr2 >> 16 & 15) as usize] == Some(trigger) {
+        if cr2 >> 20 & edge != 0 && injected_trigger(cr2 >> 16) == Some(timer) {
             self.start(true, shared);
         }
-        if cr2 >> 28 & edge != 0 && REGULAR[(cr2 >> 24 & 15) as usize] == Some(trigger) {
+        if cr2 >> 28 & edge != 0 && regular_trigger(cr2 >> 24) == Some(timer) {
             self.start(false, shared);
         }
     }
@@ -337,8 +339,8 @@ impl Adc {
                 0.0
             }
         };
-        let errors = shared.variation.converter;
-        errors.count(volts / shared.volts, &mut self.noise)
+        let noise = shared.variation.converter_noise;
+        transfer::count(volts / shared.volts, noise, &mut self.noise)
     }
 
     /// Whether an overrun of the regular group is noticed.
@@ -369,14 +371,10 @@ impl Adc {
 
     /// A place was converted; whether the sequence ends with it.
     fn advance(&mut self, injected: bool) -> bool {
-        let continuous = !injected && self.cr2() & CONT != 0;
         let length = self.length(injected);
         let place = self.place(injected);
         let next = place.unwrap_or(0) + 1;
-        *place = match next < length {
-            true => Some(next),
-            false => continuous.then_some(0),
-        };
+        *place = (next < length).then_some(next);
         next >= length
     }
 
@@ -395,8 +393,7 @@ impl Adc {
     fn injected_done(&mut self, count: u32) {
         self.counts.injected += 1;
         let place = self.place(true).unwrap_or(0);
-        let offset = self.reg(JOFR1 + 4 * (place & 3));
-        self.injected_data[place as usize & 3] = count.wrapping_sub(offset) & 0xffff;
+        self.injected_data[place as usize & 3] = count;
         if self.advance(true) {
             self.sr |= JEOC;
         }
@@ -448,6 +445,9 @@ impl Peripheral for Adc {
             }
             CR1 => self.write_cr1(value, shared),
             CR2 => self.write_cr2(value, shared),
+            JOFR1..=JOFR4 if value != 0 => {
+                shared.note(Kind::NotModelled, "ADC1: offsets of injected results");
+            }
             SMPR1 | SMPR2 => self.write_sampling(offset, value, shared),
             SQR1..=SQR3 => {
                 self.plain[place] = value;

@@ -1,8 +1,8 @@
 //! Registers of the converter and their bits (RM0090, chapter 13).
 
-use super::super::effect::Trigger;
 use super::super::pin::Pin;
 use super::super::register::{Register, narrow, word};
+use super::super::timer::Kind;
 
 // Places.
 pub(super) const SR: u32 = 0x00;
@@ -11,6 +11,7 @@ pub(super) const CR2: u32 = 0x08;
 pub(super) const SMPR1: u32 = 0x0c;
 pub(super) const SMPR2: u32 = 0x10;
 pub(super) const JOFR1: u32 = 0x14;
+pub(super) const JOFR4: u32 = 0x20;
 pub(super) const HTR: u32 = 0x24;
 pub(super) const LTR: u32 = 0x28;
 pub(super) const SQR1: u32 = 0x2c;
@@ -30,7 +31,7 @@ pub(super) const COUNT: usize = JSQR as usize / 4 + 1;
 pub(super) const REGISTERS: &[Register] = &[
     word(SR, "SR", 0x3f), word(CR1, "CR1", 0x07c0_ffff), word(CR2, "CR2", 0x7f7f_0f03), word(SMPR1, "SMPR1", 0x07ff_ffff),
     word(SMPR2, "SMPR2", 0x3fff_ffff), word(JOFR1, "JOFR1", 0xfff), word(0x18, "JOFR2", 0xfff), word(0x1c, "JOFR3", 0xfff),
-    word(0x20, "JOFR4", 0xfff), word(HTR, "HTR", 0xfff), word(LTR, "LTR", 0xfff), word(SQR1, "SQR1", 0x00ff_ffff),
+    word(JOFR4, "JOFR4", 0xfff), word(HTR, "HTR", 0xfff), word(LTR, "LTR", 0xfff), word(SQR1, "SQR1", 0x00ff_ffff),
     word(SQR2, "SQR2", 0x3fff_ffff), word(SQR3, "SQR3", 0x3fff_ffff), word(JSQR, "JSQR", 0x003f_ffff),
     narrow(JDR1, "JDR1", 0xffff), narrow(0x40, "JDR2", 0xffff), narrow(0x44, "JDR3", 0xffff), narrow(JDR4, "JDR4", 0xffff),
     narrow(DR, "DR", 0xffff), word(CSR, "CSR", 0x003f_3f3f), word(CCR, "CCR", 0x00c3_ef1f), word(CDR, "CDR", !0),
@@ -50,7 +51,9 @@ pub(super) const UNKNOWN_CR1: u32 = 0x03c0_1c00;
 bits! { pub(super):
     ADON 0, CONT 1, DMA 8, DDS 9, EOCS 10, ALIGN 11
 }
+pub(super) const JEXTEN: u32 = 3 << 20;
 pub(super) const JSWSTART: u32 = 1 << 22;
+pub(super) const EXTEN: u32 = 3 << 28;
 pub(super) const SWSTART: u32 = 1 << 30;
 /// Of CCR: MULTI, the DMA mode of several converters, VBATE, TSVREFE.
 pub(super) const UNKNOWN_COMMON: u32 = 0x00c0_c01f;
@@ -58,21 +61,25 @@ pub(super) const UNKNOWN_COMMON: u32 = 0x00c0_c01f;
 /// Clocks of sampling, by SMPx.
 pub(super) const SAMPLING: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
 
-#[rustfmt::skip]
-pub(super) const REGULAR: [Option<Trigger>; 16] = [
-    Some(Trigger::Tim1Cc1), Some(Trigger::Tim1Cc2), Some(Trigger::Tim1Cc3), Some(Trigger::Tim2Cc2),
-    Some(Trigger::Tim2Cc3), Some(Trigger::Tim2Cc4), Some(Trigger::Tim2Trgo), Some(Trigger::Tim3Cc1),
-    Some(Trigger::Tim3Trgo), Some(Trigger::Tim4Cc4), Some(Trigger::Tim5Cc1), Some(Trigger::Tim5Cc2),
-    Some(Trigger::Tim5Cc3), None, None, Some(Trigger::Exti11),
-];
+/// The timer whose TRGO starts the regular group, by EXTSEL; others are not modelled.
+pub(super) fn regular_trigger(select: u32) -> Option<Kind> {
+    match select & 15 {
+        6 => Some(Kind::Tim2),
+        8 => Some(Kind::Tim3),
+        _ => None,
+    }
+}
 
-#[rustfmt::skip]
-pub(super) const INJECTED: [Option<Trigger>; 16] = [
-    Some(Trigger::Tim1Cc4), Some(Trigger::Tim1Trgo), Some(Trigger::Tim2Cc1), Some(Trigger::Tim2Trgo),
-    Some(Trigger::Tim3Cc2), Some(Trigger::Tim3Cc4), Some(Trigger::Tim4Cc1), Some(Trigger::Tim4Cc2),
-    Some(Trigger::Tim4Cc3), Some(Trigger::Tim4Trgo), Some(Trigger::Tim5Cc4), Some(Trigger::Tim5Trgo),
-    None, None, None, Some(Trigger::Exti15),
-];
+/// The same of the injected group, by JEXTSEL.
+pub(super) fn injected_trigger(select: u32) -> Option<Kind> {
+    match select & 15 {
+        1 => Some(Kind::Tim1),
+        3 => Some(Kind::Tim2),
+        9 => Some(Kind::Tim4),
+        11 => Some(Kind::Tim5),
+        _ => None,
+    }
+}
 
 /// The pin of a channel; those from 16 on are inside the chip.
 pub(super) fn pin(channel: u32) -> Option<Pin> {

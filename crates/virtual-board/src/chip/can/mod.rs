@@ -3,8 +3,9 @@
 //! The protocol itself is run by [`crate::wire`]; what the program asks for goes there as actions,
 //! what happens on the bus comes back as events at their times.
 //!
-//! Not modelled: silent and loopback modes, sending once (NART) or in the order of requests (TXFP), waking by
-//! the bus, of which switching one on is a finding; the bits RXM, SAMP and RX of MSR, which read as on an idle bus; the freeze while a
+//! Not modelled: silent and loopback modes, sending once (NART) or in the order of requests (TXFP), FIFOs that
+//! keep what they have (RFLM), waking by the bus, filters that are not masks of 32 bits, of which switching one
+//! on is a finding; the bits RXM, SAMP and RX of MSR, which read as on an idle bus; the freeze while a
 //! debugger halts the core (DBF with its bit of DBGMCU); a clock that is switched off while the
 //! controller takes part, which goes on then. The time stamps are always 0, as the time-triggered mode
 //! does not work on this chip.
@@ -137,8 +138,8 @@ impl Can {
             let text = "CAN1: time-triggered mode, which errata sheet ES0182 forbids on this chip";
             shared.note(Kind::Forbidden, text);
         }
-        if changed & value & (TXFP | NART | AWUM) != 0 {
-            shared.note(Kind::NotModelled, "CAN1: TXFP, NART, AWUM");
+        if changed & value & (TXFP | RFLM | NART | AWUM) != 0 {
+            shared.note(Kind::NotModelled, "CAN1: TXFP, RFLM, NART, AWUM");
         }
         let target = self.wanted();
         if target != self.target {
@@ -420,8 +421,7 @@ impl Can {
             data as u32,
             (data >> 32) as u32,
         ];
-        let locked = self.mcr & RFLM != 0;
-        if self.fifos[found.fifo].push(message, locked) {
+        if self.fifos[found.fifo].push(message) {
             self.lost += 1;
             let text = format!("CAN1: FIFO {} overrun", found.fifo);
             shared.note(Kind::Lost, text);
@@ -487,6 +487,10 @@ impl Peripheral for Can {
             _ => {
                 let old = self.read(offset, shared);
                 self.write_filter(offset, merge(old, value, mask), shared);
+                if self.filters.are_unknown() {
+                    let text = "CAN1: filters that are lists or have 16 bits";
+                    shared.note(Kind::NotModelled, text);
+                }
             }
         }
         self.lines(shared);

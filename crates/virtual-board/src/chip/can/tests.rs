@@ -365,6 +365,13 @@ fn a_fourth_frame_overruns_and_is_found() {
     assert!(!board.shared.is_high(Interrupt::Can1Rx0));
     board.write(&[(IER, FOVIE[0])]);
     assert!(board.shared.is_high(Interrupt::Can1Rx0));
+    // The fourth took the place of the third.
+    for id in [0, 1, 3] {
+        assert_eq!(board.read(OUTPUTS), id << 21);
+        board.write(&[(RF0R, RFOM)]);
+        board.run(board.shared.now + 8);
+    }
+    assert_eq!(board.read(RF0R), FOVR);
 }
 
 #[test]
@@ -418,7 +425,7 @@ fn a_reset_in_the_middle_of_a_frame_cuts_it() {
     assert_eq!(board.read(MSR) & 3, SLAK);
     assert_eq!(board.read(TSR), 0x1c00_0000);
     let other = bench.wire.statistics(1);
-    assert_eq!((other.received, other.error_frames()), (0, 1));
+    assert_eq!((other.received, other.error_frames), (0, 1));
 }
 
 #[test]
@@ -431,9 +438,13 @@ fn what_is_not_modelled_is_found() {
         (IER, WKUIE),
         (MCR, NART),
         (MCR, AWUM),
+        (MCR, RFLM),
+        (FMR, 0x2a1c_0e01),
+        (0x20c, 0),
+        (FMR, 0x2a1c_0e00),
     ] {
         board.write(&[(MCR, INRQ | ABOM), (offset, value)]);
     }
-    // One each for BTR, IER and MCR.
-    assert_eq!(board.found(Kind::NotModelled), 3);
+    // One each for BTR, IER, MCR and the filters.
+    assert_eq!(board.found(Kind::NotModelled), 4);
 }

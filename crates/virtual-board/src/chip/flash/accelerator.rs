@@ -315,15 +315,4 @@ mod tests {
         art.set(5 | 1 << 9);
         assert_eq!(run(&mut art, std::iter::once(3), 1), [5]);
     }
-
-    #[test]
-    fn cached_data_stay_until_the_cache_is_reset() {
-        let mut art = set(5 | 1 << 10);
-        let mut cycle = 0;
-        assert_eq!(art.load(9, &[1; 16], &mut cycle)[0], 1);
-        assert_eq!((art.load(9, &[2; 16], &mut cycle)[0], cycle), (1, 5));
-        art.set(5 | 1 << 12);
-        art.set(5 | 1 << 10);
-        assert_eq!((art.load(9, &[2; 16], &mut cycle)[0], cycle), (2, 10));
-    }
 }

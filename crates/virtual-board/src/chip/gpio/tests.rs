@@ -103,25 +103,6 @@ fn a_pin_that_is_let_go_is_found_when_it_is_read() {
 }
 
 #[test]
-fn a_locked_pin_keeps_its_settings_and_its_neighbours_do_not() {
-    let (mut gpio, mut shared) = (Gpio::default(), shared());
-    let lckr = PORT_B + 0x1c;
-    for value in [LCKK | 1 << 13, LCKK | 1 << 13] {
-        gpio.write(lckr, value, !0, &mut shared);
-    }
-    assert_eq!(gpio.read(lckr, &mut shared) & LCKK, 0, "not the sequence");
-    for value in [1 << 13, LCKK | 1 << 13] {
-        gpio.write(lckr, value, !0, &mut shared);
-    }
-    assert_ne!(gpio.read(lckr, &mut shared) & LCKK, 0);
-    gpio.write(PORT_B, 0x280 | 5 << 26, !0, &mut shared);
-    assert_eq!(gpio.read(PORT_B, &mut shared), 0x280 | 4 << 26);
-    gpio.write(PORT_B + 0x24, 0x0990_0000, !0, &mut shared);
-    assert_eq!(gpio.read(PORT_B + 0x24, &mut shared), 0x0900_0000);
-    assert_eq!(shared.findings.list().len(), 1);
-}
-
-#[test]
 fn a_peripheral_hears_the_level_of_the_pin_that_it_is_given() {
     let (mut gpio, mut shared) = (Gpio::default(), shared());
     gpio.begin(&Gpio::default(), &mut shared);

@@ -7,10 +7,10 @@
 //! it: the manual does not say at which frequency the PLL goes on. Then everything that the core's
 //! clock drives stands still, outputs stay as they are, and only the watchdog goes on.
 //!
-//! Not modelled: clock outputs MCO, PLLI2S, the low-speed crystal, spread spectrum, trimming of the
-//! internal oscillator; switching one of them on is a finding. Enables for sleep are kept and do
-//! nothing. A peripheral can be used in the cycle after its clock was switched on, where the chip needs
-//! two (errata sheet, 2.1.13).
+//! Not modelled: clock outputs MCO, PLLI2S, a clock instead of the crystal (HSEBYP), the low-speed
+//! crystal, spread spectrum, trimming of the internal oscillator; switching one of them on is a finding.
+//! Enables for sleep are kept and do nothing. A peripheral can be used in the cycle after its clock was
+//! switched on, where the chip needs two (errata sheet, 2.1.13).
 
 mod tree;
 
@@ -31,8 +31,6 @@ const STALLED_HZ: u64 = 1_000;
 const INTERNAL_START: Time = Time::from_nanos(2_200);
 const SLOW_START: Time = Time::from_micros(15);
 const PLL_LOCK: Time = Time::from_micros(100);
-/// An external clock needs no start but some cycles.
-const EXTERNAL_START: Time = Time::from_micros(1);
 /// How long the chip stays in reset after the supply is good, and after other resets.
 const POWER_DELAY: Time = Time::from_micros(1_500);
 const RESET_PULSE: Time = Time::from_micros(20);
@@ -269,13 +267,9 @@ impl Rcc {
     }
 
     fn start(&mut self, which: usize, shared: &mut Shared) {
-        let external = self.reg(0) & HSEBYP != 0;
         let after = match which {
             INTERNAL => INTERNAL_START,
             CRYSTAL if self.crystal_dead => return,
-            // A crystal does not swing while its driver is bypassed.
-            CRYSTAL if external && !shared.variation.external_clock => return,
-            CRYSTAL if shared.variation.external_clock => EXTERNAL_START,
             CRYSTAL => shared.variation.crystal_start,
             PLL => PLL_LOCK,
             _ => SLOW_START,
@@ -334,12 +328,12 @@ impl Rcc {
                 self.oscillators[which] = Oscillator::default();
             }
         }
-        if (value ^ old) & HSEBYP != 0 && old & HSEON != 0 {
-            shared.note(Kind::Forbidden, "RCC_CR: HSEBYP changed while HSEON is set");
-            value = merge(value, old, HSEBYP);
-        }
         for (changed, text) in [
             (value & !old & PLLI2SON != 0, "PLLI2S"),
+            (
+                value & !old & HSEBYP != 0,
+                "a clock instead of the crystal (HSEBYP)",
+            ),
             (
                 (value ^ old) & TRIM != 0,
                 "trimming of the internal oscillator",

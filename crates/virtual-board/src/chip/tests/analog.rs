@@ -21,8 +21,10 @@ const CYCLE_PS: u64 = 62_500;
 impl Bench {
     /// A chip whose converter has no noise, long after power came on.
     fn precise() -> Self {
-        let mut part = ChipVariation::default();
-        part.converter.noise = 0.0;
+        let part = ChipVariation {
+            converter_noise: 0.0,
+            ..ChipVariation::default()
+        };
         let mut bench = Self::new(&[]);
         bench.chip.set_variation(part);
         bench.run_to(100_000);
@@ -34,11 +36,6 @@ impl Bench {
         let change = |&(at, pin, drive)| (Time(at * CYCLE_PS), Change::Pin(pin, drive));
         self.world().due.extend(script.iter().map(change));
         self.chip.refresh();
-    }
-
-    fn run_to(&mut self, until: Cycles) {
-        self.chip.advance(until, until);
-        self.cycle = until;
     }
 
     /// Each access at the cycle after the one before, whatever it takes.

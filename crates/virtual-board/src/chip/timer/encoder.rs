@@ -1,4 +1,4 @@
-//! Levels of the inputs, and how an encoder's count (RM0090, 18.3.12).
+//! Levels of the inputs, and how an encoder's count (RM0090, 18.3.12): the edges of both.
 
 use super::Timer;
 use super::counter::Turn;
@@ -8,10 +8,9 @@ use crate::chip::pin::Signal;
 use crate::chip::shared::Shared;
 
 impl Timer {
-    /// SMS, if it is a mode of an encoder.
-    pub(super) fn encoder(&self) -> Option<u32> {
-        let mode = self.reg(SMCR) & 7;
-        (1..=3).contains(&mode).then_some(mode)
+    /// Whether an encoder is counted.
+    pub(super) fn is_encoder(&self) -> bool {
+        self.reg(SMCR) & 7 == ENCODER
     }
 
     /// An input has another level.
@@ -29,7 +28,7 @@ impl Timer {
         let Some(which) = channels.iter().position(|&channel| channel == signal) else {
             return;
         };
-        if self.encoder().is_none() || which > 1 {
+        if !self.is_encoder() || which > 1 {
             return self.inputs[which].follow(level);
         }
         let bits = match self.is_output(which) {
@@ -46,18 +45,12 @@ impl Timer {
 
     /// An encoder's input has another level behind its filter.
     pub(super) fn encoder_edge(&mut self, which: usize, shared: &mut Shared) {
-        let Some(mode) = self.encoder() else {
-            return;
-        };
-        if self.reg(CR1) & CEN == 0 || self.frozen || self.gated {
+        if !self.is_encoder() || self.reg(CR1) & CEN == 0 || self.frozen || self.gated {
             return;
         }
         let ccer = self.reg(CCER);
         let levels = [0, 1].map(|k| self.inputs[k].level != (ccer >> (4 * k + 1) & 1 != 0));
-        let by = input::counts(mode, which, levels[which], levels[1 - which]);
-        if by == 0 {
-            return;
-        }
+        let by = input::counts(which, levels[which], levels[1 - which]);
         let (now, reload) = (shared.now, self.counter.reload);
         let count = self.counter.value(now);
         self.counter.up = by > 0;

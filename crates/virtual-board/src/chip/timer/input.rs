@@ -98,18 +98,9 @@ impl Input {
     }
 }
 
-/// What an edge of an encoder counts, by the mode (1: edges of TI2, 2: of TI1, 3: of both), which input
-/// changed (0 or 1), its new level and that of the other (RM0090, table of counting direction versus
-/// encoder signals).
-pub(super) fn counts(mode: u32, which: usize, level: bool, other: bool) -> i32 {
-    let counted = match mode {
-        1 => which == 1,
-        2 => which == 0,
-        _ => true,
-    };
-    if !counted {
-        return 0;
-    }
+/// What an edge of an encoder counts, by which input changed (0 or 1), its new level and that of the other
+/// (RM0090, table of counting direction versus encoder signals).
+pub(super) fn counts(which: usize, level: bool, other: bool) -> i32 {
     // TI1 rises while TI2 is low: up.
     let up = (level != other) == (which == 0);
     if up { 1 } else { -1 }
@@ -170,10 +161,9 @@ mod tests {
             let mut counted = 0;
             for (which, level) in sequence {
                 levels[which] = level;
-                counted += counts(3, which, level, levels[1 - which]);
+                counted += counts(which, level, levels[1 - which]);
             }
             assert_eq!(counted, sum);
         }
-        assert_eq!(counts(1, 0, true, false), 0);
     }
 }

@@ -9,14 +9,11 @@
 //! - The counter starts at the second edge of its clock after CEN is set (the manual: CNT_EN is set one
 //!   clock after CEN).
 //! - A counter above its reload value goes on to its full width and begins at 0, without an event.
-//! - The trigger TIMx_CCn of the converters is the rising edge of the channel's output as it leaves the
-//!   timer, so that it needs CCxE, and MOE on TIM1; TRGO from OCxREF needs neither.
+//! - TRGO from OCxREF needs neither CCxE nor MOE.
 //! - MOE and the break input act at once; resynchronisation, one or two clocks, is left out.
-//! - The level of OCxREF after a change from a forced mode to pulses follows the counter from the next
-//!   change of the comparison on (the manual's note on OCxM).
 //!
-//! Not modelled: complementary outputs with their dead time, one-pulse mode, AOE, LOCK, input capture, slave
-//! modes other than encoders, DMA requests, OCxCE, CCPC, TI1S, the remapping of OR, a prescaler before an
+//! Not modelled: output modes but frozen and PWM, complementary outputs with their dead time, one-pulse mode, AOE, LOCK, input capture, slave
+//! modes other than encoders of which all edges count, DMA requests, OCxCE, CCPC, TI1S, the remapping of OR, a prescaler before an
 //! encoder; switching one on is a finding.
 
 mod counter;
@@ -206,7 +203,7 @@ impl Timer {
     /// their output stands still.
     fn idle(&self) -> u32 {
         let up = self.reg(SR) >> 1 & !self.needs.channels;
-        let still = |k: &usize| !self.channels[*k].mode.follows_counter();
+        let still = |k: &usize| self.channels[*k].mode == Mode::Frozen;
         (0..4).filter(still).fold(0, |idle, k| idle | up & 1 << k)
     }
 
@@ -226,12 +223,7 @@ impl Timer {
         if !self.is_output(k) {
             return;
         }
-        let Channel {
-            compare,
-            mode,
-            reference,
-            ..
-        } = self.channels[k];
+        let compare = self.channels[k].compare;
         // Both directions meet at the ends of a centre-aligned count.
         let end = compare == 0 || compare == self.counter.reload;
         let wanted = match self.reg(CR1) & CMS {
@@ -239,10 +231,9 @@ impl Timer {
             0x40 => end || self.counter.up,
             _ => true,
         };
-        if wanted || self.encoder().is_some() {
+        if wanted || self.is_encoder() {
             self.compare_flag(k, shared);
         }
-        self.refer(k, mode.after_match(reference), shared);
         self.compare(k, compare, shared);
     }
 
@@ -265,7 +256,7 @@ impl Timer {
 
     /// An edge of TRGO.
     fn trgo(&self, rises: bool, shared: &mut Shared) {
-        shared.effect(Effect::Trigger(self.kind.trgo(), rises));
+        shared.effect(Effect::Trigger(self.kind, rises));
     }
 
     /// Compares for pulses with the counter at `count`.
@@ -274,7 +265,7 @@ impl Timer {
         let inside = output::is_inside(count, channel.compare, self.counter.up);
         if inside != channel.inside {
             channel.inside = inside;
-            if let Some(reference) = channel.mode.pulse(inside) {
+            if let Some(reference) = channel.mode.reference(inside) {
                 self.refer(k, reference, shared);
             }
         }
@@ -319,12 +310,6 @@ impl Timer {
         }
         let signal = Signal::CHANNELS[self.kind as usize][k];
         shared.effect(Effect::Output(signal, drive));
-        let [was, is] = [before, drive].map(|drive| drive == Drive::High);
-        if was != is
-            && let Some(trigger) = self.kind.compare(k)
-        {
-            shared.effect(Effect::Trigger(trigger, is));
-        }
     }
 
     fn drive_all(&mut self, shared: &mut Shared) {
@@ -429,7 +414,7 @@ impl Timer {
             let flag = dier >> (k + 1) & 1 != 0 || k == 0 && master == 3;
             let reference =
                 self.enables(k) & 1 != 0 && self.main_enabled() || master == 4 + k as u32;
-            let follows = self.channels[k].mode.follows_counter();
+            let follows = self.channels[k].mode != Mode::Frozen;
             channels |= u32::from(flag || reference && follows) << k;
         }
         self.needs = Needs {
@@ -475,8 +460,7 @@ impl Timer {
     /// Everything that follows from the registers, after one was written.
     fn adjust(&mut self, shared: &mut Shared) {
         let now = shared.now;
-        let runs =
-            self.reg(CR1) & CEN != 0 && self.encoder().is_none() && !self.frozen && !self.gated;
+        let runs = self.reg(CR1) & CEN != 0 && !self.is_encoder() && !self.frozen && !self.gated;
         if runs != self.counter.runs() {
             if runs {
                 self.counter.start(self.counter.edge(now));

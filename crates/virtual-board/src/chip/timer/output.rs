@@ -5,50 +5,27 @@
 pub(super) enum Mode {
     #[default]
     Frozen,
-    SetOnMatch,
-    ClearOnMatch,
-    Toggle,
-    ForceLow,
-    ForceHigh,
     Pulse1,
     Pulse2,
 }
 
 impl Mode {
-    pub fn of(bits: u32) -> Self {
-        [
-            Self::Frozen,
-            Self::SetOnMatch,
-            Self::ClearOnMatch,
-            Self::Toggle,
-            Self::ForceLow,
-            Self::ForceHigh,
-            Self::Pulse1,
-            Self::Pulse2,
-        ][bits as usize & 7]
-    }
-
-    /// Whether the reference signal follows the counter.
-    pub fn follows_counter(self) -> bool {
-        !matches!(self, Self::Frozen | Self::ForceLow | Self::ForceHigh)
-    }
-
-    /// The reference signal after the counter has met the compare value.
-    pub fn after_match(self, before: bool) -> bool {
-        match self {
-            Self::SetOnMatch => true,
-            Self::ClearOnMatch => false,
-            Self::Toggle => !before,
-            _ => before,
+    /// None for those that are not modelled: set, clear or toggle on match, forced levels.
+    pub fn of(bits: u32) -> Option<Self> {
+        match bits & 7 {
+            0 => Some(Self::Frozen),
+            6 => Some(Self::Pulse1),
+            7 => Some(Self::Pulse2),
+            _ => None,
         }
     }
 
-    /// The reference signal of pulses for the result of the comparison, see [`is_inside`].
-    pub fn pulse(self, inside: bool) -> Option<bool> {
+    /// The reference signal for the result of the comparison, see [`is_inside`].
+    pub fn reference(self, inside: bool) -> Option<bool> {
         match self {
+            Self::Frozen => None,
             Self::Pulse1 => Some(inside),
             Self::Pulse2 => Some(!inside),
-            _ => None,
         }
     }
 }
@@ -72,7 +49,7 @@ mod tests {
         let inside = |up: bool| (0..=10).filter(|&c| is_inside(c, 3, up)).count();
         // Up: 0, 1, 2; down: 3, 2, 1 (and 0, which is the same as that of up).
         assert_eq!((inside(true), inside(false)), (3, 4));
-        assert_eq!(Mode::Pulse1.pulse(false), Some(false));
-        assert_eq!(Mode::Pulse2.pulse(false), Some(true));
+        assert_eq!(Mode::Pulse1.reference(false), Some(false));
+        assert_eq!(Mode::Pulse2.reference(false), Some(true));
     }
 }

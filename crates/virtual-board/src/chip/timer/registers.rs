@@ -1,6 +1,6 @@
 //! Registers of the timers and their bits (RM0090, chapters 17 and 18).
 
-use super::super::effect::{Clocks, Trigger};
+use super::super::effect::Clocks;
 use super::super::interrupt::Interrupt;
 use super::super::map::Unit;
 use super::super::register::{Register, narrow};
@@ -40,24 +40,6 @@ impl Kind {
             Self::Tim1 => clocks.timer2,
             _ => clocks.timer1,
         }
-    }
-
-    pub fn trgo(self) -> Trigger {
-        use Trigger::*;
-        [Tim1Trgo, Tim2Trgo, Tim3Trgo, Tim4Trgo, Tim5Trgo][self as usize]
-    }
-
-    /// The trigger that a channel's output is for the converters.
-    pub fn compare(self, channel: usize) -> Option<Trigger> {
-        use Trigger::*;
-        let of = match self {
-            Self::Tim1 => [Some(Tim1Cc1), Some(Tim1Cc2), Some(Tim1Cc3), Some(Tim1Cc4)],
-            Self::Tim2 => [Some(Tim2Cc1), Some(Tim2Cc2), Some(Tim2Cc3), Some(Tim2Cc4)],
-            Self::Tim3 => [Some(Tim3Cc1), Some(Tim3Cc2), None, Some(Tim3Cc4)],
-            Self::Tim4 => [Some(Tim4Cc1), Some(Tim4Cc2), Some(Tim4Cc3), Some(Tim4Cc4)],
-            Self::Tim5 => [Some(Tim5Cc1), Some(Tim5Cc2), Some(Tim5Cc3), Some(Tim5Cc4)],
-        };
-        of[channel & 3]
     }
 
     /// Interrupt lines and the flags of SR that each stands for.
@@ -113,6 +95,8 @@ pub(super) const COUNT: usize = 21;
 bits! { pub(super):
     CEN 0, UDIS 1, URS 2, OPM 3, DIR 4
 }
+/// SMS: the edges of two inputs are counted.
+pub(super) const ENCODER: u32 = 3;
 pub(super) const CMS: u32 = 3 << 5;
 pub(super) const ARPE: u32 = 1 << 7;
 // Bits of CR2.

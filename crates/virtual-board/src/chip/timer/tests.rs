@@ -1,7 +1,6 @@
 //! Times are counted by hand from RM0090: a counter starts at the second edge of its clock after CEN.
 
 use super::*;
-use crate::chip::effect::Trigger;
 use crate::chip::interrupt::Interrupt;
 use crate::chip::map::Unit;
 use crate::chip::pin::Signal;
@@ -102,7 +101,7 @@ fn centred(cms: u32, repetition: u32) -> Bench {
     bench
 }
 
-const TRGO1: Effect = Effect::Trigger(Trigger::Tim1Trgo, true);
+const TRGO1: Effect = Effect::Trigger(Kind::Tim1, true);
 
 #[test]
 fn an_edge_aligned_timer_updates_every_reload_plus_one() {
@@ -110,7 +109,7 @@ fn an_edge_aligned_timer_updates_every_reload_plus_one() {
     bench.write(&[(ARR, 874), (CR2, 2 << 4), (EGR, 1)]);
     bench.seen.clear();
     bench.write(&[(CR1, CEN)]).pass(2701);
-    let trgo = Effect::Trigger(Trigger::Tim2Trgo, true);
+    let trgo = Effect::Trigger(Kind::Tim2, true);
     assert_eq!(bench.times(trgo), [876, 1751, 2626]);
     assert_eq!(bench.read(CNT), 75);
     assert_eq!(bench.read(SR) & UPDATE, UPDATE);
@@ -119,13 +118,13 @@ fn an_edge_aligned_timer_updates_every_reload_plus_one() {
 #[test]
 fn nothing_is_on_the_schedule_that_nobody_waits_for_and_nothing_is_lost() {
     let mut bench = Bench::new(Kind::Tim3);
-    // A channel that toggles, its output off; the clock two cycles, a step six.
+    // A channel with pulses, its output off; the clock two cycles, a step six.
     bench.shared.clocks.timer1 = 2;
     bench.write(&[
         (PSC, 2),
         (ARR, 9),
         (CCR1, 4),
-        (CCMR1, 0x30),
+        (CCMR1, 0x60),
         (EGR, 1),
         (SR, 0),
         (CR1, CEN),
@@ -135,10 +134,10 @@ fn nothing_is_on_the_schedule_that_nobody_waits_for_and_nothing_is_lost() {
     bench.pass(2 + 6 * (10 * 1000 + 7) + 1);
     assert_eq!(bench.read(CNT), 7);
     assert_eq!(bench.read(SR) & 3, UPDATE | 2);
-    assert!(bench.timer.channels[0].reference);
-    bench.pass(2 + 6 * (10 * 1001 + 7));
-    bench.read(CNT);
     assert!(!bench.timer.channels[0].reference);
+    bench.pass(2 + 6 * (10 * 1001 + 2));
+    bench.read(CNT);
+    assert!(bench.timer.channels[0].reference);
 }
 
 #[test]
@@ -281,14 +280,9 @@ fn full_and_empty_pulses_have_no_edges() {
 
 #[test]
 fn outputs_do_what_their_modes_say() {
-    // ARR 9, CCR 4: set, clear, toggle on match; forced; pulses; then polarity.
+    // ARR 9, CCR 4: pulses; then polarity.
     for (mode, ccer, levels, times) in [
-        (1, 1, [High, Low], [5].as_slice()),
-        (2, 1, [High, Low], &[]),
-        (3, 1, [High, Low], &[5, 15, 25]),
-        (4, 1, [High, Low], &[]),
-        (5, 1, [High, Low], &[0]),
-        (6, 1, [High, Low], &[0, 5, 11, 15, 21, 25]),
+        (6, 1, [High, Low], [0, 5, 11, 15, 21, 25].as_slice()),
         (7, 1, [High, Low], &[5, 11, 15, 21, 25]),
         (6, 3, [Low, High], &[0, 5, 11, 15, 21, 25]),
     ] {
@@ -300,15 +294,6 @@ fn outputs_do_what_their_modes_say() {
         bench.write(&[(CCMR1, mode << 4), (CR1, CEN)]).pass(29);
         assert_eq!(bench.drives(Signal::Tim3Ch1), edges, "{mode} {ccer}");
     }
-}
-
-#[test]
-fn after_a_forced_level_pulses_begin_with_the_next_change_of_the_comparison() {
-    let mut bench = Bench::new(Kind::Tim3);
-    bench.write(&[(ARR, 9), (CCR1, 4), (CCMR1, 0x40), (CCER, 1), (CR1, CEN)]);
-    bench.seen.clear();
-    bench.pass(12).write(&[(CCMR1, 0x60)]).pass(24);
-    assert_eq!(bench.drives(Signal::Tim3Ch1), [(21, High)]);
 }
 
 #[test]
@@ -362,24 +347,14 @@ fn the_reference_of_channel_4_is_a_trigger_once_a_period() {
     bench.pass(START + 700);
     // At once, since nothing was loaded yet; then at 90 on the way up, with the outputs off.
     assert_eq!(bench.times(TRGO1), [0, 291, 491, 691]);
-    let falls = Effect::Trigger(Trigger::Tim1Trgo, false);
+    let falls = Effect::Trigger(Kind::Tim1, false);
     assert_eq!(bench.times(falls), [111, 311, 511]);
-}
-
-#[test]
-fn a_channels_output_is_a_trigger_only_while_it_is_enabled() {
-    let mut bench = centred(1, 0);
-    bench.pass(START + 180);
-    let rises = Effect::Trigger(Trigger::Tim1Cc1, true);
-    assert_eq!(bench.times(rises), [171]);
-    bench.write(&[(BDTR, OSSI)]).pass(START + 900);
-    assert_eq!(bench.times(rises), [171]);
 }
 
 #[test]
 fn trigger_outputs_of_software_enable_and_compare() {
     let mut bench = Bench::new(Kind::Tim4);
-    let trgo = Effect::Trigger(Trigger::Tim4Trgo, true);
+    let trgo = Effect::Trigger(Kind::Tim4, true);
     bench.pass(5).write(&[(ARR, 9), (CCR1, 3), (EGR, 1)]);
     assert_eq!(bench.times(trgo), [5]);
     bench.pass(7).write(&[(CR2, 1 << 4), (CR1, CEN)]);
@@ -409,8 +384,14 @@ fn a_halted_or_gated_timer_stands_still() {
 #[test]
 fn a_halted_tim1_has_its_outputs_off() {
     let mut bench = Bench::new(Kind::Tim1);
-    // Channel 1 forced active.
-    bench.write(&[(CCMR1, 0x50), (CCER, 1), (BDTR, MOE | OSSI), (CR1, CEN)]);
+    // Channel 1 always active.
+    bench.write(&[
+        (CCR1, 0xffff),
+        (CCMR1, 0x60),
+        (CCER, 1),
+        (BDTR, MOE | OSSI),
+        (CR1, CEN),
+    ]);
     let drives = |bench: &Bench| bench.timer.channels[0].drive;
     assert_eq!(drives(&bench), Drive::High);
     bench.timer.freeze(true, &mut bench.shared);
@@ -458,17 +439,17 @@ fn an_encoder_counts_filtered_edges_both_ways_and_wraps() {
 }
 
 #[test]
-fn polarity_turns_an_encoder_round_and_modes_count_half() {
+fn polarity_turns_an_encoder_round() {
     use Signal::{Tim4Ch1 as A, Tim4Ch2 as B};
-    for (mode, ccer, count) in [(3, 0, 4), (3, 2, -4), (1, 0, 2), (2, 0, 2)] {
+    for (ccer, count) in [(0, 4), (2, -4)] {
         let mut bench = Bench::new(Kind::Tim4);
-        bench.write(&[(CCMR1, 0x101), (CCER, ccer), (SMCR, mode), (CR1, CEN)]);
+        bench.write(&[(CCMR1, 0x101), (CCER, ccer), (SMCR, ENCODER), (CR1, CEN)]);
         bench.write(&[(CNT, 100)]);
         for (signal, level) in [(A, true), (B, true), (A, false), (B, false)] {
             bench.input(signal, level);
         }
         let expected = 100u32.wrapping_add_signed(count);
-        assert_eq!(bench.read(CNT), expected, "{mode} {ccer}");
+        assert_eq!(bench.read(CNT), expected, "{ccer}");
     }
 }
 
@@ -477,6 +458,8 @@ fn what_is_not_modelled_or_forbidden_is_found() {
     for (kind, writes) in [
         (Finding::NotModelled, vec![(DIER, 1 << 8)]),
         (Finding::NotModelled, vec![(SMCR, 4)]),
+        (Finding::NotModelled, vec![(SMCR, 1)]),
+        (Finding::NotModelled, vec![(CCMR1, 0x30)]),
         (
             Finding::NotModelled,
             vec![(CCMR1, 1), (CCER, 1), (CR1, CEN)],

@@ -79,7 +79,7 @@ impl Timer {
             self.note(finding::Kind::Forbidden, text, shared);
         }
         // In centre-aligned and encoder modes the direction is the counter's own.
-        let own = self.encoder().is_some() || self.counter.centred && centred;
+        let own = self.is_encoder() || self.counter.centred && centred;
         let up = if own {
             self.counter.up
         } else {
@@ -98,7 +98,7 @@ impl Timer {
         if (value ^ old) & CEN == 0 {
             return;
         }
-        if value & CEN != 0 && self.encoder().is_none() {
+        if value & CEN != 0 && !self.is_encoder() {
             // CNT_EN follows CEN by a clock.
             let start = self.counter.edge(now) + self.counter.clock();
             self.counter.stop(now);
@@ -128,10 +128,11 @@ impl Timer {
     fn write_slave(&mut self, value: u32, shared: &mut Shared) {
         let now = shared.now;
         *self.reg_mut(SMCR) = value;
-        if value & 7 > 3 || value & 1 << 14 != 0 {
-            self.not_modelled("slave modes but encoders, external clock", shared);
+        if !matches!(value & 7, 0 | ENCODER) || value & 1 << 14 != 0 {
+            let what = "slave modes but encoders with edges of both inputs, external clock";
+            self.not_modelled(what, shared);
         }
-        if self.encoder().is_some() {
+        if self.is_encoder() {
             self.counter.stop(now);
             if self.reg(PSC) != 0 {
                 self.not_modelled("prescaler before an encoder", shared);
@@ -181,12 +182,12 @@ impl Timer {
                 self.not_modelled("OCxCE", shared);
             }
             self.load_immediate(k);
-            let mode = if bits & 3 == 0 {
-                Mode::of(bits >> 4)
-            } else {
-                Mode::Frozen
-            };
-            self.change_mode(k, mode, shared);
+            let is_output = bits & 3 == 0;
+            let mode = Mode::of(bits >> 4).filter(|_| is_output);
+            if is_output && mode.is_none() {
+                self.not_modelled("output modes but frozen and PWM", shared);
+            }
+            self.change_mode(k, mode.unwrap_or_default(), shared);
         }
         self.judge_capture(shared);
     }
@@ -195,14 +196,10 @@ impl Timer {
         let before = std::mem::replace(&mut self.channels[k].mode, mode);
         let count = self.counter.value(shared.now);
         self.compare(k, count, shared);
-        let channel = &self.channels[k];
-        let reference = match mode {
-            Mode::ForceLow => Some(false),
-            Mode::ForceHigh => Some(true),
-            _ if before == Mode::Frozen => mode.pulse(channel.inside),
-            _ => None,
-        };
-        if let Some(reference) = reference {
+        // From one sort of pulses to the other the reference follows from the next match on.
+        if before == Mode::Frozen
+            && let Some(reference) = mode.reference(self.channels[k].inside)
+        {
             self.refer(k, reference, shared);
         }
     }
@@ -221,7 +218,7 @@ impl Timer {
             return;
         }
         for k in 0..4 {
-            let encodes = self.encoder().is_some() && k < 2;
+            let encodes = self.is_encoder() && k < 2;
             if self.enables(k) & 1 != 0 && !self.is_output(k) && !encodes {
                 self.not_modelled("input capture", shared);
             }

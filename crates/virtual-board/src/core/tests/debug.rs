@@ -94,20 +94,3 @@ fn the_profile_adds_up() {
     assert_eq!(call.longest, call.longest_own + line.longest);
     assert!((12..=14).contains(&line.longest_latency), "{line:?}");
 }
-
-#[test]
-fn registers_can_be_set_and_read() {
-    let mut machine = Machine::new(&[0xbe00]);
-    for number in 0..15 {
-        machine
-            .core
-            .set_register(number, 4 * number as u32 + 0x2000_0000);
-        assert_eq!(machine.r(number), 4 * number as u32 + 0x2000_0000);
-    }
-    machine.core.set_xpsr(0xf80f_0000 | 1 << 24);
-    assert_eq!(machine.core.xpsr(), 0xf90f_0000);
-    machine.core.set_single(31, 5);
-    assert_eq!(machine.core.single(31), 5);
-    machine.core.set_fpscr(u32::MAX);
-    assert_eq!(machine.core.fpscr(), 0xf7c0_009f);
-}

@@ -1,48 +1,6 @@
-//! Loads and stores beyond the ordinary: bit-band, unaligned, code that changes.
+//! Loads and stores beyond the ordinary; code that changes.
 
 use super::*;
-
-#[test]
-fn unaligned_words_and_halves_are_put_together_from_bytes() {
-    // ldr r1, [r0]; ldrh r2, [r0, #4]; ldrsh r3, [r0, r6]; str r1, [r0, #8]; bkpt
-    let program = [0x6801, 0x8882, 0x5f83, 0x6081, 0xbe00];
-    for offset in 0..4u32 {
-        let bytes: Vec<u8> = (0..32).map(|k| 0x81u8.wrapping_add(k * 7)).collect();
-        let mut machine = Machine::new(&program).registers(&[(0, LOG + offset), (6, 3)]);
-        machine.chip.sram[..32].copy_from_slice(&bytes);
-        machine.run_to_breakpoint();
-        let at = |k: usize| bytes[offset as usize + k];
-        assert_eq!(
-            machine.r(1),
-            u32::from_le_bytes([at(0), at(1), at(2), at(3)])
-        );
-        assert_eq!(machine.r(2), u32::from(u16::from_le_bytes([at(4), at(5)])));
-        assert_eq!(machine.r(3), i16::from_le_bytes([at(3), at(4)]) as u32);
-        let place = offset as usize + 8;
-        assert_eq!(
-            machine.chip.sram[place..place + 4],
-            bytes[offset as usize..][..4]
-        );
-    }
-}
-
-#[test]
-fn bits_have_words_of_their_own_in_the_alias() {
-    // str r1, [r0]; ldr r2, [r0]; str r3, [r0]; strb r1, [r4]; bkpt
-    let program = [0x6001, 0x6802, 0x6003, 0x7021, 0xbe00];
-    let bit = |word: u32, bit: u32| 0x2200_0000 + (word - 0x2000_0000) * 32 + bit * 4;
-    let mut machine = Machine::new(&program).registers(&[
-        (0, bit(LOG + 4, 13)),
-        (1, 0xffff_ffff),
-        (3, 0xffff_fffe),
-        (4, bit(LOG + 8, 31)),
-    ]);
-    machine.chip.set_word(LOG + 4, 0x8000_2001);
-    machine.run_to_breakpoint();
-    assert_eq!(machine.r(2), 1);
-    assert_eq!(machine.chip.word(LOG + 4), 0x8000_0001);
-    assert_eq!(machine.chip.word(LOG + 8), 0x8000_0000);
-}
 
 #[test]
 fn code_in_ram_that_changes_is_executed_as_it_is_now() {

@@ -3,18 +3,6 @@
 //! NTC of 10 kΩ at 25 °C and B 3950, after the data sheets of such parts:
 //! `R = R₂₅ exp(B (1/T − 1/298.15 K))`.
 
-/// What can be wrong with it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum ThermistorFault {
-    /// Nothing.
-    #[default]
-    None,
-    /// A lead is open.
-    Open,
-    /// It is shorted.
-    Short,
-}
-
 /// A thermistor and its resistor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Thermistor {
@@ -24,8 +12,8 @@ pub struct Thermistor {
     pub b_k: f64,
     /// The resistor to the supply, Ω.
     pub pull_up_ohm: f64,
-    /// What is wrong.
-    pub fault: ThermistorFault,
+    /// A lead is open.
+    pub open: bool,
 }
 
 impl Default for Thermistor {
@@ -34,7 +22,7 @@ impl Default for Thermistor {
             resistance_25_ohm: 10e3,
             b_k: 3950.0,
             pull_up_ohm: 10e3,
-            fault: ThermistorFault::None,
+            open: false,
         }
     }
 }
@@ -42,14 +30,11 @@ impl Default for Thermistor {
 impl Thermistor {
     /// Resistance at a temperature, Ω.
     pub fn resistance(&self, celsius: f64) -> f64 {
-        match self.fault {
-            ThermistorFault::None => {
-                let inverse = 1.0 / (celsius + 273.15) - 1.0 / 298.15;
-                self.resistance_25_ohm * (self.b_k * inverse).exp()
-            }
-            ThermistorFault::Open => f64::INFINITY,
-            ThermistorFault::Short => 0.0,
+        if self.open {
+            return f64::INFINITY;
         }
+        let inverse = 1.0 / (celsius + 273.15) - 1.0 / 298.15;
+        self.resistance_25_ohm * (self.b_k * inverse).exp()
     }
 
     /// Voltage at the pin, V.
@@ -79,12 +64,10 @@ mod tests {
     }
 
     #[test]
-    fn half_the_supply_at_room_temperature_and_the_rails_when_broken() {
+    fn half_the_supply_at_room_temperature_and_the_supply_when_broken() {
         let mut thermistor = Thermistor::default();
         assert!((thermistor.voltage(25.0, 3.3) - 1.65).abs() < 1e-12);
-        thermistor.fault = ThermistorFault::Open;
+        thermistor.open = true;
         assert_eq!(thermistor.voltage(25.0, 3.3), 3.3);
-        thermistor.fault = ThermistorFault::Short;
-        assert_eq!(thermistor.voltage(25.0, 3.3), 0.0);
     }
 }

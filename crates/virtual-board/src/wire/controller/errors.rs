@@ -6,8 +6,7 @@ use crate::wire::node::{ErrorKind, What};
 impl Controller {
     pub(super) fn raise(&mut self, flag: Flag) {
         match flag {
-            Flag::Active => self.statistics.active_flags += 1,
-            Flag::Passive => self.statistics.passive_flags += 1,
+            Flag::Active | Flag::Passive => self.statistics.error_frames += 1,
             Flag::Overload => self.statistics.overloads += 1,
         }
         self.flag = flag;

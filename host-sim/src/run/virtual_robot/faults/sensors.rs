@@ -11,7 +11,7 @@ use core_algos::safety::Condition::{
 use core_algos::topology::{Node, Role};
 use virtual_board::Time;
 use virtual_board::chip::InjectedFaults;
-use virtual_board::device::{BridgeFault, EncoderFault, InertialFault, Line, ThermistorFault};
+use virtual_board::device::{BridgeFault, EncoderFault, InertialFault, Line};
 
 /// Findings if the converter's requests are not served.
 const OVERRUN: &[&str] = &["overrun"];
@@ -115,7 +115,7 @@ fn analogue() -> Vec<Entry> {
         })
             .stops(&[NeighbourLost, NeighbourFault, CommandTimeout, Restarted]).own_within(WATCHDOG_S).resets(&[Role::Front, Role::Rear]).finds(&["reset"]);
         "thermistor of the drivers open", "PC3", drive(|b| {
-            b.at_wheel(|axle, _, _| axle.thermistor.fault = ThermistorFault::Open);
+            b.at_wheel(|axle, _, _| axle.thermistor.open = true);
         }).goes_on();
     }
 }

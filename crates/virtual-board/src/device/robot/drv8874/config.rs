@@ -2,26 +2,6 @@
 
 use crate::time::Time;
 
-/// How the driver limits the current at `trip_a`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Regulation {
-    /// Not at all.
-    Off,
-    /// Brakes for the off-time, then drives again.
-    FixedOffTime,
-    /// Brakes until the next edge of EN, with nFAULT low meanwhile.
-    CycleByCycle,
-}
-
-/// What follows an over-current.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum OverCurrent {
-    /// Off for the retry time, then on again.
-    Retry,
-    /// Off until nSLEEP was low or the supply away.
-    Latched,
-}
-
 /// Characteristics of the driver and what is soldered to it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DriverConfig {
@@ -37,16 +17,12 @@ pub struct DriverConfig {
     pub wake: Time,
     /// From nSLEEP low to off; the inputs are obeyed until then. Data sheet: 1 ms.
     pub sleep: Time,
-    /// How the current is regulated, by the resistor at IMODE.
-    pub regulation: Regulation,
-    /// Where, A: V(VREF) over R(IPROPI) over 455 µA/A. Default 6.6: 3.3 V and 1.1 kΩ.
+    /// Where the current is regulated, A: V(VREF) over R(IPROPI) over 455 µA/A. Default 6.6: 3.3 V and 1.1 kΩ.
     pub trip_a: f64,
     /// Off-time of the regulation. Data sheet: 25 µs.
     pub off_time: Time,
     /// From driving to the earliest regulation. Data sheet: 1.1 µs.
     pub blank: Time,
-    /// What follows an over-current, by the resistor at IMODE.
-    pub over_current: OverCurrent,
     /// Over-current, A. Data sheet: at least 6; default 8.
     pub over_current_a: f64,
     /// How long it must last. Data sheet: 3 µs.
@@ -66,11 +42,9 @@ impl Default for DriverConfig {
             dead: Time::from_nanos(300),
             wake: Time::from_micros(1000),
             sleep: Time::from_micros(1000),
-            regulation: Regulation::FixedOffTime,
             trip_a: 3.3 / (1.1e3 * 455e-6),
             off_time: Time::from_micros(25),
             blank: Time::from_nanos(1100),
-            over_current: OverCurrent::Retry,
             over_current_a: 8.0,
             deglitch: Time::from_micros(3),
             retry: Time::from_micros(2000),

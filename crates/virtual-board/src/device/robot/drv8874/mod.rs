@@ -11,9 +11,9 @@
 //! | 1 | 1 | 1 | high | low | forward |
 //!
 //! Modelled: propagation delay, dead time (the diodes conduct, so it takes voltage), resistance of the
-//! transistors, wake and sleep times, over-current (retry or latch), undervoltage lockout, current
-//! regulation with fixed off-time or cycle by cycle, nFAULT, and transistors that stay on. Not
-//! modelled: rise and fall times (150 ns), the charge pump, thermal shutdown, sensing delay of the
+//! transistors, wake and sleep times, undervoltage lockout, nFAULT, transistors that stay on; with IMODE
+//! to ground current regulation with fixed off-time, and a new try after an over-current. Not modelled:
+//! other connections of IMODE, rise and fall times (150 ns), the charge pump, thermal shutdown, sensing delay of the
 //! current regulation, what nFAULT shows while the driver wakes up (the data sheet does not say; it is
 //! high here).
 
@@ -23,7 +23,7 @@ use super::motor::{Motor, Source, Work};
 use crate::chip::Drive;
 use crate::device::{later, span_s};
 use crate::time::Time;
-pub use config::{DriverConfig, OverCurrent, Regulation};
+pub use config::DriverConfig;
 use std::collections::VecDeque;
 
 /// A half bridge.
@@ -111,7 +111,7 @@ pub struct Drv8874 {
     /// Over-current: since when it lasts, and until when the driver is off for it.
     over_since: Option<Time>,
     over_until: Option<Time>,
-    /// The current regulation brakes until then ([`Time::NEVER`]: until the next edge).
+    /// The current regulation brakes until then.
     braking: Option<Time>,
     /// Since when the bridge drives.
     driving_since: Time,
@@ -277,8 +277,7 @@ impl Drv8874 {
 
     fn faults(&self) -> bool {
         let works = matches!(self.power, Power::Awake | Power::Dozing(_));
-        let chops = self.braking.is_some() && self.config.regulation == Regulation::CycleByCycle;
-        let own = self.locked_out || self.over_until.is_some() || chops;
+        let own = self.locked_out || self.over_until.is_some();
         (works && own) || self.is_forced()
     }
 
@@ -406,9 +405,6 @@ impl Drv8874 {
             }
             self.edges.pop_front();
             self.inputs = (enable, phase);
-            if self.braking == Some(Time::NEVER) {
-                self.braking = None;
-            }
         }
     }
 
@@ -441,24 +437,17 @@ impl Drv8874 {
         } else if let Some(since) = self.over_since {
             if since + self.config.deglitch <= self.now && self.over_until.is_none() {
                 self.over_since = None;
-                self.over_until = Some(match self.config.over_current {
-                    OverCurrent::Retry => self.now + self.config.retry,
-                    OverCurrent::Latched => Time::NEVER,
-                });
+                self.over_until = Some(self.now + self.config.retry);
             }
         } else {
             self.over_since = Some(self.now);
         }
-        let trips = self.config.regulation != Regulation::Off
-            && self.is_driving()
+        let trips = self.is_driving()
             && self.braking.is_none()
             && current >= self.config.trip_a * (1.0 - 1e-12)
             && self.driving_since + self.config.blank <= self.now;
         if trips {
-            self.braking = Some(match self.config.regulation {
-                Regulation::FixedOffTime => self.now + self.config.off_time,
-                _ => Time::NEVER,
-            });
+            self.braking = Some(self.now + self.config.off_time);
         }
     }
 
@@ -526,8 +515,7 @@ impl Drv8874 {
         if self.legs.iter().any(|leg| leg.target != Gate::Off) && self.over_since.is_none() {
             reach(self.config.over_current_a, Time(0));
         }
-        let regulates = self.config.regulation != Regulation::Off && self.braking.is_none();
-        if regulates && self.is_driving() {
+        if self.braking.is_none() && self.is_driving() {
             reach(self.config.trip_a, self.driving_since + self.config.blank);
         }
         due

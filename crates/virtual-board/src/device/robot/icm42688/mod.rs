@@ -6,10 +6,10 @@
 //! rates of the low-noise mode, the anti-alias filter (second order) and the user-interface filter
 //! (order and bandwidth; Butterworth, since the data sheet states orders and corners alone), samples at
 //! the instants of the part's own oscillator, noise, bias and scale, quantisation and saturation, data
-//! that stand still while the chip is selected, INT_STATUS that a read clears, temperature.
+//! that stand still while the chip is selected, INT_STATUS that a read clears.
 //!
 //! Not modelled, and noted when the program switches it on ([`Icm42688::findings`]): the FIFO, time
-//! stamps, FSYNC, the low-power mode, motion detection, self test, offsets (bank 4), INT1, INT2, little
+//! stamps, FSYNC, the low-power mode, temperature, motion detection, self test, offsets (bank 4), INT1, INT2, little
 //! endian data, other clock sources; nor the notch filter, whatever its setting.
 
 mod path;
@@ -121,10 +121,9 @@ pub struct Icm42688 {
     status: u8,
     gyro: Path,
     accel: Path,
-    celsius: f64,
-    /// The data registers from TEMP_DATA1 on, and what is shown of them during a transfer.
-    data: [i16; 7],
-    shown: [i16; 7],
+    /// The data registers from ACCEL_DATA_X1 on, and what is shown of them during a transfer.
+    data: [i16; 6],
+    shown: [i16; 6],
     quiet_until: Time,
     gyro_on_since: Option<Time>,
 }
@@ -160,9 +159,8 @@ impl Icm42688 {
             status: 0,
             gyro: Path::new(gyro, settings, config.clock_error, seed),
             accel: Path::new(accel, settings, config.clock_error, !seed),
-            celsius: 25.0,
-            data: [i16::MIN; 7],
-            shown: [i16::MIN; 7],
+            data: [i16::MIN; 6],
+            shown: [i16::MIN; 6],
             quiet_until: Time(0),
             gyro_on_since: None,
         };
@@ -185,12 +183,6 @@ impl Icm42688 {
         };
     }
 
-    /// Its temperature from now on, °C.
-    pub fn temperature(&mut self, at: Time, celsius: f64) {
-        self.advance(at);
-        self.celsius = celsius;
-    }
-
     /// Breaks it, or mends it.
     pub fn set_fault(&mut self, at: Time, fault: InertialFault) {
         self.advance(at);
@@ -210,7 +202,7 @@ impl Icm42688 {
         self.accel.switch(None);
         self.gyro_on_since = None;
         self.quiet_until = at;
-        self.data = [i16::MIN; 7];
+        self.data = [i16::MIN; 6];
         self.shown = self.data;
         self.resetting = Some(at + RESET_TIME);
         self.apply(at);
@@ -287,15 +279,10 @@ impl Icm42688 {
 
     fn take(&mut self, gyro: Option<[i16; 3]>, accel: Option<[i16; 3]>) {
         if let Some(sample) = accel {
-            self.data[1..4].copy_from_slice(&sample);
+            self.data[..3].copy_from_slice(&sample);
         }
         if let Some(sample) = gyro {
-            self.data[4..7].copy_from_slice(&sample);
-        }
-        if self.banks[0][usize::from(PWR_MGMT0)] & 0x20 == 0 {
-            // Data sheet: TEMP_DATA/132.48 + 25.
-            let counts = (self.celsius - 25.0) * 132.48;
-            self.data[0] = counts.round().clamp(-32_767.0, 32_767.0) as i16;
+            self.data[3..].copy_from_slice(&sample);
         }
         if self.transfer == Transfer::Idle {
             self.shown = self.data;
@@ -307,6 +294,10 @@ impl Icm42688 {
             self.note(at, "a read during a reset");
             return 0;
         }
+        if let (0, ACCEL_DATA_X1..=GYRO_DATA_Z0) = (self.bank, address) {
+            let place = address - ACCEL_DATA_X1;
+            return self.shown[usize::from(place / 2)].to_be_bytes()[usize::from(place % 2)];
+        }
         if register(self.bank, address).is_none() {
             let text = format!("a read of {address:#04x} in bank {}", self.bank);
             self.note(at, text);
@@ -314,10 +305,6 @@ impl Icm42688 {
         }
         match (self.bank, address) {
             (_, REG_BANK_SEL) => self.bank,
-            (0, TEMP_DATA1..=GYRO_DATA_Z0) => {
-                let place = address - TEMP_DATA1;
-                self.shown[usize::from(place / 2)].to_be_bytes()[usize::from(place % 2)]
-            }
             (0, INT_STATUS) => std::mem::take(&mut self.status),
             (bank, address) => self.banks[usize::from(bank)][usize::from(address)],
         }

@@ -1,4 +1,4 @@
-//! The register map, as far as it is in the data sheet and of use to a driver.
+//! The register map, as far as it is modelled.
 
 pub(super) struct Register {
     pub bank: u8,
@@ -26,7 +26,7 @@ const fn r(bank: u8, address: u8, name: &'static str, bits: [u8; 3]) -> Register
 }
 
 pub(super) const DEVICE_CONFIG: u8 = 0x11;
-pub(super) const TEMP_DATA1: u8 = 0x1d;
+pub(super) const ACCEL_DATA_X1: u8 = 0x1f;
 pub(super) const GYRO_DATA_Z0: u8 = 0x2a;
 pub(super) const INT_STATUS: u8 = 0x2d;
 pub(super) const INTF_CONFIG0: u8 = 0x4c;
@@ -44,60 +44,21 @@ pub(super) const GYRO_CONFIG_STATIC3: u8 = 0x0c;
 /// Bank 2: likewise of the accelerometer; bit 0 of the first switches it off.
 pub(super) const ACCEL_CONFIG_STATIC2: u8 = 0x03;
 
-/// Registers: reset value, writable bits, modelled bits.
+/// Registers but those of the data: reset value, writable bits, modelled bits.
 pub(super) const REGISTERS: &[Register] = &[
     r(0, DEVICE_CONFIG, "DEVICE_CONFIG", [0x00, 0x11, 0x01]),
     // Slew rates are not seen here.
     r(0, 0x13, "DRIVE_CONFIG", [0x05, 0x3f, 0x3f]),
-    r(0, 0x14, "INT_CONFIG", [0x00, 0x3f, 0x00]),
-    r(0, 0x16, "FIFO_CONFIG", [0x00, 0xc0, 0x00]),
-    r(0, 0x1d, "TEMP_DATA1", [0x80, 0, 0]),
-    r(0, 0x1e, "TEMP_DATA0", [0x00, 0, 0]),
-    r(0, 0x1f, "ACCEL_DATA_X1", [0x80, 0, 0]),
-    r(0, 0x20, "ACCEL_DATA_X0", [0x00, 0, 0]),
-    r(0, 0x21, "ACCEL_DATA_Y1", [0x80, 0, 0]),
-    r(0, 0x22, "ACCEL_DATA_Y0", [0x00, 0, 0]),
-    r(0, 0x23, "ACCEL_DATA_Z1", [0x80, 0, 0]),
-    r(0, 0x24, "ACCEL_DATA_Z0", [0x00, 0, 0]),
-    r(0, 0x25, "GYRO_DATA_X1", [0x80, 0, 0]),
-    r(0, 0x26, "GYRO_DATA_X0", [0x00, 0, 0]),
-    r(0, 0x27, "GYRO_DATA_Y1", [0x80, 0, 0]),
-    r(0, 0x28, "GYRO_DATA_Y0", [0x00, 0, 0]),
-    r(0, 0x29, "GYRO_DATA_Z1", [0x80, 0, 0]),
-    r(0, 0x2a, "GYRO_DATA_Z0", [0x00, 0, 0]),
     r(0, 0x2b, "TMST_FSYNCH", [0x00, 0, 0]),
     r(0, 0x2c, "TMST_FSYNCL", [0x00, 0, 0]),
     r(0, INT_STATUS, "INT_STATUS", [0x10, 0, 0]),
-    r(0, 0x2e, "FIFO_COUNTH", [0x00, 0, 0]),
-    r(0, 0x2f, "FIFO_COUNTL", [0x00, 0, 0]),
-    r(0, 0x30, "FIFO_DATA", [0xff, 0, 0]),
-    r(0, 0x37, "INT_STATUS2", [0x00, 0, 0]),
-    r(0, 0x38, "INT_STATUS3", [0x00, 0, 0]),
-    r(0, 0x4b, "SIGNAL_PATH_RESET", [0x00, 0x6e, 0x00]),
     r(0, INTF_CONFIG0, "INTF_CONFIG0", [0x30, 0xf3, 0x03]),
-    r(0, 0x4d, "INTF_CONFIG1", [0x91, 0x0f, 0x00]),
     r(0, PWR_MGMT0, "PWR_MGMT0", [0x00, 0x3f, 0x3f]),
     r(0, GYRO_CONFIG0, "GYRO_CONFIG0", [0x06, 0xef, 0xef]),
     r(0, ACCEL_CONFIG0, "ACCEL_CONFIG0", [0x06, 0xef, 0xef]),
     r(0, GYRO_CONFIG1, "GYRO_CONFIG1", [0x16, 0xef, 0x0c]),
     r(0, 0x52, "GYRO_ACCEL_CONFIG0", [0x11, 0xff, 0xff]),
     r(0, ACCEL_CONFIG1, "ACCEL_CONFIG1", [0x0d, 0x1e, 0x18]),
-    r(0, 0x54, "TMST_CONFIG", [0x23, 0x1f, 0x00]),
-    r(0, 0x56, "APEX_CONFIG0", [0x82, 0xfb, 0x00]),
-    r(0, 0x57, "SMD_CONFIG", [0x00, 0x0f, 0x00]),
-    r(0, 0x5f, "FIFO_CONFIG1", [0x00, 0x7f, 0x00]),
-    r(0, 0x60, "FIFO_CONFIG2", [0x00, 0xff, 0x00]),
-    r(0, 0x61, "FIFO_CONFIG3", [0x00, 0x0f, 0x00]),
-    r(0, 0x62, "FSYNC_CONFIG", [0x10, 0x73, 0x00]),
-    r(0, 0x63, "INT_CONFIG0", [0x00, 0x3f, 0x00]),
-    r(0, 0x64, "INT_CONFIG1", [0x10, 0x70, 0x00]),
-    r(0, 0x65, "INT_SOURCE0", [0x10, 0x7f, 0x00]),
-    r(0, 0x66, "INT_SOURCE1", [0x00, 0x4f, 0x00]),
-    r(0, 0x68, "INT_SOURCE3", [0x00, 0x7f, 0x00]),
-    r(0, 0x69, "INT_SOURCE4", [0x00, 0x4f, 0x00]),
-    r(0, 0x6c, "FIFO_LOST_PKT0", [0x00, 0, 0]),
-    r(0, 0x6d, "FIFO_LOST_PKT1", [0x00, 0, 0]),
-    r(0, 0x70, "SELF_TEST_CONFIG", [0x00, 0x7f, 0x00]),
     r(0, 0x75, "WHO_AM_I", [0x47, 0, 0]),
     // The notch filter is not modelled, so switching it off is.
     r(1, 0x0b, "GYRO_CONFIG_STATIC2", [0xa0, 0x03, 0x03]),

@@ -1,0 +1,70 @@
+//! The chip as a node of the wire. Its clock is the internal oscillator.
+
+use super::*;
+use crate::wire::{BitTiming, Frame, Id, Settings, VirtualNode, Wire};
+
+const CAN1: u32 = 0x4000_6400;
+/// Cycles in a microsecond.
+const MICRO: u64 = 16;
+
+/// A chip that has asked for one frame to be sent, with or without its pins.
+fn sender(pins: bool) -> Bench {
+    let mut bench = Bench::new(&[]);
+    bench.set(RCC + 0x30, 1 << 1);
+    bench.set(RCC + 0x40, 1 << 25);
+    if pins {
+        // PB8 and PB9: alternate function 9.
+        bench.write(GPIOB + 0x24, 0x99);
+        bench.write(GPIOB, 0x280 | 0xa << 16);
+    }
+    // Initialisation; 16 MHz / 2, eight quanta; normal.
+    bench.write(CAN1, 1);
+    bench.write(CAN1 + 0x1c, 5 << 16 | 1);
+    bench.write(CAN1, 0);
+    bench.write(CAN1 + 0x184, 1);
+    bench.write(CAN1 + 0x188, 0x42);
+    bench.write(CAN1 + 0x180, 0x123 << 21 | 1);
+    bench
+}
+
+/// Frames that another node received from the chip.
+fn run(bench: &mut Bench, micros: u64) -> Vec<Frame> {
+    let mut other = VirtualNode::new(Settings::new(BitTiming::megabit()));
+    let mut wire = Wire::new(2, Time::from_micros(20), 1);
+    wire.record();
+    for quantum in 1..=micros / 20 {
+        bench.run_to(bench.cycle.max(quantum * 20 * MICRO));
+        let until = Time::from_micros(20 * quantum);
+        wire.advance(until, &mut [&mut bench.chip, &mut other]);
+    }
+    let records = wire.take_records().into_iter();
+    let sent = records.filter(|record| record.error.is_none());
+    let frames: Vec<_> = sent.map(|record| record.frame).collect();
+    assert_eq!(wire.statistics(1).received, frames.len() as u64);
+    frames
+}
+
+#[test]
+fn a_chip_sends_a_frame() {
+    let mut bench = sender(true);
+    let expected = Frame::new(Id::Standard(0x123), &[0x42]);
+    assert_eq!(run(&mut bench, 200), [expected]);
+    assert_eq!(bench.read(CAN1 + 8), 0x1c00_0003);
+    assert_eq!(bench.findings(), []);
+}
+
+#[test]
+fn without_pins_it_sends_nothing_and_that_is_found() {
+    let mut bench = sender(false);
+    assert_eq!(run(&mut bench, 400), []);
+    let kinds: Vec<_> = bench.findings().iter().map(|(kind, _)| *kind).collect();
+    assert_eq!(kinds, [Kind::Pin; 2]);
+    assert_eq!(bench.read(CAN1 + 8) & 3, 0);
+}
+
+#[test]
+fn a_reset_of_the_chip_takes_it_off_the_wire() {
+    let mut bench = sender(true);
+    bench.chip.restart(Cause::Software, 0);
+    assert_eq!(run(&mut bench, 200), []);
+}
