@@ -545,7 +545,7 @@ pub(super) fn greeted(
     }
     if role != wanted {
         return Err(Error::input(format!(
-            "--on serial:{name}: this port leads to the {} board: check ports and strap",
+            "--on serial:{name}: the {name} board's port leads to the {} board: check ports and strap",
             role.name()
         )));
     }
