@@ -1,10 +1,9 @@
 //! A table of named columns, and its forms as a file. The same table gives the same bytes.
 
 use crate::base::error::Error;
+use crate::base::output::{Cell, Csv};
 use core_algos::link::framing::crc32c;
-use csv::WriterBuilder;
 use serde::{Deserialize, Deserializer, Serialize};
-use std::fmt::Display;
 
 /// Values of one column.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,6 +26,16 @@ impl Values {
             Self::Integer(values) => values.len(),
             Self::Flag(values) => values.len(),
             Self::Text(values) => values.len(),
+        }
+    }
+
+    fn cell(&self, row: usize) -> Cell {
+        match self {
+            Self::Double(values) if values[row].is_nan() => Cell::Empty,
+            Self::Double(values) => values[row].into(),
+            Self::Integer(values) => Cell::Integer(values[row]),
+            Self::Flag(values) => Cell::Text(values[row].to_string()),
+            Self::Text(values) => Cell::Text(values[row].clone()),
         }
     }
 
@@ -102,13 +111,13 @@ impl Columns {
 
     /// Each value of a column as a word.
     pub fn words(&self, name: &str) -> Vec<String> {
-        match self.get(name) {
-            Some(Values::Double(values)) => values.iter().map(|v| format!("{v:?}")).collect(),
-            Some(Values::Integer(values)) => values.iter().map(i64::to_string).collect(),
-            Some(Values::Flag(values)) => values.iter().map(bool::to_string).collect(),
-            Some(Values::Text(values)) => values.clone(),
-            None => Vec::new(),
-        }
+        let values = self.get(name);
+        let word = |row| {
+            values
+                .map_or(Cell::Empty, |values| values.cell(row))
+                .to_string()
+        };
+        (0..values.map_or(0, Values::len)).map(word).collect()
     }
 
     /// Appends the rows of another table; `false`, with nothing kept whole, if its columns differ.
@@ -124,20 +133,12 @@ impl Columns {
     }
 
     /// The table as CSV; what is no number is empty.
-    pub fn to_csv(&self) -> Result<Vec<u8>, Error> {
-        let mut words: Vec<_> = self.0.iter().map(|(name, _)| self.words(name)).collect();
-        for word in words.iter_mut().flatten().filter(|word| *word == "NaN") {
-            word.clear();
-        }
-        let mut writer = WriterBuilder::new().from_writer(Vec::new());
-        let failed = |error: &dyn Display| Error::Failure(format!("cannot write a table: {error}"));
-        let names = self.0.iter().map(|(name, _)| name);
-        writer.write_record(names).map_err(|error| failed(&error))?;
+    pub fn to_csv(&self) -> Csv {
+        let mut csv = Csv::new(self.0.iter().map(|(name, _)| name));
         for row in 0..self.rows() {
-            let cells = words.iter().map(|column| &column[row]);
-            writer.write_record(cells).map_err(|error| failed(&error))?;
+            csv.row(self.0.iter().map(|(_, values)| values.cell(row)));
         }
-        writer.into_inner().map_err(|error| failed(&error))
+        csv
     }
 }
 
@@ -202,7 +203,7 @@ mod tests {
             ]);
             let text = block.to_lines().unwrap();
             prop_assert_eq!(Noted::from_lines(text.as_bytes()).unwrap(), block.clone());
-            let csv = block.columns.to_csv().unwrap();
+            let csv = block.columns.to_csv().into_bytes();
             let mut csv = csv::Reader::from_reader(&*csv);
             for (record, row) in csv.records().map(Result::unwrap).zip(&rows) {
                 prop_assert_eq!(record[0].parse::<f64>().unwrap().to_bits(), row.0.to_bits());
@@ -229,7 +230,7 @@ mod tests {
     #[test]
     fn what_is_no_number_is_empty() {
         let block = noted(vec![("a".into(), Values::Double(vec![1.5, f64::NAN]))]);
-        assert_eq!(block.columns.to_csv().unwrap(), b"a\n1.5\n\"\"\n");
+        assert_eq!(block.columns.to_csv().into_bytes(), b"a\n1.5\n\"\"\n");
         let back = Noted::from_lines(block.to_lines().unwrap().as_bytes()).unwrap();
         assert!(back.columns.doubles("a")[1].is_nan());
     }

@@ -285,7 +285,7 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
         eprintln!("cfmmr: {left_out}: the others are left out");
     }
     let study = directory.study();
-    let content = runs.to_csv()?;
+    let content = runs.to_csv().into_bytes();
     let hash = crc32c(&content);
     let report = Report::of(study, &runs);
     let out = args

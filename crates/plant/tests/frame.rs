@@ -1,7 +1,7 @@
 //! The plant's strip against the exact elastica.
 
-use host_sim::plant::elastica::{Elastica, Load};
-use host_sim::plant::frame::Strip;
+use plant::elastica::{Elastica, Load};
+use plant::frame::Strip;
 
 const LENGTH: f64 = 0.37;
 const BENDING: f64 = 0.833;

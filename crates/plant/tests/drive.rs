@@ -1,7 +1,7 @@
 //! The whole plant: against the explicit reference, and against what mechanics demands.
 
-use host_sim::plant::drive::{HARSH, NORMAL};
-use host_sim::plant::{Plant, PlantConfig};
+use plant::drive::{HARSH, NORMAL};
+use plant::{Plant, PlantConfig};
 
 fn config() -> PlantConfig {
     PlantConfig::default()
