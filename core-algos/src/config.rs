@@ -107,6 +107,21 @@ pub fn require(
     }
 }
 
+/// Asserts that a `good` configuration is refused by the name of each field that is spoilt.
+#[cfg(test)]
+pub(crate) fn assert_refused<C: Copy, T>(
+    good: C,
+    build: impl Fn(C) -> Result<T, ConfigError>,
+    spoilt: &[(&str, fn(&mut C))],
+) {
+    for (field, spoil) in spoilt {
+        let mut config = good;
+        spoil(&mut config);
+        let refused = build(config).err().map(|error| error.field);
+        assert_eq!(refused, Some(*field));
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -490,16 +490,14 @@ mod tests {
     #[test]
     fn lists_must_match_the_strip() {
         assert_eq!(Config::default().build(4).unwrap_err().field, "zero_counts");
-        let config = Config {
-            gain: PerGauge::uniform(4, 1.0),
-            ..Config::default()
-        };
-        assert_eq!(config.build(5).unwrap_err().field, "gain");
-        let config = Config {
-            strain_per_count: f32::NAN,
-            ..Config::default()
-        };
-        assert_eq!(config.build(5).unwrap_err().field, "strain_per_count");
+        crate::config::assert_refused(
+            Config::default(),
+            |c| c.build(5),
+            &[
+                ("gain", |c| c.gain = PerGauge::uniform(4, 1.0)),
+                ("strain_per_count", |c| c.strain_per_count = f32::NAN),
+            ],
+        );
     }
 
     properties! {

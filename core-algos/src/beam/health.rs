@@ -427,15 +427,13 @@ mod tests {
 
     #[test]
     fn bad_configuration_is_named() {
-        let config = Config {
-            dead_strain: f32::NAN,
-            ..Config::default()
-        };
-        assert_eq!(config.build().unwrap_err().field, "dead_strain");
-        let config = Config {
-            trip_periods: 0,
-            ..Config::default()
-        };
-        assert_eq!(config.build().unwrap_err().field, "trip_periods");
+        crate::config::assert_refused(
+            Config::default(),
+            |c| c.build(),
+            &[
+                ("dead_strain", |c| c.dead_strain = f32::NAN),
+                ("trip_periods", |c| c.trip_periods = 0),
+            ],
+        );
     }
 }

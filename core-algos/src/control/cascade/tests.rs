@@ -203,14 +203,12 @@ fn bounds_hold_and_nan_counts_as_straight() {
 
 #[test]
 fn bad_geometry_is_named() {
-    let bad = Config {
-        frame_length_m: 0.0,
-        ..Config::default()
-    };
-    assert_eq!(bad.build().unwrap_err().field, "frame_length_m");
-    let bad = Config {
-        max_steering_rad: f32::NAN,
-        ..Config::default()
-    };
-    assert_eq!(bad.build().unwrap_err().field, "max_steering_rad");
+    crate::config::assert_refused(
+        Config::default(),
+        |c| c.build(),
+        &[
+            ("frame_length_m", |c| c.frame_length_m = 0.0),
+            ("max_steering_rad", |c| c.max_steering_rad = f32::NAN),
+        ],
+    );
 }

@@ -201,16 +201,16 @@ fn a_moving_reference_is_followed() {
 
 #[test]
 fn bad_gains_are_named() {
-    let bad = Config {
-        epsilon: f32::NAN,
-        ..Config::default()
-    };
-    assert_eq!(bad.build().unwrap_err().field, "epsilon");
-    let bad = LimitsConfig {
-        max_steering_rad: 1.6,
-        ..LimitsConfig::default()
-    };
-    assert_eq!(bad.build().unwrap_err().field, "max_steering_rad");
+    crate::config::assert_refused(
+        Config::default(),
+        |c| c.build(),
+        &[("epsilon", |c| c.epsilon = f32::NAN)],
+    );
+    crate::config::assert_refused(
+        LimitsConfig::default(),
+        |c| c.build(),
+        &[("max_steering_rad", |c| c.max_steering_rad = 1.6)],
+    );
 }
 
 #[test]

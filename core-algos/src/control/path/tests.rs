@@ -276,13 +276,10 @@ fn trajectory_is_met_at_its_times() {
 
 #[test]
 fn bad_configuration_is_named() {
-    let bad = Config {
-        min_speed_m_s: 0.5,
-        ..Config::default()
-    };
-    assert_eq!(
-        bad.build(&frame(), &law()).unwrap_err().field,
-        "min_speed_m_s"
+    crate::config::assert_refused(
+        Config::default(),
+        |c| c.build(&frame(), &law()),
+        &[("min_speed_m_s", |c| c.min_speed_m_s = 0.5)],
     );
     assert!(Tracker::new(&frame(), &law(), f32::NAN).is_err());
 }

@@ -110,28 +110,14 @@ fn a_jump_of_the_counter_is_told_and_kept_out_of_the_speed() {
 
 #[test]
 fn bad_configuration_is_named() {
-    let name = |config: Config| config.build().unwrap_err().field;
-    let default = Config::default();
-    assert_eq!(
-        name(Config {
-            counts_per_revolution: 0,
-            ..default
-        }),
-        "counts_per_revolution"
-    );
-    assert_eq!(
-        name(Config {
-            bandwidth_rad_s: 2500.0,
-            ..default
-        }),
-        "bandwidth_rad_s"
-    );
-    assert_eq!(
-        name(Config {
-            interval_s: f32::NAN,
-            ..default
-        }),
-        "interval_s"
+    crate::config::assert_refused(
+        Config::default(),
+        |c| c.build(),
+        &[
+            ("counts_per_revolution", |c| c.counts_per_revolution = 0),
+            ("bandwidth_rad_s", |c| c.bandwidth_rad_s = 2500.0),
+            ("interval_s", |c| c.interval_s = f32::NAN),
+        ],
     );
 }
 

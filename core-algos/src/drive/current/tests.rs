@@ -223,18 +223,16 @@ fn what_is_not_a_number_switches_off() {
 
 #[test]
 fn bad_parameters_are_named() {
-    type Spoil = fn(&mut Config);
-    let spoiled: [(Spoil, &str); 6] = [
-        (|c| c.resistance_ohm = 0.0, "resistance_ohm"),
-        (|c| c.inductance_h = f32::NAN, "inductance_h"),
-        (|c| c.bandwidth_rad_s = 6000.0, "bandwidth_rad_s"),
-        (|c| c.torque_constant_nm_a = -1.0, "torque_constant_nm_a"),
-        (|c| c.max_current_a = f32::INFINITY, "max_current_a"),
-        (|c| c.max_duty = 1.5, "max_duty"),
-    ];
-    for (spoil, field) in spoiled {
-        let mut config = Config::default();
-        spoil(&mut config);
-        assert_eq!(config.build().unwrap_err().field, field);
-    }
+    crate::config::assert_refused(
+        Config::default(),
+        |c| c.build(),
+        &[
+            ("resistance_ohm", |c| c.resistance_ohm = 0.0),
+            ("inductance_h", |c| c.inductance_h = f32::NAN),
+            ("bandwidth_rad_s", |c| c.bandwidth_rad_s = 6000.0),
+            ("torque_constant_nm_a", |c| c.torque_constant_nm_a = -1.0),
+            ("max_current_a", |c| c.max_current_a = f32::INFINITY),
+            ("max_duty", |c| c.max_duty = 1.5),
+        ],
+    );
 }

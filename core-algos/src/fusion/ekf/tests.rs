@@ -702,42 +702,23 @@ fn increments_at_rest_are_positive_definite() {
 
 #[test]
 fn configuration_is_checked() {
-    let default = Config::default();
-    for (config, field) in [
-        (
-            Config {
-                period_s: 0.0,
-                ..default
-            },
-            "period_s",
-        ),
-        (
-            Config {
-                track_m: f32::NAN,
-                ..default
-            },
-            "track_m",
-        ),
-        (
-            Config {
-                gyro_sigma_rad_s: -1.0,
-                ..default
-            },
-            "gyro_sigma_rad_s",
-        ),
-        (
-            Config {
-                innovation_gate: Some(f32::NAN),
-                ..default
-            },
-            "innovation_gate",
-        ),
-    ] {
-        assert_eq!(config.build().unwrap_err().field, field);
-    }
+    crate::config::assert_refused(
+        Config::default(),
+        |c| c.build(),
+        &[
+            ("period_s", |c| c.period_s = 0.0),
+            ("track_m", |c| c.track_m = f32::NAN),
+            ("gyro_sigma_rad_s", |c| c.gyro_sigma_rad_s = -1.0),
+            ("innovation_gate", |c| c.innovation_gate = Some(f32::NAN)),
+        ],
+    );
     let mut q = [[0.0; 7]; 7];
     q[0][1] = 1.0;
-    assert!(default.build_with(ProcessNoise::Fixed(q)).is_err());
+    assert!(
+        Config::default()
+            .build_with(ProcessNoise::Fixed(q))
+            .is_err()
+    );
 }
 
 /// Steering turns an axle from rest at 36 rad/s², the most that was seen in hours of driving. Neither wheels

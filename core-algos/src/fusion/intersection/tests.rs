@@ -298,11 +298,11 @@ fn bad_input_is_refused() {
         assert!(ci.fuse(&good, &bad).is_none());
         assert!(ci.fuse(&bad, &good).is_none());
     }
-    let config = Config {
-        heading_length_m: f32::NAN,
-        ..Config::default()
-    };
-    assert_eq!(config.build().unwrap_err().field, "heading_length_m");
+    crate::config::assert_refused(
+        Config::default(),
+        |c| c.build(),
+        &[("heading_length_m", |c| c.heading_length_m = f32::NAN)],
+    );
 }
 
 #[test]

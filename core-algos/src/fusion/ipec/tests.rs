@@ -204,14 +204,9 @@ fn no_direction_leaves_odometry() {
                 .is_none()
         );
     }
-    assert_eq!(
-        Config {
-            wheel_sigma_m: -1.0,
-            ..Config::default()
-        }
-        .build()
-        .unwrap_err()
-        .field,
-        "wheel_sigma_m"
+    crate::config::assert_refused(
+        Config::default(),
+        |c| c.build(),
+        &[("wheel_sigma_m", |c| c.wheel_sigma_m = -1.0)],
     );
 }

@@ -356,11 +356,11 @@ fn bad_measurement_changes_nothing() {
         assert_eq!(outcome.verdict, Verdict::Invalid);
         assert_eq!(state, before);
     }
-    let config = Config {
-        scale_sigma: f32::NAN,
-        ..Config::default()
-    };
-    assert_eq!(config.build(0.01).unwrap_err().field, "scale_sigma");
+    crate::config::assert_refused(
+        Config::default(),
+        |c| c.build(0.01),
+        &[("scale_sigma", |c| c.scale_sigma = f32::NAN)],
+    );
 }
 
 #[test]

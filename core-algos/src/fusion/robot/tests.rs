@@ -316,18 +316,14 @@ fn bent_frame_creeps_at_standstill_in_the_covariance() {
 
 #[test]
 fn configuration_is_checked() {
-    let config = Config {
-        period_s: f32::NAN,
-        ..Config::default()
-    };
-    assert_eq!(config.build().unwrap_err().field, "period_s");
-    let mut config = Config::default();
-    config.slip.creep_per_sqrt_s = -1.0;
-    assert_eq!(config.build().unwrap_err().field, "creep_per_sqrt_s");
-    let mut config = Config::default();
-    config.frame_sigmas[1] = 0.0;
-    assert_eq!(config.build().unwrap_err().field, "frame_sigmas");
-    let mut config = Config::default();
-    config.joint.scale_sigma = f32::INFINITY;
-    assert_eq!(config.build().unwrap_err().field, "scale_sigma");
+    crate::config::assert_refused(
+        Config::default(),
+        |c| c.build(),
+        &[
+            ("period_s", |c| c.period_s = f32::NAN),
+            ("creep_per_sqrt_s", |c| c.slip.creep_per_sqrt_s = -1.0),
+            ("frame_sigmas", |c| c.frame_sigmas[1] = 0.0),
+            ("scale_sigma", |c| c.joint.scale_sigma = f32::INFINITY),
+        ],
+    );
 }

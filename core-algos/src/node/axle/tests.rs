@@ -606,56 +606,20 @@ fn limits_are_checked_by_name_and_hold_in_each_direction() {
         bending_stiffness_n_m2: 0.833,
         length_m: 0.37,
     };
-    for (field, limits) in [
-        (
-            "tracking_m",
-            Limits {
-                tracking_m: 0.0,
-                ..limits
-            },
-        ),
-        (
-            "tracking_rad",
-            Limits {
-                tracking_rad: -1.0,
-                ..limits
-            },
-        ),
-        (
-            "stall_share",
-            Limits {
-                stall_share: 1.1,
-                ..limits
-            },
-        ),
-        (
-            "stall_rad_s",
-            Limits {
-                stall_rad_s: f32::NAN,
-                ..limits
-            },
-        ),
-        (
-            "slip_rad_s",
-            Limits {
-                slip_rad_s: 0.0,
-                ..limits
-            },
-        ),
-        (
-            "wheel_speed_m_s",
-            Limits {
-                wheel_speed_m_s: f32::INFINITY,
-                ..limits
-            },
-        ),
-    ] {
-        let config = Config {
-            limits,
-            ..Config::default()
-        };
-        assert_eq!(config.build(AxleId::Front, frame).unwrap_err().field, field);
-    }
+    crate::config::assert_refused(
+        Config::default(),
+        |c| c.build(AxleId::Front, frame),
+        &[
+            ("tracking_m", |c| c.limits.tracking_m = 0.0),
+            ("tracking_rad", |c| c.limits.tracking_rad = -1.0),
+            ("stall_share", |c| c.limits.stall_share = 1.1),
+            ("stall_rad_s", |c| c.limits.stall_rad_s = f32::NAN),
+            ("slip_rad_s", |c| c.limits.slip_rad_s = 0.0),
+            ("wheel_speed_m_s", |c| {
+                c.limits.wheel_speed_m_s = f32::INFINITY
+            }),
+        ],
+    );
     let Limits {
         tracking_m: way,
         tracking_rad: turn,
