@@ -370,8 +370,8 @@ impl Standstill {
 
 #[cfg(test)]
 mod tests {
-    use super::super::reference::Random;
     use super::*;
+    use crate::fusion::testing::Random;
     use proptest::prelude::*;
 
     fn calibration() -> Calibration {

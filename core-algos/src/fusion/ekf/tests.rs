@@ -1,34 +1,10 @@
 //! The filter against a textbook one: f64, full matrices, one batch update per step.
 
 use super::*;
-use crate::fusion::testing::Random;
+use crate::fusion::testing::{
+    Matrix, Random, is_definite, product, random_covariance, transpose, wide, wrap,
+};
 use crate::math::matrix::Mat3;
-use core::f64::consts::TAU;
-
-type Wide<const R: usize, const C: usize> = [[f64; C]; R];
-
-fn mul<const R: usize, const K: usize, const C: usize>(
-    a: &Wide<R, K>,
-    b: &Wide<K, C>,
-) -> Wide<R, C> {
-    let mut m = [[0.0; C]; R];
-    for i in 0..R {
-        for j in 0..C {
-            m[i][j] = (0..K).map(|k| a[i][k] * b[k][j]).sum();
-        }
-    }
-    m
-}
-
-fn transpose<const R: usize, const C: usize>(a: &Wide<R, C>) -> Wide<C, R> {
-    let mut m = [[0.0; R]; C];
-    for i in 0..R {
-        for j in 0..C {
-            m[j][i] = a[i][j];
-        }
-    }
-    m
-}
 
 /// Solves `m x = b` (dynamic size) by elimination with pivoting.
 fn solve(mut m: Vec<Vec<f64>>, mut b: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
@@ -64,15 +40,11 @@ fn solve(mut m: Vec<Vec<f64>>, mut b: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
 struct Reference {
     t: f64,
     track: f64,
-    q: Wide<7, 7>,
+    q: Matrix<7, 7>,
     r: [f64; 4],
-    r_fix: Wide<3, 3>,
+    r_fix: Matrix<3, 3>,
     x: [f64; 7],
-    p: Wide<7, 7>,
-}
-
-fn wrap(a: f64) -> f64 {
-    a - TAU * (a / TAU).round()
+    p: Matrix<7, 7>,
 }
 
 impl Reference {
@@ -107,7 +79,7 @@ impl Reference {
             }
         }
         self.x = self.motion(&self.x);
-        self.p = mul(&mul(&a, &self.p), &transpose(&a));
+        self.p = product(&product(&a, &self.p), &transpose(&a));
         for i in 0..7 {
             for j in 0..7 {
                 self.p[i][j] += self.q[i][j];
@@ -199,31 +171,18 @@ fn pair(
         fix_gate: None,
         ..Config::default()
     };
-    let wide = |m: &Mat<7, 7>| m.map(|row| row.map(f64::from));
     let reference = Reference {
         t: period as f64,
         track: track as f64,
         q: wide(&q),
         r: sigmas.map(|s| s as f64 * s as f64),
-        r_fix: r_fix.map(|row| row.map(f64::from)),
+        r_fix: wide(&r_fix),
         x: x0.map(f64::from),
         p: wide(&p0),
     };
     let filter = config.build_with(ProcessNoise::Fixed(q)).unwrap();
     let fix = Fix::new(&r_fix).unwrap();
     (filter, fix, State::from_parts(x0, &p0), reference)
-}
-
-/// A random covariance with the given standard deviations and moderate correlations.
-fn random_covariance<const M: usize>(random: &mut Random, sigmas: [f32; M]) -> Mat<M, M> {
-    let mut root = [[0.0; M]; M];
-    for i in 0..M {
-        for j in 0..M {
-            root[i][j] =
-                sigmas[i] * (0.4 * random.normal() as f32 + if i == j { 1.0 } else { 0.0 });
-        }
-    }
-    matrix::propagate(&root, &matrix::identity::<M>())
 }
 
 /// Largest pose error and largest normalised covariance error.
@@ -246,22 +205,7 @@ fn errors(state: &State, reference: &Reference) -> (f64, f64) {
 }
 
 fn is_positive_definite(state: &State) -> bool {
-    // In f64 and scaled to unit diagonal, so that only the matrix itself is judged.
-    let p = state.covariance().matrix().map(|row| row.map(f64::from));
-    let mut l = [[0.0f64; 7]; 7];
-    for j in 0..7 {
-        let pivot = 1.0 - (0..j).map(|k| l[j][k] * l[j][k]).sum::<f64>();
-        if !(p[j][j] > 0.0 && pivot > 0.0) {
-            return false;
-        }
-        l[j][j] = pivot.sqrt();
-        for i in j + 1..7 {
-            let entry = p[i][j] / (p[i][i] * p[j][j]).sqrt();
-            let rest: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
-            l[i][j] = (entry - rest) / l[j][j];
-        }
-    }
-    true
+    is_definite(&wide(&state.covariance().matrix()))
 }
 
 /// Sensor samples of a drive with changing speed and turning, with noise.
@@ -298,9 +242,9 @@ fn compare(
     loss: f64,
 ) -> (f64, f64) {
     let mut random = Random::new(seed);
-    let q = random_covariance(&mut random, q_sigmas);
-    let p0 = random_covariance(&mut random, p_sigmas);
-    let r_fix = random_covariance(&mut random, fix_sigmas);
+    let q = random_covariance(&mut random, q_sigmas, 0.4);
+    let p0 = random_covariance(&mut random, p_sigmas, 0.4);
+    let r_fix = random_covariance(&mut random, fix_sigmas, 0.4);
     let x0 = [-1.342, 0.7, 3.0, 0.0, 0.9, 0.39, 0.0];
     let (filter, fix, mut state, mut reference) = pair(period, q, sigmas, r_fix, x0, p0);
     let (mut pose, mut covariance) = (0.0f64, 0.0f64);
@@ -609,8 +553,8 @@ fn an_outlier_is_gated_and_a_sensor_that_insists_is_believed() {
 fn sequential_fix_equals_the_batch_update() {
     for seed in 0..50 {
         let mut random = Random::new(seed);
-        let p0 = random_covariance(&mut random, [0.1, 0.2, 0.05, 0.1, 0.1, 0.1, 0.1]);
-        let r = random_covariance(&mut random, [0.05, 0.02, 0.08]);
+        let p0 = random_covariance(&mut random, [0.1, 0.2, 0.05, 0.1, 0.1, 0.1, 0.1], 0.4);
+        let r = random_covariance(&mut random, [0.05, 0.02, 0.08], 0.4);
         let (filter, fix, mut state, mut reference) =
             pair(1e-3, [[0.0; 7]; 7], [0.1; 4], r, [0.0; 7], p0);
         let seen = [0.1f32, -0.2, 0.05];

@@ -327,7 +327,7 @@ mod tests {
     use super::super::{Config, ExtendedEstimate};
     use super::*;
     use crate::fusion::Estimate;
-    use crate::fusion::testing::Random;
+    use crate::fusion::testing::{self, Random, is_definite};
     use crate::math::Posture;
     use crate::math::matrix::propagate;
 
@@ -380,6 +380,7 @@ mod tests {
                         continue;
                     };
                     answered += 1;
+                    assert!(is_definite(&testing::wide(&p)));
                     assert!((w - exact.omega).abs() < 3e-6 && (w + v - 1.0).abs() < 1e-6);
                     let x: Vec3 = exact.estimate.posture.into();
                     let q = &exact.estimate.covariance;
