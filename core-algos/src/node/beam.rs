@@ -177,6 +177,7 @@ impl BeamNode {
 mod tests {
     use super::*;
     use crate::beam::sensor::Config;
+    use crate::node::testing::lead_status;
     use crate::time::TICK;
 
     fn node() -> BeamNode {
@@ -235,12 +236,7 @@ mod tests {
                 ..60 => LeadMode::Idle,
                 _ => LeadMode::Clear,
             };
-            node.receive(&Message::LeadStatus {
-                sequence: 0,
-                mode,
-                steering_rad: 0.0,
-                velocity_m_s: 0.0,
-            });
+            node.receive(&lead_status(tick * TICK, mode, 0.0));
             let mut outbox = Outbox::new();
             node.step(tick * TICK, &samples, &mut outbox);
             for message in outbox.iter() {
