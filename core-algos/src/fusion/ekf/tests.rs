@@ -229,47 +229,6 @@ fn as_wide(m: &Measurements) -> [Option<f64>; 4] {
     [m.left_m_s, m.right_m_s, m.gyro_rad_s, m.acceleration_m_s2].map(|z| z.map(f64::from))
 }
 
-#[allow(clippy::too_many_arguments)]
-/// 500 steps beside the reference; the worst errors on the way.
-fn compare(
-    seed: u64,
-    period: f32,
-    q_sigmas: [f32; 7],
-    p_sigmas: [f32; 7],
-    sigmas: [f32; 4],
-    fix_sigmas: [f32; 3],
-    fix_every: usize,
-    loss: f64,
-) -> (f64, f64) {
-    let mut random = Random::new(seed);
-    let q = random_covariance(&mut random, q_sigmas, 0.4);
-    let p0 = random_covariance(&mut random, p_sigmas, 0.4);
-    let r_fix = random_covariance(&mut random, fix_sigmas, 0.4);
-    let x0 = [-1.342, 0.7, 3.0, 0.0, 0.9, 0.39, 0.0];
-    let (filter, fix, mut state, mut reference) = pair(period, q, sigmas, r_fix, x0, p0);
-    let (mut pose, mut covariance) = (0.0f64, 0.0f64);
-    for step in 1..=500 {
-        let time = step as f64 * period as f64;
-        let z = drive(&mut random, time, sigmas, loss);
-        filter.step(&mut state, &z);
-        reference.predict();
-        reference.update(&as_wide(&z), None);
-        if fix_every > 0 && step % fix_every == 0 {
-            let mut seen = [0.0f32; 3];
-            for k in 0..3 {
-                seen[k] = (reference.x[k] + fix_sigmas[k] as f64 * random.normal()) as f32;
-            }
-            let seen64 = seen.map(f64::from);
-            filter.update_fix(&mut state, &Posture::from(seen), &fix);
-            reference.update(&[None; 4], Some(seen64));
-        }
-        let (p, c) = errors(&state, &reference);
-        pose = pose.max(p);
-        covariance = covariance.max(c);
-    }
-    (pose, covariance)
-}
-
 /// Noise levels of a case.
 struct Levels {
     q: [f32; 7],
@@ -285,52 +244,66 @@ const TYPICAL: Levels = Levels {
     fix: [0.01, 0.01, 0.01],
 };
 
-fn check_against_reference(levels: &Levels, seed: u64) {
-    for period in [1e-3, 5e-3, 2e-2] {
-        for fix_every in [0, 10, 100] {
-            for loss in [0.0, 0.3] {
-                let l = levels;
-                let (pose, covariance) =
-                    compare(seed, period, l.q, l.p, l.r, l.fix, fix_every, loss);
-                assert!(pose < 5e-6, "{period} {fix_every} {loss}: {pose:e}");
-                assert!(
-                    covariance < 2e-4,
-                    "{period} {fix_every} {loss}: {covariance:e}"
-                );
+const STRONG_MEASUREMENTS: Levels = Levels {
+    p: [0.1, 0.1, 0.1, 1.0, 1.0, 1.0, 1.0],
+    r: [1e-3, 3e-3, 1e-3, 1e-2],
+    ..TYPICAL
+};
+
+const GOOD_ODOMETRY: Levels = Levels {
+    q: [1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-2, 1e-2],
+    p: [1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 0.1, 0.1],
+    r: [1e-3, 1e-3, 1e-4, 0.03],
+    fix: [2e-3, 2e-3, 2e-3],
+};
+
+/// 500 steps beside the reference; the worst errors on the way.
+fn compare(levels: &Levels, seed: u64, period: f32, fix_every: usize, loss: f64) -> (f64, f64) {
+    let mut random = Random::new(seed);
+    let q = random_covariance(&mut random, levels.q, 0.4);
+    let p0 = random_covariance(&mut random, levels.p, 0.4);
+    let r_fix = random_covariance(&mut random, levels.fix, 0.4);
+    let x0 = [-1.342, 0.7, 3.0, 0.0, 0.9, 0.39, 0.0];
+    let (filter, fix, mut state, mut reference) = pair(period, q, levels.r, r_fix, x0, p0);
+    let (mut pose, mut covariance) = (0.0f64, 0.0f64);
+    for step in 1..=500 {
+        let time = step as f64 * period as f64;
+        let z = drive(&mut random, time, levels.r, loss);
+        filter.step(&mut state, &z);
+        reference.predict();
+        reference.update(&as_wide(&z), None);
+        if fix_every > 0 && step % fix_every == 0 {
+            let mut seen = [0.0f32; 3];
+            for k in 0..3 {
+                seen[k] = (reference.x[k] + levels.fix[k] as f64 * random.normal()) as f32;
             }
+            let seen64 = seen.map(f64::from);
+            filter.update_fix(&mut state, &Posture::from(seen), &fix);
+            reference.update(&[None; 4], Some(seen64));
         }
+        let (p, c) = errors(&state, &reference);
+        pose = pose.max(p);
+        covariance = covariance.max(c);
     }
+    (pose, covariance)
 }
 
 #[test]
 fn equals_the_textbook_filter() {
-    for seed in 0..8 {
-        check_against_reference(&TYPICAL, seed);
-    }
-}
-
-#[test]
-fn equals_the_textbook_filter_for_strong_measurements() {
-    let strong = Levels {
-        p: [0.1, 0.1, 0.1, 1.0, 1.0, 1.0, 1.0],
-        r: [1e-3, 3e-3, 1e-3, 1e-2],
-        ..TYPICAL
-    };
-    for seed in 0..8 {
-        check_against_reference(&strong, seed);
-    }
-}
-
-#[test]
-fn equals_the_textbook_filter_for_good_odometry() {
-    let good = Levels {
-        q: [1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-2, 1e-2],
-        p: [1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 0.1, 0.1],
-        r: [1e-3, 1e-3, 1e-4, 0.03],
-        fix: [2e-3, 2e-3, 2e-3],
-    };
-    for seed in 0..8 {
-        check_against_reference(&good, seed);
+    for levels in [TYPICAL, STRONG_MEASUREMENTS, GOOD_ODOMETRY] {
+        for seed in 0..8 {
+            for period in [1e-3, 5e-3, 2e-2] {
+                for fix_every in [0, 10, 100] {
+                    for loss in [0.0, 0.3] {
+                        let (pose, covariance) = compare(&levels, seed, period, fix_every, loss);
+                        assert!(
+                            pose < 5e-6 && covariance < 2e-4,
+                            "{period} {fix_every} {loss}: {pose:e} {covariance:e}"
+                        );
+                    }
+                }
+            }
+        }
     }
 }
 
@@ -547,22 +520,6 @@ fn an_outlier_is_gated_and_a_sensor_that_insists_is_believed() {
     assert!(verdicts[..patience].iter().all(|v| *v == Verdict::Gated));
     assert_eq!(verdicts[patience], Verdict::Used);
     assert_eq!(state.counters.left.gated as usize, 1 + patience);
-}
-
-#[test]
-fn sequential_fix_equals_the_batch_update() {
-    for seed in 0..50 {
-        let mut random = Random::new(seed);
-        let p0 = random_covariance(&mut random, [0.1, 0.2, 0.05, 0.1, 0.1, 0.1, 0.1], 0.4);
-        let r = random_covariance(&mut random, [0.05, 0.02, 0.08], 0.4);
-        let (filter, fix, mut state, mut reference) =
-            pair(1e-3, [[0.0; 7]; 7], [0.1; 4], r, [0.0; 7], p0);
-        let seen = [0.1f32, -0.2, 0.05];
-        filter.update_fix(&mut state, &Posture::from(seen), &fix);
-        reference.update(&[None; 4], Some(seen.map(f64::from)));
-        let (pose, covariance) = errors(&state, &reference);
-        assert!(pose < 1e-6 && covariance < 5e-6, "{pose:e} {covariance:e}");
-    }
 }
 
 #[test]
