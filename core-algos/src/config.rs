@@ -107,12 +107,16 @@ pub fn require(
     }
 }
 
+/// A field and what spoils it.
+#[cfg(test)]
+pub(crate) type Spoilt<C> = (&'static str, fn(&mut C));
+
 /// Asserts that a `good` configuration is refused by the name of each field that is spoilt.
 #[cfg(test)]
 pub(crate) fn assert_refused<C: Copy, T>(
     good: C,
     build: impl Fn(C) -> Result<T, ConfigError>,
-    spoilt: &[(&str, fn(&mut C))],
+    spoilt: &[Spoilt<C>],
 ) {
     for (field, spoil) in spoilt {
         let mut config = good;

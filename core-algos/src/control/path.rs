@@ -236,8 +236,6 @@ pub struct PathReference {
     pub psi_rate: f32,
     /// Distance of O to the left of the path, m.
     pub lateral_error_m: f32,
-    /// Distance along the path to its end, or to the last point known, m.
-    pub remaining_m: f32,
 }
 
 /// Path follower.
@@ -259,11 +257,6 @@ fn nearest(a: PathPoint, b: PathPoint, at: Posture) -> (f32, f32) {
 }
 
 impl Follower {
-    /// The limits it was built from.
-    pub fn config(&self) -> &Config {
-        &self.config
-    }
-
     /// Wish to the governor for O at `center`: law (4) on the reference of [`Self::step`], with the
     /// path's deceleration and steering rate as feedforward.
     pub fn wish(&self, center: impl Into<Transform>, reference: &PathReference) -> Wish {
@@ -374,8 +367,8 @@ impl Follower {
         }
         let mut progress = self.progress(last, path, center);
         let end = path.end();
-        let remaining_m = (end - progress.s).max(0.0);
-        progress.finished |= path.is_complete() && remaining_m <= self.config.end_tolerance_m;
+        let remaining = (end - progress.s).max(0.0);
+        progress.finished |= path.is_complete() && remaining <= self.config.end_tolerance_m;
         if progress.finished {
             // What is left of the way is left to the law, with its reference at rest.
             progress.s = end;
@@ -405,7 +398,6 @@ impl Follower {
                 kappa_slope: here.kappa_slope,
                 psi_rate: here.kappa_slope * v / by_psi,
                 lateral_error_m,
-                remaining_m,
             },
         ))
     }

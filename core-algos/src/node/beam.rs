@@ -82,11 +82,6 @@ impl BeamNode {
         *clear = false;
     }
 
-    /// The sensor with its calibration.
-    pub fn sensor(&self) -> &RelativePositionSensor {
-        &self.sensor
-    }
-
     /// The estimate of the latest epoch, with faults and strains.
     pub fn latest(&self) -> Option<&Estimate> {
         self.latest.as_ref()

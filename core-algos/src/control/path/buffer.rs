@@ -273,11 +273,6 @@ impl<const N: usize> PathBuffer<N> {
         self.ring.last().map_or(0.0, |point| point.s)
     }
 
-    /// Length between the first and the last point, m.
-    pub fn length(&self) -> f32 {
-        self.end() - self.start()
-    }
-
     /// Drops the points that lie wholly before arc length `s` (m): the segment around `s` stays.
     pub fn discard_before(&mut self, s: f32) {
         while self.ring.count > 2 && self.ring.get(1).is_some_and(|second| second.s <= s) {

@@ -189,7 +189,7 @@ properties! { cases 100;
         paper: bool,
     ) {
         let regulator = regulator(if paper { Strategy::PaperLaw } else { Strategy::Funnel });
-        let bound = regulator.limits().max_curvature();
+        let bound = regulator.limits.max_curvature();
         let mut state = State::default();
         for (wild, tame, is_wild) in inputs {
             let output = regulator.tick(&mut state, &Input {
