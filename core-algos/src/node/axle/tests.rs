@@ -326,7 +326,7 @@ fn a_dismissed_axle_comes_to_rest_without_a_fault() {
 #[test]
 fn an_axle_that_starts_while_the_robot_drives_waits_for_it_to_stop() {
     let mut node = node(AxleId::Rear);
-    node.state = State::new();
+    node.state = State::default();
     let samples = still();
     for tick in 0..200u64 {
         let now = referred(&mut node, tick, 0.1, Posture::ORIGIN);
