@@ -40,7 +40,9 @@
 
 mod buffer;
 
-pub use buffer::{PathBuffer, PathError, PathPoint, PathSample, TrajectoryBuffer, TrajectoryPoint};
+pub use buffer::{
+    Buffer, PathBuffer, PathError, PathPoint, PathSample, Point, TrajectoryBuffer, TrajectoryPoint,
+};
 
 use super::cascade::Cascade;
 use super::governor::Wish;
@@ -280,7 +282,7 @@ impl Follower {
         };
         let (mut s, mut least) = (from, f32::INFINITY);
         for i in 0..N {
-            let Some((a, b)) = path.segment_from(from, i) else {
+            let Some([a, b]) = path.segment_from(from, i) else {
                 break;
             };
             if !(a.s <= from + window) {
@@ -328,7 +330,7 @@ impl Follower {
         let mut steering = None;
         let mut before: Option<(f32, f32)> = None;
         for i in 0..N {
-            let Some((a, b)) = path.segment_from(s, i) else {
+            let Some([a, b]) = path.segment_from(s, i) else {
                 break;
             };
             if !(a.s - s <= horizon) {
@@ -458,8 +460,8 @@ impl Tracker {
             return None;
         }
         let [s, v, acceleration] = trajectory.time_law(time)?;
-        let here = trajectory.place(s)?;
-        let led = trajectory.place(s + self.lead.distance(here.kappa, 0.0))?;
+        let here = trajectory.at(s)?;
+        let led = trajectory.at(s + self.lead.distance(here.kappa, 0.0))?;
         let by_psi = self.steering.curvature_slope(here.kappa);
         Some(TrajectoryReference {
             reference: Reference {
@@ -471,7 +473,7 @@ impl Tracker {
             kappa: here.kappa,
             acceleration,
             psi_rate: here.kappa_slope * v / by_psi,
-            finished: time >= trajectory.end_time(),
+            finished: time >= trajectory.end(),
         })
     }
 }
