@@ -151,7 +151,7 @@ impl Chain {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fusion::testing::{compose as forward, wrap};
+    use crate::fusion::testing::{compose as forward, covariance_error, wrap};
     use crate::math::matrix::propagate;
     use proptest::prelude::*;
 
@@ -216,12 +216,7 @@ mod tests {
     }
 
     fn agree(covariance: &[[f32; 3]; 3], reference: &[[f64; 3]; 3]) -> bool {
-        (0..3).all(|i| {
-            (0..3).all(|j| {
-                let scale = (reference[i][i] * reference[j][j]).sqrt();
-                (covariance[i][j] as f64 - reference[i][j]).abs() < 1e-5 * scale
-            })
-        })
+        covariance_error(covariance, reference) < 1e-5
     }
 
     properties! {

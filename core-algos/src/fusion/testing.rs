@@ -99,6 +99,16 @@ pub(crate) fn is_definite<const N: usize>(m: &Matrix<N, N>) -> bool {
     *m == transpose(m) && (0..N).all(|i| l[i][i] > 0.0 && l[i][i].is_finite())
 }
 
+/// Largest difference of two covariances, as a share of the standard deviations.
+pub(crate) fn covariance_error<const N: usize>(found: &[[f32; N]; N], exact: &Matrix<N, N>) -> f64 {
+    let errors = (0..N * N).map(|k| {
+        let (i, j) = (k / N, k % N);
+        let sigmas = (exact[i][i] * exact[j][j]).sqrt();
+        ((f64::from(found[i][j]) - exact[i][j]) / sigmas).abs()
+    });
+    errors.max_by(f64::total_cmp).unwrap_or_default()
+}
+
 /// A posture (x, y, phi).
 pub(crate) type Pose = [f64; 3];
 

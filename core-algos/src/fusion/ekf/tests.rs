@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::fusion::testing::{
-    Matrix, Random, is_definite, product, random_covariance, transpose, wide, wrap,
+    Matrix, Random, covariance_error, is_definite, product, random_covariance, transpose, wide,
+    wrap,
 };
 use crate::math::matrix::Mat3;
 
@@ -194,14 +195,7 @@ fn errors(state: &State, reference: &Reference) -> (f64, f64) {
         let d = posture[k].high as f64 + posture[k].low as f64 - reference.x[k];
         pose = pose.max(if k == 2 { wrap(d).abs() } else { d.abs() });
     }
-    let mut covariance = 0.0f64;
-    for i in 0..7 {
-        for j in 0..7 {
-            let scale = (reference.p[i][i] * reference.p[j][j]).sqrt();
-            covariance = covariance.max((p[i][j] as f64 - reference.p[i][j]).abs() / scale);
-        }
-    }
-    (pose, covariance)
+    (pose, covariance_error(&p, &reference.p))
 }
 
 fn is_positive_definite(state: &State) -> bool {

@@ -1,5 +1,7 @@
 use super::*;
-use crate::fusion::testing::{self, Matrix, cholesky, inverse, product, transpose, wrap};
+use crate::fusion::testing::{
+    self, Matrix, cholesky, covariance_error, inverse, product, transpose, wrap,
+};
 use proptest::prelude::*;
 
 type M = Matrix<3, 3>;
@@ -96,17 +98,6 @@ fn extended(posture: [f32; 3], covariance: &M) -> ExtendedEstimate {
     }
 }
 
-fn distance(p: &Mat3, reference: &M) -> f64 {
-    let mut worst = 0.0f64;
-    for i in 0..3 {
-        for j in 0..3 {
-            let scale = (reference[i][i] * reference[j][j]).sqrt();
-            worst = worst.max((p[i][j] as f64 - reference[i][j]).abs() / scale);
-        }
-    }
-    worst
-}
-
 fn by(criterion: Criterion) -> Intersection {
     Config {
         criterion,
@@ -134,7 +125,7 @@ fn check(criterion: Criterion, a: &M, b: &M) -> Result<(), TestCaseError> {
         fused.omega
     );
     let p = fused_covariance(&a, &b, omega);
-    let d = distance(&fused.estimate.covariance, &p);
+    let d = covariance_error(&fused.estimate.covariance, &p);
     prop_assert!(d < 1e-5, "{d:e}");
     let gain = product(&a, &inverse(&blend(&a, &b, omega)));
     let difference = [

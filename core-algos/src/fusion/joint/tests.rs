@@ -1,5 +1,5 @@
 use super::*;
-use crate::fusion::testing::{Random, inverse, quadratic, random_covariance, wide};
+use crate::fusion::testing::{Random, inverse, is_definite, quadratic, random_covariance, wide};
 
 fn start() -> (Joint, State) {
     let joint = Config::default().build(0.01).unwrap();
@@ -267,20 +267,7 @@ fn positive_definite_over_a_hundred_thousand_ticks() {
             joint.condition(&mut state, 64);
         }
         if tick % 997 == 0 {
-            let p = state.covariance.matrix().map(|row| row.map(f64::from));
-            let mut l = [[0.0f64; N]; N];
-            for j in 0..N {
-                let pivot = 1.0 - (0..j).map(|k| l[j][k] * l[j][k]).sum::<f64>();
-                assert!(
-                    p[j][j] > 0.0 && pivot > 0.0,
-                    "tick {tick} state {j}: {pivot:e}"
-                );
-                l[j][j] = pivot.sqrt();
-                for i in j + 1..N {
-                    let rest: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
-                    l[i][j] = (p[i][j] / (p[i][i] * p[j][j]).sqrt() - rest) / l[j][j];
-                }
-            }
+            assert!(is_definite(&wide(&state.covariance.matrix())), "{tick}");
         }
     }
     let sigma = crate::math::trig::sqrt(state.estimates().rear.covariance[0][0]);
