@@ -310,10 +310,7 @@ impl Standstill {
         let resolution = calibration.resolution();
         let first = self.first.unwrap_or([0; MAX_GAUGES]);
         let mut average = [0.0; MAX_GAUGES];
-        for i in 0..MAX_GAUGES {
-            if !mask.contains(i) {
-                continue;
-            }
+        for i in mask.iter() {
             let gauge = i as u8;
             if self.bad.contains(i) {
                 return Err(StandstillError::BadSample(gauge));
