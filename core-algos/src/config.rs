@@ -111,18 +111,28 @@ pub fn require(
 #[cfg(test)]
 pub(crate) type Spoilt<C> = (&'static str, fn(&mut C));
 
-/// Asserts that a `good` configuration is refused by the name of each field that is spoilt.
+/// How a good configuration is built, to be spoilt.
 #[cfg(test)]
-pub(crate) fn assert_refused<C: Copy, T>(
-    good: C,
-    build: impl Fn(C) -> Result<T, ConfigError>,
-    spoilt: &[Spoilt<C>],
-) {
-    for (field, spoil) in spoilt {
-        let mut config = good;
-        spoil(&mut config);
-        let refused = build(config).err().map(|error| error.field);
-        assert_eq!(refused, Some(*field));
+pub(crate) struct Refusal<C, B>(C, B);
+
+#[cfg(test)]
+pub(crate) fn refusal_of<C, T, B>(good: C, build: B) -> Refusal<C, B>
+where
+    B: Fn(C) -> Result<T, ConfigError>,
+{
+    Refusal(good, build)
+}
+
+#[cfg(test)]
+impl<C: Copy, T, B: Fn(C) -> Result<T, ConfigError>> Refusal<C, B> {
+    /// Asserts that each field that is spoilt is refused by its name.
+    pub(crate) fn names(&self, spoilt: &[Spoilt<C>]) {
+        for (field, spoil) in spoilt {
+            let mut config = self.0;
+            spoil(&mut config);
+            let refused = (self.1)(config).err().map(|error| error.field);
+            assert_eq!(refused, Some(*field));
+        }
     }
 }
 

@@ -459,14 +459,10 @@ mod tests {
     #[test]
     fn lists_must_match_the_strip() {
         assert_eq!(Config::default().build(4).unwrap_err().field, "zero_counts");
-        crate::config::assert_refused(
-            Config::default(),
-            |c| c.build(5),
-            &[
-                ("gain", |c| c.gain = PerGauge::uniform(4, 1.0)),
-                ("strain_per_count", |c| c.strain_per_count = f32::NAN),
-            ],
-        );
+        crate::config::refusal_of(Config::default(), |c| c.build(5)).names(&[
+            ("gain", |c| c.gain = PerGauge::uniform(4, 1.0)),
+            ("strain_per_count", |c| c.strain_per_count = f32::NAN),
+        ]);
     }
 
     properties! {

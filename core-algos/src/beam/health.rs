@@ -419,13 +419,9 @@ mod tests {
 
     #[test]
     fn bad_configuration_is_named() {
-        crate::config::assert_refused(
-            Config::default(),
-            |c| c.build(),
-            &[
-                ("dead_strain", |c| c.dead_strain = f32::NAN),
-                ("trip_periods", |c| c.trip_periods = 0),
-            ],
-        );
+        crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+            ("dead_strain", |c| c.dead_strain = f32::NAN),
+            ("trip_periods", |c| c.trip_periods = 0),
+        ]);
     }
 }

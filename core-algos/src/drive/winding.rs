@@ -208,16 +208,12 @@ mod tests {
 
     #[test]
     fn bad_parameters_are_named() {
-        crate::config::assert_refused(
-            Config::default(),
-            |c| c.build(),
-            &[
-                ("max_c", |c| c.max_c = 90.0),
-                ("start_c", |c| c.start_c = 130.0),
-                ("fold_back_c", |c| c.fold_back_c = f32::NAN),
-                ("time_constant_s", |c| c.time_constant_s = 0.0),
-                ("max_current_a", |c| c.max_current_a = 0.0),
-            ],
-        );
+        crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+            ("max_c", |c| c.max_c = 90.0),
+            ("start_c", |c| c.start_c = 130.0),
+            ("fold_back_c", |c| c.fold_back_c = f32::NAN),
+            ("time_constant_s", |c| c.time_constant_s = 0.0),
+            ("max_current_a", |c| c.max_current_a = 0.0),
+        ]);
     }
 }

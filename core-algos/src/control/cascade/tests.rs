@@ -197,12 +197,8 @@ fn bounds_hold_and_nan_counts_as_straight() {
 
 #[test]
 fn bad_geometry_is_named() {
-    crate::config::assert_refused(
-        Config::default(),
-        |c| c.build(),
-        &[
-            ("frame_length_m", |c| c.frame_length_m = 0.0),
-            ("max_steering_rad", |c| c.max_steering_rad = f32::NAN),
-        ],
-    );
+    crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+        ("frame_length_m", |c| c.frame_length_m = 0.0),
+        ("max_steering_rad", |c| c.max_steering_rad = f32::NAN),
+    ]);
 }

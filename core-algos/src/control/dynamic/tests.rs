@@ -295,17 +295,13 @@ fn missing_beam_estimate_falls_back_on_the_reference_bend() {
 
 #[test]
 fn bad_configuration_is_named() {
-    crate::config::assert_refused(
-        Config::default(),
-        |c| c.build(),
-        &[
-            ("motor.no_load_speed_rad_s", |c| {
-                c.motor = Some(Motor {
-                    stall_torque_nm: 2.5,
-                    no_load_speed_rad_s: 0.0,
-                })
-            }),
-            ("half_track_m", |c| c.half_track_m = f32::NAN),
-        ],
-    );
+    crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+        ("motor.no_load_speed_rad_s", |c| {
+            c.motor = Some(Motor {
+                stall_torque_nm: 2.5,
+                no_load_speed_rad_s: 0.0,
+            })
+        }),
+        ("half_track_m", |c| c.half_track_m = f32::NAN),
+    ]);
 }

@@ -207,16 +207,10 @@ fn a_moving_reference_is_followed() {
 
 #[test]
 fn bad_gains_are_named() {
-    crate::config::assert_refused(
-        Config::default(),
-        |c| c.build(),
-        &[("epsilon", |c| c.epsilon = f32::NAN)],
-    );
-    crate::config::assert_refused(
-        LimitsConfig::default(),
-        |c| c.build(),
-        &[("max_steering_rad", |c| c.max_steering_rad = 1.6)],
-    );
+    crate::config::refusal_of(Config::default(), |c| c.build())
+        .names(&[("epsilon", |c| c.epsilon = f32::NAN)]);
+    crate::config::refusal_of(LimitsConfig::default(), |c| c.build())
+        .names(&[("max_steering_rad", |c| c.max_steering_rad = 1.6)]);
 }
 
 #[test]

@@ -275,10 +275,7 @@ fn trajectory_is_met_at_its_times() {
 
 #[test]
 fn bad_configuration_is_named() {
-    crate::config::assert_refused(
-        Config::default(),
-        |c| c.build(&frame(), &law()),
-        &[("min_speed_m_s", |c| c.min_speed_m_s = 0.5)],
-    );
+    crate::config::refusal_of(Config::default(), |c| c.build(&frame(), &law()))
+        .names(&[("min_speed_m_s", |c| c.min_speed_m_s = 0.5)]);
     assert!(Tracker::new(&frame(), &law(), f32::NAN).is_err());
 }

@@ -255,15 +255,11 @@ fn a_new_goal_starts_afresh_and_a_lost_estimate_stops() {
 
 #[test]
 fn bad_parameters_are_named() {
-    crate::config::assert_refused(
-        Config::default(),
-        |c| c.build(),
-        &[
-            ("steering_wait_rad", |c| c.steering_wait_rad = 0.01),
-            ("accept_distance_m", |c| c.accept_distance_m = f32::NAN),
-            ("approach.circle_radius_m", |c| {
-                c.approach = kinematic::Config::default()
-            }),
-        ],
-    );
+    crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+        ("steering_wait_rad", |c| c.steering_wait_rad = 0.01),
+        ("accept_distance_m", |c| c.accept_distance_m = f32::NAN),
+        ("approach.circle_radius_m", |c| {
+            c.approach = kinematic::Config::default()
+        }),
+    ]);
 }

@@ -114,15 +114,11 @@ fn a_jump_of_the_counter_is_told_and_kept_out_of_the_speed() {
 
 #[test]
 fn bad_configuration_is_named() {
-    crate::config::assert_refused(
-        Config::default(),
-        |c| c.build(),
-        &[
-            ("counts_per_revolution", |c| c.counts_per_revolution = 0),
-            ("bandwidth_rad_s", |c| c.bandwidth_rad_s = 2500.0),
-            ("interval_s", |c| c.interval_s = f32::NAN),
-        ],
-    );
+    crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+        ("counts_per_revolution", |c| c.counts_per_revolution = 0),
+        ("bandwidth_rad_s", |c| c.bandwidth_rad_s = 2500.0),
+        ("interval_s", |c| c.interval_s = f32::NAN),
+    ]);
 }
 
 properties! {

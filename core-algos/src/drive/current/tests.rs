@@ -201,16 +201,12 @@ fn what_is_not_a_number_switches_off() {
 
 #[test]
 fn bad_parameters_are_named() {
-    crate::config::assert_refused(
-        Config::default(),
-        |c| c.build(),
-        &[
-            ("resistance_ohm", |c| c.resistance_ohm = 0.0),
-            ("inductance_h", |c| c.inductance_h = f32::NAN),
-            ("bandwidth_rad_s", |c| c.bandwidth_rad_s = 6000.0),
-            ("torque_constant_nm_a", |c| c.torque_constant_nm_a = -1.0),
-            ("max_current_a", |c| c.max_current_a = f32::INFINITY),
-            ("max_duty", |c| c.max_duty = 1.5),
-        ],
-    );
+    crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+        ("resistance_ohm", |c| c.resistance_ohm = 0.0),
+        ("inductance_h", |c| c.inductance_h = f32::NAN),
+        ("bandwidth_rad_s", |c| c.bandwidth_rad_s = 6000.0),
+        ("torque_constant_nm_a", |c| c.torque_constant_nm_a = -1.0),
+        ("max_current_a", |c| c.max_current_a = f32::INFINITY),
+        ("max_duty", |c| c.max_duty = 1.5),
+    ]);
 }

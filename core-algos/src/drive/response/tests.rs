@@ -137,17 +137,13 @@ properties! {
 
 #[test]
 fn bad_parameters_are_named() {
-    crate::config::assert_refused(
-        Config::default(),
-        |c| c.build(),
-        &[
-            ("resistance_ohm", |c| c.resistance_ohm = 0.0),
-            ("inductance_h", |c| c.inductance_h = f32::NAN),
-            ("torque_constant_nm_a", |c| c.torque_constant_nm_a = -1.0),
-            ("period_s", |c| c.period_s = f32::INFINITY),
-            ("window_s", |c| c.window_s = 1e-5),
-            ("tolerance_v", |c| c.tolerance_v = 0.0),
-            ("tolerance_share", |c| c.tolerance_share = -0.1),
-        ],
-    );
+    crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+        ("resistance_ohm", |c| c.resistance_ohm = 0.0),
+        ("inductance_h", |c| c.inductance_h = f32::NAN),
+        ("torque_constant_nm_a", |c| c.torque_constant_nm_a = -1.0),
+        ("period_s", |c| c.period_s = f32::INFINITY),
+        ("window_s", |c| c.window_s = 1e-5),
+        ("tolerance_v", |c| c.tolerance_v = 0.0),
+        ("tolerance_share", |c| c.tolerance_share = -0.1),
+    ]);
 }

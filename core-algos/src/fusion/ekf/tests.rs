@@ -597,16 +597,12 @@ fn increments_at_rest_are_positive_definite() {
 
 #[test]
 fn configuration_is_checked() {
-    crate::config::assert_refused(
-        Config::default(),
-        |c| c.build(),
-        &[
-            ("period_s", |c| c.period_s = 0.0),
-            ("track_m", |c| c.track_m = f32::NAN),
-            ("gyro_sigma_rad_s", |c| c.gyro_sigma_rad_s = -1.0),
-            ("innovation_gate", |c| c.innovation_gate = Some(f32::NAN)),
-        ],
-    );
+    crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+        ("period_s", |c| c.period_s = 0.0),
+        ("track_m", |c| c.track_m = f32::NAN),
+        ("gyro_sigma_rad_s", |c| c.gyro_sigma_rad_s = -1.0),
+        ("innovation_gate", |c| c.innovation_gate = Some(f32::NAN)),
+    ]);
     let mut q = [[0.0; 7]; 7];
     q[0][1] = 1.0;
     assert!(

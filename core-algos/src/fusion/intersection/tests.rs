@@ -256,11 +256,8 @@ fn bad_input_is_refused() {
         assert!(ci.fuse(&good, &bad).is_none());
         assert!(ci.fuse(&bad, &good).is_none());
     }
-    crate::config::assert_refused(
-        Config::default(),
-        |c| c.build(),
-        &[("heading_length_m", |c| c.heading_length_m = f32::NAN)],
-    );
+    crate::config::refusal_of(Config::default(), |c| c.build())
+        .names(&[("heading_length_m", |c| c.heading_length_m = f32::NAN)]);
 }
 
 #[test]

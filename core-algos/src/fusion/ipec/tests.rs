@@ -191,9 +191,6 @@ fn no_direction_leaves_odometry() {
                 .is_none()
         );
     }
-    crate::config::assert_refused(
-        Config::default(),
-        |c| c.build(),
-        &[("wheel_sigma_m", |c| c.wheel_sigma_m = -1.0)],
-    );
+    crate::config::refusal_of(Config::default(), |c| c.build())
+        .names(&[("wheel_sigma_m", |c| c.wheel_sigma_m = -1.0)]);
 }

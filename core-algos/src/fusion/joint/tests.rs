@@ -325,11 +325,8 @@ fn bad_measurement_changes_nothing() {
         assert_eq!(outcome.verdict, Verdict::Invalid);
         assert_eq!(state, before);
     }
-    crate::config::assert_refused(
-        Config::default(),
-        |c| c.build(0.01),
-        &[("scale_sigma", |c| c.scale_sigma = f32::NAN)],
-    );
+    crate::config::refusal_of(Config::default(), |c| c.build(0.01))
+        .names(&[("scale_sigma", |c| c.scale_sigma = f32::NAN)]);
 }
 
 #[test]

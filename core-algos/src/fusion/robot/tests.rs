@@ -285,14 +285,10 @@ fn bent_frame_creeps_at_standstill_in_the_covariance() {
 
 #[test]
 fn configuration_is_checked() {
-    crate::config::assert_refused(
-        Config::default(),
-        |c| c.build(),
-        &[
-            ("period_s", |c| c.period_s = f32::NAN),
-            ("creep_per_sqrt_s", |c| c.slip.creep_per_sqrt_s = -1.0),
-            ("frame_sigmas", |c| c.frame_sigmas[1] = 0.0),
-            ("scale_sigma", |c| c.joint.scale_sigma = f32::INFINITY),
-        ],
-    );
+    crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+        ("period_s", |c| c.period_s = f32::NAN),
+        ("creep_per_sqrt_s", |c| c.slip.creep_per_sqrt_s = -1.0),
+        ("frame_sigmas", |c| c.frame_sigmas[1] = 0.0),
+        ("scale_sigma", |c| c.joint.scale_sigma = f32::INFINITY),
+    ]);
 }

@@ -4,12 +4,13 @@ use crate::safety::{Condition, OperatingState};
 use crate::time::TICK;
 use core::f64::consts::TAU;
 
+const FRAME: FrameProperties = FrameProperties {
+    bending_stiffness_n_m2: 0.833,
+    length_m: 0.37,
+};
+
 fn node(axle: AxleId) -> AxleNode {
-    let frame = FrameProperties {
-        bending_stiffness_n_m2: 0.833,
-        length_m: 0.37,
-    };
-    let mut node = Config::default().build(axle, frame).unwrap();
+    let mut node = Config::default().build(axle, FRAME).unwrap();
     lead(&mut node, 0, LeadMode::Idle);
     node
 }
@@ -521,24 +522,16 @@ fn a_gyro_that_contradicts_the_wheels_is_slip() {
 #[test]
 fn limits_are_checked_by_name_and_hold_in_each_direction() {
     let limits = Limits::default();
-    let frame = FrameProperties {
-        bending_stiffness_n_m2: 0.833,
-        length_m: 0.37,
-    };
-    crate::config::assert_refused(
-        Config::default(),
-        |c| c.build(AxleId::Front, frame),
-        &[
-            ("tracking_m", |c| c.limits.tracking_m = 0.0),
-            ("tracking_rad", |c| c.limits.tracking_rad = -1.0),
-            ("stall_share", |c| c.limits.stall_share = 1.1),
-            ("stall_rad_s", |c| c.limits.stall_rad_s = f32::NAN),
-            ("slip_rad_s", |c| c.limits.slip_rad_s = 0.0),
-            ("wheel_speed_m_s", |c| {
-                c.limits.wheel_speed_m_s = f32::INFINITY
-            }),
-        ],
-    );
+    crate::config::refusal_of(Config::default(), |c| c.build(AxleId::Front, FRAME)).names(&[
+        ("tracking_m", |c| c.limits.tracking_m = 0.0),
+        ("tracking_rad", |c| c.limits.tracking_rad = -1.0),
+        ("stall_share", |c| c.limits.stall_share = 1.1),
+        ("stall_rad_s", |c| c.limits.stall_rad_s = f32::NAN),
+        ("slip_rad_s", |c| c.limits.slip_rad_s = 0.0),
+        ("wheel_speed_m_s", |c| {
+            c.limits.wheel_speed_m_s = f32::INFINITY
+        }),
+    ]);
     let Limits {
         tracking_m: way,
         tracking_rad: turn,
