@@ -119,10 +119,7 @@ properties! {
     /// Speed alone beyond its bound: the path (curvature) is what was asked for.
     #[test]
     fn limits_keep_the_path(v in -3.0f32..3.0, kappa in -3.0f32..3.0) {
-        let limits = Limits {
-max_speed: 0.25,
-max_curvature: 3.0,
-};
+        let limits = Limits { max_speed: 0.25, max_curvature: 3.0 };
         let out = limits.limit(Command { v, kappa, phi_dot: v * kappa });
         prop_assert!((out.phi_dot - out.v * kappa).abs() < 1e-6);
         prop_assert!(out.v * v >= 0.0);

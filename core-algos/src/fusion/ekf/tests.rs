@@ -7,33 +7,23 @@ use crate::fusion::testing::{
 };
 use crate::math::matrix::Mat3;
 
-/// Solves `m x = b` (dynamic size) by elimination with pivoting.
-fn solve(mut m: Vec<Vec<f64>>, mut b: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
-    let n = m.len();
-    for c in 0..n {
-        let p = (c..n)
+/// The x of `m x = b`, by elimination with pivoting.
+fn solve<const N: usize>(mut m: Matrix<N, N>, mut b: Matrix<N, N>) -> Matrix<N, N> {
+    for c in 0..N {
+        let p = (c..N)
             .max_by(|&i, &j| m[i][c].abs().total_cmp(&m[j][c].abs()))
             .unwrap();
         m.swap(c, p);
         b.swap(c, p);
-        for i in 0..n {
-            if i != c {
-                let f = m[i][c] / m[c][c];
-                for k in 0..n {
-                    m[i][k] -= f * m[c][k];
-                }
-                for k in 0..b[i].len() {
-                    b[i][k] -= f * b[c][k];
-                }
+        for i in (0..N).filter(|&i| i != c) {
+            let f = m[i][c] / m[c][c];
+            for k in 0..N {
+                m[i][k] -= f * m[c][k];
+                b[i][k] -= f * b[c][k];
             }
         }
     }
-    for i in 0..n {
-        for k in 0..b[i].len() {
-            b[i][k] /= m[i][i];
-        }
-    }
-    b
+    core::array::from_fn(|i| b[i].map(|entry| entry / m[i][i]))
 }
 
 /// The textbook filter.
@@ -88,6 +78,7 @@ impl Reference {
         }
     }
 
+    /// One update by all measurements that are there; the rows of the others are zero.
     fn update(&mut self, z: &[Option<f64>; 4], fix: Option<[f64; 3]>) {
         let half = self.track / 2.0;
         let rows = [
@@ -96,56 +87,39 @@ impl Reference {
             [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
             [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
         ];
-        let (mut h, mut nu, mut r) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut h, mut nu, mut r) = ([[0.0; 7]; 7], [0.0; 7], [[0.0; 7]; 7]);
+        for k in 0..7 {
+            r[k][k] = 1.0;
+        }
         for k in 0..4 {
             if let Some(z) = z[k] {
-                nu.push(z - (0..7).map(|j| rows[k][j] * self.x[j]).sum::<f64>());
-                h.push(rows[k]);
-                r.push((k, None));
+                nu[k] = z - (0..7).map(|j| rows[k][j] * self.x[j]).sum::<f64>();
+                h[k] = rows[k];
+                r[k][k] = self.r[k];
             }
         }
         if let Some(z) = fix {
             for k in 0..3 {
-                let mut row = [0.0; 7];
-                row[k] = 1.0;
                 let d = z[k] - self.x[k];
-                nu.push(if k == 2 { wrap(d) } else { d });
-                h.push(row);
-                r.push((k, Some(())));
+                nu[4 + k] = if k == 2 { wrap(d) } else { d };
+                h[4 + k][k] = 1.0;
+                r[4 + k][4..].copy_from_slice(&self.r_fix[k]);
             }
         }
-        let n = h.len();
-        if n == 0 {
-            return;
-        }
-        let ph: Vec<[f64; 7]> = h
-            .iter()
-            .map(|row| core::array::from_fn(|i| (0..7).map(|j| self.p[i][j] * row[j]).sum()))
-            .collect();
-        let mut s = vec![vec![0.0; n]; n];
-        for i in 0..n {
-            for j in 0..n {
-                s[i][j] = (0..7).map(|k| h[i][k] * ph[j][k]).sum();
-                s[i][j] += match (r[i], r[j]) {
-                    ((a, None), (b, None)) if a == b => self.r[a],
-                    ((a, Some(())), (b, Some(()))) => self.r_fix[a][b],
-                    _ => 0.0,
-                };
+        let hp = product(&h, &self.p);
+        let mut s = product(&hp, &transpose(&h));
+        for i in 0..7 {
+            for j in 0..7 {
+                s[i][j] += r[i][j];
             }
         }
         // Kᵀ = S⁻¹ H P.
-        let gain = solve(s.clone(), ph.iter().map(|row| row.to_vec()).collect());
+        let gain = transpose(&solve(s, hp));
+        let fall = product(&gain, &hp);
         for i in 0..7 {
-            self.x[i] += (0..n).map(|k| gain[k][i] * nu[k]).sum::<f64>();
+            self.x[i] += (0..7).map(|k| gain[i][k] * nu[k]).sum::<f64>();
             for j in 0..7 {
-                self.p[i][j] -= (0..n).map(|k| gain[k][i] * ph[k][j]).sum::<f64>();
-            }
-        }
-        for i in 0..7 {
-            for j in 0..i {
-                let mean = 0.5 * (self.p[i][j] + self.p[j][i]);
-                self.p[i][j] = mean;
-                self.p[j][i] = mean;
+                self.p[i][j] -= 0.5 * (fall[i][j] + fall[j][i]);
             }
         }
     }
