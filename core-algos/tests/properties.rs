@@ -20,7 +20,7 @@ use core_algos::math::matrix::Mat3;
 use core_algos::math::{Posture, Wrench};
 use core_algos::node::board::{Board, Samples};
 use core_algos::node::lead::Task;
-use core_algos::node::robot::RobotConfig;
+use core_algos::node::robot::{RobotConfig, Told};
 use core_algos::node::{Outbox, axle};
 use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
 use core_algos::topology::{AxleId, Role};
@@ -174,10 +174,6 @@ fn finite(posture: Posture) -> bool {
     posture.x.is_finite() && posture.y.is_finite() && posture.phi.is_finite()
 }
 
-fn known() -> Estimate {
-    Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3])
-}
-
 /// Runs every board on the same ticks and checks what comes out.
 fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
     let config = RobotConfig::default();
@@ -186,13 +182,7 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
     for role in Role::ALL {
         let mut board = Board::new(&config, role).unwrap();
         if let Some(lead) = board.lead() {
-            let straight = config.geometry.frame_length_m;
-            let relative = Estimate::with_sigmas(Posture::new(straight, 0.0, 0.0), [1e-3; 3]);
-            lead.initialize(&core_algos::node::lead::Place {
-                center: known(),
-                relative,
-                floor_drift: 0.01,
-            });
+            lead.initialize(&config.put_down(Posture::ORIGIN, &Told::default()));
         }
         let (mut now, mut outbox): (Micros, _) = (20_000_000, Outbox::new());
         for tick in ticks {
@@ -272,7 +262,8 @@ proptest! {
         steps in prop::collection::vec(prop::array::uniform4(prop::option::of(measured())), 1..400),
     ) {
         let filter = ekf::Config::default().build().unwrap();
-        let mut state = ekf::State::at_rest(&known(), [1e-2; 4]);
+        let known = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);
+        let mut state = ekf::State::at_rest(&known, [1e-2; 4]);
         for [left_m_s, right_m_s, gyro_rad_s, acceleration_m_s2] in steps {
             let measurements = Measurements { left_m_s, right_m_s, gyro_rad_s, acceleration_m_s2 };
             filter.step(&mut state, &measurements);
