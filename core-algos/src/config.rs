@@ -144,6 +144,35 @@ pub fn require(
     }
 }
 
+/// A field and what spoils it.
+#[cfg(test)]
+pub(crate) type Spoilt<C> = (&'static str, fn(&mut C));
+
+/// How a good configuration is built, to be spoilt.
+#[cfg(test)]
+pub(crate) struct Refusal<C, B>(C, B);
+
+#[cfg(test)]
+pub(crate) fn refusal_of<C, T, B>(good: C, build: B) -> Refusal<C, B>
+where
+    B: Fn(C) -> Result<T, ConfigError>,
+{
+    Refusal(good, build)
+}
+
+#[cfg(test)]
+impl<C: Copy, T, B: Fn(C) -> Result<T, ConfigError>> Refusal<C, B> {
+    /// Asserts that each field that is spoilt is refused by its name.
+    pub(crate) fn names(&self, spoilt: &[Spoilt<C>]) {
+        for (field, spoil) in spoilt {
+            let mut config = self.0;
+            spoil(&mut config);
+            let refused = (self.1)(config).err().map(|error| error.field);
+            assert_eq!(refused, Some(*field));
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -25,6 +25,9 @@
 #[macro_use]
 mod properties;
 
+#[macro_use]
+mod enumeration;
+
 pub mod acquisition;
 pub mod beam;
 pub mod bus;

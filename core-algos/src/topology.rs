@@ -51,41 +51,18 @@ impl Role {
     }
 }
 
-/// A node of the robot.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-pub enum Node {
-    /// Central node, on the front board.
-    Lead,
-    /// Front axle board.
-    FrontAxle,
-    /// Rear axle board.
-    RearAxle,
-    /// Beam board.
-    Beam,
-    /// A person's tool on the bus; not part of a running robot.
-    Service,
-}
-
-impl Node {
-    /// Every node.
-    pub const ALL: [Self; 5] = [
-        Self::Lead,
-        Self::FrontAxle,
-        Self::RearAxle,
-        Self::Beam,
-        Self::Service,
-    ];
-
-    /// Name, as in the bus description.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Lead => "Lead",
-            Self::FrontAxle => "FrontAxle",
-            Self::RearAxle => "RearAxle",
-            Self::Beam => "Beam",
-            Self::Service => "Service",
-        }
+enumeration! {
+    /// A node of the robot. The bus description has the names.
+    Node {
+        /// Central node, on the front board.
+        Lead,
+        /// Front axle board.
+        FrontAxle,
+        /// Rear axle board.
+        RearAxle,
+        /// Beam board.
+        Beam,
+        /// A person's tool on the bus; not part of a running robot.
+        Service,
     }
 }

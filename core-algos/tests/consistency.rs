@@ -9,6 +9,7 @@
 //! once and all fusions are tried on its reports.
 
 #[path = "../src/fusion/testing.rs"]
+#[allow(dead_code)]
 mod testing;
 
 use core_algos::beam::strip::PostureSigmas;
@@ -17,9 +18,8 @@ use core_algos::fusion::intersection;
 use core_algos::fusion::robot::{self, Increment, Inputs, Mode, Output};
 use core_algos::fusion::{Estimate, constants, ipec, joint};
 use core_algos::math::Posture;
-use core_algos::math::matrix::Mat3;
 use std::sync::OnceLock;
-use testing::Random;
+use testing::{Pose, Random, compose, inverse, quadratic, relative, wide, wrap};
 
 const RUNS: usize = 600;
 const EPOCHS: usize = 125;
@@ -29,27 +29,6 @@ const LENGTH: f64 = 0.37;
 const HALF_TRACK: f64 = 0.162;
 /// White noise of the beam: m, m, rad.
 const BEAM: Pose = [5e-5, 5e-5, 2e-4];
-
-type Pose = [f64; 3];
-
-fn wrap(a: f64) -> f64 {
-    a - std::f64::consts::TAU * (a / std::f64::consts::TAU).round()
-}
-
-fn compose(a: Pose, b: Pose) -> Pose {
-    let (s, c) = a[2].sin_cos();
-    [
-        a[0] + c * b[0] - s * b[1],
-        a[1] + s * b[0] + c * b[1],
-        a[2] + b[2],
-    ]
-}
-
-fn relative(tip: Pose, base: Pose) -> Pose {
-    let (s, c) = base[2].sin_cos();
-    let (x, y) = (tip[0] - base[0], tip[1] - base[1]);
-    [c * x + s * y, -s * x + c * y, wrap(tip[2] - base[2])]
-}
 
 fn posture(p: Pose) -> Posture {
     Posture::new(p[0] as f32, p[1] as f32, wrap(p[2]) as f32)
@@ -342,24 +321,6 @@ fn drive(setting: Setting, seed: u64) -> Drive {
     }
 }
 
-/// eᵀ P⁻¹ e for any error, by cofactors.
-fn quadratic(covariance: &Mat3, e: Pose) -> f64 {
-    let p = covariance.map(|row| row.map(f64::from));
-    let cofactor = |i: usize, j: usize| {
-        let (r, s) = ((i + 1) % 3, (i + 2) % 3);
-        let (c, d) = ((j + 1) % 3, (j + 2) % 3);
-        p[r][c] * p[s][d] - p[r][d] * p[s][c]
-    };
-    let determinant: f64 = (0..3).map(|j| p[0][j] * cofactor(0, j)).sum();
-    let mut sum = 0.0;
-    for i in 0..3 {
-        for j in 0..3 {
-            sum += e[i] * e[j] * cofactor(i, j) / determinant;
-        }
-    }
-    sum
-}
-
 fn error(estimate: &Estimate, truth: Pose) -> Pose {
     let p = estimate.posture;
     [
@@ -367,6 +328,12 @@ fn error(estimate: &Estimate, truth: Pose) -> Pose {
         f64::from(p.y) - truth[1],
         wrap(f64::from(p.phi) - truth[2]),
     ]
+}
+
+/// Normalised estimation error squared.
+fn nees(estimate: &Estimate, truth: Pose) -> f64 {
+    let information = inverse(&wide(&estimate.covariance));
+    quadratic(&information, error(estimate, truth))
 }
 
 #[derive(Debug)]
@@ -400,8 +367,7 @@ fn try_on(setting: Setting, drives: &[Drive], mode: Mode) -> Honesty {
         let truth = [drive.front, drive.rear, midpoint(drive.front, drive.rear)];
         let estimates = [output.front, output.rear, output.robot];
         for k in 0..3 {
-            let e = error(&estimates[k], truth[k]);
-            honesty.nees[k] += quadratic(&estimates[k].covariance, e) / n;
+            honesty.nees[k] += nees(&estimates[k], truth[k]) / n;
         }
         let e = error(&output.robot, truth[2]);
         honesty.rms[0] += (e[0] * e[0] + e[1] * e[1]) / n;
@@ -411,14 +377,11 @@ fn try_on(setting: Setting, drives: &[Drive], mode: Mode) -> Honesty {
     honesty
 }
 
-/// One world: its drives and what each fusion made of them, each worked out once.
+/// One world: its drives and what the fusion of each mode made of them, each worked out once.
 struct World {
     setting: Setting,
     drives: OnceLock<Vec<Drive>>,
-    odometry: OnceLock<Honesty>,
-    intersection: OnceLock<Honesty>,
-    corrected: OnceLock<Honesty>,
-    joint: OnceLock<Honesty>,
+    tried: [OnceLock<Honesty>; 4],
 }
 
 impl World {
@@ -426,26 +389,18 @@ impl World {
         Self {
             setting: Setting { lasting, gyro },
             drives: OnceLock::new(),
-            odometry: OnceLock::new(),
-            intersection: OnceLock::new(),
-            corrected: OnceLock::new(),
-            joint: OnceLock::new(),
+            tried: [const { OnceLock::new() }; 4],
         }
     }
 
     fn try_on(&self, mode: Mode) -> &Honesty {
-        let once = match mode {
-            Mode::Odometry => &self.odometry,
-            Mode::Intersection => &self.intersection,
-            Mode::IntersectionIpec => &self.corrected,
-            Mode::Joint => &self.joint,
-        };
         let drives = || {
             (0..RUNS as u64)
                 .map(|run| drive(self.setting, run))
                 .collect()
         };
-        once.get_or_init(|| try_on(self.setting, self.drives.get_or_init(drives), mode))
+        self.tried[mode as usize]
+            .get_or_init(|| try_on(self.setting, self.drives.get_or_init(drives), mode))
     }
 }
 
@@ -549,7 +504,7 @@ fn fused_nees(correlation: f64, fuse: &dyn Fn(&Estimate, &Estimate) -> Estimate)
         let b = draws.map(|[one, two]| 1e-3 * (correlation * one + own * two));
         let [a, b] = [a, b].map(|e| Estimate::with_sigmas(posture(e), [1e-3; 3]));
         let fused = fuse(&a, &b);
-        sum += quadratic(&fused.covariance, error(&fused, [0.0; 3]));
+        sum += nees(&fused, [0.0; 3]);
     }
     sum / PAIRS as f64
 }

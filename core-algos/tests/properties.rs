@@ -6,18 +6,21 @@
 #[path = "../src/properties.rs"]
 #[allow(unused_macros)]
 mod properties;
+#[path = "../src/fusion/testing.rs"]
+#[allow(dead_code)]
+mod testing;
 
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::{self};
 use core_algos::bus::{LeadMode, Message};
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
+use core_algos::fusion::Estimate;
 use core_algos::fusion::ekf::{self, Measurements};
-use core_algos::fusion::{Estimate, intersection};
 use core_algos::math::matrix::Mat3;
 use core_algos::math::{Posture, Wrench};
 use core_algos::node::board::{Board, Samples};
 use core_algos::node::lead::Task;
-use core_algos::node::robot::RobotConfig;
+use core_algos::node::robot::{RobotConfig, Told};
 use core_algos::node::{Outbox, axle};
 use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
 use core_algos::topology::{AxleId, Role};
@@ -171,10 +174,6 @@ fn finite(posture: Posture) -> bool {
     posture.x.is_finite() && posture.y.is_finite() && posture.phi.is_finite()
 }
 
-fn known() -> Estimate {
-    Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3])
-}
-
 /// Runs every board on the same ticks and checks what comes out.
 fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
     let config = RobotConfig::default();
@@ -183,13 +182,7 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
     for role in Role::ALL {
         let mut board = Board::new(&config, role).unwrap();
         if let Some(lead) = board.lead() {
-            let straight = config.geometry.frame_length_m;
-            let relative = Estimate::with_sigmas(Posture::new(straight, 0.0, 0.0), [1e-3; 3]);
-            lead.initialize(&core_algos::node::lead::Place {
-                center: known(),
-                relative,
-                floor_drift: 0.01,
-            });
+            lead.initialize(&config.put_down(Posture::ORIGIN, &Told::default()));
         }
         let (mut now, mut outbox): (Micros, _) = (20_000_000, Outbox::new());
         for tick in ticks {
@@ -253,103 +246,12 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-type Wide = [[f64; 3]; 3];
-
-fn wide(m: &Mat3) -> Wide {
-    m.map(|row| row.map(f64::from))
-}
-
-/// Inverse by cofactors, in `f64`.
-fn inverse(m: &Wide) -> Wide {
-    let minor = |i: usize, j: usize| {
-        let (a, b) = ((i + 1) % 3, (i + 2) % 3);
-        let (c, d) = ((j + 1) % 3, (j + 2) % 3);
-        m[a][c] * m[b][d] - m[a][d] * m[b][c]
-    };
-    let det: f64 = (0..3).map(|j| m[0][j] * minor(0, j)).sum();
-    std::array::from_fn(|i| std::array::from_fn(|j| minor(j, i) / det))
-}
-
-fn along(m: &Wide, u: &[f64; 3]) -> f64 {
-    (0..3)
-        .map(|i| (0..3).map(|j| u[i] * m[i][j] * u[j]).sum::<f64>())
-        .sum()
-}
-
-/// A covariance with standard deviations in a ratio of at most 300 and correlations of a random factor.
-fn covariance() -> impl Strategy<Value = Mat3> {
-    let sigma = prop::array::uniform3(-2.5f64..0.0);
-    let factor = prop::array::uniform3(-1.5f64..1.5);
-    (sigma, factor).prop_map(|(sigma, [a, b, c])| {
-        let s = sigma.map(|log| 10f64.powf(log));
-        let l = [[1.0, 0.0, 0.0], [a, 1.0, 0.0], [b, c, 1.0]];
-        std::array::from_fn(|i| {
-            std::array::from_fn(|j| {
-                let dot: f64 = (0..3).map(|k| l[i][k] * l[j][k]).sum();
-                (s[i] * s[j] * dot) as f32
-            })
-        })
-    })
-}
-
-/// True if a matrix is symmetric and positive definite, by Cholesky in `f64`.
-fn is_definite<const N: usize>(m: &[[f64; N]; N]) -> bool {
-    let mut l = [[0.0; N]; N];
-    for i in 0..N {
-        for j in 0..=i {
-            if m[i][j] != m[j][i] {
-                return false;
-            }
-            let sum = m[i][j] - (0..j).map(|k| l[i][k] * l[j][k]).sum::<f64>();
-            if i == j {
-                if !(sum > 0.0 && sum.is_finite()) {
-                    return false;
-                }
-                l[i][i] = f64::sqrt(sum);
-            } else {
-                l[i][j] = sum / l[j][j];
-            }
-        }
-    }
-    true
-}
-
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..properties::config(256) })]
 
     #[test]
     fn no_input_moves_a_node_beyond_its_limits(ticks in prop::collection::vec(tick(), 1..120)) {
         drive(&ticks)?;
-    }
-
-    /// In no direction does the result claim more than the better of the two, and nowhere less than
-    /// the worse.
-    #[test]
-    fn covariance_intersection_claims_no_more_than_its_inputs(
-        a in covariance(), b in covariance(), offset in prop::array::uniform3(-0.1f32..0.1),
-        trace in any::<bool>(),
-        directions in prop::collection::vec(prop::array::uniform3(-1.0f64..1.0), 16),
-    ) {
-        let criterion = match trace {
-            true => intersection::Criterion::Trace,
-            false => intersection::Criterion::Determinant,
-        };
-        let config = intersection::Config { criterion, ..Default::default() };
-        let estimates = [
-            Estimate { posture: Posture::ORIGIN, covariance: a },
-            Estimate { posture: offset.into(), covariance: b },
-        ];
-        let fused = config.build().unwrap().fuse(&estimates[0], &estimates[1]);
-        let Some(fused) = fused else { return Ok(()); };
-        let p = fused.estimate.covariance;
-        prop_assert!(is_definite(&wide(&p)));
-        let [ia, ib, ip] = [a, b, p].map(|m| inverse(&wide(&m)));
-        for u in &directions {
-            let (most, least) = (along(&ia, u).max(along(&ib, u)), along(&ia, u).min(along(&ib, u)));
-            let claimed = along(&ip, u);
-            prop_assert!(claimed <= most * 1.002, "{claimed} of {most}");
-            prop_assert!(claimed >= least * 0.998, "{claimed} of {least}");
-        }
     }
 
     /// The axle filter under any measurements within its sensors, whose gates let contradictions in
@@ -360,14 +262,15 @@ proptest! {
         steps in prop::collection::vec(prop::array::uniform4(prop::option::of(measured())), 1..400),
     ) {
         let filter = ekf::Config::default().build().unwrap();
-        let mut state = ekf::State::at_rest(&known(), [1e-2; 4]);
+        let known = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);
+        let mut state = ekf::State::at_rest(&known, [1e-2; 4]);
         for [left_m_s, right_m_s, gyro_rad_s, acceleration_m_s2] in steps {
             let measurements = Measurements { left_m_s, right_m_s, gyro_rad_s, acceleration_m_s2 };
             filter.step(&mut state, &measurements);
             prop_assert!(state.is_finite());
             let entry = |t: core_algos::math::TwoFloat| f64::from(t.high) + f64::from(t.low);
             let p = state.covariance().wide_matrix().map(|row| row.map(entry));
-            prop_assert!(is_definite(&p), "{p:?}");
+            prop_assert!(testing::is_definite(&p), "{p:?}");
             let heading = state.posture().phi;
             prop_assert!(heading.abs() <= std::f32::consts::PI + 1e-6, "{heading}");
         }

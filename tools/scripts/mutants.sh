@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Mutation test: the share of small changes of a folder that its crate's unit tests notice.
+# Mutation test: the share of small changes of a folder that its crate's tests notice: of core-algos those of the modules.
 #
 #   tools/scripts/mutants.sh FOLDER SHARE [OPTION...]     exits 1 below SHARE percent
 #   tools/scripts/mutants.sh core-algos/src/safety 90 --shard 0/4 --sharding round-robin
@@ -11,8 +11,8 @@ cd "$(dirname "$0")/../.."
 
 folder=${1:-} share=${2:-}
 case $folder in
-  core-algos/src/?*) crate=(--package core-algos --features link) ;;
-  crates/plant/src*) crate=(--package plant) ;;
+  core-algos/src/?*) crate=(--package core-algos --features link) tests=(--lib) ;;
+  crates/plant/src*) crate=(--package plant) tests=(--tests) ;;
   *) echo "mutants.sh: folder '$folder': must be core-algos/src/NAME or crates/plant/src" >&2; exit 2 ;;
 esac
 if [ ! -d "$folder" ] || ! [[ $share =~ ^[0-9]+$ && $share -le 100 ]]; then
@@ -29,7 +29,7 @@ export CARGO_PROFILE_TEST_OPT_LEVEL=1 CARGO_PROFILE_TEST_DEBUG=false CARGO_PROFI
 results=target/mutants/${folder//\//-} status=0
 mkdir -p "$results"
 read -ra filter <<<"${FILTER:-}"
-cargo mutants "${crate[@]}" --file "${folder%/}/**" --output "$results" "${@:3}" -- --lib -- "${filter[@]}" || status=$?
+cargo mutants "${crate[@]}" --file "${folder%/}/**" --output "$results" "${@:3}" -- "${tests[@]}" -- "${filter[@]}" || status=$?
 # 2: some missed, 3: some ran out of time. Other codes are no result.
 ((status == 0 || status == 2 || status == 3)) || exit "$status"
 count() { wc -l <"$results/mutants.out/$1.txt"; }

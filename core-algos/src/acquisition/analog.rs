@@ -113,10 +113,7 @@ mod tests {
         let supply = SupplyConfig::default().build().unwrap();
         // 12 V: 2.105 V at the pin, 2613 counts.
         assert!((supply.read(2613) - 12.0).abs() < 5e-3);
-        let bad = SupplyConfig {
-            divider: 0.5,
-            ..SupplyConfig::default()
-        };
-        assert_eq!(bad.build().unwrap_err().field, "divider");
+        crate::config::refusal_of(SupplyConfig::default(), |c| c.build())
+            .names(&[("divider", |c| c.divider = 0.5)]);
     }
 }

@@ -246,10 +246,7 @@ mod tests {
             assert_eq!(channel.step(10, k % 999 != 0), None);
         }
         assert!(!channel.is_zeroed());
-        let bad = Config {
-            unit_per_count: 0.0,
-            ..Config::GYRO
-        };
-        assert_eq!(bad.build().unwrap_err().field, "unit_per_count");
+        crate::config::refusal_of(Config::GYRO, |c| c.build())
+            .names(&[("unit_per_count", |c| c.unit_per_count = 0.0)]);
     }
 }

@@ -10,7 +10,6 @@
 use super::strip::{GaugeMask, MAX_GAUGES, PerGauge};
 use crate::config::{Allowed, ConfigError, config, in_range, require};
 use crate::math::trig::sqrt;
-use core::fmt;
 
 /// Largest converter range supported: 24 bits.
 const MAX_FULL_SCALE: i32 = (1 << 24) - 1;
@@ -88,11 +87,11 @@ impl Config {
 
     /// This calibration with the zero of each gauge set so that `average`, taken with the strip at
     /// the known strains `known` (all zero for a straight strip), reads `known`.
-    pub fn zeroed(&self, average: &Average, known: &[f32; MAX_GAUGES]) -> Self {
+    pub fn zeroed(&self, average: &[f32; MAX_GAUGES], known: &[f32; MAX_GAUGES]) -> Self {
         let mut zero = self.zero_counts.padded();
         let gain = self.gain.padded();
         for i in 0..MAX_GAUGES {
-            zero[i] = average.counts[i] - known[i] / (self.strain_per_count * gain[i]);
+            zero[i] = average[i] - known[i] / (self.strain_per_count * gain[i]);
         }
         Self {
             zero_counts: self.zero_counts.replaced(zero),
@@ -103,11 +102,11 @@ impl Config {
     /// This calibration with the gain of each gauge set so that `average`, taken at a known bend
     /// (the strip laid on a former: strain = half thickness × curvature), reads `known`. The bend
     /// must be much larger than the error of the zeros; check the result with [`Self::build`].
-    pub fn with_gain(&self, average: &Average, known: &[f32; MAX_GAUGES]) -> Self {
+    pub fn with_gain(&self, average: &[f32; MAX_GAUGES], known: &[f32; MAX_GAUGES]) -> Self {
         let zero = self.zero_counts.padded();
         let mut gain = self.gain.padded();
         for i in 0..MAX_GAUGES {
-            gain[i] = known[i] / (self.strain_per_count * (average.counts[i] - zero[i]));
+            gain[i] = known[i] / (self.strain_per_count * (average[i] - zero[i]));
         }
         Self {
             gain: self.gain.replaced(gain),
@@ -217,29 +216,6 @@ pub enum StandstillError {
     Drifting(u8),
 }
 
-impl fmt::Display for StandstillError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::TooFewSamples(i) => write!(f, "gauge {i}: too few samples"),
-            Self::BadSample(i) => write!(f, "gauge {i}: a sample is saturated or missing"),
-            Self::Noisy(i) => write!(f, "gauge {i}: the samples scatter too much for standstill"),
-            Self::Drifting(i) => write!(f, "gauge {i}: the average drifts"),
-        }
-    }
-}
-
-impl core::error::Error for StandstillError {}
-
-/// Average counts at standstill and how sure they are.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Average {
-    /// Mean count of each gauge.
-    pub counts: [f32; MAX_GAUGES],
-    /// Standard deviation of that mean, strain: noise and drift together, at least a twelfth of a
-    /// count squared spread over the samples.
-    pub sigma_strain: [f32; MAX_GAUGES],
-}
-
 /// Sums of counts, exact: integers relative to the first sample.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Moments {
@@ -299,23 +275,17 @@ impl Standstill {
         self.samples = self.samples.saturating_add(1);
     }
 
-    /// The average over all samples of the gauges `mask`, if it can be trusted.
+    /// Mean count of each gauge of `mask` over all samples, if it can be trusted.
     pub fn average(
         &self,
         calibration: &Calibration,
         limits: &StandstillLimits,
         mask: GaugeMask,
-    ) -> Result<Average, StandstillError> {
+    ) -> Result<[f32; MAX_GAUGES], StandstillError> {
         let resolution = calibration.resolution();
         let first = self.first.unwrap_or([0; MAX_GAUGES]);
-        let mut average = Average {
-            counts: [0.0; MAX_GAUGES],
-            sigma_strain: [0.0; MAX_GAUGES],
-        };
-        for i in 0..MAX_GAUGES {
-            if !mask.contains(i) {
-                continue;
-            }
+        let mut average = [0.0; MAX_GAUGES];
+        for i in mask.iter() {
             let gauge = i as u8;
             if self.bad.contains(i) {
                 return Err(StandstillError::BadSample(gauge));
@@ -335,9 +305,7 @@ impl Standstill {
                 return Err(StandstillError::Drifting(gauge));
             }
             let total = early.sum.saturating_add(late.sum) as f32;
-            average.counts[i] = first[i] as f32 + total / count as f32;
-            let noise = (variance + 1.0 / 12.0) / count as f32;
-            average.sigma_strain[i] = resolution * sqrt(noise + 0.25 * drift * drift);
+            average[i] = first[i] as f32 + total / count as f32;
         }
         Ok(average)
     }
@@ -345,8 +313,8 @@ impl Standstill {
 
 #[cfg(test)]
 mod tests {
-    use super::super::reference::Random;
     use super::*;
+    use crate::fusion::testing::Random;
     use proptest::prelude::*;
 
     fn calibration() -> Calibration {
@@ -369,7 +337,7 @@ mod tests {
     const FIVE: GaugeMask = GaugeMask(0b11111);
 
     #[test]
-    fn zeroing_finds_the_zero_of_noisy_gauges_within_its_own_sigma() {
+    fn zeroing_finds_the_zero_of_noisy_gauges_as_well_as_their_mean_does() {
         let limits = StandstillLimits::default();
         let mut random = Random(4);
         let truth = [
@@ -381,13 +349,14 @@ mod tests {
             let average = standstill.average(&calibration(), &limits, FIVE).unwrap();
             let config = Config::default().zeroed(&average, &[0.0; MAX_GAUGES]);
             for (i, zero) in config.zero_counts.iter().enumerate() {
-                let error =
-                    (f64::from(zero) - truth[i]) * f64::from(Config::default().strain_per_count);
-                assert!(error.abs() < 0.5e-6);
-                squared += (error / f64::from(average.sigma_strain[i])).powi(2);
+                let error = f64::from(zero) - truth[i];
+                assert!((error * f64::from(config.strain_per_count)).abs() < 0.5e-6);
+                squared += error.powi(2);
             }
         }
-        let normalised = squared / (5.0 * f64::from(runs));
+        // Noise and the rounding to counts, over 1000 samples.
+        let variance = (1.5 * 1.5 + 1.0 / 12.0) / 1000.0;
+        let normalised = squared / (5.0 * f64::from(runs) * variance);
         assert!((0.5..1.3).contains(&normalised), "{normalised}");
     }
 
@@ -465,16 +434,10 @@ mod tests {
     #[test]
     fn lists_must_match_the_strip() {
         assert_eq!(Config::default().build(4).unwrap_err().field, "zero_counts");
-        let config = Config {
-            gain: PerGauge::uniform(4, 1.0),
-            ..Config::default()
-        };
-        assert_eq!(config.build(5).unwrap_err().field, "gain");
-        let config = Config {
-            strain_per_count: f32::NAN,
-            ..Config::default()
-        };
-        assert_eq!(config.build(5).unwrap_err().field, "strain_per_count");
+        crate::config::refusal_of(Config::default(), |c| c.build(5)).names(&[
+            ("gain", |c| c.gain = PerGauge::uniform(4, 1.0)),
+            ("strain_per_count", |c| c.strain_per_count = f32::NAN),
+        ]);
     }
 
     properties! {
@@ -489,7 +452,7 @@ mod tests {
                 standstill.add(&calibration(), &limits, &counts);
             }
             if let Ok(average) = standstill.average(&calibration(), &limits, FIVE) {
-                prop_assert!(average.counts.iter().all(|c| c.is_finite()));
+                prop_assert!(average.iter().all(|c| c.is_finite()));
             }
         }
     }

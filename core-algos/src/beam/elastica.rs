@@ -135,18 +135,14 @@ impl Solver {
     pub fn new(strip: Strip) -> Self {
         let mut legs = [Leg::default(); MAX_GAUGES];
         let mut tip_u = 0.0;
-        for i in 0..MAX_GAUGES {
-            if strip.gauges.contains(i) && strip.u[i] >= 0.0 {
-                legs[i] = Leg::new(tip_u, strip.u[i]);
-                tip_u = strip.u[i];
-            }
+        for i in strip.gauges.iter().filter(|&i| strip.u[i] >= 0.0) {
+            legs[i] = Leg::new(tip_u, strip.u[i]);
+            tip_u = strip.u[i];
         }
         let mut root_u = 0.0;
-        for i in (0..MAX_GAUGES).rev() {
-            if strip.gauges.contains(i) && strip.u[i] < 0.0 {
-                legs[i] = Leg::new(root_u, strip.u[i]);
-                root_u = strip.u[i];
-            }
+        for i in strip.gauges.iter().rev().filter(|&i| strip.u[i] < 0.0) {
+            legs[i] = Leg::new(root_u, strip.u[i]);
+            root_u = strip.u[i];
         }
         Self {
             strip,

@@ -226,10 +226,8 @@ impl Monitor {
         state.flat = flat;
         if present <= 3 {
             // Too few gauges to speak on each other.
-            for i in 0..MAX_GAUGES {
-                if flat.contains(i) {
-                    state.latch(i, Fault::Dead);
-                }
+            for i in flat.iter() {
+                state.latch(i, Fault::Dead);
             }
             state.flat = GaugeMask::NONE;
         }
@@ -271,11 +269,7 @@ impl Monitor {
         if state.inconsistent_periods < self.config.trip_periods || used.count() < 5 {
             return None;
         }
-        let mut i = usize::from(state.next);
-        while i < MAX_GAUGES && !used.contains(i) {
-            i += 1;
-        }
-        (i < MAX_GAUGES).then_some(i)
+        (usize::from(state.next)..MAX_GAUGES).find(|&i| used.contains(i))
     }
 
     /// Residual of the fit through `used` without gauge `i`.
@@ -292,16 +286,14 @@ impl Monitor {
         // A round is complete: guilty is the one without whom the rest agree, if the rest do not
         // agree without any other.
         let (mut best, mut second, mut guilty) = (f32::INFINITY, f32::INFINITY, 0);
-        for j in 0..MAX_GAUGES {
-            if used.contains(j) && state.tested.contains(j) {
-                let residual = state.without[j];
-                if residual < best {
-                    second = best;
-                    best = residual;
-                    guilty = j;
-                } else if residual < second {
-                    second = residual;
-                }
+        for j in used.and(state.tested).iter() {
+            let residual = state.without[j];
+            if residual < best {
+                second = best;
+                best = residual;
+                guilty = j;
+            } else if residual < second {
+                second = residual;
             }
         }
         let half = 0.5 * self.config.max_chi_square;
@@ -410,15 +402,9 @@ mod tests {
 
     #[test]
     fn bad_configuration_is_named() {
-        let config = Config {
-            dead_strain: f32::NAN,
-            ..Config::default()
-        };
-        assert_eq!(config.build().unwrap_err().field, "dead_strain");
-        let config = Config {
-            trip_periods: 0,
-            ..Config::default()
-        };
-        assert_eq!(config.build().unwrap_err().field, "trip_periods");
+        crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+            ("dead_strain", |c| c.dead_strain = f32::NAN),
+            ("trip_periods", |c| c.trip_periods = 0),
+        ]);
     }
 }

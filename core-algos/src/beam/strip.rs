@@ -134,6 +134,11 @@ impl GaugeMask {
         i < MAX_GAUGES && self.0 & (1 << i) != 0
     }
 
+    /// The gauges in the set, from the root on.
+    pub fn iter(self) -> impl DoubleEndedIterator<Item = usize> {
+        (0..MAX_GAUGES).filter(move |&i| self.contains(i))
+    }
+
     /// The set with gauge `i`.
     pub fn with(self, i: usize) -> Self {
         if i < MAX_GAUGES {

@@ -20,29 +20,6 @@ pub(super) const MAX_SIGNALS: usize = 7;
 /// Values of the signals of a message.
 pub(super) type Values = [f32; MAX_SIGNALS];
 
-/// An enumeration that crosses the bus as its index, with the names of its values.
-macro_rules! wire_enum {
-    ($(#[$doc:meta])* $name:ident { $($(#[$note:meta])* $value:ident = $label:literal,)+ }) => {
-        $(#[$doc])*
-        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-        #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-        pub enum $name { $($(#[$note])* $value,)+ }
-
-        impl $name {
-            /// Every value, in the order of its number.
-            pub const ALL: [Self; [$($label),+].len()] = [$(Self::$value),+];
-            /// Names of the values.
-            pub const NAMES: [&'static str; Self::ALL.len()] = [$($label),+];
-
-            /// The value with this number.
-            pub fn from_number(number: u8) -> Option<Self> {
-                Self::ALL.get(usize::from(number)).copied()
-            }
-        }
-    };
-}
-
 wire_enum! {
     /// Result of a calibration.
     CalibrationResult {

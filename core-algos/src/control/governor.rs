@@ -313,11 +313,6 @@ impl Governor {
         1.05 * steepest
     }
 
-    /// The configuration it was built from.
-    pub fn config(&self) -> &Config {
-        &self.config
-    }
-
     /// One step of `dt` (s) towards `wish`, after which the state's [`motion`](State::motion) is the
     /// reference. An interval that is not positive changes nothing.
     ///

@@ -33,7 +33,7 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
-use crate::config::{ConfigError, config, positive};
+use crate::config::{ConfigError, config};
 use crate::math::trig::{
     atan2, clamp, cos, hypot, sin, sin_cos, sqrt, tanh_and_of_angle, wrap_angle,
 };
@@ -502,14 +502,6 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Bounds from a speed (m/s) and a curvature (1/m), both greater than zero.
-    pub fn new(max_speed_m_s: f32, max_curvature_per_m: f32) -> Result<Self, ConfigError> {
-        Ok(Self {
-            max_speed: positive("max_speed_m_s", max_speed_m_s)?,
-            max_curvature: positive("max_curvature_per_m", max_curvature_per_m)?,
-        })
-    }
-
     /// Greatest curvature, 1/m.
     pub fn max_curvature(&self) -> f32 {
         self.max_curvature

@@ -40,7 +40,9 @@
 
 mod buffer;
 
-pub use buffer::{PathBuffer, PathError, PathPoint, PathSample, TrajectoryBuffer, TrajectoryPoint};
+pub use buffer::{
+    Buffer, PathBuffer, PathError, PathPoint, PathSample, Point, TrajectoryBuffer, TrajectoryPoint,
+};
 
 use super::cascade::Cascade;
 use super::governor::Wish;
@@ -209,8 +211,6 @@ pub struct PathReference {
     pub psi_rate: f32,
     /// Distance of O to the left of the path, m.
     pub lateral_error_m: f32,
-    /// Distance along the path to its end, or to the last point known, m.
-    pub remaining_m: f32,
 }
 
 /// Path follower.
@@ -232,11 +232,6 @@ fn nearest(a: PathPoint, b: PathPoint, at: Posture) -> (f32, f32) {
 }
 
 impl Follower {
-    /// The limits it was built from.
-    pub fn config(&self) -> &Config {
-        &self.config
-    }
-
     /// Wish to the governor for O at `center`: law (4) on the reference of [`Self::step`], with the
     /// path's deceleration and steering rate as feedforward.
     pub fn wish(&self, center: impl Into<Transform>, reference: &PathReference) -> Wish {
@@ -260,7 +255,7 @@ impl Follower {
         };
         let (mut s, mut least) = (from, f32::INFINITY);
         for i in 0..N {
-            let Some((a, b)) = path.segment_from(from, i) else {
+            let Some([a, b]) = path.segment_from(from, i) else {
                 break;
             };
             if !(a.s <= from + window) {
@@ -308,7 +303,7 @@ impl Follower {
         let mut steering = None;
         let mut before: Option<(f32, f32)> = None;
         for i in 0..N {
-            let Some((a, b)) = path.segment_from(s, i) else {
+            let Some([a, b]) = path.segment_from(s, i) else {
                 break;
             };
             if !(a.s - s <= horizon) {
@@ -347,8 +342,8 @@ impl Follower {
         }
         let mut progress = self.progress(last, path, center);
         let end = path.end();
-        let remaining_m = (end - progress.s).max(0.0);
-        progress.finished |= path.is_complete() && remaining_m <= self.config.end_tolerance_m;
+        let remaining = (end - progress.s).max(0.0);
+        progress.finished |= path.is_complete() && remaining <= self.config.end_tolerance_m;
         if progress.finished {
             // What is left of the way is left to the law, with its reference at rest.
             progress.s = end;
@@ -378,7 +373,6 @@ impl Follower {
                 kappa_slope: here.kappa_slope,
                 psi_rate: here.kappa_slope * v / by_psi,
                 lateral_error_m,
-                remaining_m,
             },
         ))
     }
@@ -439,8 +433,8 @@ impl Tracker {
             return None;
         }
         let [s, v, acceleration] = trajectory.time_law(time)?;
-        let here = trajectory.place(s)?;
-        let led = trajectory.place(s + self.lead.distance(here.kappa, 0.0))?;
+        let here = trajectory.at(s)?;
+        let led = trajectory.at(s + self.lead.distance(here.kappa, 0.0))?;
         let by_psi = self.steering.curvature_slope(here.kappa);
         Some(TrajectoryReference {
             reference: Reference {
@@ -452,7 +446,7 @@ impl Tracker {
             kappa: here.kappa,
             acceleration,
             psi_rate: here.kappa_slope * v / by_psi,
-            finished: time >= trajectory.end_time(),
+            finished: time >= trajectory.end(),
         })
     }
 }

@@ -136,16 +136,6 @@ pub struct Regulator {
 }
 
 impl Regulator {
-    /// Bounds of speed and curvature.
-    pub fn limits(&self) -> &Limits {
-        &self.limits
-    }
-
-    /// The parameters this regulator was built from.
-    pub fn config(&self) -> &Config {
-        &self.config
-    }
-
     /// One step, every `tick_s`.
     pub fn tick(&self, state: &mut State, input: &Input) -> Output {
         if !(input.posture.is_finite() && input.goal.is_finite()) {

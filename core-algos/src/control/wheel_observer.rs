@@ -1,4 +1,4 @@
-//! Second-order tracking observer of a wheel: speed and angle from encoder counts.
+//! Second-order tracking observer of a wheel: speed from encoder counts.
 //!
 //! # Theory
 //!
@@ -16,9 +16,8 @@
 //! [`Config::build`] validates; [`WheelObserver::step`] cannot fail.
 
 use crate::config::{Allowed, ConfigError, config, require};
-use crate::math::trig::{exp, wrap_angle};
+use crate::math::trig::exp;
 use core::f32::consts::TAU;
-use core::num::NonZeroU32;
 
 config! {
     /// Encoder and bandwidth.
@@ -49,10 +48,9 @@ impl Config {
             Allowed::Condition("at most 2 divided by interval_s"),
         )?;
         let counts = require_counts(self.counts_per_revolution)?;
-        let radians_per_count = TAU / counts.get() as f32;
+        let radians_per_count = TAU / counts;
         let pole = exp(-bandwidth * interval);
         Ok(WheelObserver {
-            counts_per_revolution: counts,
             radians_per_count,
             interval,
             angle_gain: 1.0 - pole * pole,
@@ -64,16 +62,14 @@ impl Config {
 }
 
 /// A count from 4 to 2^24, which single precision holds exactly.
-fn require_counts(counts: u32) -> Result<NonZeroU32, ConfigError> {
+fn require_counts(counts: u32) -> Result<f32, ConfigError> {
     const MAX: u32 = 1 << 24;
-    match NonZeroU32::new(counts) {
-        Some(valid) if (4..=MAX).contains(&counts) => Ok(valid),
-        _ => Err(ConfigError {
-            field: "counts_per_revolution",
-            value: counts as f32,
-            allowed: Allowed::Range(4.0, MAX as f32),
-        }),
-    }
+    require(
+        (4..=MAX).contains(&counts),
+        "counts_per_revolution",
+        counts as f32,
+        Allowed::Range(4.0, MAX as f32),
+    )
 }
 
 /// Everything that changes.
@@ -88,8 +84,6 @@ pub struct State {
     pub jumped: bool,
     /// The last count taken in; `None` before the first.
     count: Option<i32>,
-    /// The last count within its revolution, from 0.
-    within_turn: u32,
     /// Estimated angle less that of the last count, counts.
     remainder: f32,
     /// Intervals since the last count.
@@ -99,7 +93,6 @@ pub struct State {
 /// The observer of one wheel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WheelObserver {
-    counts_per_revolution: NonZeroU32,
     radians_per_count: f32,
     interval: f32,
     angle_gain: f32,
@@ -133,12 +126,6 @@ impl WheelObserver {
             };
         };
         let counted = count.wrapping_sub(last);
-        let turned = counted.unsigned_abs() % self.counts_per_revolution;
-        next.within_turn = if counted < 0 {
-            state.within_turn + self.counts_per_revolution.get() - turned
-        } else {
-            state.within_turn + turned
-        } % self.counts_per_revolution;
         let error = counted as f32 - next.remainder;
         if !(error.abs() <= self.largest_error * (1.0 + state.missed)) {
             next.remainder = 0.0;
@@ -149,11 +136,6 @@ impl WheelObserver {
         next.speed_rad_s += self.speed_gain * error;
         next.increment_rad += self.angle_gain * error * self.radians_per_count;
         next
-    }
-
-    /// Estimated angle of the wheel since the first count, rad, in [−π, π].
-    pub fn angle(&self, state: &State) -> f32 {
-        wrap_angle((state.within_turn as f32 + state.remainder) * self.radians_per_count)
     }
 }
 

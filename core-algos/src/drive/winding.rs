@@ -189,18 +189,12 @@ mod tests {
 
     #[test]
     fn bad_parameters_are_named() {
-        type Spoil = fn(&mut Config);
-        let spoiled: [(Spoil, &str); 5] = [
-            (|c| c.max_c = 90.0, "max_c"),
-            (|c| c.start_c = 130.0, "start_c"),
-            (|c| c.fold_back_c = f32::NAN, "fold_back_c"),
-            (|c| c.time_constant_s = 0.0, "time_constant_s"),
-            (|c| c.max_current_a = 0.0, "max_current_a"),
-        ];
-        for (spoil, field) in spoiled {
-            let mut config = Config::default();
-            spoil(&mut config);
-            assert_eq!(config.build().unwrap_err().field, field);
-        }
+        crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+            ("max_c", |c| c.max_c = 90.0),
+            ("start_c", |c| c.start_c = 130.0),
+            ("fold_back_c", |c| c.fold_back_c = f32::NAN),
+            ("time_constant_s", |c| c.time_constant_s = 0.0),
+            ("max_current_a", |c| c.max_current_a = 0.0),
+        ]);
     }
 }

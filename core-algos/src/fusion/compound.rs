@@ -151,6 +151,7 @@ impl Chain {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fusion::testing::{compose as forward, covariance_error, wrap};
     use crate::math::matrix::propagate;
     use proptest::prelude::*;
 
@@ -196,8 +197,7 @@ mod tests {
                 };
                 let (low, high) = (shifted(-1.0), shifted(1.0));
                 let mut change = [0, 1, 2].map(|k| high[k] - low[k]);
-                let turn = core::f64::consts::TAU;
-                change[2] -= turn * (change[2] / turn).round();
+                change[2] = wrap(change[2]);
                 let d = change.map(|c| c / (2.0 * shrink));
                 for i in 0..3 {
                     for j in 0..3 {
@@ -209,15 +209,6 @@ mod tests {
         covariance
     }
 
-    fn forward(a: [f64; 3], r: [f64; 3]) -> [f64; 3] {
-        let (s, c) = a[2].sin_cos();
-        [
-            a[0] + c * r[0] - s * r[1],
-            a[1] + s * r[0] + c * r[1],
-            a[2] + r[2],
-        ]
-    }
-
     fn backward(a: [f64; 3], r: [f64; 3]) -> [f64; 3] {
         let phi = a[2] - r[2];
         let (s, c) = phi.sin_cos();
@@ -225,12 +216,7 @@ mod tests {
     }
 
     fn agree(covariance: &[[f32; 3]; 3], reference: &[[f64; 3]; 3]) -> bool {
-        (0..3).all(|i| {
-            (0..3).all(|j| {
-                let scale = (reference[i][i] * reference[j][j]).sqrt();
-                (covariance[i][j] as f64 - reference[i][j]).abs() < 1e-5 * scale
-            })
-        })
+        covariance_error(covariance, reference) < 1e-5
     }
 
     properties! {

@@ -6,7 +6,6 @@
 //! Products are exact while the operands lie between about 1e-15 and 1e17 in size. NaN and
 //! infinity propagate.
 
-use super::trig::sqrt;
 use core::f32::consts::TAU;
 use core::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -121,23 +120,6 @@ impl TwoFloat {
     pub fn is_finite(self) -> bool {
         self.high.is_finite() && self.low.is_finite()
     }
-
-    /// The square root; NaN below zero, zero at zero.
-    pub fn sqrt(self) -> Self {
-        let root = sqrt(self.high);
-        if root == 0.0 {
-            return Self::ZERO;
-        }
-        // One step of Newton's method, its residual taken exactly.
-        let residual = (self - two_product(root, root)).value();
-        fast_two_sum(root, residual / (root + root))
-    }
-}
-
-impl From<f32> for TwoFloat {
-    fn from(value: f32) -> Self {
-        Self::from_f32(value)
-    }
 }
 
 impl Neg for TwoFloat {
@@ -220,7 +202,6 @@ mod tests {
             prop_assert!((exact(p - q) - (a - b)).abs() <= tolerance * (a.abs() + b));
             prop_assert!((exact(p * q) - a * b).abs() <= tolerance * (a * b).abs() + 1e-18);
             prop_assert!((exact(p / q) - a / b).abs() <= tolerance * (a / b).abs() + 1e-18);
-            prop_assert!((exact(q.sqrt()) - b.sqrt()).abs() <= tolerance * b.sqrt());
         }
     }
 
@@ -266,6 +247,5 @@ mod tests {
                 .is_nan()
         );
         assert!((TwoFloat::ONE / TwoFloat::ZERO).value().is_nan());
-        assert!(TwoFloat::from_f32(-1.0).sqrt().value().is_nan());
     }
 }

@@ -27,7 +27,6 @@ use crate::bus::{LeadMode, Message};
 use crate::control::cascade::AxleReference;
 use crate::control::dynamic::{self, Dynamic};
 use crate::control::wheel_observer::{self, WheelObserver};
-use crate::fusion::Estimate;
 use crate::fusion::ekf::{self, AxleFilter, Measurements, Verdict};
 use crate::fusion::standstill::{Bias, RestDetector, RestTimes, Zeroing};
 use crate::math::{AxleLoad, Posture, Steering, Twist, Wrench};
@@ -97,7 +96,7 @@ impl Stop {
 }
 
 /// All that changes in an axle node.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// Time of the first step.
     started: Option<Micros>,
@@ -135,43 +134,6 @@ pub struct State {
     relative: Option<Stamped<Posture>>,
 }
 
-impl State {
-    fn new() -> Self {
-        Self {
-            started: None,
-            wheels: [wheel_observer::State::default(); 2],
-            // The odometric frame is where the axle stands: its origin is exact by definition.
-            filter: ekf::State::at_rest(
-                &Estimate::with_sigmas(Posture::ORIGIN, [1e-6; 3]),
-                [1e-3, 1e-3, 1e-2, 1e-2],
-            ),
-            rest: RestDetector::default(),
-            gyro_bias: Bias::default(),
-            gyro: None,
-            accelerometer_bias: Bias::default(),
-            output: Output::default(),
-            followed: None,
-            stop: None,
-            halted: false,
-            peers: Peers::default(),
-            supervisor: supervisor::State::default(),
-            play: [Play::default(); 2],
-            refused: 0,
-            gyro_samples: 0,
-            gyro_zeroed: false,
-            mode: None,
-            paused: false,
-            steering: Steering::STRAIGHT,
-            velocity: 0.0,
-            pending_posture: None,
-            pending_motion: None,
-            reference: None,
-            wrench: None,
-            relative: None,
-        }
-    }
-}
-
 /// The node of one axle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxleNode {
@@ -207,7 +169,7 @@ const LET_GO_RAD_S: f32 = 5.0;
 impl AxleNode {
     /// Begins anew, as it was built.
     pub fn restart(&mut self) {
-        self.state = State::new();
+        self.state = State::default();
     }
 
     /// Axle of this node.

@@ -7,8 +7,7 @@
 
 use super::{Outbox, peers};
 use crate::beam::health::Fault;
-use crate::beam::sensor::State;
-use crate::beam::{Estimate, MAX_GAUGES, RelativePositionSensor};
+use crate::beam::{Estimate, MAX_GAUGES, RelativePositionSensor, sensor};
 use crate::bus::{LeadMode, Message};
 use crate::math::{Posture, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
@@ -40,9 +39,15 @@ impl From<[i32; MAX_GAUGES]> for Samples {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BeamNode {
     sensor: RelativePositionSensor,
-    state: State,
-    latest: Option<Estimate>,
     supervisor: Supervisor,
+    state: State,
+}
+
+/// All that changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct State {
+    sensor: sensor::State,
+    latest: Option<Estimate>,
     supervision: supervisor::State,
     /// Conditions found by the board's drivers in this epoch.
     found: Conditions,
@@ -56,68 +61,47 @@ impl BeamNode {
         Self {
             sensor,
             supervisor,
-            supervision: supervisor::State::default(),
-            found: Conditions::NONE,
-            clear: false,
             state: State::default(),
-            latest: None,
         }
     }
 
     /// Begins anew, as it was built.
     pub fn restart(&mut self) {
-        let Self {
-            sensor: _,
-            state,
-            latest,
-            supervisor: _,
-            supervision,
-            found,
-            clear,
-        } = self;
-        *state = State::default();
-        *latest = None;
-        *supervision = supervisor::State::default();
-        *found = Conditions::NONE;
-        *clear = false;
-    }
-
-    /// The sensor with its calibration.
-    pub fn sensor(&self) -> &RelativePositionSensor {
-        &self.sensor
+        self.state = State::default();
     }
 
     /// The estimate of the latest epoch, with faults and strains.
     pub fn latest(&self) -> Option<&Estimate> {
-        self.latest.as_ref()
+        self.state.latest.as_ref()
     }
 
     /// Operating state of the node, and its reason.
     pub fn supervision(&self) -> &supervisor::State {
-        &self.supervision
+        &self.state.supervision
     }
 
     /// Takes in a message: the lead node's wish to forget faults is all it listens to.
     pub fn receive(&mut self, message: &Message) {
         if let Message::LeadStatus { mode, .. } = *message {
-            self.clear = mode == LeadMode::Clear;
+            self.state.clear = mode == LeadMode::Clear;
         }
     }
 
     /// The board has no motors, so all it does is tell.
     fn supervise(&mut self, now: Micros, estimate: &Estimate, outbox: &mut Outbox) {
+        let state = &mut self.state;
         let out = estimate
             .faults
             .into_iter()
             .any(|fault| fault != Fault::None);
-        let found = core::mem::take(&mut self.found);
+        let found = core::mem::take(&mut state.found);
         let conditions = found
             .with(Condition::GaugeLost, out)
             .with(Condition::GaugesInconsistent, !estimate.consistent)
             .with(Condition::BeamLost, estimate.relative.is_none());
-        let request = match self.supervision.operating() {
+        let request = match state.supervision.operating() {
             OperatingState::Boot => Some(StateRequest::Ready),
-            OperatingState::Fault if self.clear => Some(StateRequest::Clear),
+            OperatingState::Fault if state.clear => Some(StateRequest::Clear),
             _ => None,
         };
         let input = supervisor::Input {
@@ -125,19 +109,19 @@ impl BeamNode {
             request,
             ..supervisor::Input::default()
         };
-        self.supervisor.step(&mut self.supervision, now, &input);
-        outbox.push(peers::heartbeat(Node::Beam, now, &mut self.supervision));
+        self.supervisor.step(&mut state.supervision, now, &input);
+        outbox.push(peers::heartbeat(Node::Beam, now, &mut state.supervision));
     }
 
     /// One tick. At the beginning of an epoch the posture of that instant goes to `outbox`.
     pub fn step(&mut self, now: Micros, samples: &Samples, outbox: &mut Outbox) {
-        self.found = self.found.union(samples.conditions);
-        self.sensor.sample(&mut self.state, &samples.counts);
+        self.state.found = self.state.found.union(samples.conditions);
+        self.sensor.sample(&mut self.state.sensor, &samples.counts);
         if !is_epoch_start(now) {
             return;
         }
-        let estimate = self.sensor.estimate(&mut self.state);
-        self.latest = Some(estimate);
+        let estimate = self.sensor.estimate(&mut self.state.sensor);
+        self.state.latest = Some(estimate);
         self.supervise(now, &estimate, outbox);
         let sequence = sequence(now);
         let Some(relative) = estimate.relative else {
@@ -177,6 +161,7 @@ impl BeamNode {
 mod tests {
     use super::*;
     use crate::beam::sensor::Config;
+    use crate::node::testing::lead_status;
     use crate::time::TICK;
 
     fn node() -> BeamNode {
@@ -235,12 +220,7 @@ mod tests {
                 ..60 => LeadMode::Idle,
                 _ => LeadMode::Clear,
             };
-            node.receive(&Message::LeadStatus {
-                sequence: 0,
-                mode,
-                steering_rad: 0.0,
-                velocity_m_s: 0.0,
-            });
+            node.receive(&lead_status(tick * TICK, mode, 0.0));
             let mut outbox = Outbox::new();
             node.step(tick * TICK, &samples, &mut outbox);
             for message in outbox.iter() {

@@ -264,18 +264,14 @@ mod tests {
     #[test]
     fn a_board_that_began_anew_is_a_new_one() {
         use crate::control::path::PathPoint;
-        use crate::fusion::Estimate;
         use crate::math::Posture;
+        use crate::node::robot::Told;
         for role in Role::ALL {
             let new = Board::new(&RobotConfig::default(), role).unwrap();
             let mut board = new.clone();
             if let Some(lead) = board.lead() {
-                let sure = |x| Estimate::with_sigmas(Posture::new(x, 0.0, 0.0), [1e-3; 3]);
-                lead.initialize(&lead::Place {
-                    center: sure(1.0),
-                    relative: sure(0.37),
-                    floor_drift: 0.01,
-                });
+                let place = Posture::new(1.0, 0.0, 0.0);
+                lead.initialize(&RobotConfig::default().put_down(place, &Told::default()));
                 lead.path_task()
                     .push_path_point(PathPoint::default())
                     .unwrap();

@@ -98,17 +98,11 @@ impl Led {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::safety::Conditions;
+    use crate::node::testing::beat;
 
     fn led(node: Node, state: OperatingState, reason: u8) -> Led {
         let mut led = Led::default();
-        led.see(&Message::NodeStatus {
-            node,
-            sequence: 0,
-            state,
-            reason,
-            notices: Conditions::NONE,
-        });
+        led.see(&beat(node, 0, state, reason));
         led
     }
 

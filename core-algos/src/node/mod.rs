@@ -15,6 +15,8 @@ pub mod outbox;
 pub mod path_task;
 pub mod peers;
 pub mod robot;
+#[cfg(test)]
+pub(crate) mod testing;
 pub mod tick_sync;
 
 pub use outbox::Outbox;

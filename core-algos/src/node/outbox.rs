@@ -6,11 +6,10 @@ use heapless::Vec;
 /// Room for the messages of one step.
 pub const CAPACITY: usize = 8;
 
-/// A short list of messages; what does not fit is counted and dropped.
+/// A short list of messages; what does not fit is dropped.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outbox {
     messages: Vec<Message, CAPACITY>,
-    dropped: u16,
 }
 
 impl Outbox {
@@ -21,8 +20,7 @@ impl Outbox {
 
     /// Appends a message.
     pub fn push(&mut self, message: Message) {
-        let full = self.messages.push(message).is_err();
-        self.dropped = self.dropped.saturating_add(full.into());
+        let _ = self.messages.push(message);
     }
 
     /// The messages in the order they were appended.
@@ -30,14 +28,9 @@ impl Outbox {
         self.messages.iter()
     }
 
-    /// Forgets the messages; the count of dropped ones stays.
+    /// Forgets the messages.
     pub fn clear(&mut self) {
         self.messages.clear();
-    }
-
-    /// Messages that found no room since the list was made.
-    pub fn dropped(&self) -> u16 {
-        self.dropped
     }
 }
 
@@ -45,20 +38,16 @@ impl Outbox {
 mod tests {
     use super::*;
     use crate::bus::LeadMode;
+    use crate::node::testing::lead_status;
+    use crate::time::EPOCH;
 
     #[test]
-    fn keeps_order_and_counts_what_does_not_fit() {
+    fn keeps_order_and_drops_what_does_not_fit() {
         let mut outbox = Outbox::new();
-        let status = |sequence| Message::LeadStatus {
-            sequence,
-            mode: LeadMode::Idle,
-            steering_rad: 0.0,
-            velocity_m_s: 0.0,
-        };
-        for sequence in 0..10 {
-            outbox.push(status(sequence));
+        let status = |epoch: u64| lead_status(epoch * EPOCH, LeadMode::Idle, 0.0);
+        for epoch in 0..10 {
+            outbox.push(status(epoch));
         }
-        assert_eq!(outbox.dropped(), 2);
         assert!(outbox.iter().copied().eq((0..8).map(status)));
         outbox.clear();
         assert_eq!(outbox.iter().count(), 0);

@@ -84,8 +84,6 @@ impl Config {
 pub struct State {
     path: PathBuffer<PATH_POINTS>,
     trajectory: TrajectoryBuffer<TRAJECTORY_POINTS>,
-    /// True if the last point of the trajectory is its end.
-    trajectory_ended: bool,
     progress: Progress,
     /// Start of the trajectory, and the trajectory time then.
     start: Option<(Micros, f32)>,
@@ -104,7 +102,6 @@ impl State {
     pub const EMPTY: Self = Self {
         path: PathBuffer::new(),
         trajectory: TrajectoryBuffer::new(),
-        trajectory_ended: false,
         progress: Progress {
             s: 0.0,
             started: false,
@@ -139,8 +136,8 @@ impl State {
 
     /// Forgets path and trajectory, if there is anything to forget.
     pub fn forget(&mut self) {
-        let empty = self.path.room() == PATH_POINTS && self.trajectory.is_empty();
-        if !empty || self.resting || self.trajectory_ended {
+        let empty = self.path.is_empty() && self.trajectory.is_empty();
+        if !empty || self.resting || self.trajectory.is_complete() {
             self.clear();
         }
     }
@@ -168,15 +165,12 @@ impl State {
         if self.resting {
             self.clear();
         }
-        if self.trajectory_ended {
-            return Err(PathError::Ended);
-        }
         self.trajectory.push(point)
     }
 
     /// Declares the last point of the trajectory its end.
     pub fn finish_trajectory(&mut self) {
-        self.trajectory_ended = true;
+        self.trajectory.finish();
     }
 }
 
@@ -228,7 +222,7 @@ impl PathTask {
             return Step::default();
         }
         // What lies behind has been dropped: a task given again goes on where it was left.
-        let begin = state.trajectory.start_time();
+        let begin = state.trajectory.start();
         let (start, first) = *state.start.get_or_insert((epoch, begin));
         let time = first + seconds(epoch.saturating_sub(start));
         let Some(reference) = self.tracker.at(&state.trajectory, time) else {
@@ -236,7 +230,7 @@ impl PathTask {
         };
         state.trajectory.discard_before(time);
         let wish = self.tracker.wish(center, &reference);
-        let finished = reference.finished && state.trajectory_ended;
+        let finished = reference.finished && state.trajectory.is_complete();
         self.conclude(state, finished, wish, reference.target, motion)
     }
 

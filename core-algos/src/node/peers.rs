@@ -76,23 +76,14 @@ pub fn heartbeat(node: Node, now: Micros, state: &mut supervisor::State) -> Mess
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::safety::{Condition, Conditions};
-
-    fn beat(node: Node, state: OperatingState, reason: u8) -> Message {
-        Message::NodeStatus {
-            node,
-            sequence: 0,
-            state,
-            reason,
-            notices: Conditions::NONE,
-        }
-    }
+    use crate::node::testing::beat;
+    use crate::safety::Condition;
 
     #[test]
     fn a_silent_node_is_lost_and_a_speaking_one_is_not() {
         let mut peers = Peers::default();
         assert!(peers.lost(Node::RearAxle, 0), "never heard");
-        peers.receive(1_000_000, &beat(Node::RearAxle, OperatingState::Idle, 0));
+        peers.receive(1_000_000, &beat(Node::RearAxle, 0, OperatingState::Idle, 0));
         assert!(!peers.lost(Node::RearAxle, 1_050_000));
         assert!(peers.lost(Node::RearAxle, 1_050_001));
         assert!(peers.lost(Node::FrontAxle, 1_000_000));
@@ -109,10 +100,10 @@ mod tests {
             (OperatingState::Active, false),
             (OperatingState::SafeStop, false),
         ] {
-            peers.receive(0, &beat(Node::RearAxle, state, 0));
+            peers.receive(0, &beat(Node::RearAxle, 0, state, 0));
             assert_eq!(peers.rests(Node::RearAxle, 10), rests, "{state:?}");
         }
-        peers.receive(0, &beat(Node::RearAxle, OperatingState::Idle, 0));
+        peers.receive(0, &beat(Node::RearAxle, 0, OperatingState::Idle, 0));
         assert!(!peers.rests(Node::RearAxle, 50_001), "lost");
     }
 
@@ -127,7 +118,7 @@ mod tests {
             (OperatingState::Active, 0, false),
         ] {
             let mut peers = Peers::default();
-            peers.receive(0, &beat(Node::Lead, state, code));
+            peers.receive(0, &beat(Node::Lead, 0, state, code));
             assert_eq!(peers.failed(Node::Lead, 10), failed, "{state:?} {code}");
         }
     }

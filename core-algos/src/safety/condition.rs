@@ -247,11 +247,6 @@ impl Conditions {
         self
     }
 
-    /// Takes `condition` out.
-    pub const fn clear(&mut self, condition: Condition) {
-        self.0 &= !(1 << condition as u8);
-    }
-
     /// Every condition from class `least` to class `most`.
     const fn between(least: Class, most: Class) -> Self {
         let mut set = Self::NONE;

@@ -2,46 +2,27 @@
 
 use super::condition::{Class, Condition};
 
-/// Operating state of a node.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-#[repr(u8)]
-pub enum OperatingState {
-    /// Checking itself; motors off.
-    #[default]
-    Boot,
-    /// Ready; motors off.
-    Idle,
-    /// Motors hold the robot where it is.
-    Armed,
-    /// Driving.
-    Active,
-    /// Slowing down together with the rest of the robot.
-    SafeStop,
-    /// Motors off until cleared.
-    Fault,
+wire_enum! {
+    /// Operating state of a node.
+    #[repr(u8)]
+    OperatingState {
+        /// Checking itself; motors off.
+        #[default]
+        Boot = "boot",
+        /// Ready; motors off.
+        Idle = "idle",
+        /// Motors hold the robot where it is.
+        Armed = "armed",
+        /// Driving.
+        Active = "active",
+        /// Slowing down together with the rest of the robot.
+        SafeStop = "safe_stop",
+        /// Motors off until cleared.
+        Fault = "fault",
+    }
 }
 
 impl OperatingState {
-    /// Every state.
-    pub const ALL: [Self; 6] = [
-        Self::Boot,
-        Self::Idle,
-        Self::Armed,
-        Self::Active,
-        Self::SafeStop,
-        Self::Fault,
-    ];
-
-    /// Names on the bus, in the order of the numbers.
-    pub const NAMES: [&'static str; 6] = ["boot", "idle", "armed", "active", "safe_stop", "fault"];
-
-    /// The state of a number on the bus.
-    pub fn from_number(number: u8) -> Option<Self> {
-        Self::ALL.get(usize::from(number)).copied()
-    }
-
     /// Permit of the motors.
     pub const fn permit(self) -> Permit {
         match self {
@@ -49,18 +30,6 @@ impl OperatingState {
             Self::Armed => Permit::Hold,
             Self::Active => Permit::Drive,
             Self::SafeStop => Permit::Brake,
-        }
-    }
-
-    /// Name in tables.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Boot => "Boot",
-            Self::Idle => "Idle",
-            Self::Armed => "Armed",
-            Self::Active => "Active",
-            Self::SafeStop => "SafeStop",
-            Self::Fault => "Fault",
         }
     }
 }
@@ -80,36 +49,24 @@ pub enum Permit {
     Drive,
 }
 
-/// Request to a node, by its operator, by the lead node or by itself.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum StateRequest {
-    /// The self-check is done.
-    Ready,
-    /// Switch the motors on.
-    Arm,
-    /// Begin to drive.
-    Start,
-    /// Driving is done: hold.
-    Finish,
-    /// Come to rest and switch the motors off.
-    Disarm,
-    /// Forget latched faults.
-    Clear,
-    /// The coordinated stop has come to rest, or took too long.
-    Halted,
-}
-
-impl StateRequest {
-    /// Every request.
-    pub const ALL: [Self; 7] = [
-        Self::Ready,
-        Self::Arm,
-        Self::Start,
-        Self::Finish,
-        Self::Disarm,
-        Self::Clear,
-        Self::Halted,
-    ];
+enumeration! {
+    /// Request to a node, by its operator, by the lead node or by itself.
+    StateRequest {
+        /// The self-check is done.
+        Ready,
+        /// Switch the motors on.
+        Arm,
+        /// Begin to drive.
+        Start,
+        /// Driving is done: hold.
+        Finish,
+        /// Come to rest and switch the motors off.
+        Disarm,
+        /// Forget latched faults.
+        Clear,
+        /// The coordinated stop has come to rest, or took too long.
+        Halted,
+    }
 }
 
 /// Event that changes the state of a node.

@@ -51,6 +51,12 @@ fn wave(k: usize, amplitude: f64) -> [[f64; 2]; 2] {
     [[one(2.1), one(3.7)], [one(4.3), one(1.3)]]
 }
 
+fn drive(plant: &mut Plant, steps: usize, amplitude: f64) {
+    for k in 0..steps {
+        plant.step(wave(k, amplitude));
+    }
+}
+
 /// The front wheels pull the braked rear ones along: at constant speed each tyre's force is its
 /// torque over the radius, and its slip the force over C·N, enlarged as it nears the friction.
 #[test]
@@ -138,9 +144,7 @@ fn energy_never_grows() {
                 ..config.clone()
             });
             let count = |seconds: f64| (seconds / step).round() as usize;
-            for k in 0..count(0.9) {
-                plant.step(wave(k, amplitude));
-            }
+            drive(&mut plant, count(0.9), amplitude);
             let start = plant.energy();
             let mut last = start;
             for _ in 0..count(2.0) {
@@ -172,9 +176,7 @@ fn conserves_momentum(payload_kg: [f64; 2], allowed: f64) {
         ..brush()
     };
     let mut moving = build(&config);
-    for k in 0..1500 {
-        moving.step(wave(k, 0.8));
-    }
+    drive(&mut moving, 1500, 0.8);
     let mut free = moving.without_friction();
     let momentum = |plant: &Plant| {
         let mut p = [0.0; 3];
@@ -349,9 +351,7 @@ fn clamps_set_the_unloaded_posture() {
     }
     // Axles brought into line bend the strip as far as the clamps disagree, and the outline ends
     // where the axles are.
-    for k in 0..1500 {
-        plant.step(wave(k, 0.5));
-    }
+    drive(&mut plant, 1500, 0.5);
     let mut curve = [[0.0; 2]; 50];
     plant.draw(&plant.outline(50), &mut curve);
     let [front, rear] = plant.state().axle.map(|a| a.posture);
@@ -495,9 +495,7 @@ fn vector_and_portable_code_agree_to_the_bit() {
 fn a_copy_and_a_robot_placed_anew_repeat_to_the_bit() {
     for config in [crooked(), PlantConfig::default()] {
         let run = |plant: &mut Plant| {
-            for k in 0..1500 {
-                plant.step(wave(k, 0.6));
-            }
+            drive(plant, 1500, 0.6);
             *plant.state()
         };
         let mut used = build(&config);

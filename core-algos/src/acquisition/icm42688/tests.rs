@@ -112,13 +112,27 @@ fn step(sensor: &mut Icm42688, part: &mut Part, still: bool) -> Reading {
     reading
 }
 
-/// A sensor that ran for so many milliseconds, motors off.
+/// Runs for so many milliseconds, motors off.
+fn rest(sensor: &mut Icm42688, part: &mut Part, ms: usize) {
+    for _ in 0..ms {
+        step(sensor, part, true);
+    }
+}
+
+/// A sensor that has run for so many milliseconds, motors off.
 fn after(ms: usize) -> (Icm42688, Part) {
     let (mut sensor, mut part) = (Icm42688::new(1.0, 1.0).unwrap(), Part::new());
-    for _ in 0..ms {
-        step(&mut sensor, &mut part, true);
-    }
+    rest(&mut sensor, &mut part, ms);
     (sensor, part)
+}
+
+/// Steps, motors on, until the sensor is lost.
+fn until_lost(sensor: &mut Icm42688, mut transfer: impl FnMut(&mut [u8]) -> bool) -> usize {
+    let lost = (1..10_000).find(|_| {
+        sensor.step(false, &mut transfer);
+        sensor.is_lost()
+    });
+    lost.unwrap()
 }
 
 #[test]
@@ -140,9 +154,7 @@ fn registers_are_those_of_the_data_sheet() {
 fn a_warm_start_finds_its_bank() {
     let (mut sensor, mut part) = (Icm42688::new(1.0, 1.0).unwrap(), Part::new());
     part.bank = 2;
-    for _ in 0..100 {
-        step(&mut sensor, &mut part, true);
-    }
+    rest(&mut sensor, &mut part, 100);
     assert!(sensor.is_set_up() && !sensor.is_lost());
     assert_eq!(part.banks[0][0x52], 0x66);
 }
@@ -176,9 +188,7 @@ fn a_reset_is_seen_at_once_and_the_bias_is_sought_anew() {
         part.banks[0][0x4e..0x54],
         [0x0f, 0x63, 0x63, 0x16, 0x66, 0x0d]
     );
-    for _ in 0..1000 {
-        step(&mut sensor, &mut part, true);
-    }
+    rest(&mut sensor, &mut part, 1000);
     assert!(!sensor.is_lost());
     assert!(step(&mut sensor, &mut part, false).gyro_rad_s.is_some());
 }
@@ -188,12 +198,9 @@ fn a_changed_register_is_found_and_a_disturbed_transfer_is_not_a_loss() {
     for address in [0x4e, 0x4f, 0x50, 0x51, 0x52, 0x53] {
         let (mut sensor, mut part) = after(1200);
         part.banks[0][address] ^= 0x01;
-        let until = (0..).find(|_| {
-            step(&mut sensor, &mut part, false);
-            sensor.is_lost()
-        });
+        let steps = until_lost(&mut sensor, |bytes| part.transfer(bytes));
         // Seven registers, one every 17 ms.
-        assert!(until.unwrap() <= 7 * 17 + 1, "{address:#x}: {until:?}");
+        assert!(steps <= 7 * 17 + 2, "{address:#x}: {steps}");
     }
     let (mut sensor, mut part) = after(1200);
     let mut asked = 0;
@@ -223,11 +230,8 @@ fn a_line_that_is_stuck_or_a_frozen_sample_is_a_loss() {
     let broken: [(Transfer, usize); 2] = [(low, 18), (fails, 51)];
     for (transfer, within) in broken {
         let (mut sensor, _) = after(1200);
-        let steps = (1..).find(|_| {
-            sensor.step(false, transfer);
-            sensor.is_lost()
-        });
-        assert!(steps.unwrap() <= within, "{steps:?}");
+        let steps = until_lost(&mut sensor, transfer);
+        assert!(steps <= within, "{steps}");
     }
     // High: the status tells of a reset.
     let (mut sensor, mut part) = after(1200);
@@ -239,26 +243,19 @@ fn a_line_that_is_stuck_or_a_frozen_sample_is_a_loss() {
         assert_eq!(step(&mut sensor, &mut part, true), Reading::default());
     }
     part.mute = false;
-    for _ in 0..1300 {
-        step(&mut sensor, &mut part, true);
-    }
+    rest(&mut sensor, &mut part, 1300);
     assert!(!sensor.is_lost());
 
     let (mut sensor, mut part) = after(1200);
     part.frozen = true;
-    let steps = (1..).find(|_| {
-        step(&mut sensor, &mut part, false);
-        sensor.is_lost()
-    });
-    assert!(steps.unwrap() <= 51, "{steps:?}");
+    let steps = until_lost(&mut sensor, |bytes| part.transfer(bytes));
+    assert!(steps <= 51, "{steps}");
 }
 
 #[test]
 fn a_sensor_that_is_not_there_is_lost() {
     let (mut sensor, mut part) = (Icm42688::new(1.0, 1.0).unwrap(), Part::new());
     part.mute = true;
-    for _ in 0..10 {
-        step(&mut sensor, &mut part, true);
-    }
+    rest(&mut sensor, &mut part, 10);
     assert!(sensor.is_lost() && !sensor.is_set_up());
 }

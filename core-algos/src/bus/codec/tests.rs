@@ -161,17 +161,39 @@ properties! {
             }
         }
     }
+}
 
+properties! {
+    cases 20_000;
+
+    /// Half of the frames have an identifier of the table.
     #[test]
-    fn any_frame_decodes_or_is_refused(id in 0u16..0x800, length in 0u8..16, data: [u8; 8]) {
-        if let Ok(message) = decode(&CanFrame { id, length, data }) {
+    fn any_frame_decodes_or_is_refused(
+        id in prop_oneof![
+            any::<u16>(),
+            (0..layout::MESSAGES.len()).prop_map(|k| layout::MESSAGES[k].id),
+        ],
+        length in 0u8..10,
+        data: [u8; 8],
+    ) {
+        let known = layout::find(id);
+        match decode(&CanFrame { id, length, data }) {
             // What was accepted is finite and can be sent again.
-            match message {
-                Message::AxleUncertainty { covariance, .. }
-                | Message::BeamUncertainty { covariance, .. } => {
-                    prop_assert!(is_finite(&covariance));
+            Ok(message) => {
+                prop_assert_eq!(known.map(|layout| layout.bytes()), Some(length));
+                match message {
+                    Message::AxleUncertainty { covariance, .. }
+                    | Message::BeamUncertainty { covariance, .. } => {
+                        prop_assert!(is_finite(&covariance));
+                    }
+                    other => prop_assert!(encode(&other).is_ok()),
                 }
-                other => prop_assert!(encode(&other).is_ok()),
+            }
+            Err(DecodeError::UnknownId(_)) => prop_assert!(known.is_none()),
+            Err(DecodeError::Length { expected, .. }) => prop_assert_ne!(expected, length),
+            Err(DecodeError::Value { .. }) => {
+                let signals = known.map_or(&[][..], |layout| layout.signals);
+                prop_assert!(signals.iter().any(|signal| !signal.labels.is_empty()));
             }
         }
     }

@@ -295,17 +295,13 @@ fn missing_beam_estimate_falls_back_on_the_reference_bend() {
 
 #[test]
 fn bad_configuration_is_named() {
-    let bad = Config {
-        motor: Some(Motor {
-            stall_torque_nm: 2.5,
-            no_load_speed_rad_s: 0.0,
+    crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+        ("motor.no_load_speed_rad_s", |c| {
+            c.motor = Some(Motor {
+                stall_torque_nm: 2.5,
+                no_load_speed_rad_s: 0.0,
+            })
         }),
-        ..Config::default()
-    };
-    assert_eq!(bad.build().unwrap_err().field, "motor.no_load_speed_rad_s");
-    let bad = Config {
-        half_track_m: f32::NAN,
-        ..Config::default()
-    };
-    assert_eq!(bad.build().unwrap_err().field, "half_track_m");
+        ("half_track_m", |c| c.half_track_m = f32::NAN),
+    ]);
 }

@@ -247,15 +247,9 @@ fn absent_wish_brakes_and_a_bad_interval_changes_nothing() {
 
 #[test]
 fn impossible_limits_are_named() {
-    type Spoil = fn(&mut Config);
-    let spoilt: [(&str, Spoil); 3] = [
+    crate::config::refusal_of(Config::default(), |c| c.build(&frame())).names(&[
         ("max_wheel_speed_m_s", |c| c.max_wheel_speed_m_s = 0.1),
         ("max_steering_rad", |c| c.max_steering_rad = 0.6),
         ("stop_deceleration_m_s2", |c| c.stop_deceleration_m_s2 = 0.1),
-    ];
-    for (field, spoil) in spoilt {
-        let mut config = Config::default();
-        spoil(&mut config);
-        assert_eq!(config.build(&frame()).unwrap_err().field, field);
-    }
+    ]);
 }

@@ -119,7 +119,7 @@ properties! {
     /// Speed alone beyond its bound: the path (curvature) is what was asked for.
     #[test]
     fn limits_keep_the_path(v in -3.0f32..3.0, kappa in -3.0f32..3.0) {
-        let limits = Limits::new(0.25, 3.0).unwrap();
+        let limits = Limits { max_speed: 0.25, max_curvature: 3.0 };
         let out = limits.limit(Command { v, kappa, phi_dot: v * kappa });
         prop_assert!((out.phi_dot - out.v * kappa).abs() < 1e-6);
         prop_assert!(out.v * v >= 0.0);
@@ -176,7 +176,10 @@ fn a_reference_ahead_is_trailed_at_the_rest_distance() {
 #[test]
 fn a_moving_reference_is_followed() {
     let law = Config::default().build().unwrap();
-    let limits = Limits::new(0.4, 3.0).unwrap();
+    let limits = Limits {
+        max_speed: 0.4,
+        max_curvature: 3.0,
+    };
     for v_r in [0.2f32, -0.2] {
         for kappa_r in [0.0f32, 1.0, -0.5] {
             let (mut q, mut r) = ([-0.3f64 * f64::from(v_r.signum()), 0.15, 0.2], [0.0f64; 3]);
@@ -201,16 +204,10 @@ fn a_moving_reference_is_followed() {
 
 #[test]
 fn bad_gains_are_named() {
-    let bad = Config {
-        epsilon: f32::NAN,
-        ..Config::default()
-    };
-    assert_eq!(bad.build().unwrap_err().field, "epsilon");
-    let bad = LimitsConfig {
-        max_steering_rad: 1.6,
-        ..LimitsConfig::default()
-    };
-    assert_eq!(bad.build().unwrap_err().field, "max_steering_rad");
+    crate::config::refusal_of(Config::default(), |c| c.build())
+        .names(&[("epsilon", |c| c.epsilon = f32::NAN)]);
+    crate::config::refusal_of(LimitsConfig::default(), |c| c.build())
+        .names(&[("max_steering_rad", |c| c.max_steering_rad = 1.6)]);
 }
 
 #[test]

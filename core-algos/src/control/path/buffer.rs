@@ -19,15 +19,6 @@ pub struct PathPoint {
     pub s: f32,
 }
 
-impl PathPoint {
-    /// The beginning of a straight path from the origin.
-    const START: Self = Self {
-        posture: Posture::ORIGIN,
-        kappa: 0.0,
-        s: 0.0,
-    };
-}
-
 /// One point of a trajectory.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -69,82 +60,6 @@ impl fmt::Display for PathError {
 }
 
 impl core::error::Error for PathError {}
-
-/// A first-in, first-out row of at most `N` values.
-#[derive(Clone, Debug, PartialEq)]
-struct Ring<T, const N: usize> {
-    slots: [T; N],
-    first: usize,
-    count: usize,
-}
-
-impl<T: Copy, const N: usize> Ring<T, N> {
-    /// Without values; `blank` fills the room.
-    pub(super) const fn new(blank: T) -> Self {
-        Self {
-            slots: [blank; N],
-            first: 0,
-            count: 0,
-        }
-    }
-
-    fn slot(&self, index: usize) -> usize {
-        let place = self.first + index;
-        if place >= N { place - N } else { place }
-    }
-
-    fn get(&self, index: usize) -> Option<T> {
-        if index < self.count {
-            self.slots.get(self.slot(index)).copied()
-        } else {
-            None
-        }
-    }
-
-    fn last(&self) -> Option<T> {
-        self.get(self.count.checked_sub(1)?)
-    }
-
-    /// True if there was room.
-    pub(super) fn push(&mut self, value: T) -> bool {
-        if self.count >= N {
-            return false;
-        }
-        let place = self.slot(self.count);
-        match self.slots.get_mut(place) {
-            Some(slot) => {
-                *slot = value;
-                self.count += 1;
-                true
-            }
-            None => false,
-        }
-    }
-
-    fn drop_first(&mut self) {
-        if self.count > 0 {
-            self.first = self.slot(1);
-            self.count -= 1;
-        }
-    }
-
-    /// Index of the segment (a point and the next) whose first point is the last with
-    /// `key ≤ value`, within the row; `None` with fewer than two points.
-    fn segment(&self, value: f32, key: impl Fn(&T) -> f32) -> Option<usize> {
-        let last = self.count.checked_sub(2)?;
-        let (mut low, mut high) = (0, last);
-        while low < high {
-            let middle = low + (high - low).div_ceil(2);
-            let below = self.get(middle).is_some_and(|point| key(&point) <= value);
-            if below {
-                low = middle;
-            } else {
-                high = middle - 1;
-            }
-        }
-        Some(low)
-    }
-}
 
 /// The path at one arc length.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -195,65 +110,161 @@ pub(super) fn between(a: PathPoint, b: PathPoint, s: f32) -> PathSample {
     }
 }
 
-/// A path of at most `N` points, filled while it is driven.
+/// What a buffer holds: points of which each lies after the one before it.
+pub trait Point: Copy {
+    /// Fills the room that no point has taken.
+    const BLANK: Self;
+
+    /// What grows from point to point: arc length (m) or time (s).
+    fn key(&self) -> f32;
+
+    /// Point of the path.
+    fn place(&self) -> PathPoint;
+
+    /// True if every component is one that a point may have.
+    fn is_sound(&self) -> bool;
+
+    /// True if the point may come after `last`.
+    fn follows(&self, last: &Self) -> bool;
+}
+
+impl Point for PathPoint {
+    const BLANK: Self = Self {
+        posture: Posture::ORIGIN,
+        kappa: 0.0,
+        s: 0.0,
+    };
+
+    fn key(&self) -> f32 {
+        self.s
+    }
+
+    fn place(&self) -> PathPoint {
+        *self
+    }
+
+    fn is_sound(&self) -> bool {
+        self.posture.is_finite() && self.kappa.is_finite() && self.s.is_finite()
+    }
+
+    /// Arc length must grow.
+    fn follows(&self, last: &Self) -> bool {
+        self.s > last.s
+    }
+}
+
+impl Point for TrajectoryPoint {
+    const BLANK: Self = Self {
+        time_s: 0.0,
+        v: 0.0,
+        point: PathPoint::BLANK,
+    };
+
+    fn key(&self) -> f32 {
+        self.time_s
+    }
+
+    fn place(&self) -> PathPoint {
+        self.point
+    }
+
+    fn is_sound(&self) -> bool {
+        self.point.is_sound() && self.time_s.is_finite() && self.v.is_finite() && self.v >= 0.0
+    }
+
+    /// Time must grow and arc length may not fall.
+    fn follows(&self, last: &Self) -> bool {
+        self.time_s > last.time_s && self.point.s >= last.point.s
+    }
+}
+
+/// A row of at most `N` points: new ones come while the first ones are driven and dropped.
 #[derive(Clone, Debug, PartialEq)]
-pub struct PathBuffer<const N: usize> {
-    ring: Ring<PathPoint, N>,
+pub struct Buffer<P, const N: usize> {
+    slots: [P; N],
+    first: usize,
+    count: usize,
     /// No more points will come; otherwise the robot stops at the last one it knows.
     complete: bool,
 }
 
-impl<const N: usize> Default for PathBuffer<N> {
+/// A path of at most `N` points.
+pub type PathBuffer<const N: usize> = Buffer<PathPoint, N>;
+
+/// A trajectory of at most `N` points.
+pub type TrajectoryBuffer<const N: usize> = Buffer<TrajectoryPoint, N>;
+
+impl<P: Point, const N: usize> Default for Buffer<P, N> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl<const N: usize> PathBuffer<N> {
+impl<P: Point, const N: usize> Buffer<P, N> {
     /// Without points.
     pub const fn new() -> Self {
         Self {
-            ring: Ring::new(PathPoint::START),
+            slots: [P::BLANK; N],
+            first: 0,
+            count: 0,
             complete: false,
         }
     }
 
     /// Number of points held.
     pub fn len(&self) -> usize {
-        self.ring.count
+        self.count
     }
 
     /// True if there is no point.
     pub fn is_empty(&self) -> bool {
-        self.ring.count == 0
+        self.count == 0
     }
 
     /// Number of points that can still be pushed.
     pub fn room(&self) -> usize {
-        N.saturating_sub(self.ring.count)
+        N.saturating_sub(self.count)
     }
 
-    /// Appends a point; arc length must grow.
-    pub fn push(&mut self, point: PathPoint) -> Result<(), PathError> {
+    fn slot(&self, index: usize) -> usize {
+        let place = self.first + index;
+        if place >= N { place - N } else { place }
+    }
+
+    fn get(&self, index: usize) -> Option<P> {
+        if index < self.count {
+            self.slots.get(self.slot(index)).copied()
+        } else {
+            None
+        }
+    }
+
+    fn last(&self) -> Option<P> {
+        self.get(self.count.checked_sub(1)?)
+    }
+
+    /// Appends a point.
+    pub fn push(&mut self, point: P) -> Result<(), PathError> {
         if self.complete {
             return Err(PathError::Ended);
         }
-        if !(point.posture.is_finite() && point.kappa.is_finite() && point.s.is_finite()) {
+        if !point.is_sound() {
             return Err(PathError::NotFinite);
         }
-        if let Some(last) = self.ring.last()
-            && !(point.s > last.s)
-        {
+        if self.last().is_some_and(|last| !point.follows(&last)) {
             return Err(PathError::NotAdvancing);
         }
-        if self.ring.push(point) {
-            Ok(())
-        } else {
-            Err(PathError::Full)
+        if self.count >= N {
+            return Err(PathError::Full);
         }
+        let place = self.slot(self.count);
+        let slot = self.slots.get_mut(place).ok_or(PathError::Full)?;
+        *slot = point;
+        self.count += 1;
+        Ok(())
     }
 
-    /// Declares the last point the end of the path.
+    /// Declares the last point the end.
     pub fn finish(&mut self) {
         self.complete = true;
     }
@@ -263,155 +274,72 @@ impl<const N: usize> PathBuffer<N> {
         self.complete
     }
 
-    /// Arc length of the first point held, m; 0 if there is none.
+    /// Arc length (m) or time (s) of the first point held; 0 if there is none.
     pub fn start(&self) -> f32 {
-        self.ring.get(0).map_or(0.0, |point| point.s)
+        self.get(0).map_or(0.0, |point| point.key())
     }
 
-    /// Arc length of the last point held, m; 0 if there is none.
+    /// Arc length (m) or time (s) of the last point held; 0 if there is none.
     pub fn end(&self) -> f32 {
-        self.ring.last().map_or(0.0, |point| point.s)
+        self.last().map_or(0.0, |point| point.key())
     }
 
-    /// Length between the first and the last point, m.
-    pub fn length(&self) -> f32 {
-        self.end() - self.start()
-    }
-
-    /// Drops the points that lie wholly before arc length `s` (m): the segment around `s` stays.
-    pub fn discard_before(&mut self, s: f32) {
-        while self.ring.count > 2 && self.ring.get(1).is_some_and(|second| second.s <= s) {
-            self.ring.drop_first();
+    /// Drops the points that lie wholly before `key`: the segment around it stays.
+    pub fn discard_before(&mut self, key: f32) {
+        while self.count > 2 && self.get(1).is_some_and(|second| second.key() <= key) {
+            self.first = self.slot(1);
+            self.count -= 1;
         }
+    }
+
+    /// A point and the next, of which the first is the last with `key ≤ value`, and those `further`
+    /// on; within the row. `None` with fewer than two points and past the end.
+    fn segment(&self, value: f32, further: usize, key: impl Fn(&P) -> f32) -> Option<[P; 2]> {
+        let last = self.count.checked_sub(2)?;
+        let (mut low, mut high) = (0, last);
+        while low < high {
+            let middle = low + (high - low).div_ceil(2);
+            let below = self.get(middle).is_some_and(|point| key(&point) <= value);
+            if below {
+                low = middle;
+            } else {
+                high = middle - 1;
+            }
+        }
+        let first = low + further;
+        Some([self.get(first)?, self.get(first + 1)?])
     }
 
     /// The path at arc length `s` (m); it goes on beyond its ends on the circle of the end point.
     /// `None` if there is no point.
     pub fn at(&self, s: f32) -> Option<PathSample> {
-        match self.ring.segment(s, |point| point.s) {
-            Some(i) => Some(between(self.ring.get(i)?, self.ring.get(i + 1)?, s)),
-            None => {
-                let only = self.ring.get(0)?;
-                Some(between(only, only, s))
-            }
-        }
+        let [a, b] = match self.segment(s, 0, |point| point.place().s) {
+            Some(segment) => segment,
+            None => [self.get(0)?; 2],
+        };
+        Some(between(a.place(), b.place(), s))
     }
+}
 
+impl<const N: usize> PathBuffer<N> {
     /// Segment at index `i` counted from the one around `s`; `None` past the end.
-    pub(super) fn segment_from(&self, s: f32, i: usize) -> Option<(PathPoint, PathPoint)> {
-        let index = self.ring.segment(s, |point| point.s)? + i;
-        Some((self.ring.get(index)?, self.ring.get(index + 1)?))
-    }
-}
-
-/// A trajectory of at most `N` points, filled while it is driven.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TrajectoryBuffer<const N: usize> {
-    ring: Ring<TrajectoryPoint, N>,
-}
-
-impl<const N: usize> Default for TrajectoryBuffer<N> {
-    fn default() -> Self {
-        Self::new()
+    pub(super) fn segment_from(&self, s: f32, i: usize) -> Option<[PathPoint; 2]> {
+        self.segment(s, i, |point| point.s)
     }
 }
 
 impl<const N: usize> TrajectoryBuffer<N> {
-    /// Without points.
-    pub const fn new() -> Self {
-        let blank = TrajectoryPoint {
-            time_s: 0.0,
-            v: 0.0,
-            point: PathPoint::START,
-        };
-        Self {
-            ring: Ring::new(blank),
-        }
-    }
-
-    /// Number of points held.
-    pub fn len(&self) -> usize {
-        self.ring.count
-    }
-
-    /// True if there is no point.
-    pub fn is_empty(&self) -> bool {
-        self.ring.count == 0
-    }
-
-    /// Number of points that can still be pushed.
-    pub fn room(&self) -> usize {
-        N.saturating_sub(self.ring.count)
-    }
-
-    /// Appends a point; time must grow and arc length may not fall.
-    pub fn push(&mut self, point: TrajectoryPoint) -> Result<(), PathError> {
-        let place = point.point;
-        if !(place.posture.is_finite()
-            && place.kappa.is_finite()
-            && place.s.is_finite()
-            && point.time_s.is_finite()
-            && point.v.is_finite()
-            && point.v >= 0.0)
-        {
-            return Err(PathError::NotFinite);
-        }
-        if let Some(last) = self.ring.last()
-            && !(point.time_s > last.time_s && place.s >= last.point.s)
-        {
-            return Err(PathError::NotAdvancing);
-        }
-        if self.ring.push(point) {
-            Ok(())
-        } else {
-            Err(PathError::Full)
-        }
-    }
-
-    /// Time of the first point held, s; 0 if there is none.
-    pub fn start_time(&self) -> f32 {
-        self.ring.get(0).map_or(0.0, |point| point.time_s)
-    }
-
-    /// Time of the last point, s; 0 if there is none.
-    pub fn end_time(&self) -> f32 {
-        self.ring.last().map_or(0.0, |point| point.time_s)
-    }
-
-    /// Drops the points that lie wholly before `time` (s): the segment around it stays.
-    pub fn discard_before(&mut self, time: f32) {
-        while self.ring.count > 2 && self.ring.get(1).is_some_and(|next| next.time_s <= time) {
-            self.ring.drop_first();
-        }
-    }
-
-    pub(super) fn place(&self, s: f32) -> Option<PathSample> {
-        match self.ring.segment(s, |point| point.point.s) {
-            Some(i) => Some(between(
-                self.ring.get(i)?.point,
-                self.ring.get(i + 1)?.point,
-                s,
-            )),
-            None => {
-                let only = self.ring.get(0)?.point;
-                Some(between(only, only, s))
-            }
-        }
-    }
-
     /// Arc length (m), speed (m/s) and acceleration (m/s²) at `time` (s): the cubic through both
     /// neighbours with their speeds. Before the first and after the last point: at rest there.
     pub(super) fn time_law(&self, time: f32) -> Option<[f32; 3]> {
-        let first = self.ring.get(0)?;
-        let last = self.ring.last()?;
+        let (first, last) = (self.get(0)?, self.last()?);
         if !(time > first.time_s) {
             return Some([first.point.s, 0.0, 0.0]);
         }
         if !(time < last.time_s) {
             return Some([last.point.s, 0.0, 0.0]);
         }
-        let i = self.ring.segment(time, |point| point.time_s)?;
-        let (a, b) = (self.ring.get(i)?, self.ring.get(i + 1)?);
+        let [a, b] = self.segment(time, 0, |point| point.time_s)?;
         let span = b.time_s - a.time_s;
         let u = (time - a.time_s) / span;
         let mean = (b.point.s - a.point.s) / span;

@@ -189,7 +189,7 @@ properties! { cases 100;
         paper: bool,
     ) {
         let regulator = regulator(if paper { Strategy::PaperLaw } else { Strategy::Funnel });
-        let bound = regulator.limits().max_curvature();
+        let bound = regulator.limits.max_curvature();
         let mut state = State::default();
         for (wild, tame, is_wild) in inputs {
             let output = regulator.tick(&mut state, &Input {
@@ -255,20 +255,11 @@ fn a_new_goal_starts_afresh_and_a_lost_estimate_stops() {
 
 #[test]
 fn bad_parameters_are_named() {
-    let bad = Config {
-        steering_wait_rad: 0.01,
-        ..Config::default()
-    };
-    assert_eq!(bad.build().unwrap_err().field, "steering_wait_rad");
-    let bad = Config {
-        accept_distance_m: f32::NAN,
-        ..Config::default()
-    };
-    assert_eq!(bad.build().unwrap_err().field, "accept_distance_m");
-    let bad = Config {
-        approach: kinematic::Config::default(),
-        ..Config::default()
-    };
-    let error = bad.build().unwrap_err();
-    assert_eq!(error.field, "approach.circle_radius_m");
+    crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+        ("steering_wait_rad", |c| c.steering_wait_rad = 0.01),
+        ("accept_distance_m", |c| c.accept_distance_m = f32::NAN),
+        ("approach.circle_radius_m", |c| {
+            c.approach = kinematic::Config::default()
+        }),
+    ]);
 }

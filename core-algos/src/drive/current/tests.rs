@@ -8,6 +8,23 @@ struct Motor {
 }
 
 impl Motor {
+    /// Without current, turning at a speed that stays.
+    fn at(speed: f64) -> Self {
+        let current = 0.0;
+        Self { current, speed }
+    }
+
+    /// Input of the loop for a torque (N m) and a limit (A).
+    fn input(&self, torque_nm: f32, limit_a: f32) -> Input {
+        Input {
+            torque_nm,
+            current_a: self.current as f32,
+            speed_rad_s: self.speed as f32,
+            supply_v: SUPPLY as f32,
+            limit_a,
+        }
+    }
+
     fn step(&mut self, config: &Config, voltage: f64) {
         let (r, l) = (
             f64::from(config.resistance_ohm),
@@ -34,16 +51,7 @@ fn run(
     let mut pending = std::collections::VecDeque::from(vec![0.0; delay]);
     (0..steps)
         .map(|k| {
-            let output = current_loop.step(
-                &mut state,
-                &Input {
-                    torque_nm: torque(k),
-                    current_a: motor.current as f32,
-                    speed_rad_s: motor.speed as f32,
-                    supply_v: SUPPLY as f32,
-                    limit_a: 10.0,
-                },
-            );
+            let output = current_loop.step(&mut state, &motor.input(torque(k), 10.0));
             assert!(output.valid && output.duty.abs() <= config.max_duty * 1.000_001);
             pending.push_back(f64::from(output.duty) * SUPPLY);
             let voltage = pending.pop_front().unwrap();
@@ -57,10 +65,7 @@ fn run(
 fn a_step_is_followed_as_the_exponential_of_the_bandwidth() {
     let config = Config::default();
     for speed in [0.0, 8.0, -8.0] {
-        let mut motor = Motor {
-            current: 0.0,
-            speed,
-        };
+        let mut motor = Motor::at(speed);
         let response = run(&config, &mut motor, 200, 0, |_| 0.3);
         let bandwidth = f64::from(config.bandwidth_rad_s) * f64::from(config.period_s);
         for (k, current) in response.iter().enumerate() {
@@ -77,10 +82,7 @@ fn a_step_is_followed_as_the_exponential_of_the_bandwidth() {
 fn a_voltage_one_period_late_does_not_overshoot() {
     let mut config = Config::default();
     config.bandwidth_rad_s = 5700.0;
-    let mut motor = Motor {
-        current: 0.0,
-        speed: 0.0,
-    };
+    let mut motor = Motor::at(0.0);
     let response = run(&config, &mut motor, 400, 1, |_| 0.3);
     let peak = response.iter().fold(0.0f64, |a, &b| a.max(b));
     assert!(peak < 0.5 + 1e-4, "{peak}");
@@ -100,18 +102,9 @@ fn parameters_that_are_off_leave_no_lasting_error() {
     };
     let current_loop = believed.build().unwrap();
     let (mut state, mut voltage) = (State::default(), 0.0);
-    let mut motor = Motor {
-        current: 0.0,
-        speed: 6.0,
-    };
+    let mut motor = Motor::at(6.0);
     for _ in 0..1000 {
-        let input = Input {
-            torque_nm: 0.9,
-            current_a: motor.current as f32,
-            speed_rad_s: 6.0,
-            supply_v: SUPPLY as f32,
-            limit_a: 10.0,
-        };
+        let input = motor.input(0.9, 10.0);
         motor.step(&real, voltage);
         voltage = f64::from(current_loop.step(&mut state, &input).duty) * SUPPLY;
     }
@@ -122,11 +115,8 @@ fn parameters_that_are_off_leave_no_lasting_error() {
 #[test]
 fn saturation_does_not_wind_up() {
     let config = Config::default();
-    let mut motor = Motor {
-        current: 0.0,
-        // Faster than the supply can drive 2 A through.
-        speed: 18.0,
-    };
+    // Faster than the supply can drive 2 A through.
+    let mut motor = Motor::at(18.0);
     let response = run(&config, &mut motor, 3000, 1, |k| {
         if k < 2000 { 1.2 } else { 0.15 }
     });
@@ -144,21 +134,9 @@ fn current_stays_within_the_lesser_limit() {
     let current_loop = config.build().unwrap();
     for (limit, expected) in [(10.0, 4.0), (1.5, 1.5), (0.0, 0.0)] {
         let mut state = State::default();
-        let mut motor = Motor {
-            current: 0.0,
-            speed: -2.0,
-        };
+        let mut motor = Motor::at(-2.0);
         for _ in 0..500 {
-            let output = current_loop.step(
-                &mut state,
-                &Input {
-                    torque_nm: 100.0,
-                    current_a: motor.current as f32,
-                    speed_rad_s: -2.0,
-                    supply_v: SUPPLY as f32,
-                    limit_a: limit,
-                },
-            );
+            let output = current_loop.step(&mut state, &motor.input(100.0, limit));
             assert!(output.limited && output.reference_a == expected);
             motor.step(&config, f64::from(output.duty) * SUPPLY);
             assert!(motor.current < f64::from(expected) + 1e-3);
@@ -223,18 +201,12 @@ fn what_is_not_a_number_switches_off() {
 
 #[test]
 fn bad_parameters_are_named() {
-    type Spoil = fn(&mut Config);
-    let spoiled: [(Spoil, &str); 6] = [
-        (|c| c.resistance_ohm = 0.0, "resistance_ohm"),
-        (|c| c.inductance_h = f32::NAN, "inductance_h"),
-        (|c| c.bandwidth_rad_s = 6000.0, "bandwidth_rad_s"),
-        (|c| c.torque_constant_nm_a = -1.0, "torque_constant_nm_a"),
-        (|c| c.max_current_a = f32::INFINITY, "max_current_a"),
-        (|c| c.max_duty = 1.5, "max_duty"),
-    ];
-    for (spoil, field) in spoiled {
-        let mut config = Config::default();
-        spoil(&mut config);
-        assert_eq!(config.build().unwrap_err().field, field);
-    }
+    crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+        ("resistance_ohm", |c| c.resistance_ohm = 0.0),
+        ("inductance_h", |c| c.inductance_h = f32::NAN),
+        ("bandwidth_rad_s", |c| c.bandwidth_rad_s = 6000.0),
+        ("torque_constant_nm_a", |c| c.torque_constant_nm_a = -1.0),
+        ("max_current_a", |c| c.max_current_a = f32::INFINITY),
+        ("max_duty", |c| c.max_duty = 1.5),
+    ]);
 }

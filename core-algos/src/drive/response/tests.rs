@@ -137,19 +137,13 @@ properties! {
 
 #[test]
 fn bad_parameters_are_named() {
-    type Spoil = fn(&mut Config);
-    let spoiled: [(Spoil, &str); 7] = [
-        (|c| c.resistance_ohm = 0.0, "resistance_ohm"),
-        (|c| c.inductance_h = f32::NAN, "inductance_h"),
-        (|c| c.torque_constant_nm_a = -1.0, "torque_constant_nm_a"),
-        (|c| c.period_s = f32::INFINITY, "period_s"),
-        (|c| c.window_s = 1e-5, "window_s"),
-        (|c| c.tolerance_v = 0.0, "tolerance_v"),
-        (|c| c.tolerance_share = -0.1, "tolerance_share"),
-    ];
-    for (spoil, field) in spoiled {
-        let mut config = Config::default();
-        spoil(&mut config);
-        assert_eq!(config.build().unwrap_err().field, field);
-    }
+    crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+        ("resistance_ohm", |c| c.resistance_ohm = 0.0),
+        ("inductance_h", |c| c.inductance_h = f32::NAN),
+        ("torque_constant_nm_a", |c| c.torque_constant_nm_a = -1.0),
+        ("period_s", |c| c.period_s = f32::INFINITY),
+        ("window_s", |c| c.window_s = 1e-5),
+        ("tolerance_v", |c| c.tolerance_v = 0.0),
+        ("tolerance_share", |c| c.tolerance_share = -0.1),
+    ]);
 }

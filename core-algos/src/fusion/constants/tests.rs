@@ -18,6 +18,15 @@ fn step(axle: usize, gyro_share: f32) -> Step {
     }
 }
 
+/// A step without a gyro, bent by `heading`, of `x` ahead and turning by `phi`.
+fn bent(axle: usize, x: f64, phi: f64, heading: f64) -> Step {
+    Step {
+        moved: Posture::new(x as f32, 0.0, phi as f32),
+        relative_heading: RelativeHeading(heading as f32),
+        ..step(axle, 0.0)
+    }
+}
+
 /// Heading error of a step of 2 s by a constant of size one.
 fn heading(axle: usize, gyro_share: f32, constant: usize) -> f32 {
     step(axle, gyro_share).by_constants(&TYRES)[2][constant]
@@ -81,13 +90,7 @@ fn tyres_slip_as_a_brush_does_wheel_by_wheel() {
                     slip(-force, x - 0.5 * track * phi),
                     slip(force, x + 0.5 * track * phi),
                 ];
-                let step = Step {
-                    axle,
-                    moved: Posture::new(x as f32, 0.0, phi as f32),
-                    relative_heading: RelativeHeading(heading as f32),
-                    dt: 1.0,
-                    gyro_share: 0.0,
-                };
+                let step = bent(axle, x, phi, heading);
                 let (error, _) = step.error(&tyres, &step.by_constants(&tyres), &[0.0; COUNT]);
                 let told = format!("{axle} {x} {phi} {heading}: {error:?}");
                 let ahead = 0.5 * (left + right);
@@ -115,13 +118,7 @@ fn unequal_wheels_and_tyres_move_each_side_by_its_own() {
                 let slip = (f64::from(TYRES.compliance) + own[side]) * load * half_track;
                 radius[side] * rolled + out * sign * slip * rolled.abs()
             });
-            let step = Step {
-                axle,
-                moved: Posture::new(x as f32, 0.0, phi as f32),
-                relative_heading: RelativeHeading(heading as f32),
-                dt: 1.0,
-                gyro_share: 0.0,
-            };
+            let step = bent(axle, x, phi, heading);
             let mut constants = [0.0; COUNT];
             let mean = 0.5 * (radius[0] + radius[1]);
             constants[SCALE + axle] = mean as f32;

@@ -252,6 +252,14 @@ pub struct State {
     pub counters: Counters,
 }
 
+impl Default for State {
+    /// An axle at rest, in the odometric frame that begins where it stands: the origin is exact by definition.
+    fn default() -> Self {
+        let start = Estimate::with_sigmas(Posture::ORIGIN, [1e-6; 3]);
+        Self::at_rest(&start, [1e-3, 1e-3, 1e-2, 1e-2])
+    }
+}
+
 impl State {
     /// At rest at a known posture; `speed_sigmas` are the standard deviations of v, φ̇, v̇, φ̈.
     pub fn at_rest(start: &Estimate, speed_sigmas: [f32; 4]) -> Self {

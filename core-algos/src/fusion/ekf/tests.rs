@@ -1,62 +1,29 @@
 //! The filter against a textbook one: f64, full matrices, one batch update per step.
 
 use super::*;
-use crate::fusion::testing::Random;
+use crate::fusion::testing::{
+    Matrix, Random, covariance_error, is_definite, product, random_covariance, transpose, wide,
+    wrap,
+};
 use crate::math::matrix::Mat3;
-use core::f64::consts::TAU;
 
-type Wide<const R: usize, const C: usize> = [[f64; C]; R];
-
-fn mul<const R: usize, const K: usize, const C: usize>(
-    a: &Wide<R, K>,
-    b: &Wide<K, C>,
-) -> Wide<R, C> {
-    let mut m = [[0.0; C]; R];
-    for i in 0..R {
-        for j in 0..C {
-            m[i][j] = (0..K).map(|k| a[i][k] * b[k][j]).sum();
-        }
-    }
-    m
-}
-
-fn transpose<const R: usize, const C: usize>(a: &Wide<R, C>) -> Wide<C, R> {
-    let mut m = [[0.0; R]; C];
-    for i in 0..R {
-        for j in 0..C {
-            m[j][i] = a[i][j];
-        }
-    }
-    m
-}
-
-/// Solves `m x = b` (dynamic size) by elimination with pivoting.
-fn solve(mut m: Vec<Vec<f64>>, mut b: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
-    let n = m.len();
-    for c in 0..n {
-        let p = (c..n)
+/// The x of `m x = b`, by elimination with pivoting.
+fn solve<const N: usize>(mut m: Matrix<N, N>, mut b: Matrix<N, N>) -> Matrix<N, N> {
+    for c in 0..N {
+        let p = (c..N)
             .max_by(|&i, &j| m[i][c].abs().total_cmp(&m[j][c].abs()))
             .unwrap();
         m.swap(c, p);
         b.swap(c, p);
-        for i in 0..n {
-            if i != c {
-                let f = m[i][c] / m[c][c];
-                for k in 0..n {
-                    m[i][k] -= f * m[c][k];
-                }
-                for k in 0..b[i].len() {
-                    b[i][k] -= f * b[c][k];
-                }
+        for i in (0..N).filter(|&i| i != c) {
+            let f = m[i][c] / m[c][c];
+            for k in 0..N {
+                m[i][k] -= f * m[c][k];
+                b[i][k] -= f * b[c][k];
             }
         }
     }
-    for i in 0..n {
-        for k in 0..b[i].len() {
-            b[i][k] /= m[i][i];
-        }
-    }
-    b
+    core::array::from_fn(|i| b[i].map(|entry| entry / m[i][i]))
 }
 
 /// The textbook filter.
@@ -64,15 +31,11 @@ fn solve(mut m: Vec<Vec<f64>>, mut b: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
 struct Reference {
     t: f64,
     track: f64,
-    q: Wide<7, 7>,
+    q: Matrix<7, 7>,
     r: [f64; 4],
-    r_fix: Wide<3, 3>,
+    r_fix: Matrix<3, 3>,
     x: [f64; 7],
-    p: Wide<7, 7>,
-}
-
-fn wrap(a: f64) -> f64 {
-    a - TAU * (a / TAU).round()
+    p: Matrix<7, 7>,
 }
 
 impl Reference {
@@ -107,7 +70,7 @@ impl Reference {
             }
         }
         self.x = self.motion(&self.x);
-        self.p = mul(&mul(&a, &self.p), &transpose(&a));
+        self.p = product(&product(&a, &self.p), &transpose(&a));
         for i in 0..7 {
             for j in 0..7 {
                 self.p[i][j] += self.q[i][j];
@@ -115,6 +78,7 @@ impl Reference {
         }
     }
 
+    /// One update by all measurements that are there; the rows of the others are zero.
     fn update(&mut self, z: &[Option<f64>; 4], fix: Option<[f64; 3]>) {
         let half = self.track / 2.0;
         let rows = [
@@ -123,56 +87,39 @@ impl Reference {
             [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
             [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
         ];
-        let (mut h, mut nu, mut r) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut h, mut nu, mut r) = ([[0.0; 7]; 7], [0.0; 7], [[0.0; 7]; 7]);
+        for k in 0..7 {
+            r[k][k] = 1.0;
+        }
         for k in 0..4 {
             if let Some(z) = z[k] {
-                nu.push(z - (0..7).map(|j| rows[k][j] * self.x[j]).sum::<f64>());
-                h.push(rows[k]);
-                r.push((k, None));
+                nu[k] = z - (0..7).map(|j| rows[k][j] * self.x[j]).sum::<f64>();
+                h[k] = rows[k];
+                r[k][k] = self.r[k];
             }
         }
         if let Some(z) = fix {
             for k in 0..3 {
-                let mut row = [0.0; 7];
-                row[k] = 1.0;
                 let d = z[k] - self.x[k];
-                nu.push(if k == 2 { wrap(d) } else { d });
-                h.push(row);
-                r.push((k, Some(())));
+                nu[4 + k] = if k == 2 { wrap(d) } else { d };
+                h[4 + k][k] = 1.0;
+                r[4 + k][4..].copy_from_slice(&self.r_fix[k]);
             }
         }
-        let n = h.len();
-        if n == 0 {
-            return;
-        }
-        let ph: Vec<[f64; 7]> = h
-            .iter()
-            .map(|row| core::array::from_fn(|i| (0..7).map(|j| self.p[i][j] * row[j]).sum()))
-            .collect();
-        let mut s = vec![vec![0.0; n]; n];
-        for i in 0..n {
-            for j in 0..n {
-                s[i][j] = (0..7).map(|k| h[i][k] * ph[j][k]).sum();
-                s[i][j] += match (r[i], r[j]) {
-                    ((a, None), (b, None)) if a == b => self.r[a],
-                    ((a, Some(())), (b, Some(()))) => self.r_fix[a][b],
-                    _ => 0.0,
-                };
+        let hp = product(&h, &self.p);
+        let mut s = product(&hp, &transpose(&h));
+        for i in 0..7 {
+            for j in 0..7 {
+                s[i][j] += r[i][j];
             }
         }
         // Kᵀ = S⁻¹ H P.
-        let gain = solve(s.clone(), ph.iter().map(|row| row.to_vec()).collect());
+        let gain = transpose(&solve(s, hp));
+        let fall = product(&gain, &hp);
         for i in 0..7 {
-            self.x[i] += (0..n).map(|k| gain[k][i] * nu[k]).sum::<f64>();
+            self.x[i] += (0..7).map(|k| gain[i][k] * nu[k]).sum::<f64>();
             for j in 0..7 {
-                self.p[i][j] -= (0..n).map(|k| gain[k][i] * ph[k][j]).sum::<f64>();
-            }
-        }
-        for i in 0..7 {
-            for j in 0..i {
-                let mean = 0.5 * (self.p[i][j] + self.p[j][i]);
-                self.p[i][j] = mean;
-                self.p[j][i] = mean;
+                self.p[i][j] -= 0.5 * (fall[i][j] + fall[j][i]);
             }
         }
     }
@@ -199,31 +146,18 @@ fn pair(
         fix_gate: None,
         ..Config::default()
     };
-    let wide = |m: &Mat<7, 7>| m.map(|row| row.map(f64::from));
     let reference = Reference {
         t: period as f64,
         track: track as f64,
         q: wide(&q),
         r: sigmas.map(|s| s as f64 * s as f64),
-        r_fix: r_fix.map(|row| row.map(f64::from)),
+        r_fix: wide(&r_fix),
         x: x0.map(f64::from),
         p: wide(&p0),
     };
     let filter = config.build_with(ProcessNoise::Fixed(q)).unwrap();
     let fix = Fix::new(&r_fix).unwrap();
     (filter, fix, State::from_parts(x0, &p0), reference)
-}
-
-/// A random covariance with the given standard deviations and moderate correlations.
-fn random_covariance<const M: usize>(random: &mut Random, sigmas: [f32; M]) -> Mat<M, M> {
-    let mut root = [[0.0; M]; M];
-    for i in 0..M {
-        for j in 0..M {
-            root[i][j] =
-                sigmas[i] * (0.4 * random.normal() as f32 + if i == j { 1.0 } else { 0.0 });
-        }
-    }
-    matrix::propagate(&root, &matrix::identity::<M>())
 }
 
 /// Largest pose error and largest normalised covariance error.
@@ -235,33 +169,11 @@ fn errors(state: &State, reference: &Reference) -> (f64, f64) {
         let d = posture[k].high as f64 + posture[k].low as f64 - reference.x[k];
         pose = pose.max(if k == 2 { wrap(d).abs() } else { d.abs() });
     }
-    let mut covariance = 0.0f64;
-    for i in 0..7 {
-        for j in 0..7 {
-            let scale = (reference.p[i][i] * reference.p[j][j]).sqrt();
-            covariance = covariance.max((p[i][j] as f64 - reference.p[i][j]).abs() / scale);
-        }
-    }
-    (pose, covariance)
+    (pose, covariance_error(&p, &reference.p))
 }
 
 fn is_positive_definite(state: &State) -> bool {
-    // In f64 and scaled to unit diagonal, so that only the matrix itself is judged.
-    let p = state.covariance().matrix().map(|row| row.map(f64::from));
-    let mut l = [[0.0f64; 7]; 7];
-    for j in 0..7 {
-        let pivot = 1.0 - (0..j).map(|k| l[j][k] * l[j][k]).sum::<f64>();
-        if !(p[j][j] > 0.0 && pivot > 0.0) {
-            return false;
-        }
-        l[j][j] = pivot.sqrt();
-        for i in j + 1..7 {
-            let entry = p[i][j] / (p[i][i] * p[j][j]).sqrt();
-            let rest: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
-            l[i][j] = (entry - rest) / l[j][j];
-        }
-    }
-    true
+    is_definite(&wide(&state.covariance().matrix()))
 }
 
 /// Sensor samples of a drive with changing speed and turning, with noise.
@@ -285,47 +197,6 @@ fn as_wide(m: &Measurements) -> [Option<f64>; 4] {
     [m.left_m_s, m.right_m_s, m.gyro_rad_s, m.acceleration_m_s2].map(|z| z.map(f64::from))
 }
 
-#[allow(clippy::too_many_arguments)]
-/// 500 steps beside the reference; the worst errors on the way.
-fn compare(
-    seed: u64,
-    period: f32,
-    q_sigmas: [f32; 7],
-    p_sigmas: [f32; 7],
-    sigmas: [f32; 4],
-    fix_sigmas: [f32; 3],
-    fix_every: usize,
-    loss: f64,
-) -> (f64, f64) {
-    let mut random = Random::new(seed);
-    let q = random_covariance(&mut random, q_sigmas);
-    let p0 = random_covariance(&mut random, p_sigmas);
-    let r_fix = random_covariance(&mut random, fix_sigmas);
-    let x0 = [-1.342, 0.7, 3.0, 0.0, 0.9, 0.39, 0.0];
-    let (filter, fix, mut state, mut reference) = pair(period, q, sigmas, r_fix, x0, p0);
-    let (mut pose, mut covariance) = (0.0f64, 0.0f64);
-    for step in 1..=500 {
-        let time = step as f64 * period as f64;
-        let z = drive(&mut random, time, sigmas, loss);
-        filter.step(&mut state, &z);
-        reference.predict();
-        reference.update(&as_wide(&z), None);
-        if fix_every > 0 && step % fix_every == 0 {
-            let mut seen = [0.0f32; 3];
-            for k in 0..3 {
-                seen[k] = (reference.x[k] + fix_sigmas[k] as f64 * random.normal()) as f32;
-            }
-            let seen64 = seen.map(f64::from);
-            filter.update_fix(&mut state, &Posture::from(seen), &fix);
-            reference.update(&[None; 4], Some(seen64));
-        }
-        let (p, c) = errors(&state, &reference);
-        pose = pose.max(p);
-        covariance = covariance.max(c);
-    }
-    (pose, covariance)
-}
-
 /// Noise levels of a case.
 struct Levels {
     q: [f32; 7],
@@ -341,52 +212,66 @@ const TYPICAL: Levels = Levels {
     fix: [0.01, 0.01, 0.01],
 };
 
-fn check_against_reference(levels: &Levels, seed: u64) {
-    for period in [1e-3, 5e-3, 2e-2] {
-        for fix_every in [0, 10, 100] {
-            for loss in [0.0, 0.3] {
-                let l = levels;
-                let (pose, covariance) =
-                    compare(seed, period, l.q, l.p, l.r, l.fix, fix_every, loss);
-                assert!(pose < 5e-6, "{period} {fix_every} {loss}: {pose:e}");
-                assert!(
-                    covariance < 2e-4,
-                    "{period} {fix_every} {loss}: {covariance:e}"
-                );
+const STRONG_MEASUREMENTS: Levels = Levels {
+    p: [0.1, 0.1, 0.1, 1.0, 1.0, 1.0, 1.0],
+    r: [1e-3, 3e-3, 1e-3, 1e-2],
+    ..TYPICAL
+};
+
+const GOOD_ODOMETRY: Levels = Levels {
+    q: [1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-2, 1e-2],
+    p: [1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 0.1, 0.1],
+    r: [1e-3, 1e-3, 1e-4, 0.03],
+    fix: [2e-3, 2e-3, 2e-3],
+};
+
+/// 500 steps beside the reference; the worst errors on the way.
+fn compare(levels: &Levels, seed: u64, period: f32, fix_every: usize, loss: f64) -> (f64, f64) {
+    let mut random = Random::new(seed);
+    let q = random_covariance(&mut random, levels.q, 0.4);
+    let p0 = random_covariance(&mut random, levels.p, 0.4);
+    let r_fix = random_covariance(&mut random, levels.fix, 0.4);
+    let x0 = [-1.342, 0.7, 3.0, 0.0, 0.9, 0.39, 0.0];
+    let (filter, fix, mut state, mut reference) = pair(period, q, levels.r, r_fix, x0, p0);
+    let (mut pose, mut covariance) = (0.0f64, 0.0f64);
+    for step in 1..=500 {
+        let time = step as f64 * period as f64;
+        let z = drive(&mut random, time, levels.r, loss);
+        filter.step(&mut state, &z);
+        reference.predict();
+        reference.update(&as_wide(&z), None);
+        if fix_every > 0 && step % fix_every == 0 {
+            let mut seen = [0.0f32; 3];
+            for k in 0..3 {
+                seen[k] = (reference.x[k] + levels.fix[k] as f64 * random.normal()) as f32;
             }
+            let seen64 = seen.map(f64::from);
+            filter.update_fix(&mut state, &Posture::from(seen), &fix);
+            reference.update(&[None; 4], Some(seen64));
         }
+        let (p, c) = errors(&state, &reference);
+        pose = pose.max(p);
+        covariance = covariance.max(c);
     }
+    (pose, covariance)
 }
 
 #[test]
 fn equals_the_textbook_filter() {
-    for seed in 0..8 {
-        check_against_reference(&TYPICAL, seed);
-    }
-}
-
-#[test]
-fn equals_the_textbook_filter_for_strong_measurements() {
-    let strong = Levels {
-        p: [0.1, 0.1, 0.1, 1.0, 1.0, 1.0, 1.0],
-        r: [1e-3, 3e-3, 1e-3, 1e-2],
-        ..TYPICAL
-    };
-    for seed in 0..8 {
-        check_against_reference(&strong, seed);
-    }
-}
-
-#[test]
-fn equals_the_textbook_filter_for_good_odometry() {
-    let good = Levels {
-        q: [1e-6, 1e-6, 1e-6, 1e-4, 1e-4, 1e-2, 1e-2],
-        p: [1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 0.1, 0.1],
-        r: [1e-3, 1e-3, 1e-4, 0.03],
-        fix: [2e-3, 2e-3, 2e-3],
-    };
-    for seed in 0..8 {
-        check_against_reference(&good, seed);
+    for levels in [TYPICAL, STRONG_MEASUREMENTS, GOOD_ODOMETRY] {
+        for seed in 0..8 {
+            for period in [1e-3, 5e-3, 2e-2] {
+                for fix_every in [0, 10, 100] {
+                    for loss in [0.0, 0.3] {
+                        let (pose, covariance) = compare(&levels, seed, period, fix_every, loss);
+                        assert!(
+                            pose < 5e-6 && covariance < 2e-4,
+                            "{period} {fix_every} {loss}: {pose:e} {covariance:e}"
+                        );
+                    }
+                }
+            }
+        }
     }
 }
 
@@ -606,22 +491,6 @@ fn an_outlier_is_gated_and_a_sensor_that_insists_is_believed() {
 }
 
 #[test]
-fn sequential_fix_equals_the_batch_update() {
-    for seed in 0..50 {
-        let mut random = Random::new(seed);
-        let p0 = random_covariance(&mut random, [0.1, 0.2, 0.05, 0.1, 0.1, 0.1, 0.1]);
-        let r = random_covariance(&mut random, [0.05, 0.02, 0.08]);
-        let (filter, fix, mut state, mut reference) =
-            pair(1e-3, [[0.0; 7]; 7], [0.1; 4], r, [0.0; 7], p0);
-        let seen = [0.1f32, -0.2, 0.05];
-        filter.update_fix(&mut state, &Posture::from(seen), &fix);
-        reference.update(&[None; 4], Some(seen.map(f64::from)));
-        let (pose, covariance) = errors(&state, &reference);
-        assert!(pose < 1e-6 && covariance < 5e-6, "{pose:e} {covariance:e}");
-    }
-}
-
-#[test]
 fn increments_carry_the_whole_drift() {
     // One filter runs on, the other hands out increments every 10 ms, which are compounded here.
     let filter = node_filter(false);
@@ -702,42 +571,19 @@ fn increments_at_rest_are_positive_definite() {
 
 #[test]
 fn configuration_is_checked() {
-    let default = Config::default();
-    for (config, field) in [
-        (
-            Config {
-                period_s: 0.0,
-                ..default
-            },
-            "period_s",
-        ),
-        (
-            Config {
-                track_m: f32::NAN,
-                ..default
-            },
-            "track_m",
-        ),
-        (
-            Config {
-                gyro_sigma_rad_s: -1.0,
-                ..default
-            },
-            "gyro_sigma_rad_s",
-        ),
-        (
-            Config {
-                innovation_gate: Some(f32::NAN),
-                ..default
-            },
-            "innovation_gate",
-        ),
-    ] {
-        assert_eq!(config.build().unwrap_err().field, field);
-    }
+    crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+        ("period_s", |c| c.period_s = 0.0),
+        ("track_m", |c| c.track_m = f32::NAN),
+        ("gyro_sigma_rad_s", |c| c.gyro_sigma_rad_s = -1.0),
+        ("innovation_gate", |c| c.innovation_gate = Some(f32::NAN)),
+    ]);
     let mut q = [[0.0; 7]; 7];
     q[0][1] = 1.0;
-    assert!(default.build_with(ProcessNoise::Fixed(q)).is_err());
+    assert!(
+        Config::default()
+            .build_with(ProcessNoise::Fixed(q))
+            .is_err()
+    );
 }
 
 /// Steering turns an axle from rest at 36 rad/s², the most that was seen in hours of driving. Neither wheels

@@ -1,25 +1,10 @@
 use super::*;
+use crate::fusion::testing::{
+    self, Matrix, cholesky, covariance_error, inverse, product, transpose, wrap,
+};
 use proptest::prelude::*;
 
-type M = [[f64; 3]; 3];
-
-fn product(a: &M, b: &M) -> M {
-    [0, 1, 2].map(|i| [0, 1, 2].map(|j| (0..3).map(|k| a[i][k] * b[k][j]).sum()))
-}
-
-fn transposed(a: &M) -> M {
-    [0, 1, 2].map(|i| [0, 1, 2].map(|j| a[j][i]))
-}
-
-fn inverse(a: &M) -> M {
-    let cofactor = |i: usize, j: usize| {
-        let (r, s) = ((i + 1) % 3, (i + 2) % 3);
-        let (c, d) = ((j + 1) % 3, (j + 2) % 3);
-        a[r][c] * a[s][d] - a[r][d] * a[s][c]
-    };
-    let determinant: f64 = (0..3).map(|j| a[0][j] * cofactor(0, j)).sum();
-    [0, 1, 2].map(|i| [0, 1, 2].map(|j| cofactor(j, i) / determinant))
-}
+type M = Matrix<3, 3>;
 
 fn blend(a: &M, b: &M, omega: f64) -> M {
     [0, 1, 2].map(|i| [0, 1, 2].map(|j| omega * b[i][j] + (1.0 - omega) * a[i][j]))
@@ -80,6 +65,10 @@ fn rotation(yaw: f64, pitch: f64, roll: f64) -> M {
     product(&product(&z, &y), &x)
 }
 
+fn diagonal(d: [f64; 3]) -> M {
+    [0, 1, 2].map(|i| [0, 1, 2].map(|j| if i == j { d[i] } else { 0.0 }))
+}
+
 /// A covariance whose principal standard deviations span up to `decades`.
 fn covariance(decades: f64) -> impl Strategy<Value = M> {
     (
@@ -88,11 +77,8 @@ fn covariance(decades: f64) -> impl Strategy<Value = M> {
     )
         .prop_map(|(sizes, angles)| {
             let r = rotation(angles[0], angles[1], angles[2]);
-            let mut d = [[0.0; 3]; 3];
-            for i in 0..3 {
-                d[i][i] = 100.0f64.powf(sizes[i]);
-            }
-            let m = product(&product(&r, &d), &transposed(&r));
+            let d = diagonal(sizes.map(|size| 100.0f64.powf(size)));
+            let m = product(&product(&r, &d), &transpose(&r));
             [0, 1, 2].map(|i| [0, 1, 2].map(|j| 0.5 * (m[i][j] + m[j][i])))
         })
 }
@@ -110,17 +96,6 @@ fn extended(posture: [f32; 3], covariance: &M) -> ExtendedEstimate {
         posture: posture.map(TwoFloat::from_f32),
         covariance: wide(covariance),
     }
-}
-
-fn distance(p: &Mat3, reference: &M) -> f64 {
-    let mut worst = 0.0f64;
-    for i in 0..3 {
-        for j in 0..3 {
-            let scale = (reference[i][i] * reference[j][j]).sqrt();
-            worst = worst.max((p[i][j] as f64 - reference[i][j]).abs() / scale);
-        }
-    }
-    worst
 }
 
 fn by(criterion: Criterion) -> Intersection {
@@ -150,7 +125,7 @@ fn check(criterion: Criterion, a: &M, b: &M) -> Result<(), TestCaseError> {
         fused.omega
     );
     let p = fused_covariance(&a, &b, omega);
-    let d = distance(&fused.estimate.covariance, &p);
+    let d = covariance_error(&fused.estimate.covariance, &p);
     prop_assert!(d < 1e-5, "{d:e}");
     let gain = product(&a, &inverse(&blend(&a, &b, omega)));
     let difference = [
@@ -164,8 +139,7 @@ fn check(criterion: Criterion, a: &M, b: &M) -> Result<(), TestCaseError> {
             .map(|j| (1.0 - omega) * gain[i][j] * difference[j])
             .sum();
         let error = x[i] as f64 - ([1.0, -2.0, 3.0][i] + shift);
-        let turns = (error / core::f64::consts::TAU).round();
-        prop_assert!((error - turns * core::f64::consts::TAU).abs() < 2e-6 * (1.0 + shift.abs()));
+        prop_assert!(wrap(error).abs() < 2e-6 * (1.0 + shift.abs()));
     }
     Ok(())
 }
@@ -203,27 +177,11 @@ properties! {
         let s = inverse(&blend(&a, &b, omega));
         let gain_b = product(&a, &s).map(|row| row.map(|g| (1.0 - omega) * g));
         let gain_a = product(&b, &s).map(|row| row.map(|g| omega * g));
-        let root = |m: &M| {
-            let mut l = [[0.0; 3]; 3];
-            for j in 0..3 {
-                let pivot: f64 = m[j][j] - (0..j).map(|k| l[j][k] * l[j][k]).sum::<f64>();
-                l[j][j] = pivot.sqrt();
-                for i in j + 1..3 {
-                    let rest: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
-                    l[i][j] = (m[i][j] - rest) / l[j][j];
-                }
-            }
-            l
-        };
         let (u, v) = (rotation(angles[0], angles[1], angles[2]), rotation(more[0], more[1], more[2]));
-        let mut k = [[0.0; 3]; 3];
-        for i in 0..3 {
-            k[i][i] = singular[i];
-        }
-        let k = product(&product(&u, &k), &v);
-        let cross = product(&product(&root(&a), &k), &transposed(&root(&b)));
+        let k = product(&product(&u, &diagonal(singular)), &v);
+        let cross = product(&product(&cholesky(&a), &k), &transpose(&cholesky(&b)));
         // True error covariance of the fused estimate.
-        let part = |g: &M, m: &M, h: &M| product(&product(g, m), &transposed(h));
+        let part = |g: &M, m: &M, h: &M| product(&product(g, m), &transpose(h));
         let (aa, bb) = (part(&gain_a, &a, &gain_a), part(&gain_b, &b, &gain_b));
         let ab = part(&gain_a, &cross, &gain_b);
         let claimed = fused.estimate.covariance;
@@ -231,7 +189,7 @@ properties! {
             let rounding = if i == j { 1e-5 * claimed[i][i] as f64 } else { 0.0 };
             claimed[i][j] as f64 + rounding - (aa[i][j] + bb[i][j] + ab[i][j] + ab[j][i])
         }));
-        let pivots = root(&slack);
+        let pivots = cholesky(&slack);
         prop_assert!((0..3).all(|i| pivots[i][i] >= 0.0), "{pivots:?}");
     }
 
@@ -244,7 +202,7 @@ properties! {
             .fuse_extended(&extended([0.0; 3], &a), &extended([0.0; 3], &b))
             .unwrap();
         let cost = |p: &M| p[0][0] + p[1][1] + 0.04 * p[2][2];
-        let p = fused.estimate.covariance.map(|row| row.map(f64::from));
+        let p = testing::wide(&fused.estimate.covariance);
         prop_assert!(cost(&p) <= cost(&a).min(cost(&b)) * (1.0 + 1e-6));
         // And no direction is better than what both together could know.
         let sum = gap(&inverse(&a).map(|row| row.map(|x| -x)), &inverse(&b));
@@ -298,11 +256,8 @@ fn bad_input_is_refused() {
         assert!(ci.fuse(&good, &bad).is_none());
         assert!(ci.fuse(&bad, &good).is_none());
     }
-    let config = Config {
-        heading_length_m: f32::NAN,
-        ..Config::default()
-    };
-    assert_eq!(config.build().unwrap_err().field, "heading_length_m");
+    crate::config::refusal_of(Config::default(), |c| c.build())
+        .names(&[("heading_length_m", |c| c.heading_length_m = f32::NAN)]);
 }
 
 #[test]

@@ -1,18 +1,5 @@
 use super::*;
-use crate::fusion::testing::Random;
-
-type Pose = [f64; 3];
-
-fn wrap(a: f64) -> f64 {
-    a - core::f64::consts::TAU * (a / core::f64::consts::TAU).round()
-}
-
-/// Posture of `tip` seen from `base`.
-fn seen(tip: Pose, base: Pose) -> Pose {
-    let (s, c) = base[2].sin_cos();
-    let (x, y) = (tip[0] - base[0], tip[1] - base[1]);
-    [c * x + s * y, -s * x + c * y, wrap(tip[2] - base[2])]
-}
+use crate::fusion::testing::{Pose, Random, relative, wrap};
 
 fn narrow(p: Pose) -> Posture {
     Posture::new(p[0] as f32, p[1] as f32, p[2] as f32)
@@ -49,7 +36,7 @@ impl Robot {
     }
 
     fn link(&self) -> Pose {
-        seen(self.axles[1], self.axles[0])
+        relative(self.axles[1], self.axles[0])
     }
 }
 
@@ -74,7 +61,7 @@ fn exact_measurements_keep_the_exact_postures() {
             .unwrap();
     }
     for (posture, truth) in state.postures().into_iter().zip(robot.axles) {
-        let error = seen(
+        let error = relative(
             [posture.x as f64, posture.y as f64, posture.phi as f64],
             truth,
         );
@@ -204,14 +191,6 @@ fn no_direction_leaves_odometry() {
                 .is_none()
         );
     }
-    assert_eq!(
-        Config {
-            wheel_sigma_m: -1.0,
-            ..Config::default()
-        }
-        .build()
-        .unwrap_err()
-        .field,
-        "wheel_sigma_m"
-    );
+    crate::config::refusal_of(Config::default(), |c| c.build())
+        .names(&[("wheel_sigma_m", |c| c.wheel_sigma_m = -1.0)]);
 }

@@ -1,5 +1,5 @@
 use super::*;
-use crate::fusion::testing::Random;
+use crate::fusion::testing::{Random, inverse, is_definite, quadratic, random_covariance, wide};
 
 fn start() -> (Joint, State) {
     let joint = Config::default().build(0.01).unwrap();
@@ -7,16 +7,6 @@ fn start() -> (Joint, State) {
     let relative = Estimate::with_sigmas(Posture::new(0.36, 0.02, 0.2), [1e-3, 2e-3, 5e-3]);
     let state = joint.start(&robot, &relative, 0.0);
     (joint, state)
-}
-
-fn noise(random: &mut Random, size: f32) -> Mat3 {
-    let mut root = [[0.0; 3]; 3];
-    for i in 0..3 {
-        for j in 0..3 {
-            root[i][j] = size * (0.5 * random.normal() as f32 + if i == j { 1.0 } else { 0.0 });
-        }
-    }
-    matrix::propagate(&root, &matrix::identity())
 }
 
 #[test]
@@ -101,8 +91,8 @@ fn covariance_follows_the_linear_part_of_the_motion() {
     let front = Posture::new(0.05, 0.004, 0.03);
     let rear = Posture::new(0.06, -0.002, -0.04);
     let mut random = Random::new(1);
-    let noise1 = noise(&mut random, 3e-4);
-    let noise2 = noise(&mut random, 3e-4);
+    let noise1 = random_covariance(&mut random, [3e-4; 3], 0.5);
+    let noise2 = random_covariance(&mut random, [3e-4; 3], 0.5);
     let (f1, f2) = (Estimate::new(front, noise1), Estimate::new(rear, noise2));
     joint.predict(&mut state, &f1, &f2, shares, 5.0);
 
@@ -188,11 +178,14 @@ fn update_equals_the_batch_update_in_f64() {
     for seed in 0..30 {
         let (joint, mut state) = start();
         let mut random = Random::new(seed);
-        let step = Estimate::new(Posture::new(0.05, 0.0, 0.1), noise(&mut random, 1e-3));
+        let step = Estimate::new(
+            Posture::new(0.05, 0.0, 0.1),
+            random_covariance(&mut random, [1e-3; 3], 0.5),
+        );
         for _ in 0..3 {
             joint.predict(&mut state, &step, &step, [0.5; 2], 1.0);
         }
-        let r = noise(&mut random, 2e-4);
+        let r = random_covariance(&mut random, [2e-4; 3], 0.5);
         let innovation = [1e-3, -2e-3, 3e-3];
         state.constants = [1e-3; constants::COUNT];
         let by = constants::beam_by_constants(state.relative);
@@ -224,7 +217,7 @@ fn update_equals_the_batch_update_in_f64() {
             wheels.map(|by| play * play * by[i] * by[j]).sum()
         };
 
-        let p = prior.covariance.matrix().map(|row| row.map(f64::from));
+        let p = wide(&prior.covariance.matrix());
         let mut rows = [[0.0; N]; 3];
         for i in 0..3 {
             rows[i][REL + i] = 1.0;
@@ -236,25 +229,14 @@ fn update_equals_the_batch_update_in_f64() {
             core::array::from_fn::<f64, N, _>(|i| (0..N).map(|j| row[j] * p[i][j]).sum())
         });
         // Inverse covariance of the innovation.
-        let inverse: [[f64; 3]; 3] = {
-            let s: [[f64; 3]; 3] = core::array::from_fn(|i| {
-                core::array::from_fn(|j| {
-                    let states = (0..N).map(|k| rows[i][k] * ph[j][k]).sum::<f64>();
-                    states + f64::from(r[i][j]) + by_play(i, j)
-                })
-            });
-            let cofactor = |i: usize, j: usize| {
-                let (a, b) = ((i + 1) % 3, (i + 2) % 3);
-                let (c, d) = ((j + 1) % 3, (j + 2) % 3);
-                s[a][c] * s[b][d] - s[a][d] * s[b][c]
-            };
-            let determinant: f64 = (0..3).map(|j| s[0][j] * cofactor(0, j)).sum();
-            core::array::from_fn(|i| core::array::from_fn(|j| cofactor(j, i) / determinant))
-        };
+        let inverse = inverse(&core::array::from_fn(|i| {
+            core::array::from_fn(|j| {
+                let states = (0..N).map(|k| rows[i][k] * ph[j][k]).sum::<f64>();
+                states + f64::from(r[i][j]) + by_play(i, j)
+            })
+        }));
         let exact = outcome.innovation.map(f64::from);
-        let nis: f64 = (0..9)
-            .map(|k| exact[k / 3] * inverse[k / 3][k % 3] * exact[k % 3])
-            .sum();
+        let nis = quadratic(&inverse, exact);
         assert!((f64::from(outcome.nis) / nis - 1.0).abs() < 1e-3);
         let after = state.covariance.matrix();
         let shift = error(&state, &prior);
@@ -285,20 +267,7 @@ fn positive_definite_over_a_hundred_thousand_ticks() {
             joint.condition(&mut state, 64);
         }
         if tick % 997 == 0 {
-            let p = state.covariance.matrix().map(|row| row.map(f64::from));
-            let mut l = [[0.0f64; N]; N];
-            for j in 0..N {
-                let pivot = 1.0 - (0..j).map(|k| l[j][k] * l[j][k]).sum::<f64>();
-                assert!(
-                    p[j][j] > 0.0 && pivot > 0.0,
-                    "tick {tick} state {j}: {pivot:e}"
-                );
-                l[j][j] = pivot.sqrt();
-                for i in j + 1..N {
-                    let rest: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
-                    l[i][j] = (p[i][j] / (p[i][i] * p[j][j]).sqrt() - rest) / l[j][j];
-                }
-            }
+            assert!(is_definite(&wide(&state.covariance.matrix())), "{tick}");
         }
     }
     let sigma = crate::math::trig::sqrt(state.estimates().rear.covariance[0][0]);
@@ -356,11 +325,8 @@ fn bad_measurement_changes_nothing() {
         assert_eq!(outcome.verdict, Verdict::Invalid);
         assert_eq!(state, before);
     }
-    let config = Config {
-        scale_sigma: f32::NAN,
-        ..Config::default()
-    };
-    assert_eq!(config.build(0.01).unwrap_err().field, "scale_sigma");
+    crate::config::refusal_of(Config::default(), |c| c.build(0.01))
+        .names(&[("scale_sigma", |c| c.scale_sigma = f32::NAN)]);
 }
 
 #[test]

@@ -35,15 +35,20 @@ fn rest() -> Increment {
     Increment::new(Posture::ORIGIN, [[0.0; 3]; 3])
 }
 
+/// Both axles moved alike.
+fn inputs(moved: Increment, beam: Option<Estimate>) -> Inputs {
+    Inputs {
+        front: Some(moved),
+        rear: Some(moved),
+        beam,
+    }
+}
+
 /// Repairing the covariance ahead of the next tick gives every output of repairing it then.
 #[test]
 fn preparing_changes_nothing_but_when_it_is_done() {
     for mode in MODES {
-        let config = Config {
-            mode,
-            ..Config::default()
-        };
-        let fusion = config.build().unwrap();
+        let fusion = fusion(mode);
         let mut late = start(&fusion, Posture::new(0.1, -0.2, 0.3));
         let mut ahead = late;
         let mut repairs = 0;
@@ -52,11 +57,7 @@ fn preparing_changes_nothing_but_when_it_is_done() {
                 Posture::new(2e-3, 0.0, 1e-3),
                 matrix::diagonal([1e-9, 1e-9, 1e-8]),
             );
-            let inputs = Inputs {
-                front: Some(moved),
-                rear: Some(moved),
-                beam: (tick % 3 != 0).then(straight),
-            };
+            let inputs = inputs(moved, (tick % 3 != 0).then(straight));
             assert_eq!(
                 fusion.step(&mut ahead, &inputs),
                 fusion.step(&mut late, &inputs)
@@ -80,14 +81,7 @@ fn straight_drive_arrives_in_every_mode() {
         );
         let mut output = Output::default();
         for _ in 0..400 {
-            output = fusion.step(
-                &mut state,
-                &Inputs {
-                    front: Some(forward()),
-                    rear: Some(forward()),
-                    beam: Some(straight()),
-                },
-            );
+            output = fusion.step(&mut state, &inputs(forward(), Some(straight())));
         }
         let o = output.robot.posture;
         let error = o.minus(Posture::new(-1.0, 1.5, core::f32::consts::FRAC_PI_2));
@@ -114,14 +108,7 @@ fn opposite_creep_is_seen_by_the_beam_and_shared_by_both_axles() {
         let mut output = Output::default();
         for tick in 0..500 {
             let heading = 0.3 * crate::math::trig::exp(-0.01 * 0.01 * tick as f32);
-            output = fusion.step(
-                &mut state,
-                &Inputs {
-                    front: Some(rest()),
-                    rear: Some(rest()),
-                    beam: Some(shape(heading)),
-                },
-            );
+            output = fusion.step(&mut state, &inputs(rest(), Some(shape(heading))));
         }
         output
     });
@@ -201,14 +188,7 @@ fn what_is_not_finite_counts_as_absent() {
                 },
             );
             assert!(output.robot.is_finite());
-            let output = fusion.step(
-                &mut state,
-                &Inputs {
-                    front: Some(rest()),
-                    rear: Some(rest()),
-                    beam: Some(beam),
-                },
-            );
+            let output = fusion.step(&mut state, &inputs(rest(), Some(beam)));
             assert!(output.front.is_finite() && output.rear.is_finite());
             let expected = if mode == Mode::Odometry {
                 Verdict::Absent
@@ -256,14 +236,7 @@ fn a_leaping_beam_is_gated_until_it_insists() {
         let mut state = fusion.start(&robot, &frame, 0.01);
         let mut step = |phi: f32| {
             let beam = Estimate::with_sigmas(Posture::new(0.37, 0.0, phi), BEAM_SIGMAS);
-            fusion.step(
-                &mut state,
-                &Inputs {
-                    front: Some(rest()),
-                    rear: Some(rest()),
-                    beam: Some(beam),
-                },
-            )
+            fusion.step(&mut state, &inputs(rest(), Some(beam)))
         };
         for _ in 0..20 {
             assert_eq!(step(0.0).beam.verdict, Verdict::Used, "{mode:?}");
@@ -297,11 +270,7 @@ fn bent_frame_creeps_at_standstill_in_the_covariance() {
             );
             let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);
             let mut state = fusion.start(&robot, &relative, 0.01);
-            let inputs = Inputs {
-                front: Some(rest()),
-                rear: Some(rest()),
-                beam: None,
-            };
+            let inputs = inputs(rest(), None);
             let first = fusion.step(&mut state, &inputs).front.covariance[2][2];
             let mut last = first;
             for _ in 0..200 {
@@ -316,18 +285,10 @@ fn bent_frame_creeps_at_standstill_in_the_covariance() {
 
 #[test]
 fn configuration_is_checked() {
-    let config = Config {
-        period_s: f32::NAN,
-        ..Config::default()
-    };
-    assert_eq!(config.build().unwrap_err().field, "period_s");
-    let mut config = Config::default();
-    config.slip.creep_per_sqrt_s = -1.0;
-    assert_eq!(config.build().unwrap_err().field, "creep_per_sqrt_s");
-    let mut config = Config::default();
-    config.frame_sigmas[1] = 0.0;
-    assert_eq!(config.build().unwrap_err().field, "frame_sigmas");
-    let mut config = Config::default();
-    config.joint.scale_sigma = f32::INFINITY;
-    assert_eq!(config.build().unwrap_err().field, "scale_sigma");
+    crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
+        ("period_s", |c| c.period_s = f32::NAN),
+        ("creep_per_sqrt_s", |c| c.slip.creep_per_sqrt_s = -1.0),
+        ("frame_sigmas", |c| c.frame_sigmas[1] = 0.0),
+        ("scale_sigma", |c| c.joint.scale_sigma = f32::INFINITY),
+    ]);
 }

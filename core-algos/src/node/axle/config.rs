@@ -140,7 +140,7 @@ impl Config {
             limits: self.limits,
             ramp: self.stop.build(self.supervisor.stop_timeout_s)?,
             supervisor: self.supervisor.build()?,
-            state: State::new(),
+            state: State::default(),
         })
     }
 }

@@ -1,14 +1,16 @@
 use super::*;
+use crate::node::testing::{beat, lead_status, reference_posture};
 use crate::safety::{Condition, OperatingState};
 use crate::time::TICK;
 use core::f64::consts::TAU;
 
+const FRAME: FrameProperties = FrameProperties {
+    bending_stiffness_n_m2: 0.833,
+    length_m: 0.37,
+};
+
 fn node(axle: AxleId) -> AxleNode {
-    let frame = FrameProperties {
-        bending_stiffness_n_m2: 0.833,
-        length_m: 0.37,
-    };
-    let mut node = Config::default().build(axle, frame).unwrap();
+    let mut node = Config::default().build(axle, FRAME).unwrap();
     lead(&mut node, 0, LeadMode::Idle);
     node
 }
@@ -20,49 +22,38 @@ fn counts(angles: [f64; 2]) -> [Option<i32>; 2] {
 }
 
 fn reference(node: &mut AxleNode, now: Micros, v: f32, posture: Posture) {
-    let sequence = sequence(now);
     let other = match node.axle() {
         AxleId::Front => Node::RearAxle,
         AxleId::Rear => Node::FrontAxle,
     };
-    node.receive(
-        now,
-        &Message::NodeStatus {
-            node: other,
-            sequence,
-            state: OperatingState::Active,
-            reason: 0,
-            notices: Conditions::NONE,
-        },
-    );
-    node.receive(
-        now,
-        &Message::LeadStatus {
-            sequence,
-            mode: LeadMode::Active,
-            steering_rad: 0.0,
-            velocity_m_s: v,
-        },
-    );
-    node.receive(
-        now,
-        &Message::ReferencePosture {
+    for message in [
+        beat(other, now, OperatingState::Active, 0),
+        lead_status(now, LeadMode::Active, v),
+        reference_posture(node.axle(), now, posture),
+        Message::ReferenceMotion {
             axle: node.axle(),
-            sequence,
-            posture,
-        },
-    );
-    node.receive(
-        now,
-        &Message::ReferenceMotion {
-            axle: node.axle(),
-            sequence,
+            sequence: sequence(now),
             velocity_m_s: v,
             yaw_rate_rad_s: 0.0,
             acceleration_m_s2: 0.0,
             yaw_acceleration_rad_s2: 0.0,
         },
-    );
+    ] {
+        node.receive(now, &message);
+    }
+}
+
+/// The time of a tick; if an epoch begins with it, the node gets its reference.
+fn referred(node: &mut AxleNode, tick: u64, v: f32, posture: Posture) -> Micros {
+    let now = tick * TICK;
+    if is_epoch_start(now) {
+        reference(node, now, v, posture);
+    }
+    now
+}
+
+fn step(node: &mut AxleNode, now: Micros, samples: &Samples) -> Output {
+    node.step(now, samples, &mut Outbox::new())
 }
 
 /// Wheels at rest.
@@ -76,7 +67,6 @@ fn still() -> Samples {
 #[test]
 fn odometry_follows_an_arc() {
     let mut node = node(AxleId::Rear);
-    let mut outbox = Outbox::new();
     for tick in 0..=4500u64 {
         // Speed rises for one second, then stays.
         let t = tick as f64 * 1e-3;
@@ -85,8 +75,7 @@ fn odometry_follows_an_arc() {
             encoder: counts([3.0 * turned, 4.0 * turned]),
             ..Samples::default()
         };
-        outbox.clear();
-        node.step(tick * TICK, &samples, &mut outbox);
+        step(&mut node, tick * TICK, &samples);
     }
     // Wheels at 0.219 and 0.292 m/s, 0.324 m apart: an arc of radius 1.134 m.
     let (v, omega) = (0.2555f64, 0.073 / 0.324);
@@ -177,20 +166,19 @@ fn a_reference_that_cannot_be_meant_moves_nothing() {
         (0.1, far),
     ] {
         let mut node = node(AxleId::Front);
-        let mut outbox = Outbox::new();
-        node.step(0, &samples, &mut outbox);
+        step(&mut node, 0, &samples);
         reference(&mut node, 20 * TICK, 0.1, Posture::ORIGIN);
-        let before = node.step(21 * TICK, &samples, &mut outbox);
+        let before = step(&mut node, 21 * TICK, &samples);
         assert!(before.active && before.torque_nm[0] > 0.0);
         reference(&mut node, 30 * TICK, v, posture);
-        let after = node.step(31 * TICK, &samples, &mut outbox);
+        let after = step(&mut node, 31 * TICK, &samples);
         match posture == far {
             true => assert_eq!(after.torque_nm, [0.0; 2]),
             // The one before it still holds.
             false => assert!(after.active && after.torque_nm[0] < 2.0, "{after:?}"),
         }
         reference(&mut node, 40 * TICK, 0.1, Posture::ORIGIN);
-        let good = node.step(41 * TICK, &samples, &mut outbox);
+        let good = step(&mut node, 41 * TICK, &samples);
         assert!(good.active && good.torque_nm[0] > 0.0, "{good:?}");
     }
 }
@@ -198,37 +186,27 @@ fn a_reference_that_cannot_be_meant_moves_nothing() {
 #[test]
 fn drives_toward_its_reference_and_stops_without_one() {
     let mut node = node(AxleId::Front);
-    let mut outbox = Outbox::new();
     let samples = still();
-    assert!(
-        !node.step(0, &samples, &mut outbox).active,
-        "no reference yet"
-    );
+    assert!(!step(&mut node, 0, &samples).active, "no reference yet");
     reference(&mut node, 20 * TICK, 0.1, Posture::ORIGIN);
-    let output = node.step(21 * TICK, &samples, &mut outbox);
+    let output = step(&mut node, 21 * TICK, &samples);
     assert!(output.active && output.torque_nm[0] > 0.0 && output.torque_nm[1] > 0.0);
     // 60 ms after the epoch of the last reference it brakes by itself, and stays off. The other axle
     // is well throughout.
-    let well = Message::NodeStatus {
-        node: Node::RearAxle,
-        sequence: sequence(50 * TICK),
-        state: OperatingState::Active,
-        reason: 0,
-        notices: Conditions::NONE,
-    };
+    let well = beat(Node::RearAxle, 50 * TICK, OperatingState::Active, 0);
     node.receive(50 * TICK, &well);
-    assert!(node.step(20 * TICK + 60_000, &samples, &mut outbox).active);
+    assert!(step(&mut node, 20 * TICK + 60_000, &samples).active);
     let state = |node: &AxleNode| node.supervision().operating();
     assert_eq!(state(&node), OperatingState::Active);
-    node.step(20 * TICK + 61_000, &samples, &mut outbox);
+    step(&mut node, 20 * TICK + 61_000, &samples);
     assert_eq!(state(&node), OperatingState::SafeStop);
     assert_eq!(node.supervision().first(), Some(Condition::CommandTimeout));
     for tick in 82..1110 {
-        node.step(tick * TICK, &samples, &mut outbox);
+        step(&mut node, tick * TICK, &samples);
     }
     assert_eq!(state(&node), OperatingState::Fault);
     reference(&mut node, 1110 * TICK, 0.1, Posture::ORIGIN);
-    let off = node.step(1111 * TICK, &samples, &mut outbox);
+    let off = step(&mut node, 1111 * TICK, &samples);
     assert_eq!(off, Output::default(), "latched");
 }
 
@@ -236,19 +214,16 @@ fn drives_toward_its_reference_and_stops_without_one() {
 #[test]
 fn axle_brakes_without_mode_or_without_references() {
     for without_mode in [false, true] {
-        let (mut node, mut outbox) = (node(AxleId::Front), Outbox::new());
+        let mut node = node(AxleId::Front);
         for tick in 0..=151u64 {
-            let now = tick * TICK;
             let kept = node.state;
-            if is_epoch_start(now) {
-                reference(&mut node, now, 0.0, Posture::ORIGIN);
-            }
+            let now = referred(&mut node, tick, 0.0, Posture::ORIGIN);
             match (tick < 100, without_mode) {
                 (true, _) => {}
                 (false, true) => node.state.mode = kept.mode,
                 (false, false) => node.state.reference = kept.reference,
             }
-            node.step(now, &still(), &mut outbox);
+            step(&mut node, now, &still());
             let active = node.supervision().operating() == OperatingState::Active;
             assert!(tick < 20 || active == (tick <= 150), "{tick}");
         }
@@ -319,34 +294,21 @@ fn reference_twist_and_load_follow_from_mechanics() {
 }
 
 fn lead(node: &mut AxleNode, now: Micros, mode: LeadMode) {
-    node.receive(
-        now,
-        &Message::LeadStatus {
-            sequence: sequence(now),
-            mode,
-            steering_rad: 0.0,
-            velocity_m_s: 0.0,
-        },
-    );
+    node.receive(now, &lead_status(now, mode, 0.0));
 }
 
 /// A lead node that wants nothing more is no fault: the axle brakes, lets go and is idle.
 #[test]
 fn a_dismissed_axle_comes_to_rest_without_a_fault() {
     let mut node = node(AxleId::Front);
-    let mut outbox = Outbox::new();
     let samples = still();
     let mut braked = 0;
     for tick in 20..1500u64 {
-        let now = tick * TICK;
-        if is_epoch_start(now) {
-            reference(&mut node, now, 0.0, Posture::ORIGIN);
-            if tick >= 100 {
-                lead(&mut node, now, LeadMode::Idle);
-            }
+        let now = referred(&mut node, tick, 0.0, Posture::ORIGIN);
+        if tick >= 100 {
+            lead(&mut node, now, LeadMode::Idle);
         }
-        let output = node.step(now, &samples, &mut outbox);
-        outbox.clear();
+        let output = step(&mut node, now, &samples);
         let state = node.supervision().operating();
         braked += u32::from(state == OperatingState::SafeStop && output.active);
         assert_eq!(node.supervision().first(), None, "{tick}");
@@ -365,18 +327,14 @@ fn a_dismissed_axle_comes_to_rest_without_a_fault() {
 #[test]
 fn an_axle_that_starts_while_the_robot_drives_waits_for_it_to_stop() {
     let mut node = node(AxleId::Rear);
-    node.state = State::new();
-    let mut outbox = Outbox::new();
+    node.state = State::default();
     let samples = still();
     for tick in 0..200u64 {
-        let now = tick * TICK;
-        if is_epoch_start(now) {
-            reference(&mut node, now, 0.1, Posture::ORIGIN);
-            if tick == 100 {
-                lead(&mut node, now, LeadMode::Idle);
-            }
+        let now = referred(&mut node, tick, 0.1, Posture::ORIGIN);
+        if tick == 100 {
+            lead(&mut node, now, LeadMode::Idle);
         }
-        let output = node.step(now, &samples, &mut outbox);
+        let output = step(&mut node, now, &samples);
         assert_eq!(output.active, tick >= 110, "{tick}");
     }
 }
@@ -384,6 +342,11 @@ fn an_axle_that_starts_while_the_robot_drives_waits_for_it_to_stop() {
 /// Every reason to stop, from outside and from the samples, each from driving.
 #[test]
 fn stops_for_every_reason_and_drives_again_once_cleared() {
+    let by_driver = |condition| {
+        let mut samples = still();
+        samples.conditions = Conditions::only(condition);
+        (condition, samples)
+    };
     let cases: [(Condition, Samples); 5] = [
         (Condition::EncoderFault, Samples::default()),
         (
@@ -393,25 +356,12 @@ fn stops_for_every_reason_and_drives_again_once_cleared() {
                 ..still()
             },
         ),
-        (
-            Condition::OverCurrent,
-            Samples {
-                conditions: Conditions::only(Condition::OverCurrent),
-                ..still()
-            },
-        ),
-        (
-            Condition::EmergencyStop,
-            Samples {
-                conditions: Conditions::only(Condition::EmergencyStop),
-                ..still()
-            },
-        ),
+        by_driver(Condition::OverCurrent),
+        by_driver(Condition::EmergencyStop),
         (Condition::TrackingLost, still()),
     ];
     for (condition, samples) in cases {
         let mut node = node(AxleId::Rear);
-        let mut outbox = Outbox::new();
         let ahead = match condition {
             Condition::TrackingLost => 0.2,
             _ => 0.0,
@@ -423,7 +373,7 @@ fn stops_for_every_reason_and_drives_again_once_cleared() {
             }
             let bad = (100..600).contains(&tick);
             let given = if bad { samples } else { still() };
-            node.step(now, &given, &mut outbox);
+            step(&mut node, now, &given);
             if tick == 20 {
                 assert_eq!(node.supervision().operating(), OperatingState::Active);
             }
@@ -431,17 +381,14 @@ fn stops_for_every_reason_and_drives_again_once_cleared() {
         assert_eq!(node.supervision().first(), Some(condition));
         assert_eq!(node.supervision().operating(), OperatingState::Fault);
         for tick in 2000..2100u64 {
-            let now = tick * TICK;
-            if is_epoch_start(now) {
-                reference(&mut node, now, 0.0, Posture::ORIGIN);
-            }
+            let now = referred(&mut node, tick, 0.0, Posture::ORIGIN);
             let mode = if tick < 2030 {
                 LeadMode::Clear
             } else {
                 LeadMode::Active
             };
             lead(&mut node, now, mode);
-            node.step(now, &still(), &mut outbox);
+            step(&mut node, now, &still());
         }
         assert_eq!(
             node.supervision().operating(),
@@ -458,29 +405,18 @@ fn a_neighbour_that_stops_or_falls_silent_stops_this_axle() {
         (false, Condition::NeighbourFault),
     ] {
         let mut node = node(AxleId::Front);
-        let mut outbox = Outbox::new();
         let samples = still();
         for tick in 0..300u64 {
-            let now = tick * TICK;
-            if is_epoch_start(now) {
-                let beat = node.state.peers;
-                reference(&mut node, now, 0.0, Posture::ORIGIN);
-                if tick >= 100 && silent {
-                    node.state.peers = beat;
-                } else if tick >= 100 {
-                    node.receive(
-                        now,
-                        &Message::NodeStatus {
-                            node: Node::RearAxle,
-                            sequence: 0,
-                            state: OperatingState::SafeStop,
-                            reason: Condition::SupplyLow.code(),
-                            notices: Conditions::NONE,
-                        },
-                    );
-                }
+            let heard = node.state.peers;
+            let now = referred(&mut node, tick, 0.0, Posture::ORIGIN);
+            if tick >= 100 && silent {
+                node.state.peers = heard;
+            } else if tick >= 100 {
+                let reason = Condition::SupplyLow.code();
+                let stop = beat(Node::RearAxle, now, OperatingState::SafeStop, reason);
+                node.receive(now, &stop);
             }
-            node.step(now, &samples, &mut outbox);
+            step(&mut node, now, &samples);
             if tick == 99 {
                 assert_eq!(node.supervision().operating(), OperatingState::Active);
             }
@@ -492,18 +428,11 @@ fn a_neighbour_that_stops_or_falls_silent_stops_this_axle() {
 #[test]
 fn halves_of_different_epochs_make_no_reference() {
     let mut node = node(AxleId::Front);
-    let mut outbox = Outbox::new();
     reference(&mut node, 0, 0.1, Posture::ORIGIN);
     let now = 5 * EPOCH;
-    node.receive(
-        now,
-        &Message::ReferencePosture {
-            axle: AxleId::Front,
-            sequence: sequence(now),
-            posture: Posture::new(1.0, 0.0, 0.0),
-        },
-    );
-    let output = node.step(now, &Samples::default(), &mut outbox);
+    let posture = Posture::new(1.0, 0.0, 0.0);
+    node.receive(now, &reference_posture(AxleId::Front, now, posture));
+    let output = step(&mut node, now, &Samples::default());
     assert!(
         output.error.x.abs() < 0.1,
         "still the old reference: {output:?}"
@@ -516,14 +445,7 @@ fn messages_for_the_other_axle_are_ignored() {
     let mut rear = node(AxleId::Rear);
     reference(&mut rear, 0, 0.1, Posture::ORIGIN);
     let before = *front.state();
-    front.receive(
-        0,
-        &Message::ReferencePosture {
-            axle: AxleId::Rear,
-            sequence: 0,
-            posture: Posture::ORIGIN,
-        },
-    );
+    front.receive(0, &reference_posture(AxleId::Rear, 0, Posture::ORIGIN));
     assert_eq!(before, *front.state());
     assert!(rear.state().reference.is_some());
 }
@@ -531,9 +453,8 @@ fn messages_for_the_other_axle_are_ignored() {
 #[test]
 fn nan_in_gives_zero_torque() {
     let mut node = node(AxleId::Front);
-    let mut outbox = Outbox::new();
     reference(&mut node, 0, f32::NAN, Posture::ORIGIN);
-    let output = node.step(TICK, &Samples::default(), &mut outbox);
+    let output = step(&mut node, TICK, &Samples::default());
     assert_eq!(output.torque_nm, [0.0; 2]);
     // A gyro that reads NaN is refused and the odometry stays finite.
     for tick in 2..50 {
@@ -543,7 +464,7 @@ fn nan_in_gives_zero_torque() {
             acceleration_m_s2: Some(f32::INFINITY),
             ..Samples::default()
         };
-        node.step(tick * TICK, &samples, &mut outbox);
+        step(&mut node, tick * TICK, &samples);
     }
     assert!(node.state.filter.posture().is_finite());
 }
@@ -552,7 +473,6 @@ fn nan_in_gives_zero_torque() {
 fn a_turn_that_quickens_is_told_without_the_delay_of_the_gyro() {
     const QUICKENS_RAD_S2: f64 = 1.0;
     let mut node = node(AxleId::Rear);
-    let mut outbox = Outbox::new();
     let config = Config::default();
     let geometry = &config.filter;
     let mut heading = 0.0;
@@ -568,7 +488,7 @@ fn a_turn_that_quickens_is_told_without_the_delay_of_the_gyro() {
             gyro_rad_s: Some((QUICKENS_RAD_S2 * late) as f32),
             ..still()
         };
-        node.step(now, &samples, &mut outbox);
+        step(&mut node, now, &samples);
     }
     let told = f64::from(node.state.filter.posture().phi);
     let lag = (heading - told) / (QUICKENS_RAD_S2 * 1.5);
@@ -602,60 +522,16 @@ fn a_gyro_that_contradicts_the_wheels_is_slip() {
 #[test]
 fn limits_are_checked_by_name_and_hold_in_each_direction() {
     let limits = Limits::default();
-    let frame = FrameProperties {
-        bending_stiffness_n_m2: 0.833,
-        length_m: 0.37,
-    };
-    for (field, limits) in [
-        (
-            "tracking_m",
-            Limits {
-                tracking_m: 0.0,
-                ..limits
-            },
-        ),
-        (
-            "tracking_rad",
-            Limits {
-                tracking_rad: -1.0,
-                ..limits
-            },
-        ),
-        (
-            "stall_share",
-            Limits {
-                stall_share: 1.1,
-                ..limits
-            },
-        ),
-        (
-            "stall_rad_s",
-            Limits {
-                stall_rad_s: f32::NAN,
-                ..limits
-            },
-        ),
-        (
-            "slip_rad_s",
-            Limits {
-                slip_rad_s: 0.0,
-                ..limits
-            },
-        ),
-        (
-            "wheel_speed_m_s",
-            Limits {
-                wheel_speed_m_s: f32::INFINITY,
-                ..limits
-            },
-        ),
-    ] {
-        let config = Config {
-            limits,
-            ..Config::default()
-        };
-        assert_eq!(config.build(AxleId::Front, frame).unwrap_err().field, field);
-    }
+    crate::config::refusal_of(Config::default(), |c| c.build(AxleId::Front, FRAME)).names(&[
+        ("tracking_m", |c| c.limits.tracking_m = 0.0),
+        ("tracking_rad", |c| c.limits.tracking_rad = -1.0),
+        ("stall_share", |c| c.limits.stall_share = 1.1),
+        ("stall_rad_s", |c| c.limits.stall_rad_s = f32::NAN),
+        ("slip_rad_s", |c| c.limits.slip_rad_s = 0.0),
+        ("wheel_speed_m_s", |c| {
+            c.limits.wheel_speed_m_s = f32::INFINITY
+        }),
+    ]);
     let Limits {
         tracking_m: way,
         tracking_rad: turn,

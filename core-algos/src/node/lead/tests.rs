@@ -2,6 +2,7 @@ use super::*;
 use crate::bus::Message;
 use crate::math::matrix::diagonal;
 use crate::node::robot::RobotConfig;
+use crate::node::testing::{axle_report, beat};
 use crate::safety::{Class, Condition};
 use crate::time::LEAD_PHASE;
 use crate::topology::AxleId;
@@ -11,28 +12,9 @@ fn epoch(node: &mut LeadNode, number: u64, axles: [(Posture, u8); 2]) -> Output 
     let now = number * EPOCH;
     for axle in AxleId::BOTH {
         let (posture, uptime) = axles[axle.index()];
-        let sequence = sequence(now);
-        node.receive(
-            now,
-            &Message::AxlePosture {
-                axle,
-                sequence,
-                posture,
-            },
-        );
-        node.receive(
-            now,
-            &Message::AxleMotion {
-                axle,
-                sequence,
-                velocity_m_s: 0.0,
-                yaw_rate_rad_s: 0.0,
-                refused: 0,
-                gyro_samples: 0,
-                gyro_zeroed: false,
-                uptime,
-            },
-        );
+        for message in axle_report(axle, now, posture, uptime, None) {
+            node.receive(now, &message);
+        }
     }
     node.step(now + LEAD_PHASE, &mut Outbox::new())
 }
@@ -122,30 +104,18 @@ fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
         for axle in AxleId::BOTH {
             let front = if axle == AxleId::Front { 1.0 } else { 0.0 };
             let turned = front * rate * 0.01 * number as f32;
-            for message in [
-                Message::AxlePosture {
-                    axle,
-                    sequence,
-                    posture: Posture::new(0.0, 0.0, turned),
-                },
-                Message::AxleMotion {
-                    axle,
-                    sequence,
-                    velocity_m_s: 0.0,
-                    yaw_rate_rad_s: 0.0,
-                    refused: 0,
-                    gyro_samples: 10,
-                    gyro_zeroed: zeroed[axle.index()],
-                    uptime: number.min(255) as u8,
-                },
-                Message::AxleUncertainty {
-                    axle,
-                    sequence,
-                    covariance: diagonal([1e-12; 3]),
-                },
-            ] {
+            let posture = Posture::new(0.0, 0.0, turned);
+            let (uptime, zeroed) = (number.min(255) as u8, Some(zeroed[axle.index()]));
+            for message in axle_report(axle, now, posture, uptime, zeroed) {
                 node.receive(now, &message);
             }
+            let covariance = diagonal([1e-12; 3]);
+            let uncertainty = Message::AxleUncertainty {
+                axle,
+                sequence,
+                covariance,
+            };
+            node.receive(now, &uncertainty);
         }
         node.receive(
             now,
@@ -193,14 +163,8 @@ fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
 /// An epoch of a robot at rest whose axles are ready.
 fn attended(node: &mut LeadNode, number: u64) -> Output {
     for sender in [Node::FrontAxle, Node::RearAxle] {
-        let beat = Message::NodeStatus {
-            node: sender,
-            sequence: sequence(number * EPOCH),
-            state: OperatingState::Active,
-            reason: 0,
-            notices: crate::safety::Conditions::NONE,
-        };
-        node.receive(number * EPOCH, &beat);
+        let now = number * EPOCH;
+        node.receive(now, &beat(sender, now, OperatingState::Active, 0));
     }
     epoch(node, number, [(Posture::ORIGIN, number.min(255) as u8); 2])
 }

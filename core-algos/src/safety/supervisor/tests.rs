@@ -40,10 +40,25 @@ impl Bench {
     }
 
     fn with(&mut self, condition: Condition) -> Output {
+        self.ask_with(condition, None)
+    }
+
+    fn ask_with(&mut self, condition: Condition, request: Option<StateRequest>) -> Output {
         self.step(Input {
             conditions: Conditions::only(condition),
+            request,
             ..Input::default()
         })
+    }
+
+    /// Drives on without the beam.
+    fn degraded(&mut self, moved_m: f32) -> OperatingState {
+        let input = Input {
+            conditions: Conditions::only(Condition::BeamLost),
+            moved_m,
+            ..Input::default()
+        };
+        self.step(input).state
     }
 }
 
@@ -104,11 +119,7 @@ fn a_stop_ends_in_a_latched_fault_that_clears_when_its_cause_is_gone() {
     for _ in 0..50 {
         bench.with(Condition::SupplyLow);
     }
-    let output = bench.step(Input {
-        conditions: Conditions::only(Condition::SupplyLow),
-        request: Some(StateRequest::Clear),
-        ..Input::default()
-    });
+    let output = bench.ask_with(Condition::SupplyLow, Some(StateRequest::Clear));
     assert_eq!(output.state, OperatingState::Fault);
     bench.step(Input::default());
     let output = bench.ask(StateRequest::Clear);
@@ -149,14 +160,7 @@ fn degraded_driving_ends_by_time_or_by_way() {
     for (moved_m, least, most) in [(0.0, 20.0, 20.2), (0.25e-3, 8.0, 8.2), (f32::NAN, 0.0, 0.1)] {
         let mut bench = Bench::driving();
         let ticks = (1..40_000)
-            .find(|_| {
-                let output = bench.step(Input {
-                    conditions: Conditions::only(Condition::BeamLost),
-                    moved_m,
-                    ..Input::default()
-                });
-                output.state != OperatingState::Active
-            })
+            .find(|_| bench.degraded(moved_m) != OperatingState::Active)
             .unwrap();
         let seconds = f64::from(ticks) * 1e-3;
         assert!((least..=most).contains(&seconds), "{moved_m}: {seconds}");
@@ -181,12 +185,7 @@ fn a_degradation_that_ends_gives_its_allowance_back() {
     let mut bench = Bench::driving();
     for round in 0..10 {
         for _ in 0..7_000 {
-            let output = bench.step(Input {
-                conditions: Conditions::only(Condition::BeamLost),
-                moved_m: 0.25e-3,
-                ..Input::default()
-            });
-            assert_eq!(output.state, OperatingState::Active, "{round}");
+            assert_eq!(bench.degraded(0.25e-3), OperatingState::Active, "{round}");
         }
         bench.step(Input::default());
     }
@@ -199,11 +198,7 @@ fn arming_is_refused_while_a_stop_condition_holds() {
     for _ in 0..50 {
         bench.with(Condition::NeighbourLost);
     }
-    let output = bench.step(Input {
-        conditions: Conditions::only(Condition::NeighbourLost),
-        request: Some(StateRequest::Arm),
-        ..Input::default()
-    });
+    let output = bench.ask_with(Condition::NeighbourLost, Some(StateRequest::Arm));
     assert_eq!(output.state, OperatingState::Idle);
     bench.step(Input::default());
     assert_eq!(bench.ask(StateRequest::Arm).state, OperatingState::Armed);

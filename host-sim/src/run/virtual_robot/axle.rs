@@ -181,7 +181,6 @@ impl AxleBoard {
             Encoder::new(EncoderConfig {
                 lines: parts.lines,
                 phase,
-                ..EncoderConfig::default()
             })
         };
         Self {
