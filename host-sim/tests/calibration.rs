@@ -131,22 +131,6 @@ fn runs_on_virtual_boards_are_those_of_boards_in_this_process() {
     assert!(other.abs() < 0.5 * change.abs(), "{other}");
 }
 
-/// Wheels take a minute: there the bounds above stand for the table.
-#[test]
-fn tables_of_the_docs_are_what_the_command_prints() {
-    let folder = tempfile::tempdir().unwrap();
-    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/calibration.md");
-    let page = fs::read_to_string(page).unwrap();
-    for what in ["gauges", "imu"] {
-        let command = format!("calibrate {what} --seeds 1,2,3,4,5,6");
-        let line = format!("cargo cfmmr {command}\n");
-        assert!(page.contains(&line), "{line}");
-        let shown = succeed(folder.path(), &command);
-        assert!(page.contains(&shown), "not in the page:\n{shown}");
-    }
-    assert!(!folder.path().join("out/flash").exists());
-}
-
 /// Output of a program on a terminal with this input.
 fn at_a_terminal(directory: &Path, arguments: &str, typed: &str) -> String {
     let (master, path) = pseudo_terminal();

@@ -109,7 +109,7 @@ class Signals(Kind):
         ["consistency", "--trials", "200", "--threads", "1", "--out", "out", "--json", "x.json"],
         ["soak", "--ticks", "2000000", "--json", "x.json"],
         ["drive", "--script", "script.txt", "--log", "x.mcap", "--out", "out"],
-        ["calibrate", "wheels", "--seeds", "1,2,3,4,5,6", "--laps", "1", "--json", "x.json"],
+        ["calibrate", "wheels", "--laps", "20", "--out", "x.toml", "--json", "x.json"],
         ["faults", "--seeds", "2", "--threads", "1", "--json", "x.json"],
     ]
 

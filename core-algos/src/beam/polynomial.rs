@@ -316,36 +316,6 @@ pub fn quadrature(
     finish(strip, &rule.any, &k, highest, sin_cos)
 }
 
-/// The posture alone; half the cost of [`quadrature`], whose posture it is bit by bit.
-pub fn posture(strip: &Strip, rule: &Quadrature, curvature: &[f32; MAX_GAUGES]) -> Posture {
-    if let Some((k, _)) = rule.as_gentle(curvature) {
-        return end(strip, &rule.gentle, &k, small_angle::sin_cos).0;
-    }
-    let k = masked(curvature, rule.interpolant.mask);
-    end(strip, &rule.any, &k, sin_cos).0
-}
-
-/// The posture, with what its covariance is made of: the derivatives of the flexible part and the
-/// lever of the rigid tip.
-#[inline(always)]
-fn end<const N: usize, const Q: usize>(
-    strip: &Strip,
-    angles: &Angles<N, Q>,
-    k: &[f32; N],
-    sin_cos: impl Fn(f32) -> (f32, f32),
-) -> (Posture, [[f32; N]; 2], (f32, f32)) {
-    let ([x, y], derivatives) = angles.end(k, &sin_cos);
-    let phi = dot(&angles.tip, k);
-    let (s, c) = sin_cos(phi);
-    let lever = (-strip.rigid_tip * s, strip.rigid_tip * c);
-    let posture = Posture::new(
-        strip.rigid_root + strip.length * x + lever.1,
-        strip.length * y - lever.0,
-        phi,
-    );
-    (posture, derivatives, lever)
-}
-
 #[inline(always)]
 fn finish<const N: usize, const Q: usize>(
     strip: &Strip,
@@ -354,7 +324,16 @@ fn finish<const N: usize, const Q: usize>(
     highest: f32,
     sin_cos: impl Fn(f32) -> (f32, f32),
 ) -> RelativePosture {
-    let (posture, [x_by, y_by], lever) = end(strip, angles, k, sin_cos);
+    let ([x, y], [x_by, y_by]) = angles.end(k, &sin_cos);
+    let phi = dot(&angles.tip, k);
+    let (s, c) = sin_cos(phi);
+    // Of the rigid tip.
+    let lever = (-strip.rigid_tip * s, strip.rigid_tip * c);
+    let posture = Posture::new(
+        strip.rigid_root + strip.length * x + lever.1,
+        strip.length * y - lever.0,
+        phi,
+    );
     let mut jacobian: Mat<3, N> = [[0.0; N], [0.0; N], angles.tip];
     for i in 0..N {
         jacobian[0][i] = strip.length * x_by[i] + lever.0 * angles.tip[i];

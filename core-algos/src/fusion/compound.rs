@@ -5,46 +5,9 @@
 //! linearised in the errors by the Jacobians of planar rigid motion; the two inputs are taken as
 //! independent of one another. NaN propagates; nothing here panics.
 
-use super::Estimate;
 use crate::math::Posture;
 use crate::math::matrix::{Mat3, add, identity, multiply};
-use crate::math::trig::{atan2, sin_cos, wrap_angle};
-
-/// `base ⊕ relative`: the posture that is `relative` as seen from `base`. With the rear axle and
-/// the beam this is the front axle. Lower triangles are read.
-///
-/// J A Jᵀ + K R Kᵀ for J = [1 0 −dy; 0 1 dx; 0 0 1] and K the rotation by the base's heading,
-/// (dx, dy) = K (r_x, r_y), without the products by zero and one.
-pub fn compose(base: &Estimate, relative: &Estimate) -> Estimate {
-    let (s, c) = sin_cos(base.posture.phi);
-    let (r, a, b) = (relative.posture, &base.covariance, &relative.covariance);
-    let (dx, dy) = (c * r.x - s * r.y, s * r.x + c * r.y);
-    // Of the base: (x, phi) and (y, phi), then what they make of the rest.
-    let (x_phi, y_phi) = (a[2][0] - dy * a[2][2], a[2][1] + dx * a[2][2]);
-    let xx = a[0][0] - dy * (a[2][0] + x_phi);
-    let yy = a[1][1] + dx * (a[2][1] + y_phi);
-    let xy = a[1][0] - dy * a[2][1] + dx * x_phi;
-    // Of the relative posture, its rows turned.
-    let (ahead_x, ahead_y) = (c * b[0][0] - s * b[1][0], c * b[1][0] - s * b[1][1]);
-    let (left_x, left_y) = (s * b[0][0] + c * b[1][0], s * b[1][0] + c * b[1][1]);
-    let xx = xx + (c * ahead_x - s * ahead_y);
-    let xy = xy + (s * ahead_x + c * ahead_y);
-    let yy = yy + (s * left_x + c * left_y);
-    let x_phi = x_phi + (c * b[2][0] - s * b[2][1]);
-    let y_phi = y_phi + (s * b[2][0] + c * b[2][1]);
-    Estimate {
-        posture: Posture::new(
-            base.posture.x + dx,
-            base.posture.y + dy,
-            wrap_angle(base.posture.phi + r.phi),
-        ),
-        covariance: [
-            [xx, xy, x_phi],
-            [xy, yy, y_phi],
-            [x_phi, y_phi, a[2][2] + b[2][2]],
-        ],
-    }
-}
+use crate::math::trig::atan2;
 
 /// The robot's midpoint O in the rear axle's frame, for the front axle at `relative`, and its
 /// derivative by `relative`: halfway, heading along the line from rear to front.
@@ -151,6 +114,7 @@ impl Chain {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fusion::Estimate;
     use crate::fusion::testing::{compose as forward, covariance_error, wrap};
     use crate::math::matrix::propagate;
     use proptest::prelude::*;
@@ -220,11 +184,6 @@ mod tests {
     }
 
     properties! {
-        #[test]
-        fn covariance_follows_the_linear_part_of_the_motion(a in estimate(), r in estimate()) {
-            prop_assert!(agree(&compose(&a, &r).covariance, &unscented(&a, &r, forward)));
-        }
-
         #[test]
         fn chains_follow_the_linear_part_of_the_motion(a in estimate(), r in estimate()) {
             let chained = |chain: Chain| add(

@@ -4,7 +4,6 @@ use crate::base::error::Error;
 use crate::base::input;
 use crate::experiments::arguments::{Common, Place, RobotArgs, SensorArgs, parse_posture};
 use crate::experiments::mission::Mission;
-use crate::experiments::recorder::Stage;
 use crate::experiments::{Context, whole_robot};
 use crate::recording::LogArgs;
 use crate::run::keyboard::Keyboard;
@@ -89,16 +88,7 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
     }
     args.robot.refuse_without_boards()?;
     context.check_keys(STEPS, &[(&context.scenario, Use::Regulate)])?;
-    let scenario = &context.scenario;
-    let (goal, path) = mission.goal(scenario);
-    let mut stage = Stage::begin(&args.log, &context, scenario, (goal, &path))?;
-    mission.prepare(&mut stage);
-    let mut simulation = stage.simulation()?;
-    let driven = stage.run(&mut simulation, |robot| mission.drive(robot, scenario))?;
-    let ended = driven.ended.clone();
-    let failed = ended.clone().or_else(|| driven.outcome.failure());
-    let (text, report, files) = mission.publish(&context, driven.outcome, &ended)?;
-    context.finish(&text, &report, files, &driven.recorded, failed)
+    mission.in_process(&context, &args.log)
 }
 
 /// Steps of the script or the command line.

@@ -4,14 +4,13 @@ use crate::base::error::Error;
 use crate::base::numbers::{number, whole};
 use crate::base::output::{Cell, Csv, OutputDir};
 use crate::base::table::Table;
-use crate::base::thinned::Thinned;
 use crate::experiments::Context;
 use crate::experiments::arguments::{Common, RobotArgs, SensorArgs, parse_posture};
+use crate::experiments::mission::Mission;
 use crate::experiments::posture::Variant;
-use crate::experiments::recorder::Stage;
 use crate::paths::{self, Path};
 use crate::recording::{LogArgs, csv};
-use crate::run::path_run::{self, Deviation, Errors, Moment, Outcome, PathMode, Route};
+use crate::run::path_run::{Deviation, Errors, Moment, Outcome, PathMode, Route};
 use crate::run::robot::Record;
 use crate::scenario::effect::{Taken, Use};
 use crate::view::figures::{self, FollowErrors, FollowRun, Snapshot};
@@ -116,22 +115,7 @@ pub fn run(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
     let mut context = Context::new(&args.common, name)?;
     args.robot.refuse_without_boards()?;
     let course = prepare(args, &mut context, Use::Path)?;
-    let (scenario, route) = (&context.scenario, &course.route);
-    let path = route.postures();
-    let goal = (route.goal(), &path[..]);
-    let stage = Stage::begin(&args.log, &context, scenario, goal)?;
-    let mut kept = Thinned::new(MOST_ROWS);
-    let mut simulation = stage.simulation()?;
-    let see = |moment: &Moment| kept.push(*moment);
-    let driven = stage.run(&mut simulation, |robot| {
-        path_run::drive_on(robot, scenario, route, path_mode, see)
-    })?;
-    let (outcome, recorded) = (driven.outcome, driven.recorded);
-    let why = (!outcome.done).then(|| driven.ended.unwrap_or("time limit".to_owned()));
-    let kept = kept.into_values();
-    let (text, report, files) = publish(&context, &course, path_mode, (&outcome, &why), &kept)?;
-    let failed = why.map(|why| format!("not at rest at the end of the path: {why}"));
-    context.finish(&text, &report, files, &recorded, failed)
+    Mission::Path(Box::new(course), path_mode).in_process(&context, &args.log)
 }
 
 /// A path and how it is to be driven.

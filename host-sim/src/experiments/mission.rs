@@ -9,6 +9,7 @@ use crate::experiments::driven::{self, Driven};
 use crate::experiments::follow::{self, Course, MOST_ROWS};
 use crate::experiments::posture::{self, Trial, Variant};
 use crate::experiments::recorder::Stage;
+use crate::recording::LogArgs;
 use crate::run::path_run::{self, Moment, PathMode};
 use crate::run::regulate::regulate_on;
 use crate::run::robot::{Record, Robot, Span};
@@ -146,6 +147,25 @@ impl Mission {
             }
             Self::Script { lines, .. } => Outcome::Script(Driven::by(robot, scenario, lines)),
         })
+    }
+
+    /// Carries it out by a robot whose boards are in this process, and publishes the result.
+    pub fn in_process(&self, context: &Context, log: &LogArgs) -> Result<(), Error> {
+        let scenario = self.scenario(context);
+        let (goal, path) = self.goal(&scenario);
+        let mut stage = Stage::begin(log, context, &scenario, (goal, &path))?;
+        self.prepare(&mut stage);
+        let mut simulation = stage.simulation()?;
+        let driven = stage.run(&mut simulation, |robot| self.drive(robot, &scenario))?;
+        let (outcome, mut ended) = (driven.outcome, driven.ended);
+        let mut failed = ended.clone().or_else(|| outcome.failure());
+        if let Outcome::Path(path, _) = &outcome {
+            ended = (!path.done).then(|| ended.unwrap_or("time limit".to_owned()));
+            let place = |why| format!("not at rest at the end of the path: {why}");
+            failed = ended.as_ref().map(place);
+        }
+        let (text, report, files) = self.publish(context, outcome, &ended)?;
+        context.finish(&text, &report, files, &driven.recorded, failed)
     }
 
     /// Table, result and files of a run, and why it ended early if it did.

@@ -122,7 +122,6 @@ fn gentle_bends_lose_nothing_and_are_the_rule() {
                 .map(|_| size + rough * random.normal())
                 .collect();
             let both = quadrature(&strip, &rule, &padded(&k)).posture;
-            assert_eq!(posture(&strip, &rule, &padded(&k)), both);
             if rule.as_gentle(&padded(&k)).is_none() {
                 continue;
             }

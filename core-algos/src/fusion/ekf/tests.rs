@@ -1,6 +1,7 @@
 //! The filter against a textbook one: f64, full matrices, one batch update per step.
 
 use super::*;
+use crate::fusion::compound::Chain;
 use crate::fusion::testing::{
     Matrix, Random, covariance_error, is_definite, product, random_covariance, transpose, wide,
     wrap,
@@ -511,7 +512,10 @@ fn increments_carry_the_whole_drift() {
             let (s, c) = sin_cos(delta.phi);
             let turn = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]];
             let noise = matrix::propagate(&turn, &increment.covariance);
-            total = crate::fusion::compound::compose(&total, &Estimate::new(delta, noise));
+            let chain = Chain::front_from_rear(total.posture, delta);
+            let before = matrix::propagate(&chain.by_base, &total.covariance);
+            let added = matrix::propagate(&chain.by_relative, &noise);
+            total = Estimate::new(chain.posture, matrix::add(&before, &added));
         }
     }
     let (p, q) = (whole.covariance().posture(), total.covariance);

@@ -1,14 +1,12 @@
 //! `cfmmr calibrate`: wheels, strain gauges and gyros of the simulated robot, whose errors it does not
 //! know, on boards wherever they are.
 
-use super::procedures::{Effect, Report, Row, calibrate_gauges, calibrate_gyros, calibrate_wheels};
+use super::procedures::{Report, Row, calibrate_gauges, calibrate_gyros, calibrate_wheels};
 use super::real;
 use crate::base::error::Error;
-use crate::base::interrupt::watch_for_interrupt;
 use crate::base::numbers::{number, whole};
 use crate::base::output;
 use crate::base::table::Table;
-use crate::base::terminal::print;
 use crate::experiments::arguments::{BoardArgs, ScenarioArgs};
 use crate::experiments::boards::Links;
 use crate::experiments::calibrate::Bench;
@@ -20,11 +18,8 @@ use crate::targets::board_log::BoardLog;
 use crate::targets::{Remote, Target};
 use clap::{Args, ValueEnum};
 use core_algos::topology::Role;
-use rayon::prelude::*;
-use serde::Serialize;
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
-use std::sync::atomic::Ordering::Relaxed;
 
 /// Subject of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -56,16 +51,6 @@ pub struct CalibrateArgs {
     /// Seed of the robot's errors and of all random draws
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
-    /// Seeds of several robots, separated by commas: print rms errors before and after, save
-    /// nothing
-    #[arg(
-        long,
-        value_name = "LIST",
-        value_delimiter = ',',
-        value_parser = whole::<u64>(0..=u64::MAX),
-        conflicts_with_all = ["seed", "yes", "out", "on"]
-    )]
-    pub seeds: Vec<u64>,
     /// Number of squares each way and at each speed
     #[arg(long, default_value_t = 6, value_parser = whole::<u32>(1..=100))]
     pub laps: u32,
@@ -99,9 +84,6 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
         .given()?
         .check(&[], &[(&scenario, Use::Calibrate)])?;
     args.json.check()?;
-    if !args.seeds.is_empty() {
-        return run_several(args, &scenario);
-    }
     let mut report = calibrate(args, &scenario, args.seed)?;
     args.json.print(&text(&report))?;
     if let Some(path) = &args.out {
@@ -154,16 +136,17 @@ fn wanted(args: &CalibrateArgs) -> Result<bool, Error> {
         return Ok(true);
     }
     if !io::stdin().is_terminal() || !io::stdout().is_terminal() {
-        print("not saved: no terminal for a confirmation; use --yes\n")?;
+        args.json
+            .print("not saved: no terminal for a confirmation; use --yes\n")?;
         return Ok(false);
     }
-    print("save to the boards? [y/N] ")?;
+    args.json.print("save to the boards? [y/N] ")?;
     io::stdout().flush()?;
     let mut answer = String::new();
     io::stdin().read_line(&mut answer)?;
     let yes = matches!(answer.trim(), "y" | "Y" | "yes");
     if !yes {
-        print("not saved\n")?;
+        args.json.print("not saved\n")?;
     }
     Ok(yes)
 }
@@ -181,111 +164,6 @@ fn boards(args: &CalibrateArgs) -> Result<Option<[Box<dyn Target>; 3]>, Error> {
         }
     }
     Ok(boards.try_into().ok())
-}
-
-/// Errors after the calibration of several robots, and the seeds that failed.
-#[derive(Debug, Serialize)]
-struct Several {
-    world: String,
-    seeds: Vec<u64>,
-    /// Root mean squares.
-    rms: Vec<Effect>,
-    failed: Vec<(u64, String)>,
-}
-
-/// Calibrates the robots of several seeds, and prints a table in Markdown.
-fn run_several(args: &CalibrateArgs, scenario: &Scenario) -> Result<(), Error> {
-    let mut several = Several {
-        world: scenario.world.label(),
-        seeds: Vec::new(),
-        rms: Vec::new(),
-        failed: Vec::new(),
-    };
-    let mut reports = Vec::new();
-    let interrupt = watch_for_interrupt()?;
-    let calibrated = args.seeds.par_iter();
-    let calibrated: Vec<_> = calibrated
-        .filter(|_| !interrupt.load(Relaxed))
-        .map(|&seed| (seed, calibrate(args, scenario, seed)))
-        .collect();
-    for (seed, result) in calibrated {
-        match result {
-            Ok(report) => {
-                several.seeds.push(seed);
-                reports.push(report);
-            }
-            // What the user got wrong is wrong for all of them.
-            Err(error @ Error::Input(_)) => return Err(error),
-            Err(error) => several.failed.push((seed, error.to_string())),
-        }
-    }
-    several.rms = rms(&reports);
-    let mut text = String::from("| rms | unit | before | after |\n|---|---|---|---|\n");
-    for row in &several.rms {
-        let [before, after] = [row.before, row.after].map(two_digits);
-        text += &format!("| {} | {} | {before} | {after} |\n", row.what, row.unit);
-    }
-    let (all, world) = (args.seeds.len(), &several.world);
-    text += &format!("\n{} of {all} robots, world {world}.", reports.len());
-    for (seed, error) in &several.failed {
-        text += &format!(" Seed {seed}: {error}.");
-    }
-    args.json.print(&format!("{text}\n"))?;
-    args.json
-        .write(&Provenance::of(scenario, args.seeds[0]), &several)?;
-    if interrupt.load(Relaxed) {
-        let (done, all) = (reports.len() + several.failed.len(), args.seeds.len());
-        let text = format!("interrupted: {done} of {all} robots calibrated");
-        return Err(Error::Interrupted(text));
-    }
-    match reports.is_empty() {
-        true => Err(Error::Failure("no robot could be calibrated".to_owned())),
-        false => Ok(()),
-    }
-}
-
-/// Over all robots, and over the boards and gauges that have the same parameter.
-fn rms(reports: &[Report]) -> Vec<Effect> {
-    let mut sums: Vec<(Effect, f64)> = Vec::new();
-    let mut add = |what: &str, unit, [before, after]: [f64; 2]| {
-        let known = sums.iter().position(|(sum, _)| sum.what == what);
-        let place = known.unwrap_or_else(|| {
-            let (what, before, after) = (what.to_owned(), 0.0, 0.0);
-            let sum = Effect {
-                what,
-                unit,
-                before,
-                after,
-            };
-            sums.push((sum, 0.0));
-            sums.len() - 1
-        });
-        let (sum, count) = &mut sums[place];
-        sum.before += before * before;
-        sum.after += after * after;
-        *count += 1.0;
-    };
-    for report in reports {
-        for row in &report.parameters {
-            let errors = [row.before - row.truth, row.after - row.truth];
-            let name = row.name.split('[').next().unwrap_or(row.name);
-            add(&format!("`{name}`"), row.unit, errors);
-        }
-        for effect in &report.effects {
-            add(&effect.what, effect.unit, [effect.before, effect.after]);
-        }
-    }
-    let finish = |(mut sum, count): (Effect, f64)| {
-        (sum.before, sum.after) = ((sum.before / count).sqrt(), (sum.after / count).sqrt());
-        sum
-    };
-    sums.into_iter().map(finish).collect()
-}
-
-/// A number with two digits that count, or as a whole one.
-fn two_digits(value: f64) -> String {
-    let digits = 1.0 - value.abs().max(1e-9).log10().floor();
-    format!("{value:.0$}", digits.max(0.0) as usize)
 }
 
 fn text(report: &Report) -> String {

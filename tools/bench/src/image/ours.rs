@@ -3,16 +3,15 @@
 use super::counter::{Counter, Total};
 use super::problem::{self, JERK, P0, R, SLIP, STEPS, T, TRACK, X0, YAW_JERK};
 use core::hint::black_box;
-use core_algos::beam::polynomial::{self, Interpolant, Quadrature};
 use core_algos::beam::sensor::{Method, PostureSolver};
-use core_algos::beam::strip::Strip;
+
 use core_algos::beam::{MAX_GAUGES, strip};
 use core_algos::control::cascade::{self, Cascade};
 use core_algos::control::dynamic;
 use core_algos::control::governor::{self, Governor};
 use core_algos::control::kinematic::{self, Law, Reference};
 use core_algos::fusion::ekf::{self, Measurements};
-use core_algos::fusion::{Estimate, compound, intersection, joint};
+use core_algos::fusion::{Estimate, intersection, joint};
 use core_algos::math::{AxleLoad, Posture, Transform, Twist, trig};
 use core_algos::node::board::{Ready, Samples};
 use core_algos::node::robot::RobotConfig;
@@ -132,7 +131,6 @@ fn beam(counter: &mut Counter) {
             solver.solve(&black_box(strain(k)), strip.gauges())
         });
     }
-    bare_quadrature(counter, &strip, strain);
     let solver = PostureSolver::new(strip, Method::Elastica, 100);
     let solver = solver.unwrap_or_else(|error| panic!("{error}"));
     counter.report("rps_elastica", 8, |k| {
@@ -144,32 +142,13 @@ fn beam(counter: &mut Counter) {
     });
 }
 
-/// The quadrature alone, of readings known to be good.
-fn bare_quadrature(
-    counter: &mut Counter,
-    strip: &Strip,
-    strain: impl Fn(u32) -> [f32; MAX_GAUGES],
-) {
-    let interpolant = Interpolant::new(strip, strip.gauges());
-    let interpolant = interpolant.unwrap_or_else(|| panic!("too few gauges"));
-    let rule = Quadrature::new(strip, interpolant);
-    counter.report("rps_quadrature_posture", 8, |k| {
-        polynomial::posture(strip, &rule, &strip.curvature(&black_box(strain(k))))
-    });
-}
-
 fn fusion(counter: &mut Counter) {
     let intersection = intersection::Config::default().build();
     let intersection = intersection.unwrap_or_else(|error| panic!("{error}"));
     let a = Estimate::with_sigmas(Posture::new(0.1, 0.2, 0.3), [0.01, 0.02, 0.01]);
     let b = Estimate::with_sigmas(Posture::new(-0.26, 0.1, 0.25), [0.02, 0.01, 0.02]);
-    let relative = Estimate::with_sigmas(Posture::new(0.36, 0.05, 0.2), [1e-3, 2e-3, 2e-3]);
     counter.report("covariance_intersection", 4, |_| {
         intersection.fuse(&black_box(a), &black_box(b))
-    });
-    counter.report("compounding_and_intersection", 4, |_| {
-        let seen = compound::compose(&black_box(b), &black_box(relative));
-        intersection.fuse(&black_box(a), &seen)
     });
     let least_trace = intersection::Config {
         criterion: intersection::Criterion::Trace,
