@@ -189,15 +189,6 @@ mod tests {
     }
 
     #[test]
-    fn a_step_without_measurements_is_the_motion_model() {
-        let result = configured().line("{}").unwrap();
-        assert!((number(&result["x"][0]) - (1.0 + 0.002 * 0.5f64.cos())).abs() < 1e-7);
-        assert!((number(&result["x"][1]) - (2.0 + 0.002 * 0.5f64.sin())).abs() < 1e-7);
-        // 1e-4 + T² 1e-4 + Q.
-        assert!((number(&result["P"][2][2]) / (1e-4 + 1e-8 + 1e-8) - 1.0).abs() < 1e-5);
-    }
-
-    #[test]
     fn measurements_pull_the_way_their_signs_say() {
         let base = configured().line("{}").unwrap();
         let mut right = configured();
