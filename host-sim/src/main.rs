@@ -2,27 +2,25 @@
 
 use host_sim::base::error::Error;
 use host_sim::cli::{self, Cli, Command};
-use host_sim::experiments::follow::FollowArgs;
+use host_sim::experiments::posture::PostureArgs;
 use host_sim::experiments::{self, whole_robot};
 use host_sim::run::path_run::PathMode;
 use std::process::ExitCode;
 
-fn follow(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
+fn posture(args: &PostureArgs) -> Result<(), Error> {
     match args.robot.has_boards() {
-        true => whole_robot::follow(args, path_mode),
-        false => experiments::follow::run(args, path_mode),
+        true => whole_robot::posture(args),
+        false => experiments::posture::run(args),
     }
 }
 
 fn main() -> ExitCode {
     let cli = Cli::read();
     let result = match &cli.command {
-        None if cli.posture.robot.has_boards() => whole_robot::posture(&cli.posture),
-        None => experiments::posture::run(&cli.posture),
-        Some(Command::Posture(args)) if args.robot.has_boards() => whole_robot::posture(args),
-        Some(Command::Posture(args)) => experiments::posture::run(args),
-        Some(Command::Follow(args)) => follow(args, PathMode::Follow),
-        Some(Command::Track(args)) => follow(args, PathMode::Track),
+        None => posture(&cli.posture),
+        Some(Command::Posture(args)) => posture(args),
+        Some(Command::Follow(args)) => whole_robot::follow(args, PathMode::Follow),
+        Some(Command::Track(args)) => whole_robot::follow(args, PathMode::Track),
         Some(Command::Drive(args)) => experiments::drive::run(args),
         Some(Command::Hil(args)) => experiments::hil::run(args),
         Some(Command::Replay(args)) => experiments::replay::run(args),

@@ -37,8 +37,7 @@ hil | --on virtual | --on serial: | cfmmr doctor
 hil --on serial:front=/dev/no-such-port | front=/dev/no-such-port | serial port | cfmmr doctor
 params lst | lst | list | --help
 calibrate wheel | wheel | wheels, gauges, imu
-calibrate imu --seeds 1,x | --seeds | 'x' | whole number from 0 to
-calibrate imu --seeds 1,2 --yes | --seeds | cannot be used with | --yes
+calibrate imu --seed x | --seed | x | whole number from 0 to
 replay none.mcap | none.mcap | cfmmr posture --log FILE
 "#;
 

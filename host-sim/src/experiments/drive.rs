@@ -79,16 +79,16 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
         lines,
         placed: from.is_some(),
     };
-    if !simulated {
-        whole_robot::check_real(&args.robot, &args.sensors, &args.common)?;
-        if args.robot.boards.on == Place::Virtual {
-            context.check_keys(STEPS, &[(&context.scenario, Use::Virtual)])?;
-        }
-        return whole_robot::run_on(&context, &mission, (&args.common, &args.log, &args.robot));
+    whole_robot::check_options(&args.robot, &args.sensors, &args.common)?;
+    let used = match args.robot.boards.on {
+        Place::InProcess => Some(Use::Regulate),
+        Place::Virtual => Some(Use::Virtual),
+        Place::Serial(_) => None,
+    };
+    if let Some(used) = used {
+        context.check_keys(STEPS, &[(&context.scenario, used)])?;
     }
-    args.robot.refuse_without_boards()?;
-    context.check_keys(STEPS, &[(&context.scenario, Use::Regulate)])?;
-    mission.in_process(&context, &args.log)
+    whole_robot::run_on(&context, &mission, (&args.common, &args.log, &args.robot))
 }
 
 /// Steps of the script or the command line.

@@ -50,15 +50,15 @@ pub struct FaultsArgs {
     /// Number of threads; does not change the result [default: one a core]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub threads: Option<u16>,
-    /// Images.
-    #[command(flatten)]
-    pub images: ImageArgs,
     /// Exit 1 if a row differs from the committed table, or with --quick, if an outcome is not in its row
     #[arg(long)]
     pub check: bool,
     /// Destination of the result as JSON.
     #[command(flatten)]
     pub json: JsonArgs,
+    /// Images.
+    #[command(flatten)]
+    pub images: ImageArgs,
 }
 
 /// All runs of one fault.

@@ -6,7 +6,6 @@ use crate::base::output::{Cell, Csv, OutputDir};
 use crate::base::table::Table;
 use crate::experiments::Context;
 use crate::experiments::arguments::{Common, RobotArgs, SensorArgs, parse_posture};
-use crate::experiments::mission::Mission;
 use crate::experiments::posture::Variant;
 use crate::paths::{self, Path};
 use crate::recording::{LogArgs, csv};
@@ -107,15 +106,6 @@ pub fn names(path_mode: PathMode) -> (&'static str, &'static str) {
         PathMode::Follow => ("follow", "Path following"),
         PathMode::Track => ("track", "Trajectory tracking"),
     }
-}
-
-/// Runs `cfmmr follow` or `cfmmr track`.
-pub fn run(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
-    let (name, _) = names(path_mode);
-    let mut context = Context::new(&args.common, name)?;
-    args.robot.refuse_without_boards()?;
-    let course = prepare(args, &mut context, Use::Path)?;
-    Mission::Path(Box::new(course), path_mode).in_process(&context, &args.log)
 }
 
 /// A path and how it is to be driven.

@@ -7,7 +7,7 @@ use crate::experiments::arguments::{BoardArgs, Common, PlanArgs, RobotArgs, pars
 use crate::experiments::boards::{DEFAULT_FLASH, Links};
 use crate::experiments::follow::DriveArgs;
 use crate::experiments::follow::{self, FollowArgs};
-use crate::experiments::mission::{Mission, Outcome, Plan};
+use crate::experiments::mission::{Mission, Outcome, Plan, happenings};
 use crate::experiments::posture::Variant;
 use crate::experiments::recorder::Stage;
 use crate::recording::LogArgs;
@@ -22,7 +22,6 @@ use crate::scenario::effect::Use;
 use crate::targets::board_log::{self, BoardLog};
 use crate::targets::{self, Event, InProcess, Remote, Report as BoardReport, Target, What};
 use clap::Args;
-use core_algos::safety::OperatingState;
 use core_algos::time::Micros;
 use core_algos::topology::Role;
 use serde::Serialize;
@@ -327,12 +326,7 @@ fn summary(report: &Report) -> String {
          {} ticks ({simulated:.1} s) in {:.1} s\n",
         report.ticks, report.wall_s
     );
-    if let Some(late) = report.late_ticks {
-        text += &format!("{late} ticks began more than a tick late\n");
-    }
-    for event in &report.events {
-        text += &format!("{event}\n");
-    }
+    text += &happenings(report.late_ticks, &report.events, &report.nodes);
     if report
         .events
         .iter()
@@ -343,10 +337,6 @@ fn summary(report: &Report) -> String {
             "after a restart the host waited {pause} s, cleared the faults and repeated the task;\n\
              without the host the robot stays at rest\n"
         );
-    }
-    let faults = report.nodes.iter();
-    for status in faults.filter(|status| status.state == OperatingState::Fault) {
-        text += &format!("{status}\n");
     }
     match (&report.difference, report.identical) {
         (Some(difference), _) => text += &format!("NOT identical: {difference}\n"),

@@ -11,11 +11,13 @@ use crate::experiments::posture::{self, Trial, Variant};
 use crate::experiments::recorder::Stage;
 use crate::recording::LogArgs;
 use crate::run::path_run::{self, Moment, PathMode};
+use crate::run::recovery::Status;
 use crate::run::regulate::regulate_on;
 use crate::run::robot::{Record, Robot, Span};
 use crate::run::script::{Line, Step};
 use crate::scenario::Scenario;
-use crate::targets::{Failure, FailureMode};
+use crate::targets::{Event, Failure, FailureMode};
+use core_algos::safety::OperatingState;
 use core_algos::time::Micros;
 use core_algos::topology::Role;
 use serde_json::Value;
@@ -199,6 +201,18 @@ impl Mission {
         let report = report.map_err(|error| Error::Failure(error.to_string()))?;
         Ok((text, report, files))
     }
+}
+
+/// Lines on late ticks, boards lost and restarted, and nodes in a fault.
+pub fn happenings(late_ticks: Option<u32>, events: &[Event], nodes: &[Status]) -> String {
+    let faults = nodes.iter();
+    let faults = faults.filter(|status| status.state == OperatingState::Fault);
+    let late = late_ticks.map(|late| format!("{late} ticks began more than a tick late\n"));
+    let lines = events.iter().map(|event| format!("{event}\n"));
+    let lines = late.into_iter().chain(lines);
+    lines
+        .chain(faults.map(|status| format!("{status}\n")))
+        .collect()
 }
 
 /// End of the run, and failures of boards on the way.

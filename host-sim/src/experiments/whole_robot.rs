@@ -1,11 +1,11 @@
-//! `posture`, `follow` and `track` with boards. With `--on virtual`: the images that users flash, on virtual boards with everything that
-//! is wired to them. The robot gets its task at the serial port of the front board.
+//! `posture` with boards, `follow` and `track`. With `--on virtual`: the images that users flash, on virtual boards with
+//! everything that is wired to them. The robot gets its task at the serial port of the front board.
 
 use crate::base::error::Error;
 use crate::base::table::Table;
 use crate::experiments::arguments::{Common, Place, RobotArgs, SensorArgs};
 use crate::experiments::follow::{self, FollowArgs};
-use crate::experiments::mission::{Mission, Outcome, Plan};
+use crate::experiments::mission::{Mission, Outcome, Plan, happenings};
 use crate::experiments::posture::{self, PostureArgs, Variant};
 use crate::experiments::recorder::{self, Stage};
 use crate::experiments::{Context, real_robot};
@@ -22,7 +22,6 @@ use crate::scenario::effect::Use;
 use crate::targets::Event;
 use crate::targets::board_log::{self, BoardLog};
 use crate::targets::images::Images;
-use core_algos::safety::OperatingState;
 use core_algos::topology::Role;
 use serde::Serialize;
 use serde_json::Value;
@@ -92,7 +91,7 @@ pub fn posture(args: &PostureArgs) -> Result<(), Error> {
         ));
     }
     let mut context = Context::new(&args.common, "posture")?;
-    check_real(&args.robot, &args.sensors, &args.common)?;
+    check_options(&args.robot, &args.sensors, &args.common)?;
     args.sensors.apply(&mut context.scenario);
     posture::place(args, &mut context)?;
     let variant = Variant::of(&context.scenario);
@@ -103,17 +102,28 @@ pub fn posture(args: &PostureArgs) -> Result<(), Error> {
     run_on(&context, &mission, (&args.common, &args.log, &args.robot))
 }
 
-/// Runs `cfmmr follow` or `cfmmr track` with boards.
+/// Runs `cfmmr follow` or `cfmmr track`.
 pub fn follow(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
     let mut context = Context::new(&args.common, follow::names(path_mode).0)?;
-    check_real(&args.robot, &args.drive.sensors, &args.common)?;
-    let course = follow::prepare(args, &mut context, Use::VirtualPath)?;
+    check_options(&args.robot, &args.drive.sensors, &args.common)?;
+    let used = match args.robot.has_boards() {
+        true => Use::VirtualPath,
+        false => Use::Path,
+    };
+    let course = follow::prepare(args, &mut context, used)?;
     let mission = Mission::Path(Box::new(course), path_mode);
     run_on(&context, &mission, (&args.common, &args.log, &args.robot))
 }
 
-/// Refuses what a real robot has of its own.
-pub fn check_real(robot: &RobotArgs, sensors: &SensorArgs, common: &Common) -> Result<(), Error> {
+/// Refuses options of boards without boards, and what a real robot has of its own.
+pub fn check_options(
+    robot: &RobotArgs,
+    sensors: &SensorArgs,
+    common: &Common,
+) -> Result<(), Error> {
+    if !robot.has_boards() {
+        return robot.refuse_without_boards();
+    }
     let given = [
         ("--imu", sensors.imu),
         ("--no-rps", sensors.no_rps),
@@ -129,7 +139,7 @@ pub fn check_real(robot: &RobotArgs, sensors: &SensorArgs, common: &Common) -> R
     }
 }
 
-/// Runs a task on virtual boards or on a real robot.
+/// Runs a task in this process, on virtual boards or on a real robot.
 pub fn run_on(
     context: &Context,
     mission: &Mission,
@@ -137,8 +147,9 @@ pub fn run_on(
 ) -> Result<(), Error> {
     let (_, log, args) = arguments;
     match args.boards.on {
+        Place::InProcess => mission.in_process(context, log),
+        Place::Virtual => run(context, mission, arguments),
         Place::Serial(_) => real_robot::run(context, mission, (log, args)),
-        _ => run(context, mission, arguments),
     }
 }
 
@@ -331,12 +342,7 @@ fn summary(report: &Report) -> String {
         report.simulated_s / report.wall_s,
         instructions as f64 * 1e-6 / report.wall_s,
     );
-    if let Some(late) = report.late_ticks {
-        text += &format!("{late} ticks began more than a tick late\n");
-    }
-    for event in &report.events {
-        text += &format!("{event}\n");
-    }
+    text += &happenings(report.late_ticks, &report.events, &report.nodes);
     for board in &report.boards {
         for (time_s, cause) in &board.resets {
             text += &format!("{time_s:.3} s: {} board reset by {cause}\n", board.name);
@@ -352,10 +358,6 @@ fn summary(report: &Report) -> String {
                 finding.count
             );
         }
-    }
-    let faults = report.nodes.iter();
-    for status in faults.filter(|status| status.state == OperatingState::Fault) {
-        text += &format!("{status}\n");
     }
     text
 }
