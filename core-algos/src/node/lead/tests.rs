@@ -7,6 +7,8 @@ use crate::safety::{Class, Condition};
 use crate::time::LEAD_PHASE;
 use crate::topology::AxleId;
 
+mod drives;
+
 /// Reports of both axles at the beginning of an epoch, and the lead node's step.
 fn epoch(node: &mut LeadNode, number: u64, axles: [(Posture, u8); 2]) -> Output {
     let now = number * EPOCH;
@@ -17,6 +19,22 @@ fn epoch(node: &mut LeadNode, number: u64, axles: [(Posture, u8); 2]) -> Output 
         }
     }
     node.step(now + LEAD_PHASE, &mut Outbox::new())
+}
+
+/// What the beam tells of an epoch.
+fn beam(now: Micros, posture: Posture) -> [Message; 2] {
+    let sequence = sequence(now);
+    [
+        Message::BeamUncertainty {
+            sequence,
+            covariance: diagonal([1e-9, 1e-9, 1e-8]),
+        },
+        Message::BeamPosture {
+            sequence,
+            posture,
+            gauges: 5,
+        },
+    ]
 }
 
 fn node() -> LeadNode {
@@ -117,21 +135,9 @@ fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
             };
             node.receive(now, &uncertainty);
         }
-        node.receive(
-            now,
-            &Message::BeamUncertainty {
-                sequence,
-                covariance: diagonal([1e-9, 1e-9, 1e-8]),
-            },
-        );
-        node.receive(
-            now,
-            &Message::BeamPosture {
-                sequence,
-                posture: Posture::new(0.37, 0.0, 0.0),
-                gauges: 5,
-            },
-        );
+        for message in beam(now, Posture::new(0.37, 0.0, 0.0)) {
+            node.receive(now, &message);
+        }
         node.step(now + LEAD_PHASE, &mut Outbox::new());
         let joint = node.fusion().unwrap().joint().unwrap();
         [0, 1].map(|axle| {
