@@ -2,8 +2,94 @@
 
 use super::*;
 use crate::control::path::{PathPoint, TrajectoryPoint};
+use crate::fusion::ekf::Verdict;
+use crate::safety::Conditions;
+
+/// Causes of a condition at the epoch after.
+type Cause = fn(&mut LeadNode, &mut robot::Output, &mut Micros);
+
+#[test]
+fn every_condition_of_a_robot_that_drives_has_its_cause() {
+    let mut world = World::new();
+    world
+        .node
+        .command(Task::regulate(Posture::new(1.0, 0.0, 0.0)));
+    for _ in 0..200 {
+        world.step();
+    }
+    let fused = world.step().fused;
+    let now = (world.number - 1) * EPOCH + LEAD_PHASE;
+    let cases: [(Option<Condition>, Cause); 17] = [
+        (None, |_, _, _| ()),
+        (Some(Condition::NotANumber), |_, fused, _| {
+            fused.robot.posture.x = f32::NAN
+        }),
+        (Some(Condition::NotANumber), |_, fused, _| {
+            fused.robot.covariance[0][1] = f32::NAN
+        }),
+        (Some(Condition::EstimateVague), |_, fused, _| {
+            fused.robot.covariance[0][0] = 26.0
+        }),
+        (Some(Condition::EstimateInconsistent), |_, fused, _| {
+            fused.beam.verdict = Verdict::Gated
+        }),
+        (None, |_, _, now| *now += LATE - LEAD_PHASE),
+        (Some(Condition::MessageLost), |_, _, now| {
+            *now += LATE - LEAD_PHASE + 1
+        }),
+        (Some(Condition::NeighbourLost), |_, _, now| *now += 51_000),
+        (Some(Condition::BeamLost), |_, _, now| {
+            *now += BEAM_PATIENCE + 1
+        }),
+        (Some(Condition::NeighbourFault), |node, _, now| {
+            node.receive(
+                *now,
+                &beat(Node::RearAxle, *now, OperatingState::SafeStop, 1),
+            );
+        }),
+        (None, |node, _, now| {
+            node.receive(*now, &beat(Node::RearAxle, *now, OperatingState::Idle, 0));
+            node.state.armed = ARMING;
+        }),
+        (Some(Condition::NeighbourFault), |node, _, now| {
+            node.receive(*now, &beat(Node::RearAxle, *now, OperatingState::Idle, 0));
+            node.state.armed = ARMING + 1;
+        }),
+        (None, |node, _, now| node.pull(*now, 0.04, 30.0)),
+        (None, |node, _, now| node.pull(*now, 0.06, 20.0)),
+        (None, |node, _, now| node.pull(*now - 100_000, 0.06, 30.0)),
+        (Some(Condition::WrenchHigh), |node, _, now| {
+            node.pull(*now, -0.06, 30.0)
+        }),
+        (Some(Condition::GaveUp), |node, _, _| {
+            node.state.gave_up = true
+        }),
+    ];
+    for (k, (condition, cause)) in cases.into_iter().enumerate() {
+        let (mut node, mut fused, mut now) = (world.node.clone(), fused, now);
+        cause(&mut node, &mut fused, &mut now);
+        let seen = node.watch(now, Some(&fused));
+        match condition {
+            Some(condition) => assert!(seen.contains(condition), "{k}: {seen:?}"),
+            None => assert_eq!(seen, Conditions::NONE, "{k}"),
+        }
+    }
+}
+
+impl LeadNode {
+    /// A bent beam at `time` that pulls, N.
+    fn pull(&mut self, time: Micros, bend: f32, force_x: f32) {
+        self.state.beam_posture = Some(Stamped::new(Posture::new(0.37, 0.0, bend), time));
+        let wrench = Wrench {
+            force_x,
+            ..Wrench::ZERO
+        };
+        self.state.wrench = Some(Stamped::new(wrench, time));
+    }
+}
 
 /// Both axles in the world; each reports in an odometric frame of its own.
+#[derive(Clone)]
 struct World {
     node: LeadNode,
     axles: [Posture; 2],
@@ -68,7 +154,14 @@ impl World {
             self.node.receive(now, message);
         }
         let mut outbox = Outbox::new();
+        let before = self.node.state.nis;
         let output = self.node.step(now + LEAD_PHASE, &mut outbox);
+        let (nis, after) = (output.fused.beam.nis, self.node.state.nis);
+        let mean = before + (nis - before) / 256.0;
+        assert!(
+            before == after || (after - mean).abs() < 1e-6,
+            "{before} {nis} {after}"
+        );
         self.twists = [Twist::default(); 2];
         for message in outbox.iter() {
             match *message {
@@ -93,6 +186,14 @@ impl World {
         }
         self.number += 1;
         output
+    }
+
+    /// True if a difference of `odom` from `map` stays.
+    fn keeps_odom(&self) -> bool {
+        let mut other = self.clone();
+        other.node.state.odom.as_mut().unwrap().y += 0.01;
+        let map = other.step().fused.robot.posture;
+        distance(other.node.state.odom.unwrap(), map) > 9e-3
     }
 
     /// Steps until the task is done; its path and duration.
@@ -129,8 +230,21 @@ fn the_robot_comes_to_a_goal_aside_and_behind_and_is_held_there() {
     let goal = Posture::new(-0.6, 0.4, 0.3);
     world.node.command(Task::regulate(goal));
     assert_eq!(world.node.latest_goal(), Some(goal));
-    let mut most = 0.0f32;
+    assert!(!world.node.has_own_controller());
+    let (mut most, mut changes) = (0.0f32, vec![]);
     world.run(|world, output| {
+        if output.phase == Phase::Plan {
+            let mut ahead = world.node.clone();
+            changes.push(
+                (0..20)
+                    .filter(|_| {
+                        let before = ahead.clone();
+                        ahead.prepare();
+                        ahead != before
+                    })
+                    .count(),
+            );
+        }
         most = most.max(output.motion.v.abs());
         let busy = if output.done {
             Activity::Resting
@@ -141,6 +255,8 @@ fn the_robot_comes_to_a_goal_aside_and_behind_and_is_held_there() {
         assert_eq!(output.phase == Phase::Done, output.done);
     });
     assert!((0.05..=0.25).contains(&most), "{most}");
+    assert_eq!(world.node.state.aim, Some(goal));
+    eprintln!("changes {changes:?}");
     let at = world.center();
     assert!(
         distance(at, goal) < 0.01 && (at.phi - goal.phi).abs() < 0.0175,
@@ -170,6 +286,9 @@ fn the_robot_follows_a_circle_and_rests_at_its_end() {
         world.node.path_task().push_path_point(point).unwrap();
     }
     world.node.path_task().finish_path();
+    let mut stopped = world.node.clone();
+    stopped.command(Task::Stop);
+    assert_eq!(stopped.path_task().path_room(), path_task::PATH_POINTS);
     world.node.command(Task::Follow);
     let duration = world.run(|world, output| {
         let at = world.center();
@@ -185,7 +304,7 @@ fn the_robot_follows_a_circle_and_rests_at_its_end() {
     let at = world.center();
     assert!(distance(at, end.posture) < 3e-3, "{at:?}");
     // Pushed, it does not drive again, until the path is given anew.
-    assert!(world.step().done);
+    assert!(world.step().done && !world.keeps_odom());
     world.node.command(Task::regulate(at));
     assert_eq!(world.node.path_task().path_room(), path_task::PATH_POINTS);
 }
@@ -237,6 +356,7 @@ fn the_robot_drives_as_ordered_and_stops_on_its_way() {
         world.center()
     };
     let before = drive(&mut world, 300);
+    assert!(world.keeps_odom());
     let [.., turn] = drive(&mut world, 200).minus(before);
     assert!((turn - 0.15 * 0.8 * 2.0).abs() < 2e-3, "{turn}");
     let chord = 2.0 / 0.8 * (0.5f32 * 0.24).sin();
