@@ -256,7 +256,10 @@ fn the_robot_comes_to_a_goal_aside_and_behind_and_is_held_there() {
     });
     assert!((0.05..=0.25).contains(&most), "{most}");
     assert_eq!(world.node.state.aim, Some(goal));
-    eprintln!("changes {changes:?}");
+    assert!(
+        !changes.is_empty() && changes.iter().all(|count| *count == 7),
+        "{changes:?}"
+    );
     let at = world.center();
     assert!(
         distance(at, goal) < 0.01 && (at.phi - goal.phi).abs() < 0.0175,
