@@ -197,6 +197,13 @@ mod tests {
         });
         let (posture, gauges) = posture.unwrap();
         assert_eq!(gauges, 5);
+        assert!(matches!(
+            messages[0],
+            Message::NodeStatus {
+                notices: Conditions::NONE,
+                ..
+            }
+        ));
         let phi = 2.0 * 0.37f64;
         // The arc of a circle of radius 0.5 m.
         assert!((posture.phi as f64 - phi).abs() < 2e-3, "{posture:?}");

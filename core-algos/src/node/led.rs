@@ -134,6 +134,12 @@ mod tests {
     #[test]
     fn patterns_differ_by_their_text_and_are_as_it_says() {
         let texts = OperatingState::ALL.map(|state| Pattern(state).to_string());
+        assert_eq!(Pattern(OperatingState::Active).to_string(), "on");
+        let fault = Pattern(OperatingState::Fault).to_string();
+        assert!(
+            fault.contains("of 400 ms") && fault.ends_with("of 600 ms"),
+            "{fault}"
+        );
         for (i, state) in OperatingState::ALL.into_iter().enumerate() {
             assert!(!texts[..i].contains(&texts[i]), "{}", texts[i]);
             let led = led(Node::FrontAxle, state, 0);

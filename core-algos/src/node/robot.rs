@@ -273,6 +273,36 @@ mod tests {
         assert_eq!(bad.build().unwrap_err().field, "steering_margin_rad");
         bad.limits.steering_margin_rad = f32::NAN;
         assert!(bad.build().is_err());
+        bad.limits.steering_margin_rad = 0.24;
+        assert!(bad.build().is_ok());
+        bad.geometry.encoder_counts_per_revolution = 0;
+        let field = bad.build().unwrap_err().field;
+        assert_eq!(field, "encoder_counts_per_revolution");
+    }
+
+    #[test]
+    fn geometry_and_limits_reach_every_part() {
+        let near = |found: f32, expected: f32| {
+            assert!((found / expected - 1.0).abs() < 1e-5, "{found} {expected}");
+        };
+        let mut config = RobotConfig::default();
+        config.geometry.rigid_end_m = 0.05;
+        config.geometry.half_track_m = 0.2;
+        config.limits.max_speed_m_s = 0.15;
+        let completed = config.completed();
+        near(completed.axle.filter.track_m, 0.4);
+        near(completed.axle.limits.wheel_speed_m_s, 0.3);
+        near(completed.lead.fusion.ipec.track_m, 0.4);
+        near(completed.lead.fusion.joint.frame_moment_n_m, 0.833 / 0.37);
+        near(completed.lead.course.path.max_speed_m_s, 0.15);
+        let place = config.put_down(START, &Told::default());
+        near(place.relative.posture.x, 0.47);
+        near(place.center.posture.x, -1.342);
+        near(place.center.posture.y, -1.342);
+        let variances = [0, 1, 2].map(|i| place.center.covariance[i][i]);
+        for (found, expected) in variances.into_iter().zip([25e-6, 25e-6, 1e-4]) {
+            near(found, expected);
+        }
     }
 
     /// Regulator and cascade mean the same curvature by the greatest steering angle.

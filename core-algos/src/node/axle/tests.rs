@@ -293,6 +293,62 @@ fn reference_twist_and_load_follow_from_mechanics() {
     near(moments[0] + moments[1], 0.0);
 }
 
+/// A stop goes v²/(2a) of the midpoint, on an axle over cos ψ.
+#[test]
+fn a_stop_brakes_on_the_path_of_a_bent_frame() {
+    let mut node = node(AxleId::Front);
+    (node.state.velocity, node.state.steering) = (0.2, Steering(0.3));
+    node.state.followed = Some(AxleReference::default());
+    let mut reference = AxleReference::default();
+    let ticks = (1..2000).find(|_| {
+        reference = node.brake();
+        node.state.halted
+    });
+    assert!((1049..=1052).contains(&ticks.unwrap()), "{ticks:?}");
+    let (way, turned) = (0.02 / 0.3f32.cos(), 0.6 / (0.37 * 0.3f32.cos()) * 0.02);
+    let at = reference.posture;
+    assert!((at.x.hypot(at.y) / way - 1.0).abs() < 1e-3, "{at:?}");
+    assert!((at.phi / turned - 1.0).abs() < 1e-3, "{at:?}");
+}
+
+/// The axle is near an end of the span in both directions, its reference beyond.
+#[test]
+fn a_reference_across_the_end_of_the_span_is_near() {
+    let mut node = node(AxleId::Front);
+    node.state.filter.shift([5.24, -5.24]);
+    let reference = AxleReference {
+        posture: Posture::new(5.25 - 10.485_76, 10.485_76 - 5.26, 0.0),
+        ..AxleReference::default()
+    };
+    let error = node.control(0, [0.0; 2], reference).error;
+    assert!((error.x.abs() - 0.01).abs() < 1e-4 && (error.y / error.x + 2.0).abs() < 1e-2);
+}
+
+/// Half of the gap of 0.3 mm is crossed on one wheel; a gyro knows the heading without it.
+#[test]
+fn play_of_the_gears_counts_in_the_heading_that_the_wheels_tell() {
+    let variance = |gyro_samples, ticks| {
+        let mut node = node(AxleId::Front);
+        (0..ticks).for_each(|_| node.state.play[0].step(0.1));
+        node.state.gyro_samples = gyro_samples;
+        let mut outbox = Outbox::new();
+        node.report(0, &mut outbox);
+        let covariance = outbox.iter().find_map(|message| match message {
+            Message::AxleUncertainty { covariance, .. } => Some(covariance[2][2]),
+            _ => None,
+        });
+        covariance.unwrap()
+    };
+    let gap = 0.5 * (3e-4f32 / 0.324).powi(2);
+    for (gyro_samples, share) in [(0, 1.0), (5, 0.25), (10, 0.0)] {
+        let added = variance(gyro_samples, 100) - variance(gyro_samples, 0);
+        assert!(
+            (added / gap - share).abs() < 1e-3,
+            "{gyro_samples}: {added:e}"
+        );
+    }
+}
+
 fn lead(node: &mut AxleNode, now: Micros, mode: LeadMode) {
     node.receive(now, &lead_status(now, mode, 0.0));
 }

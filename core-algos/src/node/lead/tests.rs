@@ -7,8 +7,19 @@ use crate::safety::{Class, Condition};
 use crate::time::LEAD_PHASE;
 use crate::topology::AxleId;
 
+mod drives;
+
 /// Reports of both axles at the beginning of an epoch, and the lead node's step.
 fn epoch(node: &mut LeadNode, number: u64, axles: [(Posture, u8); 2]) -> Output {
+    epoch_to(node, number, axles, &mut Outbox::new())
+}
+
+fn epoch_to(
+    node: &mut LeadNode,
+    number: u64,
+    axles: [(Posture, u8); 2],
+    outbox: &mut Outbox,
+) -> Output {
     let now = number * EPOCH;
     for axle in AxleId::BOTH {
         let (posture, uptime) = axles[axle.index()];
@@ -16,7 +27,23 @@ fn epoch(node: &mut LeadNode, number: u64, axles: [(Posture, u8); 2]) -> Output 
             node.receive(now, &message);
         }
     }
-    node.step(now + LEAD_PHASE, &mut Outbox::new())
+    node.step(now + LEAD_PHASE, outbox)
+}
+
+/// What the beam tells of an epoch.
+fn beam(now: Micros, posture: Posture) -> [Message; 2] {
+    let sequence = sequence(now);
+    [
+        Message::BeamUncertainty {
+            sequence,
+            covariance: diagonal([1e-9, 1e-9, 1e-8]),
+        },
+        Message::BeamPosture {
+            sequence,
+            posture,
+            gauges: 5,
+        },
+    ]
 }
 
 fn node() -> LeadNode {
@@ -117,21 +144,9 @@ fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
             };
             node.receive(now, &uncertainty);
         }
-        node.receive(
-            now,
-            &Message::BeamUncertainty {
-                sequence,
-                covariance: diagonal([1e-9, 1e-9, 1e-8]),
-            },
-        );
-        node.receive(
-            now,
-            &Message::BeamPosture {
-                sequence,
-                posture: Posture::new(0.37, 0.0, 0.0),
-                gauges: 5,
-            },
-        );
+        for message in beam(now, Posture::new(0.37, 0.0, 0.0)) {
+            node.receive(now, &message);
+        }
         node.step(now + LEAD_PHASE, &mut Outbox::new());
         let joint = node.fusion().unwrap().joint().unwrap();
         [0, 1].map(|axle| {
@@ -158,83 +173,6 @@ fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
     assert!((after[0].1 / prior[0] - 1.0).abs() < 0.02, "{after:?}");
     assert!((after[1].1 / before[1].1 - 1.0).abs() < 0.02, "{after:?}");
     assert!((0.0..NIS_LIMIT).contains(&node.state.nis));
-}
-
-/// An epoch of a robot at rest whose axles are ready.
-fn attended(node: &mut LeadNode, number: u64) -> Output {
-    for sender in [Node::FrontAxle, Node::RearAxle] {
-        let now = number * EPOCH;
-        node.receive(now, &beat(sender, now, OperatingState::Active, 0));
-    }
-    epoch(node, number, [(Posture::ORIGIN, number.min(255) as u8); 2])
-}
-
-/// Held for as long as they may be, the motors are let go; the next command has them back.
-#[test]
-fn the_robot_is_not_held_for_ever() {
-    let mut node = node();
-    let mut number = 0;
-    let mut state = |node: &mut LeadNode| {
-        number += 1;
-        attended(node, number - 1).supervision.state
-    };
-    let center = Posture::new(0.0, 0.0, 0.0);
-    for _ in 0..2 {
-        node.command(Task::regulate(center));
-        let held = (0..20_000)
-            .map(|_| state(&mut node))
-            .skip_while(|state| *state != OperatingState::Armed)
-            .take_while(|state| *state != OperatingState::SafeStop)
-            .filter(|state| *state == OperatingState::Armed)
-            .count();
-        assert!((6_000..6_010).contains(&held), "{held}");
-        // Until then nothing drives, and nothing is wrong.
-        for _ in 0..300 {
-            state(&mut node);
-        }
-        assert_eq!(state(&mut node), OperatingState::Idle);
-        assert_eq!(node.supervision().first(), None);
-    }
-}
-
-/// Speed commands drive the robot as long as they come. Without them it brakes, after 200 ms at the latest, and drives again
-/// with the next one.
-#[test]
-fn robot_brakes_when_speed_commands_cease() {
-    let drive = Task::Drive {
-        speed_m_s: 0.15,
-        curvature: 0.5,
-    };
-    let mut node = node();
-    let mut number = 0;
-    let mut step = |node: &mut LeadNode| {
-        number += 1;
-        attended(node, number - 1)
-    };
-    let notices = |node: &LeadNode| node.supervision().count(Class::Notice);
-    for round in 0..2 {
-        for epoch in 0..400 {
-            if epoch % 5 == 0 {
-                node.command(drive);
-            }
-            step(&mut node);
-        }
-        assert_eq!(notices(&node), round);
-        let before = node.state.governor.motion;
-        assert!(
-            (before.v - 0.15).abs() < 1e-3 && before.psi.0 > 0.05,
-            "{before:?}"
-        );
-        node.command(drive);
-        let slower = (1..=30).find(|_| step(&mut node).motion.v < before.v - 1e-4);
-        assert_eq!(slower, Some(20));
-        let outputs: Vec<Output> = (0..300).map(|_| step(&mut node)).collect();
-        let last = outputs.last().unwrap();
-        assert!(last.done, "{last:?}");
-        assert_eq!(notices(&node), round + 1);
-        assert_eq!((last.motion.v, last.mode), (0.0, LeadMode::Hold));
-        assert_eq!(node.supervision().first(), None);
-    }
 }
 
 #[test]

@@ -1,0 +1,332 @@
+//! The lead node in a loop with axles that follow their references exactly.
+
+use super::*;
+use crate::control::path::{PathPoint, TrajectoryPoint};
+use crate::fusion::ekf::Verdict;
+use crate::safety::Conditions;
+
+/// Both axles in the world; each reports in an odometric frame of its own.
+#[derive(Clone)]
+struct World {
+    node: LeadNode,
+    axles: [Posture; 2],
+    number: u64,
+}
+
+const FRAMES: [Posture; 2] = [Posture::new(3.0, -2.0, 1.0), Posture::new(-1.0, 4.0, -2.5)];
+const DT: f32 = 0.01;
+
+impl World {
+    /// At rest at the origin, with the frame straight.
+    fn new(task: Task) -> Self {
+        let mut node = node();
+        node.command(task);
+        Self {
+            node,
+            axles: [0.185, -0.185].map(|x| Posture::new(x, 0.0, 0.0)),
+            number: 0,
+        }
+    }
+
+    /// Midpoint between the axles, with the direction of their chord.
+    fn center(&self) -> Posture {
+        let [front, rear] = self.axles;
+        let (x, y) = (front.x - rear.x, front.y - rear.y);
+        Posture::new(rear.x + 0.5 * x, rear.y + 0.5 * y, y.atan2(x))
+    }
+
+    fn step(&mut self) -> Output {
+        let (now, node) = (self.number * EPOCH, &mut self.node);
+        let [front, rear] = self.axles;
+        let beats = [Node::FrontAxle, Node::RearAxle]
+            .map(|sender| beat(sender, now, OperatingState::Active, 0));
+        for message in beam(now, front.relative_to(rear)).iter().chain(&beats) {
+            node.receive(now, message);
+        }
+        let uptime = self.number.min(255) as u8;
+        let own = [0, 1].map(|k| (self.axles[k].relative_to(FRAMES[k]), uptime));
+        let (before, mut outbox) = (node.state.nis, Outbox::new());
+        let output = epoch_to(node, self.number, own, &mut outbox);
+        let (nis, after) = (output.fused.beam.nis, node.state.nis);
+        let mean = before + (nis - before) / 256.0;
+        assert!(before == after || (after - mean).abs() < 1e-6, "{after}");
+        for message in outbox.iter() {
+            match *message {
+                Message::ReferencePosture { axle, posture, .. } => {
+                    self.axles[axle.index()] = FRAMES[axle.index()].compose(posture);
+                }
+                Message::ReferenceMotion {
+                    axle,
+                    velocity_m_s: v,
+                    yaw_rate_rad_s: omega,
+                    acceleration_m_s2: a,
+                    yaw_acceleration_rad_s2: turn,
+                    ..
+                } => {
+                    let by = [v + 0.5 * DT * a, omega + 0.5 * DT * turn].map(|rate| rate * DT);
+                    let axle = &mut self.axles[axle.index()];
+                    *axle = axle.advance(by[0], by[1]);
+                }
+                _ => {}
+            }
+        }
+        self.number += 1;
+        output
+    }
+
+    /// True if a difference of `odom` from `map` stays.
+    fn keeps_odom(&self) -> bool {
+        let mut other = self.clone();
+        other.node.state.odom.as_mut().unwrap().y += 0.01;
+        let map = other.step().fused.robot.posture;
+        distance(other.node.state.odom.unwrap(), map) > 9e-3
+    }
+
+    /// Steps until the task is done, s.
+    fn run(&mut self, mut each: impl FnMut(&mut Self, &Output)) -> f32 {
+        for epochs in 1..6000 {
+            let output = self.step();
+            assert_eq!(self.node.supervision().first(), None);
+            each(self, &output);
+            if output.done {
+                return DT * epochs as f32;
+            }
+        }
+        panic!("not done: {:?}", self.center());
+    }
+
+    /// Epochs of the next 7000 in a state.
+    fn epochs(&self, state: OperatingState) -> usize {
+        let mut other = self.clone();
+        let states = (0..7000).map(|_| other.step().supervision.state);
+        states.filter(|found| *found == state).count()
+    }
+}
+
+fn distance(a: Posture, b: Posture) -> f32 {
+    (a.x - b.x).hypot(a.y - b.y)
+}
+
+/// On a circle of radius 0.8 m to the left, from the origin.
+fn on_circle(s: f32) -> PathPoint {
+    PathPoint {
+        posture: Posture::ORIGIN.advance(s, s / 0.8),
+        kappa: 1.0 / 0.8,
+        s,
+    }
+}
+
+/// Held there for as long as it may be, it is let go, until the next command.
+#[test]
+fn the_robot_comes_to_a_goal_aside_and_behind() {
+    let goal = Posture::new(-0.6, 0.4, 0.3);
+    let mut world = World::new(Task::regulate(goal));
+    assert_eq!(world.node.latest_goal(), Some(goal));
+    assert!(!world.node.has_own_controller());
+    let mut parts = vec![];
+    world.run(|world, output| {
+        if output.phase == Phase::Plan {
+            let mut ahead = world.node.clone();
+            let mut plans = || {
+                let before = ahead.clone();
+                ahead.prepare();
+                ahead != before
+            };
+            parts.push((0..20).filter(|_| plans()).count());
+        }
+        let busy = world.node.activity(world.number * EPOCH) == Activity::Busy;
+        let planned = output.phase != Phase::Done;
+        assert!(busy != output.done && planned != output.done && output.motion.v.abs() < 0.25);
+    });
+    assert_eq!(world.node.state.aim, Some(goal));
+    assert!(!parts.is_empty() && parts.iter().all(|count| *count == 7));
+    let [x, y, turn] = world.center().minus(goal);
+    assert!(x.hypot(y) < 0.01 && turn.abs() < 0.0175, "{x} {y} {turn}");
+    // 60 s; then 0.1 s to rest, 0.1 s of rest and 0.75 s to release.
+    assert_eq!(world.epochs(OperatingState::Armed), 6_001);
+    assert!((94..=96).contains(&world.epochs(OperatingState::SafeStop)));
+    (0..6200).for_each(|_| assert_eq!(world.step().supervision.reason, None));
+    assert_eq!(world.node.supervision().operating(), OperatingState::Idle);
+    world.node.command(Task::regulate(goal));
+    world.run(|_, _| ());
+}
+
+#[test]
+fn the_robot_follows_a_circle_and_rests_at_its_end() {
+    let mut world = World::new(Task::Idle);
+    for number in 0..=120 {
+        let point = on_circle(0.01 * number as f32);
+        world.node.path_task().push_path_point(point).unwrap();
+    }
+    world.node.path_task().finish_path();
+    let mut stopped = world.node.clone();
+    stopped.command(Task::Stop);
+    assert_eq!(stopped.path_task().path_room(), path_task::PATH_POINTS);
+    world.node.command(Task::Follow);
+    let duration = world.run(|world, output| {
+        let at = world.center();
+        let off = distance(at, Posture::new(0.0, 0.8, 0.0)) - 0.8;
+        // The frame is straight at first.
+        let most = if at.x < 0.3 { 0.03 } else { 0.004 };
+        assert!(off.abs() < most, "{at:?} {off}");
+        assert!(output.motion.v <= 0.2 + 1e-3);
+    });
+    assert!((6.0..9.0).contains(&duration), "{duration}");
+    let at = world.center();
+    assert!(distance(at, on_circle(1.2).posture) < 3e-3, "{at:?}");
+    // Pushed, it does not drive again, until the path is given anew.
+    assert!(world.step().done && !world.keeps_odom());
+    world.node.command(Task::regulate(at));
+    assert_eq!(world.node.path_task().path_room(), path_task::PATH_POINTS);
+}
+
+/// 0.5 m along the circle in 5 s, with speed and acceleration zero at the ends.
+#[test]
+fn the_robot_is_on_its_trajectory_at_every_time() {
+    let mut world = World::new(Task::Idle);
+    let way = |time: f32| {
+        let t = (time / 5.0).min(1.0);
+        0.5 * t * t * t * (10.0 + t * (6.0 * t - 15.0))
+    };
+    for number in 0..=100 {
+        let time_s = 0.05 * number as f32;
+        let t = time_s / 5.0;
+        let v = 0.1 * 30.0 * t * t * (1.0 - t) * (1.0 - t);
+        let point = on_circle(way(time_s));
+        let point = TrajectoryPoint { time_s, v, point };
+        world.node.path_task().push_trajectory_point(point).unwrap();
+    }
+    world.node.path_task().finish_trajectory();
+    world.node.command(Task::Track);
+    let mut begun = None;
+    world.run(|world, output| {
+        let Some(target) = output.target else { return };
+        let begun = *begun.get_or_insert(world.number);
+        let time = DT * (world.number - begun) as f32;
+        let meant = on_circle(way(time)).posture;
+        assert!(distance(target, meant) < 1e-3, "{time}: {target:?}");
+        let off = distance(world.center(), on_circle(way(time + DT)).posture);
+        assert!(off < 0.01, "{time}: {off}");
+    });
+    assert!(distance(world.center(), on_circle(0.5).posture) < 3e-3);
+}
+
+/// Curvature -0.8 1/m backwards. Without orders it brakes after 200 ms; the governor stops by 0.8 m/s², over v²/2a.
+#[test]
+fn the_robot_drives_as_ordered_and_stops_on_its_way() {
+    let order = Task::Drive {
+        speed_m_s: -0.15,
+        curvature: -0.8,
+    };
+    let mut world = World::new(order);
+    let drive = |world: &mut World, epochs: usize| {
+        for number in 0..epochs {
+            if number % 5 == 0 {
+                world.node.command(order);
+            }
+            assert!(!world.step().done);
+        }
+        world.center()
+    };
+    let before = drive(&mut world, 300);
+    assert!(world.keeps_odom());
+    let [.., turn] = drive(&mut world, 200).minus(before);
+    assert!((turn - 0.15 * 0.8 * 2.0).abs() < 2e-3, "{turn}");
+    let chord = 2.0 / 0.8 * (0.5f32 * 0.24).sin();
+    assert!((distance(world.center(), before) - chord).abs() < 2e-3);
+    for round in 0..2 {
+        assert_eq!(world.node.supervision().count(Class::Notice), round);
+        world.node.command(order);
+        let slower = (1..=30).find(|_| world.step().motion.v > -0.1499);
+        assert_eq!(slower, Some(20));
+        let outputs: Vec<Output> = (0..300).map(|_| world.step()).collect();
+        let slow = |output: &Output| output.motion.v.abs() < REST_M_S;
+        let mut pairs = outputs.windows(2);
+        assert!(pairs.all(|two| two[1].done == slow(&two[0])));
+        let last = outputs[299];
+        assert_eq!((last.done, last.mode), (true, LeadMode::Hold));
+        assert_eq!(world.node.supervision().first(), None);
+        drive(&mut world, 400);
+    }
+    let before = world.center();
+    world.node.command(Task::Stop);
+    world.run(|_, output| assert!(output.motion.v <= 0.0));
+    // The first interval is already slower.
+    let way = 0.15 * 0.15 / 1.6 - 0.15 * DT;
+    assert!((distance(world.center(), before) - way).abs() < 1e-4);
+    let after = world.center();
+    (0..50).for_each(|_| assert_eq!(world.step().mode, LeadMode::Hold));
+    assert!(distance(world.center(), after) < 1e-3);
+    drive(&mut world, 300);
+    // Dismissed, it has 0.15 s for the stop, 0.1 s to rest and 0.75 s to release.
+    world.node.command(Task::Idle);
+    assert!((99..=102).contains(&world.epochs(OperatingState::SafeStop)));
+}
+
+impl LeadNode {
+    /// A bent beam at `time` that pulls, N.
+    fn pull(&mut self, time: Micros, bend: f32, force_x: f32) {
+        self.state.beam_posture = Some(Stamped::new(Posture::new(0.37, 0.0, bend), time));
+        let wrench = Wrench {
+            force_x,
+            ..Wrench::ZERO
+        };
+        self.state.wrench = Some(Stamped::new(wrench, time));
+    }
+}
+
+#[test]
+fn every_condition_of_a_robot_that_drives_has_its_cause() {
+    let mut world = World::new(Task::regulate(Posture::new(1.0, 0.0, 0.0)));
+    (0..200).for_each(|_| assert!(!world.step().done));
+    let (sound, idle) = (world.step().fused, OperatingState::Idle);
+    for case in 0..17 {
+        let (mut node, mut fused) = (world.node.clone(), sound);
+        let mut now = (world.number - 1) * EPOCH + LEAD_PHASE;
+        let hears = |node: &mut LeadNode, state, reason| {
+            node.receive(now, &beat(Node::RearAxle, now, state, reason));
+        };
+        match case {
+            1 => now += LATE - LEAD_PHASE,
+            2 | 13 => hears(&mut node, idle, 0),
+            3 => node.pull(now, 0.04, 30.0),
+            4 => node.pull(now, 0.06, 20.0),
+            5 => node.pull(now - 100_000, 0.06, 30.0),
+            6 => fused.robot.posture.x = f32::NAN,
+            7 => fused.robot.covariance[0][1] = f32::NAN,
+            8 => fused.robot.covariance[0][0] = 26.0,
+            9 => fused.beam.verdict = Verdict::Gated,
+            10 => now += LATE - LEAD_PHASE + 1,
+            11 => now += 51_000,
+            12 => now += BEAM_PATIENCE + 1,
+            14 => hears(&mut node, OperatingState::SafeStop, 1),
+            15 => node.pull(now, -0.06, 30.0),
+            16 => node.state.gave_up = true,
+            _ => {}
+        }
+        match case {
+            2 => node.state.armed = ARMING,
+            13 => node.state.armed = ARMING + 1,
+            _ => {}
+        }
+        let expected = match case {
+            6 | 7 => Condition::NotANumber,
+            8 => Condition::EstimateVague,
+            9 => Condition::EstimateInconsistent,
+            10 => Condition::MessageLost,
+            11 => Condition::NeighbourLost,
+            12 => Condition::BeamLost,
+            13 | 14 => Condition::NeighbourFault,
+            15 => Condition::WrenchHigh,
+            16 => Condition::GaveUp,
+            _ => Condition::Restarted,
+        };
+        let seen = node.watch(now, Some(&fused));
+        let none = seen == Conditions::NONE;
+        assert_eq!(
+            (none, seen.contains(expected)),
+            (case < 6, case > 5),
+            "{case}"
+        );
+    }
+}
