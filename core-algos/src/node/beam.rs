@@ -242,6 +242,8 @@ mod tests {
                 }
             }
         }
+        node.restart();
+        assert_eq!(node, self::node());
         let code = Condition::Restarted.code();
         for (tick, state, reason, notices) in told {
             let faulty = (20..60).contains(&tick);

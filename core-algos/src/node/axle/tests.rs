@@ -208,6 +208,8 @@ fn drives_toward_its_reference_and_stops_without_one() {
     reference(&mut node, 1110 * TICK, 0.1, Posture::ORIGIN);
     let off = step(&mut node, 1111 * TICK, &samples);
     assert_eq!(off, Output::default(), "latched");
+    node.restart();
+    assert_eq!(*node.state(), State::default());
 }
 
 /// Neither a mode nor references alone keep an axle driving: 60 ms after the last one it brakes.
@@ -236,8 +238,27 @@ fn load_measured_by_the_beam_holds_for_its_timeout() {
     let mut node = node(AxleId::Rear);
     let (old, now, timeout) = (40 * EPOCH, 43 * EPOCH, node.wrench_timeout);
     for (wrench, posture) in [(old, now), (now, old)] {
-        node.state.wrench = Some(Stamped::new(Wrench::ZERO, wrench));
-        node.state.relative = Some(Stamped::new(Posture::ORIGIN, posture));
+        let (sequences, wrench) = ([wrench, posture, now].map(sequence), Wrench::ZERO);
+        let posture = Posture::ORIGIN;
+        for message in [
+            Message::BeamWrench {
+                sequence: sequences[0],
+                wrench,
+            },
+            Message::BeamPosture {
+                sequence: sequences[1],
+                posture,
+                gauges: 5,
+            },
+            // No gauge is valid.
+            Message::BeamPosture {
+                sequence: sequences[2],
+                posture,
+                gauges: 0,
+            },
+        ] {
+            node.receive(now, &message);
+        }
         assert!(node.beam_load(old + timeout).is_some());
         assert_eq!(node.beam_load(old + timeout + 1), None);
     }
@@ -250,8 +271,12 @@ fn stalled_wheel_is_noticed_in_either_direction() {
     for share in [0.59, -0.59, 0.61, -0.61f32] {
         for torque_nm in [[share * most, 0.0], [0.0, share * most]] {
             node.state.output.torque_nm = torque_nm;
-            let stalls = node.watch(0, &still()).contains(Condition::MotorStall);
+            node.state.refused = u8::from(share > 0.0);
+            let conditions = node.watch(0, &still());
+            let stalls = conditions.contains(Condition::MotorStall);
             assert_eq!(stalls, share.abs() > 0.6);
+            let refused = conditions.contains(Condition::MeasurementRefused);
+            assert_eq!(refused, share > 0.0);
         }
     }
 }
