@@ -354,10 +354,6 @@ impl LeadNode {
     fn decide(&mut self, now: Micros, center: &Transform) -> Decision {
         let state = &mut self.state;
         let motion = state.governor.motion;
-        let active = Decision {
-            mode: LeadMode::Active,
-            ..Decision::default()
-        };
         match state.task {
             Task::Idle | Task::Clear => Decision::default(),
             Task::Stop => {
@@ -365,7 +361,7 @@ impl LeadNode {
                 Decision {
                     mode: active_until(done),
                     done,
-                    ..active
+                    ..Decision::default()
                 }
             }
             Task::Regulate { goal, within } => {
@@ -393,7 +389,7 @@ impl LeadNode {
                     mode: active_until(done),
                     phase,
                     done,
-                    ..active
+                    ..Decision::default()
                 }
             }
             Task::Drive {
@@ -407,7 +403,7 @@ impl LeadNode {
                     wish: alive.then(wish),
                     mode: active_until(done),
                     done,
-                    ..active
+                    ..Decision::default()
                 }
             }
             Task::Follow => {

@@ -116,7 +116,7 @@ const BAUD: u32 = 921_600;
 #[derive(Clone, Debug, Args)]
 pub struct BoardArgs {
     /// Place of the boards: in-process, virtual (their images on virtual boards, built if needed),
-    /// or serial:front=PORT[,rear=PORT][,beam=PORT] (real ones); boards without a port run in this program (hil) or are
+    /// or serial:front=PORT,rear=PORT,beam=PORT (real ones); boards without a port run in this program (hil) or are
     /// reached over the bus
     #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = place)]
     pub on: Place,
