@@ -5,7 +5,7 @@
 //! [`BoardLink::to_send`] for those to send.
 
 use super::board_record::{BoardEvent, BoardRecord};
-use super::remote::{complete, refused};
+use super::remote::{complete, greeted, refused};
 use super::{Fault, HostCommand, Room};
 use crate::base::error::Error;
 use core_algos::bus::CanFrame;
@@ -528,28 +528,6 @@ impl BoardLink {
 fn next_stamp(owner: u16, sequence: &AtomicU16) -> Stamp {
     let sequence = sequence.fetch_add(1, Relaxed).wrapping_add(1);
     Stamp { owner, sequence }
-}
-
-/// Refuses a board of another protocol or another role.
-pub(super) fn greeted(
-    protocol: u16,
-    (wanted, role): (Role, Role),
-    build: &str,
-) -> Result<(), Error> {
-    let name = wanted.name();
-    if protocol != PROTOCOL {
-        return Err(Error::input(format!(
-            "{name} board: its image ({build}) has protocol version {protocol}, this program version {PROTOCOL}: \
-             flash the image of this version"
-        )));
-    }
-    if role != wanted {
-        return Err(Error::input(format!(
-            "--on serial:{name}: the {name} board's port leads to the {} board: check ports and strap",
-            role.name()
-        )));
-    }
-    Ok(())
 }
 
 fn failure(role: Role, what: &str, reply: Reply) -> Error {

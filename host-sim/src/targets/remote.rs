@@ -2,7 +2,6 @@
 //!
 //! One request at a time, repeated until its answer comes; see [`core_algos::link`].
 
-use super::board_link::greeted;
 use super::boards::fatal;
 use super::link::Link;
 use super::{Fault, HostCommand, Latency, Output, Posted, Report, Room, Target, Traffic};
@@ -208,6 +207,28 @@ const EMPTY: Room = Room {
     path: PATH_POINTS,
     trajectory: TRAJECTORY_POINTS,
 };
+
+/// Refuses a board of another protocol or another role.
+pub(super) fn greeted(
+    protocol: u16,
+    (wanted, role): (Role, Role),
+    build: &str,
+) -> Result<(), Error> {
+    let name = wanted.name();
+    if protocol != PROTOCOL {
+        return Err(Error::input(format!(
+            "{name} board: its image ({build}) has protocol version {protocol}, this program version {PROTOCOL}: \
+             flash the image of this version"
+        )));
+    }
+    if role != wanted {
+        return Err(Error::input(format!(
+            "--on serial:{name}: the {name} board's port leads to the {} board: check ports and strap",
+            role.name()
+        )));
+    }
+    Ok(())
+}
 
 fn unexpected(role: Role, what: &str) -> Fault {
     Fault::Fatal(Error::Failure(format!(

@@ -1,8 +1,7 @@
-use super::super::reference::{Bent, Elastica};
+use super::super::reference::{Bent, Elastica, Random};
 use super::super::strip::{Config, GAUSS_5, PerGauge};
 use super::minimum::SUSPICIOUS;
 use super::*;
-use crate::fusion::testing::Random;
 use proptest::prelude::*;
 use std::vec::Vec;
 

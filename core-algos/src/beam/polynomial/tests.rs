@@ -1,7 +1,6 @@
-use super::super::reference::{Elastica, integrate, polynomial};
+use super::super::reference::{Elastica, Random, integrate, polynomial};
 use super::super::strip::{Config, PerGauge, Uncertainty};
 use super::*;
-use crate::fusion::testing::Random;
 use std::vec::Vec;
 
 const LENGTH: f64 = 0.37;

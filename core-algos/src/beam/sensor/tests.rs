@@ -1,7 +1,6 @@
-use super::super::reference::Elastica;
+use super::super::reference::{Elastica, Random};
 use super::super::strip::GAUSS_5;
 use super::*;
-use crate::fusion::testing::Random;
 use proptest::prelude::*;
 
 const LENGTH: f64 = 0.37;
@@ -61,7 +60,7 @@ impl Bench {
         let (strain, end) = self.truth(t);
         for _ in 0..10 {
             let mut counts = self.counts(&strain);
-            tamper(&mut counts, self.random.uniform());
+            tamper(&mut counts, self.random.unit());
             sensor.sample(state, &counts);
         }
         (sensor.estimate(state), end)

@@ -2,7 +2,6 @@
 
 use super::cause::Cause;
 use super::pin::{Drive, Pin, Signal};
-use super::timer;
 
 /// Who asks a DMA controller for a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,11 +17,21 @@ impl Request {
     pub(crate) const COUNT: usize = Self::Usart3Tx as usize + 1;
 }
 
+/// Which timer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Tim1,
+    Tim2,
+    Tim3,
+    Tim4,
+    Tim5,
+}
+
 /// Effects of one part of the chip on the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Effect {
     /// TRGO of a timer, which can start conversions, rises or falls.
-    Trigger(timer::Kind, bool),
+    Trigger(Kind, bool),
     /// One transfer is wanted.
     Dma(Request),
     /// A peripheral begins to use a signal, which must be on a pin.

@@ -1,19 +1,10 @@
 //! Registers of the timers and their bits (RM0090, chapters 17 and 18).
 
 use super::super::effect::Clocks;
+pub(crate) use super::super::effect::Kind;
 use super::super::interrupt::Interrupt;
 use super::super::map::Unit;
 use super::super::register::{Register, narrow};
-
-/// Which timer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Kind {
-    Tim1,
-    Tim2,
-    Tim3,
-    Tim4,
-    Tim5,
-}
 
 impl Kind {
     pub const ALL: [Self; 5] = [Self::Tim1, Self::Tim2, Self::Tim3, Self::Tim4, Self::Tim5];
