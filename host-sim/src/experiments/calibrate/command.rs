@@ -4,6 +4,7 @@
 use super::procedures::{Report, Row, calibrate_gauges, calibrate_gyros, calibrate_wheels};
 use super::real;
 use crate::base::error::Error;
+use crate::base::interrupt::watch_for_interrupt;
 use crate::base::numbers::{number, whole};
 use crate::base::output;
 use crate::base::table::Table;
@@ -120,6 +121,7 @@ fn calibrate_real(args: &CalibrateArgs) -> Result<(), Error> {
 
 fn calibrate(args: &CalibrateArgs, scenario: &Scenario, seed: u64) -> Result<Report, Error> {
     let mut bench = Bench::new(scenario, seed, boards(args)?);
+    bench.interrupt = watch_for_interrupt()?;
     let mut report = match args.what {
         CalibrateWhat::Wheels => calibrate_wheels(scenario, &mut bench, args.laps)?,
         CalibrateWhat::Gauges => calibrate_gauges(scenario, &mut bench)?,

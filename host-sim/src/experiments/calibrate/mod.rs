@@ -27,6 +27,8 @@ use core_algos::time::EPOCH;
 use core_algos::topology::Role;
 use gauges::Held;
 use std::f64::consts::TAU;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use turns::{Sum, Turn};
 use wheels::{Lap, Return};
 
@@ -48,6 +50,8 @@ pub struct Bench {
     /// True if the boards are outside of this process.
     remote: bool,
     boards: Option<[Box<dyn Target>; 3]>,
+    /// Ends the next drive with an error.
+    pub interrupt: Arc<AtomicBool>,
 }
 
 /// Result of a run on a path.
@@ -71,6 +75,7 @@ impl Bench {
             seed,
             remote: boards.is_some(),
             boards,
+            interrupt: Arc::default(),
         }
     }
 
@@ -94,6 +99,7 @@ impl Bench {
         let targets = self.boards.take().unwrap_or_else(targets::in_process);
         let mut simulation = Simulation::with(targets, &scenario, &robot, self.seed, run)?;
         simulation.record_trace();
+        simulation.control_mut().interrupt = Some(self.interrupt.clone());
         let mut seen = Seen::new(&simulation, &scenario);
         let mut relative = Vec::new();
         let mut estimate = Posture::ORIGIN;
@@ -102,6 +108,11 @@ impl Bench {
                 relative.push(m.record.relative);
                 estimate = m.record.lead.fused.robot.posture;
             })?;
+        if self.interrupt.load(Relaxed) {
+            return Err(Error::Interrupted(
+                "interrupted: nothing is saved".to_owned(),
+            ));
+        }
         if let Some(why) = simulation.failure() {
             return Err(Error::Failure(format!("the robot did not return: {why}")));
         }
