@@ -148,7 +148,7 @@ pub fn require(
 #[cfg(test)]
 pub(crate) type Spoilt<C> = (&'static str, fn(&mut C));
 
-/// How a good configuration is built, to be spoilt.
+/// Builder of a good configuration, which a test spoils.
 #[cfg(test)]
 pub(crate) struct Refusal<C, B>(C, B);
 

@@ -202,7 +202,7 @@ fn stamp(owner: u16, sequence: u16) -> Stamp {
     Stamp { owner, sequence }
 }
 
-/// What the bus brings back of a front board's frames: each, and the reports as if from the other axle too.
+/// Echo of a front board's frames by the bus: each frame, and its reports as if from the other axle too.
 fn echo(frames: impl IntoIterator<Item = bus::CanFrame>) -> Vec<bus::CanFrame> {
     let mut echo = Vec::new();
     for frame in frames {

@@ -17,7 +17,7 @@ pub(crate) fn beat(node: Node, now: Micros, state: OperatingState, reason: u8) -
     }
 }
 
-/// What the lead node wants of a straight frame.
+/// Status of a lead node whose frame is straight.
 pub(crate) fn lead_status(now: Micros, mode: LeadMode, velocity_m_s: f32) -> Message {
     Message::LeadStatus {
         sequence: sequence(now),
@@ -27,7 +27,7 @@ pub(crate) fn lead_status(now: Micros, mode: LeadMode, velocity_m_s: f32) -> Mes
     }
 }
 
-/// Where an axle is to be.
+/// Reference posture of an axle.
 pub(crate) fn reference_posture(axle: AxleId, now: Micros, posture: Posture) -> Message {
     Message::ReferencePosture {
         axle,

@@ -110,12 +110,12 @@ pub(super) fn between(a: PathPoint, b: PathPoint, s: f32) -> PathSample {
     }
 }
 
-/// What a buffer holds: points of which each lies after the one before it.
+/// A point of a buffer; each lies after the one before it.
 pub trait Point: Copy {
     /// Fills the room that no point has taken.
     const BLANK: Self;
 
-    /// What grows from point to point: arc length (m) or time (s).
+    /// Arc length (m) or time (s), which grows from point to point.
     fn key(&self) -> f32;
 
     /// Point of the path.

@@ -30,7 +30,7 @@ fn epoch_to(
     node.step(now + LEAD_PHASE, outbox)
 }
 
-/// What the beam tells of an epoch.
+/// Messages of the beam in an epoch.
 fn beam(now: Micros, posture: Posture) -> [Message; 2] {
     let sequence = sequence(now);
     [

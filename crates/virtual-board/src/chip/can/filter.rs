@@ -54,7 +54,7 @@ pub(super) fn wide(frame: &Frame) -> u32 {
 }
 
 impl Filters {
-    /// Whether a bank is in use that is not one mask of 32 bits.
+    /// True if a bank in use is not one mask of 32 bits.
     pub fn are_unknown(&self) -> bool {
         self.fmr & FINIT == 0 && self.active & (self.mode | !self.scale) != 0
     }
