@@ -7,8 +7,11 @@
 
 use crate::base::error::Error;
 use serde::Serialize;
+use std::io::Write;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::{fmt, fs, io};
+use tempfile::{Builder, NamedTempFile};
 
 /// Failed operation on a file.
 #[derive(Debug)]
@@ -98,10 +101,7 @@ impl OutputDir {
     pub fn create(path: impl Into<PathBuf>) -> Result<Self, OutputError> {
         let path = path.into();
         let made = create_missing(&path)?;
-        let tried = tempfile_in(&path, "probe").and_then(|probe| {
-            fs::write(&probe, []).map_err(failed("write into", &path))?;
-            fs::remove_file(&probe).map_err(failed("write into", &path))
-        });
+        let tried = temporary_in(&path, "probe").map(drop);
         remove_all(&made);
         tried.map(|()| Self {
             path,
@@ -144,31 +144,27 @@ impl OutputDir {
     /// before the last file is complete nothing is changed.
     pub fn commit(self) -> Result<Vec<PathBuf>, OutputError> {
         let made = create_missing(&self.path)?;
-        let mut complete: Vec<(PathBuf, PathBuf)> = Vec::new();
-        let result = self.files.iter().try_for_each(|(name, content)| {
+        let mut complete = Vec::new();
+        let written = self.files.iter().try_for_each(|(name, content)| {
             let target = self.path.join(name);
             if target.is_dir() {
                 let is_a_directory = io::Error::from(io::ErrorKind::IsADirectory);
                 return Err(failed("replace", &target)(is_a_directory));
             }
-            let temporary = tempfile_in(&self.path, name)?;
-            complete.push((temporary.clone(), target.clone()));
-            fs::write(&temporary, content).map_err(failed("write", &target))
+            let mut file = temporary_in(&self.path, name)?;
+            file.write_all(content).map_err(failed("write", &target))?;
+            complete.push((file, target));
+            Ok(())
         });
-        let result = result.and_then(|()| {
-            complete.iter().try_for_each(|(temporary, target)| {
-                fs::rename(temporary, target).map_err(failed("replace", target))
-            })
-        });
-        if let Err(error) = result {
-            for (temporary, _) in &complete {
-                // Already renamed or never written: nothing to remove.
-                let _ = fs::remove_file(temporary);
-            }
+        let rename = |(file, target): (NamedTempFile, PathBuf)| match file.persist(&target) {
+            Ok(_) => Ok(target),
+            Err(error) => Err(failed("replace", &target)(error.error)),
+        };
+        let renamed = written.and_then(|()| complete.into_iter().map(rename).collect());
+        if renamed.is_err() {
             remove_all(&made);
-            return Err(error);
         }
-        Ok(complete.into_iter().map(|(_, target)| target).collect())
+        renamed
     }
 }
 
@@ -179,22 +175,18 @@ pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<(), OutputEr
     if special {
         return fs::write(path, content).map_err(failed("write", path));
     }
-    let temporary = temporary_beside(path)?;
-    fs::write(&temporary, content)
-        .and_then(|()| fs::rename(&temporary, path))
-        .map_err(|error| {
-            let _ = fs::remove_file(&temporary);
-            failed("write", path)(error)
-        })
+    let mut temporary = temporary_beside(path)?;
+    let written = temporary.write_all(content.as_ref());
+    let renamed = written.and_then(|()| Ok(temporary.persist(path)?));
+    renamed.map(drop).map_err(failed("write", path))
 }
 
-/// A hidden name in the directory of `path`, which is made if it is missing, that no other process
-/// uses.
-pub fn temporary_beside(path: &Path) -> Result<PathBuf, OutputError> {
+/// A hidden file in the directory of `path`, which is made if it is missing. It is removed unless it is renamed.
+pub fn temporary_beside(path: &Path) -> Result<NamedTempFile, OutputError> {
     let directory = directory_of(path);
     create_missing(directory)?;
     let name = path.file_name().unwrap_or_default().to_string_lossy();
-    tempfile_in(directory, &name)
+    temporary_in(directory, &name)
 }
 
 fn directory_of(path: &Path) -> &Path {
@@ -210,11 +202,7 @@ pub fn try_file(path: &Path) -> Result<(), OutputError> {
         return Err(failed("write", path)(io::ErrorKind::IsADirectory.into()));
     }
     let made = create_missing(directory_of(path))?;
-    let tried = temporary_beside(path).and_then(|temporary| {
-        fs::File::create_new(&temporary)
-            .and_then(|_| fs::remove_file(temporary))
-            .map_err(failed("write", path))
-    });
+    let tried = temporary_beside(path).map(drop);
     remove_all(&made);
     tried
 }
@@ -241,17 +229,13 @@ fn remove_all(made: &[PathBuf]) {
     }
 }
 
-/// A hidden name in `directory` that no other process uses.
-fn tempfile_in(directory: &Path, name: &str) -> Result<PathBuf, OutputError> {
-    let process = std::process::id();
-    for attempt in 0..1000 {
-        let candidate = directory.join(format!(".{name}.{process}-{attempt}.partial"));
-        if !candidate.exists() {
-            return Ok(candidate);
-        }
-    }
-    let exists = io::Error::from(io::ErrorKind::AlreadyExists);
-    Err(failed("find a temporary name in", directory)(exists))
+fn temporary_in(directory: &Path, name: &str) -> Result<NamedTempFile, OutputError> {
+    let (prefix, everyone) = (format!(".{name}."), fs::Permissions::from_mode(0o666));
+    let mut builder = Builder::new();
+    let builder = builder.prefix(&prefix).suffix(".partial");
+    let file = builder.permissions(everyone).tempfile_in(directory);
+    // The library's own text repeats the path.
+    file.map_err(|error| failed("write into", directory)(error.kind().into()))
 }
 
 /// `value` as indented JSON with a newline at the end. Numbers are the shortest that read back the

@@ -13,6 +13,7 @@ use std::io::{self, BufWriter, ErrorKind, Seek, SeekFrom, Write};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
+use tempfile::{NamedTempFile, TempPath};
 
 /// The first error of a writer, which its user does not hear of.
 type FirstError = Arc<Mutex<Option<io::Error>>>;
@@ -63,15 +64,13 @@ fn failed(path: &Path) -> impl FnOnce(io::Error) -> OutputError + use<> {
 }
 
 /// The file under its temporary name.
-fn create(path: &Path) -> Result<(PathBuf, File), OutputError> {
+fn create(path: &Path) -> Result<NamedTempFile, OutputError> {
     // A log is read from its end: a pipe or a device would take none.
     if fs::metadata(path).is_ok_and(|data| !data.is_file()) {
         let what = io::Error::new(ErrorKind::InvalidInput, "must be a regular file");
         return Err(failed(path)(what));
     }
-    let temporary = output::temporary_beside(path)?;
-    let file = File::create_new(&temporary).map_err(failed(path))?;
-    Ok((temporary, file))
+    output::temporary_beside(path)
 }
 
 /// An open log.
@@ -80,16 +79,18 @@ pub struct Sink {
     handle: Option<McapWriterHandle<Watched>>,
     server: Option<Server>,
     error: FirstError,
-    /// Temporary and final path.
-    paths: Option<(PathBuf, PathBuf)>,
+    /// Path until the file is whole, and then.
+    temporary: Option<TempPath>,
+    path: Option<PathBuf>,
 }
 
 impl Sink {
     /// A log in a file, which appears when it is closed or dropped.
     pub fn to_file(path: &Path) -> Result<Self, OutputError> {
-        let (temporary, file) = create(path)?;
-        let paths = Some((temporary, path.to_path_buf()));
-        Self::open(BufWriter::new(file), paths).map_err(failed(path))
+        let (file, temporary) = create(path)?.into_parts();
+        let mut sink = Self::open(BufWriter::new(file)).map_err(failed(path))?;
+        (sink.temporary, sink.path) = (Some(temporary), Some(path.to_path_buf()));
+        Ok(sink)
     }
 
     /// A log that is not written, to be served.
@@ -99,7 +100,8 @@ impl Sink {
             handle: None,
             server: None,
             error: FirstError::default(),
-            paths: None,
+            temporary: None,
+            path: None,
         }
     }
 
@@ -119,29 +121,23 @@ impl Sink {
         self.server.as_ref()
     }
 
-    fn open(file: BufWriter<File>, paths: Option<(PathBuf, PathBuf)>) -> io::Result<Self> {
-        let context = Context::new();
-        let error = FirstError::default();
+    fn open(file: BufWriter<File>) -> io::Result<Self> {
+        let mut sink = Self::nowhere();
         let watched = Watched {
             file,
-            error: error.clone(),
+            error: sink.error.clone(),
         };
         let handle = McapWriter::with_options(foxglove::McapWriteOptions::new().profile("cfmmr"))
-            .context(&context)
+            .context(&sink.context)
             .create(watched)
             .map_err(io::Error::other)?;
-        Ok(Self {
-            context,
-            handle: Some(handle),
-            server: None,
-            error,
-            paths,
-        })
+        sink.handle = Some(handle);
+        Ok(sink)
     }
 
     /// Final path of the file.
     pub fn path(&self) -> Option<PathBuf> {
-        self.paths.as_ref().map(|(_, path)| path.clone())
+        self.path.clone()
     }
 
     /// Context of the channels.
@@ -173,14 +169,11 @@ impl Sink {
         if let Some(error) = first.take() {
             result = Err(error);
         }
-        let Some((temporary, path)) = &self.paths else {
+        let (Some(temporary), Some(path)) = (self.temporary.take(), &self.path) else {
             return Ok(());
         };
-        let result = result.and_then(|()| fs::rename(temporary, path));
-        result.map_err(|source| {
-            let _ = fs::remove_file(temporary);
-            failed(path)(source)
-        })
+        let result = result.and_then(|()| Ok(temporary.persist(path)?));
+        result.map_err(failed(path))
     }
 }
 

@@ -7,11 +7,10 @@ use crate::base::output::OutputDir;
 use crate::base::progress::Progress;
 use crate::base::terminal::print;
 use crate::experiments::arguments::WorldChoice;
-use crate::experiments::campaign::columns::Columns;
-use crate::experiments::campaign::directory::{Block, Directory, Finished};
-use crate::experiments::campaign::idle::idle_key;
+use crate::experiments::campaign::directory::{Block, Directory};
 use crate::experiments::campaign::pictures;
 use crate::experiments::campaign::report::Report;
+use crate::experiments::campaign::rows::{self, Row};
 use crate::experiments::campaign::shard::Shard;
 use crate::experiments::campaign::study::Study;
 use crate::experiments::pool;
@@ -137,7 +136,7 @@ fn shard(args: &CampaignArgs) -> Result<(), Error> {
         if interrupt.load(Relaxed) {
             return Err(interrupted(count(&to_do[..n]), count(&to_do)));
         }
-        let runs: Vec<Result<Finished, Error>> = pool.install(|| {
+        let rows: Result<Vec<Row>, Error> = pool.install(|| {
             let range = study.block_runs(block);
             range
                 .into_par_iter()
@@ -148,7 +147,7 @@ fn shard(args: &CampaignArgs) -> Result<(), Error> {
                 })
                 .collect()
         });
-        directory.write(block, &runs.into_iter().collect::<Result<Vec<_>, _>>()?)?;
+        directory.write(block, rows?)?;
     }
     print(&format!(
         "{}: part {} of {}: {} runs now, {} were there; in {}\n",
@@ -183,14 +182,10 @@ fn missing(directory: &Directory, blocks: &[u64]) -> Result<Vec<u64>, Error> {
     Ok(missing)
 }
 
-fn one(study: &Study, index: u64) -> Result<Finished, Error> {
+fn one(study: &Study, index: u64) -> Result<Row, Error> {
     let run = study.run(index)?;
     let outcome = regulate(&run.scenario, study.seed, run.trial.into(), |_| {})?;
-    Ok(Finished {
-        index,
-        run,
-        outcome,
-    })
+    Ok(Row::of(index, run, &outcome))
 }
 
 /// Finished and missing runs of a campaign.
@@ -204,8 +199,8 @@ struct Status {
     spoiled: Vec<String>,
 }
 
-/// Looks at every block; gives what is there and, if asked for, all of it.
-fn look(directory: &Directory, mut keep: Option<&mut Columns>) -> Result<Status, Error> {
+/// Looks at every block; gives what is there.
+fn look(directory: &Directory) -> Result<(Status, Vec<Row>), Error> {
     let study = directory.study();
     let mut status = Status {
         name: study.name.clone(),
@@ -213,28 +208,21 @@ fn look(directory: &Directory, mut keep: Option<&mut Columns>) -> Result<Status,
         blocks: study.blocks(),
         ..Status::default()
     };
+    let mut all = Vec::new();
     for block in 0..study.blocks() {
         match directory.block(block)? {
-            Block::Complete(columns) => {
-                status.runs_done += columns.rows() as u64;
-                if let Some(all) = &mut keep
-                    && !all.append(&columns)
-                {
-                    status
-                        .spoiled
-                        .push(format!("block {block}: its columns differ"));
-                }
-            }
+            Block::Complete(rows) => all.extend(rows),
             Block::Missing => status.missing.push(block),
             Block::Spoiled(why) => status.spoiled.push(why),
         }
     }
-    Ok(status)
+    status.runs_done = all.len() as u64;
+    Ok((status, all))
 }
 
 fn status(args: &CampaignStatus) -> Result<(), Error> {
     let directory = Directory::open(&args.directory)?;
-    let status = look(&directory, None)?;
+    let (status, _) = look(&directory)?;
     let mut text = format!(
         "{}: {} of {} runs in {} of {} blocks\n",
         status.name,
@@ -262,8 +250,7 @@ fn status(args: &CampaignStatus) -> Result<(), Error> {
 
 fn merge(args: &CampaignMerge) -> Result<(), Error> {
     let directory = Directory::open(&args.directory)?;
-    let mut runs = Columns::default();
-    let status = look(&directory, Some(&mut runs))?;
+    let (status, runs) = look(&directory)?;
     if status.runs_done != status.runs || !status.spoiled.is_empty() {
         let left_out = format!(
             "{}{}: {} of {} runs are complete",
@@ -285,7 +272,7 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
         eprintln!("cfmmr: {left_out}: the others are left out");
     }
     let study = directory.study();
-    let content = runs.to_csv().into_bytes();
+    let content = rows::csv(study, &runs).into_bytes();
     let hash = crc32c(&content);
     let report = Report::of(study, &runs);
     let out = args
@@ -317,11 +304,5 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
         "{}\nCRC-32C of runs.csv: {hash:08x}\n{}\n",
         report.text(),
         lines.join("\n")
-    ))?;
-    match idle_key(study, &runs)? {
-        None => Ok(()),
-        Some(key) => Err(Error::Failure(format!(
-            "vary {key}: no effect on any result; vary a key that acts in this scenario"
-        ))),
-    }
+    ))
 }

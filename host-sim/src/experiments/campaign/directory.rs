@@ -3,29 +3,17 @@
 //! A block is the same whoever runs it, so shards of any number fill one directory, and what a killed
 //! shard had finished stays. A file is complete or not there.
 
-use super::columns::{Columns, Noted, Values};
-use super::study::{Run, Study};
+use super::rows::{Noted, Row};
+use super::study::Study;
 use crate::base::error::Error;
 use crate::base::input;
 use crate::base::output;
 use crate::recording::BUILD;
-use crate::run::final_error::FinalError;
-use crate::run::regulate::Outcome;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Name of the copy of the study.
 const COPY: &str = "study.toml";
-
-/// One run and how it ended.
-pub struct Finished {
-    /// Its number in the study.
-    pub index: u64,
-    /// Run.
-    pub run: Run,
-    /// Result.
-    pub outcome: Outcome,
-}
 
 /// A study's directory.
 #[derive(Clone, Debug)]
@@ -39,7 +27,7 @@ pub struct Directory {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Block {
     /// Its runs.
-    Complete(Columns),
+    Complete(Vec<Row>),
     /// Nothing.
     Missing,
     /// A file that cannot be used, and why.
@@ -91,11 +79,6 @@ impl Directory {
         &self.study
     }
 
-    /// Its path.
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
     fn file(&self, block: u64) -> PathBuf {
         self.path.join(format!("block-{block:06}.jsonl"))
     }
@@ -111,7 +94,7 @@ impl Directory {
             Err(error) => return Err(Error::Failure(format!("{}: {error}", path.display()))),
         };
         let spoiled = |why: String| Ok(Block::Spoiled(format!("{}: {why}", path.display())));
-        let read = match Noted::from_lines(&content) {
+        let mut read = match Noted::from_lines(&content) {
             Ok(read) => read,
             Err(error) => return spoiled(error),
         };
@@ -121,80 +104,28 @@ impl Directory {
         if read.made_by != BUILD {
             return spoiled(format!("was not written by {BUILD}"));
         }
-        let expected = self.study.block_runs(block);
-        let runs = read.columns.integers("run").iter();
-        if !runs.copied().eq(expected.map(|run| run as i64)) {
+        let runs = read.rows.iter().map(|row| row.run);
+        if !runs.eq(self.study.block_runs(block)) {
             return spoiled("does not contain the runs of its block".to_owned());
         }
-        Ok(Block::Complete(read.columns))
+        for row in &mut read.rows {
+            row.values = self.study.values(row.cell, row.trial)?;
+        }
+        Ok(Block::Complete(read.rows))
     }
 
     /// Writes the runs of a block.
-    pub fn write(&self, block: u64, runs: &[Finished]) -> Result<(), Error> {
+    pub fn write(&self, block: u64, rows: Vec<Row>) -> Result<(), Error> {
         let noted = Noted {
             made_by: BUILD.to_owned(),
             study: self.canonical.clone(),
-            columns: columns(&self.study, runs),
+            rows,
         };
-        Ok(output::write_file(&self.file(block), noted.to_lines()?)?)
+        let file = self.file(block);
+        let lines = noted.to_lines()?;
+        // JSON has no word for what is not a number.
+        Noted::from_lines(lines.as_bytes())
+            .map_err(|why| Error::Failure(format!("{}: {why}", file.display())))?;
+        Ok(output::write_file(&file, lines)?)
     }
-}
-
-/// The table of some runs: what they were, then how they ended.
-fn columns(study: &Study, runs: &[Finished]) -> Columns {
-    let whole = |pick: &dyn Fn(&Finished) -> i64| Values::Integer(runs.iter().map(pick).collect());
-    let flag = |pick: &dyn Fn(&Finished) -> bool| Values::Flag(runs.iter().map(pick).collect());
-    let number = |pick: &dyn Fn(&Finished) -> f64| Values::Double(runs.iter().map(pick).collect());
-    let mut columns = vec![
-        ("run".to_owned(), whole(&|r| r.index as i64)),
-        ("cell".to_owned(), whole(&|r| r.run.cell as i64)),
-        ("trial".to_owned(), whole(&|r| r.run.trial.into())),
-    ];
-    for (i, vary) in study.vary.iter().enumerate() {
-        let values = match vary.is_numeric() {
-            true => number(&|r| super::study::number(&r.run.values[i]).unwrap_or(f64::NAN)),
-            false => Values::Text(runs.iter().map(|r| r.run.values[i].to_string()).collect()),
-        };
-        columns.push((vary.key.clone(), values));
-    }
-    let error = |r: &Finished| FinalError::of(r.outcome.midpoint, r.run.scenario.mission.goal);
-    for (i, name) in ["start_x_m", "start_y_m", "start_phi_rad"]
-        .into_iter()
-        .enumerate()
-    {
-        let start = number(&|r| r.run.scenario.mission.start[i]);
-        columns.push((name.to_owned(), start));
-    }
-    let fault = |r: &Finished| {
-        let reason = r.outcome.fault.as_ref().and_then(|fault| fault.reason);
-        reason.map_or(0, |condition| condition.code().into())
-    };
-    let ends = [
-        ("e_m", number(&|r| error(r).e_m)),
-        ("heading_rad", number(&|r| error(r).heading_rad)),
-        ("within_3cm_3deg", flag(&|r| error(r).is_near())),
-        ("done", flag(&|r| r.outcome.done)),
-        ("gave_up", flag(&|r| r.outcome.gave_up)),
-        ("fault_code", whole(&fault)),
-        ("x_m", number(&|r| r.outcome.midpoint[0])),
-        ("y_m", number(&|r| r.outcome.midpoint[1])),
-        ("phi_rad", number(&|r| r.outcome.midpoint[2])),
-        (
-            "estimate_error_m",
-            number(&|r| {
-                let ([x, y, _], [u, v, _]) = (r.outcome.midpoint, r.outcome.estimate);
-                (u - x).hypot(v - y)
-            }),
-        ),
-        (
-            "drift_m",
-            number(&|r| r.outcome.relative_error[0].hypot(r.outcome.relative_error[1])),
-        ),
-        ("force_rms_n", number(&|r| r.outcome.force_rms_n)),
-        ("max_curvature_1_m", number(&|r| r.outcome.max_curvature)),
-        ("duration_s", number(&|r| r.outcome.duration_s)),
-        ("path_m", number(&|r| r.outcome.path_m)),
-    ];
-    columns.extend(ends.map(|(name, values)| (name.to_owned(), values)));
-    Columns(columns)
 }

@@ -2,15 +2,14 @@
 //! of each other.
 //!
 //! [`study`] says what each run is; [`directory`] keeps the runs in blocks, each a file of JSON lines;
-//! [`columns`] is the table in it; [`report`] tells what came out. A run is a function of the study and
+//! [`rows`] are the results in it; [`report`] tells what came out. A run is a function of the study and
 //! its number alone, and so is a block, so any number of shards gives the same files.
 
-pub mod columns;
 pub mod command;
 pub mod directory;
-pub mod idle;
 pub mod pictures;
 pub mod report;
+pub mod rows;
 pub mod shard;
 pub mod study;
 

@@ -3,9 +3,9 @@
 //! Each is split by every listed quantity that is not a number: into panels, or into series where no
 //! listed number needs their colours.
 
-use super::columns::Columns;
-use super::report::{listed, pick, short};
-use super::study::{Starts, Study, Vary};
+use super::report::{listed, numbers, short};
+use super::rows::Row;
+use super::study::{Starts, Study, Vary, number};
 use crate::base::statistics::percentile;
 use crate::view::figures::{self, StartMark};
 use crate::view::plot::{Figure, Height, Panel};
@@ -16,73 +16,67 @@ const LEAST: f64 = 0.01;
 /// Maps beside each other.
 const MAPS: usize = 2;
 
-/// An error on a logarithmic axis; not a number stays one, and is not drawn.
+/// An error on a logarithmic axis.
 fn on_decades(error: f64) -> f64 {
-    if error < LEAST { LEAST } else { error }
+    error.max(LEAST)
 }
 
 /// A listed quantity with its values, in the order of the file.
 struct Listed<'a> {
     vary: &'a Vary,
-    /// Place of each run's value among them.
-    place: Vec<usize>,
-    values: Vec<String>,
+    /// Place among the varied quantities.
+    place: usize,
+    values: Vec<&'a toml::Value>,
 }
 
 impl<'a> Listed<'a> {
-    fn of(vary: &'a Vary, runs: &Columns) -> Self {
-        let mut values: Vec<String> = Vec::new();
-        let place = runs.words(&vary.key).into_iter().map(|word| {
-            let known = values.iter().position(|value| *value == word);
-            known.unwrap_or_else(|| {
-                values.push(word);
-                values.len() - 1
-            })
-        });
-        Self {
-            place: place.collect(),
-            vary,
-            values,
-        }
-    }
-
-    fn all(study: &'a Study, runs: &Columns) -> Vec<Self> {
-        let lists = listed(study).into_iter();
-        lists.map(|vary| Self::of(vary, runs)).collect()
+    fn all(study: &'a Study, rows: &[Row]) -> Vec<Self> {
+        let of = |(place, vary): (usize, &'a Vary)| {
+            let has = |value: &&toml::Value| rows.iter().any(|row| row.values[place] == **value);
+            let values = vary.values.iter().flatten().filter(has).collect();
+            Self {
+                vary,
+                place,
+                values,
+            }
+        };
+        listed(study).map(of).collect()
     }
 
     fn label(&self, value: usize) -> String {
-        format!("{} = {}", short(&self.vary.key), self.values[value])
+        let value = self.vary.cell(self.values[value]);
+        format!("{} = {value}", short(&self.vary.key))
     }
 }
 
 /// Runs that agree in some listed quantities.
-struct Group {
+struct Group<'a> {
     label: String,
-    rows: Vec<usize>,
+    rows: Vec<&'a Row>,
 }
 
 /// All runs.
-fn all(runs: &Columns) -> Group {
+fn all(rows: &[Row]) -> Group<'_> {
     Group {
         label: String::new(),
-        rows: (0..runs.rows()).collect(),
+        rows: rows.iter().collect(),
     }
 }
 
 /// The runs of a group by each combination of the values of some lists.
-fn split(group: Group, lists: &[&Listed]) -> Vec<Group> {
+fn split<'a>(group: Group<'a>, lists: &[&Listed]) -> Vec<Group<'a>> {
     lists.iter().fold(vec![group], |groups, list| {
-        let part = |group: &Group, value: usize| {
+        let part = |group: &Group<'a>, value: usize| {
             let labels = [group.label.clone(), list.label(value)];
             let labels = labels.into_iter().filter(|label| !label.is_empty());
             let rows = group.rows.iter().copied();
+            let has = |row: &&Row| row.values[list.place] == *list.values[value];
             Group {
                 label: labels.collect::<Vec<_>>().join(", "),
-                rows: rows.filter(|&row| list.place[row] == value).collect(),
+                rows: rows.filter(has).collect(),
             }
         };
-        let parts = |group: &Group| -> Vec<Group> {
+        let parts = |group: &Group<'a>| -> Vec<Group<'a>> {
             let values = 0..list.values.len();
             values.map(|value| part(group, value)).collect()
         };
@@ -109,24 +103,26 @@ fn splitting<'a>(lists: &'a [Listed<'a>]) -> Vec<&'a Listed<'a>> {
 /// Share of the runs below an error, one line for each combination of listed numbers: the last by
 /// colour, the others by pattern. A row of panels for each combination of the other lists, the last of
 /// which takes the colours if no number is listed.
-pub fn distributions(study: &Study, runs: &Columns) -> Figure {
-    let lists = Listed::all(study, runs);
+pub fn distributions(study: &Study, rows: &[Row]) -> Figure {
+    let lists = Listed::all(study, rows);
     let (numbers, mut words): (Vec<&Listed>, Vec<&Listed>) =
         lists.iter().partition(|list| list.vary.is_numeric());
     let by_color = numbers.last().copied().or_else(|| words.pop());
     let by_dash = &numbers[..numbers.len().saturating_sub(1)];
-    let errors = [
-        ("e (cm)", "e_m", 100.0),
-        ("|heading error| (°)", "heading_rad", 1f64.to_degrees()),
+    type OfRow = fn(&Row) -> f64;
+    let errors: [(&str, OfRow); 2] = [
+        ("e (cm)", |row| on_decades(100.0 * row.e_m)),
+        ("|heading error| (°)", |row| {
+            on_decades(row.heading_rad.abs().to_degrees())
+        }),
     ];
     let title = format!("{}: share of runs with at most this error", study.name);
-    let rows = split(all(runs), &words);
-    rows.into_iter().fold(Figure::new(title), |figure, group| {
-        let mut panels = errors.map(|(label, name, factor)| {
-            let values = runs.doubles(name).iter();
+    let groups = split(all(rows), &words).into_iter();
+    groups.fold(Figure::new(title), |figure, group| {
+        let mut panels = errors.map(|(label, error)| {
             Panel::new(label, "share of runs")
                 .title(group.label.clone())
-                .x_limits(decades(values.map(|v| on_decades(factor * v.abs()))))
+                .x_limits(decades(rows.iter().map(error)))
                 .y_limits([0.0, 1.0])
                 .logarithmic([true, false])
         });
@@ -136,10 +132,9 @@ pub fn distributions(study: &Study, runs: &Columns) -> Figure {
             for (d, line) in split(color, by_dash).into_iter().enumerate() {
                 // Without a second number the pattern differs too, for grayscale.
                 let stroke = series_by(c, if by_dash.is_empty() { c } else { d }).stroke;
-                for (panel, (_, name, factor)) in panels.iter_mut().zip(errors) {
-                    let values = pick(runs.doubles(name), &line.rows);
-                    let values = values.iter().map(|v| on_decades(factor * v.abs()));
-                    panel.line(line.label.clone(), shares(values.collect()), stroke);
+                for (panel, (_, error)) in panels.iter_mut().zip(errors) {
+                    let errors = line.rows.iter().map(|row| error(row));
+                    panel.line(line.label.clone(), shares(errors.collect()), stroke);
                 }
             }
         }
@@ -167,45 +162,36 @@ fn shares(mut values: Vec<f64>) -> Vec<[f64; 2]> {
 
 /// Starts of the runs by their ends, or the ends if all runs have one start; a map
 /// for each combination of the lists that are not numbers.
-pub fn map(study: &Study, runs: &Columns) -> Figure {
-    let lists = Listed::all(study, runs);
-    let maps = split(all(runs), &splitting(&lists));
+pub fn map(study: &Study, rows: &[Row]) -> Figure {
+    let lists = Listed::all(study, rows);
+    let maps = split(all(rows), &splitting(&lists));
     let goal = study
         .run(0)
         .map_or([0.0; 3], |run| run.scenario.mission.goal);
     match study.starts {
-        Starts::Random => map_of_starts(study, runs, &maps, goal),
-        Starts::Scenario => map_of_ends(study, runs, &maps, goal),
+        Starts::Random => map_of_starts(study, &maps, goal),
+        Starts::Scenario => map_of_ends(study, &maps, goal),
     }
 }
 
-/// End of each run.
-fn ends(runs: &Columns) -> Vec<End> {
-    let (done, within) = (runs.flags("done"), runs.flags("within_3cm_3deg"));
-    let pairs = done.iter().zip(within.iter());
-    pairs
-        .map(|(&done, &within)| End::of(done, within))
-        .collect()
+/// End of a run.
+fn end(row: &Row) -> End {
+    End::of(row.done, row.within)
 }
 
 /// Each start with the largest error, and the worst end, of any combination of the rest.
-fn map_of_starts(study: &Study, runs: &Columns, maps: &[Group], goal: [f64; 3]) -> Figure {
-    let (trials, e_m, ends) = (study.trials as usize, runs.doubles("e_m"), ends(runs));
-    let start = ["start_x_m", "start_y_m", "start_phi_rad"].map(|name| runs.doubles(name));
+fn map_of_starts(study: &Study, maps: &[Group], goal: [f64; 3]) -> Figure {
     let starts = maps.iter().map(|group| {
-        let mut starts: Vec<Option<StartMark>> = vec![None; trials];
-        for &row in &group.rows {
-            let (end, value) = (ends[row], 100.0 * e_m[row]);
-            let known = starts[row % trials].get_or_insert_with(|| StartMark {
-                posture: start.map(|column| column[row]),
+        let mut starts: Vec<Option<StartMark>> = vec![None; study.trials as usize];
+        for row in &group.rows {
+            let (end, value) = (end(row), 100.0 * row.e_m);
+            let known = starts[row.trial as usize].get_or_insert(StartMark {
+                posture: row.start,
                 end,
                 value,
             });
             known.end = known.end.max(end);
-            // Not a number is the worst.
-            if !(value <= known.value) {
-                known.value = value;
-            }
+            known.value = known.value.max(value);
         }
         (group.label.clone(), starts.into_iter().flatten().collect())
     });
@@ -213,16 +199,15 @@ fn map_of_starts(study: &Study, runs: &Columns, maps: &[Group], goal: [f64; 3]) 
     figures::maps(&title, "e (cm)", &starts.collect::<Vec<_>>(), goal)
 }
 
-fn map_of_ends(study: &Study, runs: &Columns, maps: &[Group], goal: [f64; 3]) -> Figure {
-    let ends = ends(runs);
+fn map_of_ends(study: &Study, maps: &[Group], goal: [f64; 3]) -> Figure {
     let panels = maps.iter().map(|group| {
         let mut panel = Panel::new("x from the goal (cm)", "y from the goal (cm)")
             .title(group.label.clone())
             .equal_axes();
-        for &row in &group.rows {
-            let [x, y] = ["x_m", "y_m"].map(|name| runs.doubles(name)[row]);
+        for row in &group.rows {
+            let ([x, y, _], end) = (row.end, end(row));
             let at = [100.0 * (x - goal[0]), 100.0 * (y - goal[1])];
-            panel.mark(ends[row].label(), at, ends[row].mark(1.8));
+            panel.mark(end.label(), at, end.mark(1.8));
         }
         let circle = (0..=90).map(|k| {
             let (s, c) = (f64::from(k) * 4f64.to_radians()).sin_cos();
@@ -242,23 +227,22 @@ fn map_of_ends(study: &Study, runs: &Columns, maps: &[Group], goal: [f64; 3]) ->
 /// Error over each quantity: its median and 5th to 95th percentile at each listed
 /// number, or every run over a drawn one; a series for each combination of the lists that are not
 /// numbers. `None` if no quantity is a number.
-pub fn sensitivity(study: &Study, runs: &Columns) -> Option<Figure> {
-    let e_cm = runs.doubles("e_m").iter().map(|v| on_decades(100.0 * v));
-    let e_cm: Vec<f64> = e_cm.collect();
-    let limits = decades(e_cm.iter().copied());
-    let lists = Listed::all(study, runs);
+pub fn sensitivity(study: &Study, rows: &[Row]) -> Option<Figure> {
+    let limits = decades(rows.iter().map(e_cm));
+    let lists = Listed::all(study, rows);
     let splitting = splitting(&lists);
     let panels: Vec<Panel> = study
         .vary
         .iter()
-        .filter(|vary| vary.is_numeric() && runs.rows() > 0)
-        .map(|vary| {
+        .enumerate()
+        .filter(|(_, vary)| vary.is_numeric() && !rows.is_empty())
+        .map(|(place, vary)| {
             let others = splitting
                 .iter()
                 .copied()
                 .filter(|list| list.vary.key != vary.key);
-            let groups = split(all(runs), &others.collect::<Vec<_>>());
-            influence(vary, runs.doubles(&vary.key), &e_cm, &groups).y_limits(limits)
+            let groups = split(all(rows), &others.collect::<Vec<_>>());
+            influence(vary, place, &numbers(place, rows), &groups).y_limits(limits)
         })
         .collect();
     let figure = Figure::new(format!(
@@ -268,9 +252,14 @@ pub fn sensitivity(study: &Study, runs: &Columns) -> Option<Figure> {
     (!panels.is_empty()).then(|| figure.rows_of(3, Height::Fixed(260.0), &panels))
 }
 
-/// Error over one quantity.
-fn influence(vary: &Vary, at: &[f64], e_cm: &[f64], groups: &[Group]) -> Panel {
-    let [low, high] = [f64::min, f64::max].map(|pick| at.iter().copied().fold(at[0], pick));
+/// Error of a run on a logarithmic axis, cm.
+fn e_cm(row: &Row) -> f64 {
+    on_decades(100.0 * row.e_m)
+}
+
+/// Error over one quantity, which has these values in all runs.
+fn influence(vary: &Vary, place: usize, all: &[f64], groups: &[Group]) -> Panel {
+    let [low, high] = [f64::min, f64::max].map(|pick| all.iter().copied().fold(all[0], pick));
     let even = vary.uniform.is_some() || vary.normal.is_some();
     let logarithmic = !even && low > 0.0 && high >= 10.0 * low;
     // What lies at the ends is not cut by the axes.
@@ -289,7 +278,9 @@ fn influence(vary: &Vary, at: &[f64], e_cm: &[f64], groups: &[Group]) -> Panel {
         if groups.len() == 1 {
             stroke.color = INK;
         }
-        let (at, e_cm) = (pick(at, &group.rows), pick(e_cm, &group.rows));
+        let points = group.rows.iter();
+        let points = points.filter_map(|row| Some([number(&row.values[place])?, e_cm(row)]));
+        let points: Vec<[f64; 2]> = points.collect();
         // The shapes differ for grayscale.
         let shape = [Shape::Disc, Shape::Ring, Shape::Cross, Shape::Target][n % 4];
         let mark = |radius| Mark::new(shape, radius, stroke.color);
@@ -298,34 +289,28 @@ fn influence(vary: &Vary, at: &[f64], e_cm: &[f64], groups: &[Group]) -> Panel {
                 "" => "one run".to_owned(),
                 label => format!("one run, {label}"),
             };
-            for (&x, &e) in at.iter().zip(&e_cm) {
-                panel.mark(name.clone(), [x, e], mark(1.6));
+            for point in points {
+                panel.mark(name.clone(), point, mark(1.6));
             }
         } else {
-            medians(&mut panel, &group.label, (&at, &e_cm), stroke, mark(3.0));
+            medians(&mut panel, &group.label, &points, stroke, mark(3.0));
         }
     }
     panel
 }
 
 /// Median and 5th to 95th percentile of the errors at each value of a listed number.
-fn medians(
-    panel: &mut Panel,
-    label: &str,
-    (at, e_cm): (&[f64], &[f64]),
-    stroke: Stroke,
-    mark: Mark,
-) {
+fn medians(panel: &mut Panel, label: &str, points: &[[f64; 2]], stroke: Stroke, mark: Mark) {
     let name = |what: &str| match label {
         "" => what.to_owned(),
         label => format!("{what}, {label}"),
     };
-    let mut values = at.to_vec();
+    let mut values: Vec<f64> = points.iter().map(|[x, _]| *x).collect();
     values.sort_by(f64::total_cmp);
     values.dedup();
     let of = |value: f64, share: f64| {
-        let rows = at.iter().zip(e_cm).filter(|(x, _)| **x == value);
-        percentile(&rows.map(|(_, &e)| e).collect::<Vec<_>>(), share)
+        let there = points.iter().filter(|[x, _]| *x == value);
+        percentile(&there.map(|[_, e]| *e).collect::<Vec<_>>(), share)
     };
     let mut medians = Vec::new();
     for &x in &values {

@@ -1,7 +1,7 @@
 //! Results of a campaign, as numbers and as a table.
 
-use super::columns::Columns;
-use super::study::{Study, Vary};
+use super::rows::Row;
+use super::study::{Study, Vary, number};
 use crate::base::statistics::{Summary, percentile};
 use crate::base::table::{Table, plus_minus};
 use serde::Serialize;
@@ -65,13 +65,6 @@ pub struct Report {
     pub influences: Vec<Influence>,
 }
 
-/// Values of a column at some rows.
-pub(super) fn pick<T: Copy>(values: &[T], rows: &[usize]) -> Vec<T> {
-    rows.iter()
-        .filter_map(|&row| values.get(row).copied())
-        .collect()
-}
-
 /// Wilson's interval of a share at 95 %.
 pub fn wilson(successes: usize, trials: usize) -> [f64; 2] {
     if trials == 0 {
@@ -114,12 +107,16 @@ pub fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
     product(&a, &b) / (product(&a, &a) * product(&b, &b)).sqrt()
 }
 
-pub(super) fn listed(study: &Study) -> Vec<&Vary> {
-    study
-        .vary
-        .iter()
-        .filter(|vary| vary.values.is_some())
-        .collect()
+/// The listed quantities and their places among the varied ones.
+pub(super) fn listed(study: &Study) -> impl Iterator<Item = (usize, &Vary)> {
+    let vary = study.vary.iter().enumerate();
+    vary.filter(|(_, vary)| vary.values.is_some())
+}
+
+/// Values of a varied quantity of numbers.
+pub(super) fn numbers(place: usize, rows: &[Row]) -> Vec<f64> {
+    let values = rows.iter().map(|row| number(&row.values[place]));
+    values.map(|value| value.unwrap_or(f64::NAN)).collect()
 }
 
 /// The last part of an entry's name, with what it is a part of.
@@ -133,36 +130,30 @@ pub(super) fn short(key: &str) -> &str {
 
 impl Report {
     /// Of all runs of a study, in their order.
-    pub fn of(study: &Study, runs: &Columns) -> Self {
-        let trials = study.trials as usize;
-        let rows: Vec<usize> = (0..runs.rows()).collect();
-        let cells = rows
-            .chunks(trials)
-            .map(|rows| cell(study, runs, rows))
-            .collect();
-        let drawn = study.vary.iter().filter(|vary| vary.values.is_none());
-        let heading: Vec<f64> = runs
-            .doubles("heading_rad")
-            .iter()
-            .map(|v| v.abs())
-            .collect();
-        let influences = drawn
-            .map(|vary| Influence {
+    pub fn of(study: &Study, rows: &[Row]) -> Self {
+        let cells = rows.chunk_by(|a, b| a.cell == b.cell);
+        let e_m: Vec<f64> = rows.iter().map(|row| row.e_m).collect();
+        let heading: Vec<f64> = rows.iter().map(|row| row.heading_rad.abs()).collect();
+        let drawn = study.vary.iter().enumerate();
+        let drawn = drawn.filter(|(_, vary)| vary.values.is_none());
+        let influences = drawn.map(|(place, vary)| {
+            let values = numbers(place, rows);
+            Influence {
                 key: vary.key.clone(),
-                rank_correlation_e: rank_correlation(runs.doubles(&vary.key), runs.doubles("e_m")),
-                rank_correlation_heading: rank_correlation(runs.doubles(&vary.key), &heading),
-                significance: 1.96 / (runs.rows() as f64 - 1.0).max(1.0).sqrt(),
-            })
-            .collect();
+                rank_correlation_e: rank_correlation(&values, &e_m),
+                rank_correlation_heading: rank_correlation(&values, &heading),
+                significance: 1.96 / (rows.len() as f64 - 1.0).max(1.0).sqrt(),
+            }
+        });
         Self {
             name: study.name.clone(),
             world: study
                 .run(0)
                 .map_or_else(|_| String::new(), |run| run.scenario.world.label()),
             seed: study.seed,
-            runs: runs.rows(),
-            cells,
-            influences,
+            runs: rows.len(),
+            cells: cells.map(|rows| cell(study, rows)).collect(),
+            influences: influences.collect(),
         }
     }
 
@@ -238,36 +229,27 @@ impl Report {
     }
 }
 
-fn cell(study: &Study, runs: &Columns, rows: &[usize]) -> Cell {
-    let number = |name: &str| pick(runs.doubles(name), rows);
-    let count = |name: &str| {
-        pick(runs.flags(name), rows)
-            .into_iter()
-            .filter(|&v| v)
-            .count()
+fn cell(study: &Study, rows: &[Row]) -> Cell {
+    let numbers = |pick: fn(&Row) -> f64| rows.iter().map(pick).collect::<Vec<_>>();
+    let count = |is: fn(&&Row) -> bool| rows.iter().filter(is).count();
+    let e_m = numbers(|row| row.e_m);
+    let within = count(|row| row.within);
+    let value = |(place, vary): (usize, &Vary)| {
+        let value = vary.cell(&rows[0].values[place]);
+        (vary.key.clone(), value.to_string())
     };
-    let e_m = number("e_m");
-    let within = count("within_3cm_3deg");
-    let first = rows.first().copied().unwrap_or(0);
-    let value = |key: &str| runs.words(key).into_iter().nth(first).unwrap_or_default();
     Cell {
-        values: listed(study)
-            .iter()
-            .map(|vary| (vary.key.clone(), value(&vary.key)))
-            .collect(),
+        values: listed(study).map(value).collect(),
         trials: rows.len(),
         e_median_m: percentile(&e_m, 0.5),
         e_p95_m: percentile(&e_m, 0.95),
         e_m: Summary::of(&e_m),
-        heading_rad: Summary::of(&number("heading_rad")),
-        within_3cm_3deg: within as f64 / rows.len().max(1) as f64,
+        heading_rad: Summary::of(&numbers(|row| row.heading_rad)),
+        within_3cm_3deg: within as f64 / rows.len() as f64,
         within_interval: wilson(within, rows.len()),
-        done: count("done"),
-        faults: pick(runs.integers("fault_code"), rows)
-            .into_iter()
-            .filter(|&code| code != 0)
-            .count(),
-        force_rms_n: Summary::of(&number("force_rms_n")),
-        duration_s: Summary::of(&number("duration_s")),
+        done: count(|row| row.done),
+        faults: count(|row| row.fault_code != 0),
+        force_rms_n: Summary::of(&numbers(|row| row.force_rms_n)),
+        duration_s: Summary::of(&numbers(|row| row.duration_s)),
     }
 }

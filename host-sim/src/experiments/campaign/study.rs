@@ -296,7 +296,7 @@ impl Study {
     }
 
     /// Number of combinations that follow until a listed quantity has its next value.
-    pub fn stride(&self, varied: usize) -> u64 {
+    fn stride(&self, varied: usize) -> u64 {
         self.vary.iter().skip(varied + 1).map(Vary::count).product()
     }
 
@@ -315,7 +315,7 @@ impl Study {
     }
 
     /// Scenario of a trial with these values of the varied quantities.
-    pub fn scenario(&self, trial: u32, values: &[toml::Value]) -> Result<Scenario, Error> {
+    fn scenario(&self, trial: u32, values: &[toml::Value]) -> Result<Scenario, Error> {
         let changes: Vec<String> = self
             .vary
             .iter()

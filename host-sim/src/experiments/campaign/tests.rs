@@ -1,8 +1,7 @@
-use super::columns::{Columns, Values};
-use super::directory::{Block, Directory, Finished};
-use super::idle::idle_key;
+use super::directory::{Block, Directory};
 use super::pictures::{distributions, map, sensitivity};
 use super::report::{Report, rank_correlation, wilson};
+use super::rows::{self, Row};
 use super::study::Study;
 use crate::run::regulate::Outcome;
 use crate::view::plot::tests::check_figure;
@@ -32,7 +31,7 @@ tyre = "creep"
 start = [-0.5, 0.1, 0.0]
 "#;
 
-fn study() -> Study {
+pub(super) fn study() -> Study {
     Study::parse(TEXT, "test").unwrap()
 }
 
@@ -97,19 +96,16 @@ fn a_study_is_refused_by_the_name_of_what_is_wrong() {
     }
 }
 
-fn finished(study: &Study, block: u64) -> Vec<Finished> {
-    study
-        .block_runs(block)
-        .map(|index| Finished {
-            index,
-            run: study.run(index).unwrap(),
-            outcome: Outcome {
-                midpoint: [0.001 * index as f64, 0.0, 0.0],
-                done: true,
-                ..Outcome::default()
-            },
-        })
-        .collect()
+pub(super) fn finished(study: &Study, block: u64) -> Vec<Row> {
+    let row = |index| {
+        let outcome = Outcome {
+            midpoint: [0.001 * index as f64, 0.0, 0.0],
+            done: true,
+            ..Outcome::default()
+        };
+        Row::of(index, study.run(index).unwrap(), &outcome)
+    };
+    study.block_runs(block).map(row).collect()
 }
 
 #[test]
@@ -117,13 +113,22 @@ fn blocks_are_kept_and_spoiled_ones_noticed() {
     let folder = tempfile::tempdir().unwrap();
     let directory = Directory::open_for(study(), folder.path()).unwrap();
     assert_eq!(directory.block(2).unwrap(), Block::Missing);
-    directory.write(2, &finished(&study(), 2)).unwrap();
-    let Block::Complete(columns) = directory.block(2).unwrap() else {
+    directory.write(2, finished(&study(), 2)).unwrap();
+    let Block::Complete(rows) = directory.block(2).unwrap() else {
         panic!("{:?}", directory.block(2));
     };
-    assert_eq!(columns.integers("run"), [6, 7, 8]);
-    assert_eq!(columns.doubles("e_m"), [0.006, 0.007, 0.008]);
-    assert_eq!(columns.words("mission.rps"), ["false", "false", "true"]);
+    let of = |row: &Row| (row.run, row.e_m, row.values[1].as_bool().unwrap());
+    let found: Vec<_> = rows.iter().map(of).collect();
+    assert_eq!(
+        found,
+        [(6, 0.006, false), (7, 0.007, false), (8, 0.008, true)]
+    );
+    // JSON has no word for what is not a number.
+    let mut bad = finished(&study(), 1);
+    bad[0].path_m = f64::NAN;
+    let error = directory.write(1, bad).unwrap_err().to_string();
+    assert!(error.contains("block-000001.jsonl"), "{error}");
+    assert_eq!(directory.block(1).unwrap(), Block::Missing);
     // Under another number it is not that block, and cut short it is none.
     let path = folder.path().join("block-000002.jsonl");
     std::fs::copy(&path, folder.path().join("block-000003.jsonl")).unwrap();
@@ -140,18 +145,10 @@ fn blocks_are_kept_and_spoiled_ones_noticed() {
 }
 
 /// All runs of a study.
-fn all_runs(study: &Study) -> Columns {
-    let folder = tempfile::tempdir().unwrap();
-    let directory = Directory::open_for(study.clone(), folder.path()).unwrap();
-    let mut all = Columns::default();
-    for block in 0..study.blocks() {
-        directory.write(block, &finished(study, block)).unwrap();
-        let Block::Complete(columns) = directory.block(block).unwrap() else {
-            panic!()
-        };
-        assert!(all.append(&columns));
-    }
-    all
+fn all_runs(study: &Study) -> Vec<Row> {
+    (0..study.blocks())
+        .flat_map(|block| finished(study, block))
+        .collect()
 }
 
 #[test]
@@ -160,6 +157,10 @@ fn the_report_counts_what_is_there() {
     let all = all_runs(&study);
     let report = Report::of(&study, &all);
     assert_eq!((report.runs, report.cells.len()), (16, 4));
+    let csv = String::from_utf8(rows::csv(&study, &all).into_bytes()).unwrap();
+    let seventh = csv.lines().nth(7).unwrap();
+    assert!(seventh.starts_with("6,1,2,0.003,false,0.00"), "{seventh}");
+    assert_eq!((csv.lines().count(), seventh.split(',').count()), (17, 24));
     // Runs 4 to 7 end 4 to 7 mm away.
     assert!((report.cells[1].e_m.mean - 0.0055).abs() < 1e-12);
     assert_eq!(report.cells[1].within_3cm_3deg, 1.0);
@@ -168,6 +169,10 @@ fn the_report_counts_what_is_there() {
         ("mission.rps".to_owned(), "false".to_owned())
     );
     assert_eq!(report.influences.len(), 1);
+    // Of a part of the runs, each combination has its own.
+    let part = Report::of(&study, &all[2..]);
+    let trials: Vec<_> = part.cells.iter().map(|cell| cell.trials).collect();
+    assert_eq!(trials, [2, 4, 4, 4]);
 }
 
 #[test]
@@ -246,51 +251,6 @@ fn intervals_and_correlations_are_the_textbook_ones() {
     assert!((rank_correlation(&iq, &hours) + 29.0 / 165.0).abs() < 1e-12);
     // Equal values share a rank.
     assert!((rank_correlation(&[1.0, 1.0, 2.0, 3.0], &[1.0, 1.0, 2.0, 3.0]) - 1.0).abs() < 1e-12);
-}
-
-#[test]
-fn a_varied_key_that_changes_no_result_is_named() {
-    let text = |vary: &str| {
-        format!(
-            "name = \"idle\"\ntrials = 2\n[[vary]]\nkey = \"robot.lead.limits.force_n\"\n{vary}"
-        )
-    };
-    let study = Study::parse(&text("values = [25.0, 30.0]"), "test").unwrap();
-    let runs = |errors: [f64; 4]| {
-        let column =
-            |name: &str, values: [f64; 4]| (name.to_owned(), Values::Double(values.to_vec()));
-        Columns(vec![
-            column("robot.lead.limits.force_n", [25.0, 25.0, 30.0, 30.0]),
-            column("e_m", errors),
-        ])
-    };
-    // Trials differ, and the second combination repeats them.
-    let same = runs([0.01, 0.02, 0.01, 0.02]);
-    assert_eq!(
-        idle_key(&study, &same).unwrap(),
-        Some("robot.lead.limits.force_n")
-    );
-    assert_eq!(
-        idle_key(&study, &runs([0.01, 0.02, 0.01, 0.03])).unwrap(),
-        None
-    );
-    let drawn = Study::parse(&text("uniform = [25.0, 30.0]"), "test").unwrap();
-    assert_eq!(
-        idle_key(&drawn, &same).unwrap(),
-        Some("robot.lead.limits.force_n")
-    );
-    let acting =
-        text("uniform = [0.4, 0.7]").replace("robot.lead.limits.force_n", "plant.friction");
-    let acting = Study::parse(&acting, "test").unwrap();
-    assert_eq!(idle_key(&acting, &same).unwrap(), None);
-    // Acts in the second combination alone.
-    let strain = "[[vary]]\nkey = \"sensors.bridge.noise_strain\"\nuniform = [1e-7, 1e-5]";
-    let later = format!(
-        "name = \"idle\"\ntrials = 1\n[[vary]]\nkey = \"mission.rps\"\nvalues = [false, true]\n{strain}"
-    );
-    let later = Study::parse(&later, "test").unwrap();
-    let ends = Columns(vec![("e_m".to_owned(), Values::Double(vec![0.1, 0.2]))]);
-    assert_eq!(idle_key(&later, &ends).unwrap(), None);
 }
 
 #[test]

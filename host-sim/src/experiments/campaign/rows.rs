@@ -1,0 +1,219 @@
+//! Results of runs, and their forms as files. The same results give the same bytes.
+
+use super::study::{Run, Study, Vary, number};
+use crate::base::error::Error;
+use crate::base::output::{Cell, Csv};
+use crate::run::final_error::FinalError;
+use crate::run::regulate::Outcome;
+use core_algos::link::framing::crc32c;
+use serde::{Deserialize, Serialize};
+
+/// One run: what was varied, and how it ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// Number of the run in the study.
+    pub run: u64,
+    /// Index of the combination.
+    pub cell: u64,
+    /// Index of the trial.
+    pub trial: u32,
+    /// The value of each varied quantity, in the order of the study, from which they follow.
+    #[serde(skip)]
+    pub values: Vec<toml::Value>,
+    /// Posture at the start: m, m, rad.
+    pub start: [f64; 3],
+    /// Distance of O from the goal, m.
+    pub e_m: f64,
+    /// Heading of O less that of the goal, rad.
+    pub heading_rad: f64,
+    /// True within 3 cm and 3°.
+    pub within: bool,
+    /// True if the robot reported the task as done.
+    pub done: bool,
+    /// True if the regulator gave up.
+    pub gave_up: bool,
+    /// Code of the fault that stopped the robot; 0 if none did.
+    pub fault_code: u8,
+    /// True posture at the end: m, m, rad.
+    pub end: [f64; 3],
+    /// Distance of the estimate from the true position at the end, m.
+    pub estimate_error_m: f64,
+    /// Error of the estimated position of one axle from the other at the end, m.
+    pub drift_m: f64,
+    /// Root mean square of the frame's force, N.
+    pub force_rms_n: f64,
+    /// Largest true curvature of the frame, 1/m.
+    pub max_curvature: f64,
+    /// Time of the run, s.
+    pub duration_s: f64,
+    /// Length of the midpoint's path, m.
+    pub path_m: f64,
+}
+
+impl Row {
+    /// Row of run number `run`.
+    pub fn of(run: u64, of: Run, outcome: &Outcome) -> Self {
+        let error = FinalError::of(outcome.midpoint, of.scenario.mission.goal);
+        let reason = outcome.fault.as_ref().and_then(|fault| fault.reason);
+        let ([x, y, _], [u, v, _]) = (outcome.midpoint, outcome.estimate);
+        let [along, across, _] = outcome.relative_error;
+        Self {
+            run,
+            cell: of.cell,
+            trial: of.trial,
+            values: of.values,
+            start: of.scenario.mission.start,
+            e_m: error.e_m,
+            heading_rad: error.heading_rad,
+            within: error.is_near(),
+            done: outcome.done,
+            gave_up: outcome.gave_up,
+            fault_code: reason.map_or(0, |condition| condition.code()),
+            end: outcome.midpoint,
+            estimate_error_m: (u - x).hypot(v - y),
+            drift_m: along.hypot(across),
+            force_rms_n: outcome.force_rms_n,
+            max_curvature: outcome.max_curvature,
+            duration_s: outcome.duration_s,
+            path_m: outcome.path_m,
+        }
+    }
+
+    /// Names and cells of the CSV file; `vary` are the varied quantities.
+    fn cells<'a>(&self, vary: &'a [Vary]) -> Vec<(&'a str, Cell)> {
+        let flag = |flag: bool| Cell::Text(flag.to_string());
+        let varied = vary.iter().zip(&self.values);
+        let varied = varied.map(|(vary, value)| (&*vary.key, vary.cell(value)));
+        let [[x, y, phi], [end_x, end_y, end_phi]] = [self.start, self.end];
+        let mut cells: Vec<(&str, Cell)> = vec![
+            ("run", Cell::Integer(self.run as i64)),
+            ("cell", Cell::Integer(self.cell as i64)),
+            ("trial", self.trial.into()),
+        ];
+        cells.extend(varied);
+        cells.extend([
+            ("start_x_m", x.into()),
+            ("start_y_m", y.into()),
+            ("start_phi_rad", phi.into()),
+            ("e_m", self.e_m.into()),
+            ("heading_rad", self.heading_rad.into()),
+            ("within_3cm_3deg", flag(self.within)),
+            ("done", flag(self.done)),
+            ("gave_up", flag(self.gave_up)),
+            ("fault_code", Cell::Integer(self.fault_code.into())),
+            ("x_m", end_x.into()),
+            ("y_m", end_y.into()),
+            ("phi_rad", end_phi.into()),
+            ("estimate_error_m", self.estimate_error_m.into()),
+            ("drift_m", self.drift_m.into()),
+            ("force_rms_n", self.force_rms_n.into()),
+            ("max_curvature_1_m", self.max_curvature.into()),
+            ("duration_s", self.duration_s.into()),
+            ("path_m", self.path_m.into()),
+        ]);
+        cells
+    }
+}
+
+impl Vary {
+    /// Cell of a value: a number where every value is one.
+    pub fn cell(&self, value: &toml::Value) -> Cell {
+        match number(value) {
+            Some(number) if self.is_numeric() => number.into(),
+            _ => Cell::Text(value.to_string()),
+        }
+    }
+}
+
+/// Runs of a study as CSV.
+pub fn csv(study: &Study, rows: &[Row]) -> Csv {
+    let cells = |row: &Row| row.cells(&study.vary);
+    let names = rows.first().map_or_else(Vec::new, cells);
+    let mut csv = Csv::new(names.into_iter().map(|(name, _)| name));
+    for row in rows {
+        csv.row(cells(row).into_iter().map(|(_, cell)| cell));
+    }
+    csv
+}
+
+/// Runs with what they are of: a file of two lines of JSON, of which the second has the checksum of the first.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Noted {
+    /// Build that made it.
+    pub made_by: String,
+    /// Canonical text of the study.
+    pub study: String,
+    /// The runs.
+    pub rows: Vec<Row>,
+}
+
+impl Noted {
+    /// The file.
+    pub fn to_lines(&self) -> Result<String, Error> {
+        let line = serde_json::to_string(self);
+        let line =
+            line.map_err(|error| Error::Failure(format!("cannot write a block: {error}")))?;
+        let sum = crc32c(line.as_bytes());
+        Ok(format!("{line}\n{{\"crc32c\":\"{sum:08x}\"}}\n"))
+    }
+
+    /// Reads a file that [`Self::to_lines`] made, or says why it is none.
+    pub fn from_lines(content: &[u8]) -> Result<Self, String> {
+        let first = content
+            .split(|&byte| byte == b'\n')
+            .next()
+            .unwrap_or(content);
+        let read: Self = serde_json::from_slice(first).map_err(|error| error.to_string())?;
+        match read.to_lines() {
+            Ok(text) if text.as_bytes() == content => Ok(read),
+            _ => Err("the file is damaged".to_owned()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{finished, study};
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A block of rows with these results.
+    fn noted(results: &[(f64, u8, bool)]) -> Noted {
+        let row = finished(&study(), 0).remove(0);
+        let rows = results.iter().map(|&(e_m, fault_code, done)| Row {
+            e_m,
+            fault_code,
+            done,
+            values: Vec::new(),
+            ..row.clone()
+        });
+        Noted {
+            made_by: "build".to_owned(),
+            study: "a = 1\n".to_owned(),
+            rows: rows.collect(),
+        }
+    }
+
+    properties! { cases 1024;
+        #[test]
+        fn rows_come_back_with_their_bits(
+            results in prop::collection::vec((prop::num::f64::NORMAL, any::<u8>(), any::<bool>()), 0..60),
+        ) {
+            let block = noted(&results);
+            let text = block.to_lines().unwrap();
+            prop_assert_eq!(Noted::from_lines(text.as_bytes()).unwrap(), block.clone());
+        }
+
+        #[test]
+        fn a_damaged_file_is_refused(place in 0usize..2000, to: u8, cut in 0usize..2000) {
+            let results = [1.5, 2.5].map(|e_m| (e_m, 0, true));
+            let mut file = noted(&results).to_lines().unwrap().into_bytes();
+            let n = file.len();
+            prop_assume!(file[place % n] != to);
+            file[place % n] = to;
+            prop_assert!(Noted::from_lines(&file).is_err());
+            file.truncate(cut % n);
+            prop_assert!(Noted::from_lines(&file).is_err());
+        }
+    }
+}
