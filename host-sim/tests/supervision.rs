@@ -1,98 +1,16 @@
 //! What the robot does when something fails on the way: it drives on with less, or stops in order.
 
-use core_algos::bus::{CanFrame, Message};
-use core_algos::link::protocol::Place;
-use core_algos::node::board::Samples;
-use core_algos::node::robot::RobotConfig;
 use core_algos::safety::{Condition, OperatingState};
-use core_algos::time::Micros;
 use core_algos::topology::{Node, Role};
-use host_sim::base::error::Error;
 use host_sim::run::recovery::Status;
 use host_sim::run::regulate::{Outcome, regulate_on};
-use host_sim::run::robot::Record;
-use host_sim::run::robot::Robot as _;
+use host_sim::run::robot::{Record, Robot as _};
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
-use host_sim::targets::{
-    self, Failure, FailureMode, Fault, HostCommand, InProcess, Output, Posted, Report, Room, Target,
-};
+use host_sim::world::faults::Fault;
 
 /// Time of the failures, ms: in the middle of the drive.
 const AT: u32 = 3000;
-
-/// A board whose samples are changed and whose messages are withheld from some tick on.
-struct Tampered {
-    board: InProcess,
-    tick: u32,
-    from: u32,
-    samples: Box<dyn Fn(&mut Samples) + Send>,
-    keeps: fn(&Message) -> bool,
-}
-
-impl Tampered {
-    fn new(role: Role) -> Self {
-        Self {
-            board: InProcess::new(role),
-            tick: 0,
-            from: AT,
-            samples: Box::new(|_| {}),
-            keeps: |_| true,
-        }
-    }
-}
-
-impl Target for Tampered {
-    fn start(
-        &mut self,
-        config: &RobotConfig,
-        tick: u32,
-        place: Option<&Place>,
-    ) -> Result<(), Fault> {
-        self.board.start(config, tick, place)
-    }
-
-    fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
-        self.board.command(command)
-    }
-
-    fn room(&mut self) -> Room {
-        self.board.room()
-    }
-
-    fn receive(&mut self, now: Micros, frame: &CanFrame, message: &Message) {
-        self.board.receive(now, frame, message);
-    }
-
-    fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault> {
-        self.tick = tick;
-        let mut samples = *samples;
-        if tick >= self.from {
-            (self.samples)(&mut samples);
-        }
-        self.board.begin(tick, &samples)
-    }
-
-    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
-        let (begun, keeps) = (self.tick >= self.from, self.keeps);
-        self.board.finish(&mut |posted| match posted {
-            Posted::Message(message) if begun && !keeps(message) => {}
-            posted => post(posted),
-        })
-    }
-
-    fn kill(&mut self) -> Result<(), Error> {
-        self.board.kill()
-    }
-
-    fn revive(&mut self) -> Result<(), Error> {
-        self.board.revive()
-    }
-
-    fn report(&self) -> Report {
-        self.board.report()
-    }
-}
 
 /// A mission and all its records.
 struct Run {
@@ -102,20 +20,9 @@ struct Run {
 }
 
 impl Run {
-    fn new(scenario: &Scenario, prepare: impl FnOnce(&mut [Tampered; 3])) -> Self {
-        let mut boards = Role::ALL.map(Tampered::new);
-        prepare(&mut boards);
-        let targets = boards.map(|board| Box::new(board) as Box<dyn Target>);
-        Self::on(targets, scenario, |_| {})
-    }
-
-    fn on(
-        targets: [Box<dyn Target>; 3],
-        scenario: &Scenario,
-        prepare: impl FnOnce(&mut Simulation),
-    ) -> Self {
-        let mut simulation = Simulation::on(targets, scenario, 1, 0).unwrap();
-        prepare(&mut simulation);
+    fn new(scenario: &Scenario, fault: Fault, tick: u32) -> Self {
+        let mut simulation = Simulation::new(scenario, 1, 0).unwrap();
+        simulation.inject(fault, tick);
         let mut records = Vec::new();
         let outcome =
             regulate_on(&mut simulation, scenario, |record| records.push(*record)).unwrap();
@@ -129,15 +36,14 @@ impl Run {
         }
     }
 
+    /// With these keys of the scenario.
+    fn with(changes: &[String]) -> Self {
+        let scenario = Scenario::parse(None, "", "test", changes).unwrap();
+        Self::new(&scenario, Fault::None, 0)
+    }
+
     fn without_beam(scenario: &Scenario) -> Self {
-        Self::on(targets::in_process(), scenario, |simulation| {
-            let failure = Failure {
-                role: Role::Beam,
-                at: AT,
-                mode: FailureMode::Off,
-            };
-            simulation.boards().plan(vec![failure], None);
-        })
+        Self::new(scenario, Fault::Loss(Role::Beam), AT)
     }
 
     /// The first change of a node to a state.
@@ -220,67 +126,6 @@ fn without_the_beam_the_robot_drives_no_longer_than_it_may() {
     }
 }
 
-#[test]
-fn the_allowance_is_checked() {
-    let mut scenario = Scenario::default();
-    scenario.robot.lead.supervisor.degraded_distance_m = f32::NAN;
-    let error = Simulation::new(&scenario, 1, 0).err().unwrap();
-    assert!(error.to_string().contains("degraded_distance_m"), "{error}");
-}
-
-#[test]
-fn with_one_gauge_less_the_robot_arrives() {
-    for gauge in [0, 2, 4] {
-        // The bridge's cable is off: the converter reads its lower rail.
-        let dead = move |samples: &mut Samples| match samples {
-            Samples::Beam(samples) => samples.counts[gauge] = 0,
-            Samples::Axle(_) => {}
-        };
-        let run = Run::new(&Scenario::default(), |[_, _, beam]| {
-            beam.samples = Box::new(dead);
-        });
-        assert!(run.outcome.done && run.outcome.fault.is_none(), "{gauge}");
-        let monitor = run.simulation.monitor();
-        assert!(monitor.noticed(Node::Beam).contains(Condition::GaugeLost));
-        assert!(!monitor.noticed(Node::Lead).contains(Condition::BeamLost));
-        let [x, y, phi] = run.outcome.midpoint;
-        println!("gauge {gauge}: {:.4} m, {phi:.4} rad", x.hypot(y));
-        assert!(x.hypot(y) < 0.03 && phi.abs() < 0.052, "{gauge}");
-    }
-}
-
-#[test]
-fn without_the_lead_node_both_axles_stop_together() {
-    let run = Run::new(&Scenario::default(), |[front, ..]| {
-        front.keeps = |message| {
-            !matches!(
-                message,
-                Message::LeadStatus { .. }
-                    | Message::ReferencePosture { .. }
-                    | Message::ReferenceMotion { .. }
-                    | Message::NodeStatus {
-                        node: Node::Lead,
-                        ..
-                    }
-            )
-        };
-    });
-    let axles = [Node::FrontAxle, Node::RearAxle];
-    let [front, rear] = axles.map(|axle| run.change(axle, OperatingState::SafeStop));
-    assert_eq!(front.reason, Some(Condition::CommandTimeout));
-    assert_eq!(
-        (front.time_s, front.reason),
-        (rear.time_s, rear.reason),
-        "they begin to stop in the same millisecond"
-    );
-    assert!((0.04..0.06).contains(&(front.time_s - f64::from(AT) * 1e-3)));
-    let [front_off, rear_off] = axles.map(|axle| run.change(axle, OperatingState::Fault));
-    assert_eq!(front_off.time_s, rear_off.time_s, "and end it likewise");
-    // 0.25 s to slow down, 0.1 s at rest, 0.75 s to let the frame go.
-    assert!(front_off.time_s - front.time_s < 1.11);
-    run.assert_stopped(front.time_s);
-}
-
 /// One fault each, beyond ten of the standard deviations that the robot is told. Of one wheel, half counts in the mean
 /// of its axle. A gyro replaces the track, and needs none to tell axles askew.
 #[test]
@@ -318,10 +163,7 @@ fn a_fault_beyond_ten_standard_deviations_is_named() {
             std::slice::from_ref(&fault),
         ]
         .concat();
-        let run = Run::new(
-            &Scenario::parse(None, "", "test", &changes).unwrap(),
-            |_| {},
-        );
+        let run = Run::with(&changes);
         assert!(
             run.outcome.notices.contains(name),
             "{fault}: {:?}",
@@ -344,16 +186,8 @@ fn gauges_with_wrong_zeros_are_named() {
         (inner, Some(Condition::EstimateInconsistent)),
         (all, None),
     ] {
-        let run = Run::new(&Scenario::default(), |[_, _, beam]| {
-            beam.from = 0;
-            beam.samples = Box::new(move |samples| {
-                if let Samples::Beam(samples) = samples {
-                    for (count, zero) in samples.counts.iter_mut().zip(zeros) {
-                        *count += (zero / per_count) as i32;
-                    }
-                }
-            });
-        });
+        let counts = zeros.map(|zero| (zero / per_count) as i32);
+        let run = Run::new(&Scenario::default(), Fault::GaugesShifted(counts), 0);
         let fault = run.outcome.fault.as_ref().and_then(|status| status.reason);
         assert_eq!(fault, stop, "{zeros:?}");
         assert!(run.outcome.notices.contains(Condition::GaugesInconsistent));
@@ -369,8 +203,7 @@ fn gauges_with_wrong_zeros_are_named() {
 #[test]
 fn robot_does_not_drive_with_an_axle_that_does_not_arm() {
     let late = ["bus.late_ms=[100, 0, 0]".to_owned()];
-    let scenario = Scenario::parse(None, "", "test", &late).unwrap();
-    let run = Run::new(&scenario, |_| {});
+    let run = Run::with(&late);
     let fault = run.outcome.fault.unwrap();
     assert_eq!(fault.reason, Some(Condition::NeighbourFault));
     assert!(run.outcome.path_m < 0.05, "{}", run.outcome.path_m);

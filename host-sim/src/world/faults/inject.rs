@@ -70,6 +70,10 @@ impl Injector {
                 gauges.for_each(|gauge| *gauge = rail);
             }
             Fault::GaugeStuck(i) => counts[i] = self.held[i],
+            Fault::GaugesShifted(by) => {
+                let gauges = counts.iter_mut().zip(by);
+                gauges.for_each(|(gauge, by)| *gauge += by);
+            }
             Fault::GaugeDrift(i, counts_s) => {
                 let drift = counts_s * f64::from(since) * 1e-3;
                 let gauge = &mut counts[i];

@@ -32,6 +32,8 @@ pub enum Fault {
     GaugeRail(usize, bool),
     /// A bridge repeats its last reading.
     GaugeStuck(usize),
+    /// Bridges, from the first, read so many counts more.
+    GaugesShifted([i32; 5]),
     /// A bridge's reading moves so many counts a second.
     GaugeDrift(usize, f64),
     /// An encoder repeats its last reading.
