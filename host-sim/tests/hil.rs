@@ -214,7 +214,7 @@ fn with_failure(
     };
     simulation.boards().plan(vec![failure], restart_after);
     if restart_after.is_some() && clear {
-        simulation.recover_after(1_000_000);
+        simulation.recover();
     }
     let outcome = regulate_on(&mut simulation, &scenario, |_| {}).unwrap();
     for event in simulation.boards().events() {

@@ -2,7 +2,7 @@
 
 use crate::base::error::Error;
 use crate::base::numbers::{number, whole};
-use crate::base::output::{Cell, Csv, OutputDir};
+use crate::base::output::{Csv, OutputDir};
 use crate::base::table::Table;
 use crate::experiments::Context;
 use crate::experiments::arguments::{Common, RobotArgs, SensorArgs, parse_posture};
@@ -354,40 +354,20 @@ fn snapshots(records: &[Record]) -> Vec<Snapshot> {
 
 /// Errors over time as a table.
 fn errors(moments: &[Moment]) -> Csv {
-    let mut csv = Csv::new([
-        "time_s",
-        "target_s_m",
-        "target_x_m",
-        "target_y_m",
-        "target_phi_rad",
-        "target_kappa_per_m",
-        "distance_m",
-        "lateral_m",
-        "heading_rad",
-        "distance_est_m",
-        "lateral_est_m",
-        "heading_est_rad",
-        "kappa_per_m",
-    ]);
-    for moment in moments {
+    csv::Row::table(moments.iter().map(|moment| {
         let (target, truth, estimate) = (&moment.target, &moment.truth, &moment.estimate);
-        csv.row::<Cell>([
-            moment.record.time_s.into(),
-            target.s.into(),
-            target.x.into(),
-            target.y.into(),
-            target.phi.into(),
-            target.kappa.into(),
-            truth.distance_m.into(),
-            truth.lateral_m.into(),
-            truth.heading_rad.into(),
-            estimate.distance_m.into(),
-            estimate.lateral_m.into(),
-            estimate.heading_rad.into(),
-            moment.curvature.into(),
-        ]);
-    }
-    csv
+        let mut row = csv::Row::default();
+        row.put("time_s target_s_m", &[moment.record.time_s, target.s]);
+        let at = [target.x, target.y, target.phi, target.kappa];
+        let names = "target_x_m target_y_m target_phi_rad target_kappa_per_m";
+        row.put(names, &at);
+        let errors = |of: &Deviation| [of.distance_m, of.lateral_m, of.heading_rad];
+        row.put("distance_m lateral_m heading_rad", &errors(truth));
+        let names = "distance_est_m lateral_est_m heading_est_rad";
+        row.put(names, &errors(estimate));
+        row.put("kappa_per_m", &[moment.curvature]);
+        row
+    }))
 }
 
 fn table(heading: &str, report: &Report, outcome: &Outcome) -> String {

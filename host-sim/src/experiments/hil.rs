@@ -14,6 +14,7 @@ use crate::recording::LogArgs;
 use crate::run::bit_compare::{Difference, Trace};
 use crate::run::path_run::PathMode;
 use crate::run::real_time::RealTimeLimiter;
+use crate::run::recovery::PAUSE;
 use crate::run::recovery::Status;
 use crate::run::robot::Robot;
 use crate::run::simulation::Simulation;
@@ -22,7 +23,6 @@ use crate::scenario::effect::Use;
 use crate::targets::board_log::{self, BoardLog};
 use crate::targets::{self, Event, InProcess, Remote, Report as BoardReport, Target, What};
 use clap::Args;
-use core_algos::time::Micros;
 use core_algos::topology::Role;
 use serde::Serialize;
 use serde_json::Value;
@@ -65,8 +65,6 @@ pub struct HilArgs {
 
 /// Minimum run time, s.
 const LEAST_S: f64 = 20.0;
-/// Time between the stop for a restarted board and the host's clearing of the faults.
-const RECOVERY_PAUSE: Micros = 1_000_000;
 
 /// Result of an experiment with boards in the loop.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -226,7 +224,7 @@ fn measure(
             .boards()
             .plan(plan.failures.clone(), plan.restart_after);
         if plan.restart_after.is_some() {
-            simulation.recover_after(RECOVERY_PAUSE);
+            simulation.recover();
         }
         simulation.control_mut().span = plan.span;
         simulation.control_mut().interrupt = Some(context.interrupt().clone());
@@ -332,7 +330,7 @@ fn summary(report: &Report) -> String {
         .iter()
         .any(|event| event.what == What::Cleared)
     {
-        let pause = RECOVERY_PAUSE as f64 * 1e-6;
+        let pause = f64::from(PAUSE) * 1e-3;
         text += &format!(
             "after a restart the host waited {pause} s, cleared the faults and repeated the task;\n\
              without the host the robot stays at rest\n"

@@ -6,15 +6,23 @@ use core_algos::math::Posture;
 
 /// A row of a table, each value beside the name of its column.
 #[derive(Debug, Default)]
-pub struct Row(Vec<(&'static str, Cell)>);
+pub struct Row<'a>(Vec<(&'a str, Cell)>);
 
-impl Row {
-    /// Appends values with the names of their columns, separated by spaces.
-    pub fn put<C: Copy + Into<Cell>>(&mut self, names: &'static str, values: &[C]) {
+impl<'a> Row<'a> {
+    /// Appends values with the names of their columns, separated by spaces; what is no number is an empty cell.
+    pub fn put<C: Copy + Into<Cell>>(&mut self, names: &'a str, values: &[C]) {
         let names = names.split(' ');
         debug_assert_eq!(names.clone().count(), values.len());
-        let cells = values.iter().map(|&value| value.into());
+        let cells = values.iter().map(|&value| match value.into() {
+            Cell::Double(value) if value.is_nan() => Cell::Empty,
+            cell => cell,
+        });
         self.0.extend(names.zip(cells));
+    }
+
+    /// Appends a cell.
+    pub fn cell(&mut self, name: &'a str, cell: Cell) {
+        self.0.push((name, cell));
     }
 
     /// The table of these rows.
@@ -27,18 +35,7 @@ impl Row {
     }
 }
 
-/// Appends values; one that is not known is an empty cell.
-fn put<C: Copy + Into<Cell>>(row: &mut Row, names: &'static str, values: &[C]) {
-    let first = row.0.len();
-    row.put(names, values);
-    for (_, cell) in &mut row.0[first..] {
-        if matches!(cell, Cell::Double(value) if value.is_nan()) {
-            *cell = Cell::Empty;
-        }
-    }
-}
-
-fn row(record: &Record) -> Row {
+fn row(record: &Record) -> Row<'static> {
     let fused = &record.lead.fused;
     let motion = &record.lead.motion;
     let sigma = [0, 1, 2].map(|i| f64::from(fused.robot.covariance[i][i]).sqrt());
@@ -47,39 +44,38 @@ fn row(record: &Record) -> Row {
         format!("{:?}", record.lead.phase).to_lowercase(),
         format!("{:?}", record.lead.mode).to_lowercase(),
     ];
-    let mut cells = Row::default();
-    let row = &mut cells;
-    put(row, "time_s", &[record.time_s]);
-    put(row, "x_m y_m phi_rad", &record.midpoint);
+    let mut row = Row::default();
+    row.put("time_s", &[record.time_s]);
+    row.put("x_m y_m phi_rad", &record.midpoint);
     let robot = estimate(fused.robot.posture);
-    put(row, "x_est_m y_est_m phi_est_rad", &robot);
-    put(row, "sigma_x_m sigma_y_m sigma_phi_rad", &sigma);
-    put(row, "front_x_m front_y_m front_phi_rad", &record.axles[0]);
-    put(row, "rear_x_m rear_y_m rear_phi_rad", &record.axles[1]);
+    row.put("x_est_m y_est_m phi_est_rad", &robot);
+    row.put("sigma_x_m sigma_y_m sigma_phi_rad", &sigma);
+    row.put("front_x_m front_y_m front_phi_rad", &record.axles[0]);
+    row.put("rear_x_m rear_y_m rear_phi_rad", &record.axles[1]);
     let front = estimate(fused.front.posture);
-    put(row, "front_x_est_m front_y_est_m front_phi_est_rad", &front);
+    row.put("front_x_est_m front_y_est_m front_phi_est_rad", &front);
     let rear = estimate(fused.rear.posture);
-    put(row, "rear_x_est_m rear_y_est_m rear_phi_est_rad", &rear);
+    row.put("rear_x_est_m rear_y_est_m rear_phi_est_rad", &rear);
     let names = "relative_x_m relative_y_m relative_phi_rad";
-    put(row, names, &record.relative);
-    put(row, "phase mode", &[words[0].as_str(), words[1].as_str()]);
+    row.put(names, &record.relative);
+    row.put("phase mode", &[words[0].as_str(), words[1].as_str()]);
     let motion = [motion.v, motion.v_rate, motion.psi.0, motion.psi_rate];
     let names = "v_m_s v_rate_m_s2 psi_rad psi_rate_rad_s";
-    put(row, names, &motion.map(f64::from));
+    row.put(names, &motion.map(f64::from));
     let names =
         "torque_front_left_nm torque_front_right_nm torque_rear_left_nm torque_rear_right_nm";
-    put(row, names, record.torque.as_flattened());
+    row.put(names, record.torque.as_flattened());
     let names = "force_x_n force_y_n moment_root_nm moment_end_nm";
-    put(row, names, &record.wrench);
-    put(row, "beam_nis", &[f64::from(fused.beam.nis)]);
+    row.put(names, &record.wrench);
+    row.put("beam_nis", &[f64::from(fused.beam.nis)]);
     let names = "beam_innovation_x_m beam_innovation_y_m beam_innovation_phi_rad";
-    put(row, names, &fused.beam.innovation.map(f64::from));
+    row.put(names, &fused.beam.innovation.map(f64::from));
     let names = "wheel_speed_front_left_rad_s wheel_speed_front_right_rad_s \
                  wheel_speed_rear_left_rad_s wheel_speed_rear_right_rad_s";
-    put(row, names, record.wheel_speed.as_flattened());
+    row.put(names, record.wheel_speed.as_flattened());
     let names = "strain_1 strain_2 strain_3 strain_4 strain_5 strain_6 strain_7 strain_8";
-    put(row, names, &record.strain.map(f64::from));
-    cells
+    row.put(names, &record.strain.map(f64::from));
+    row
 }
 
 /// The records as CSV with a header; names carry the unit, `_est` marks the robot's own estimate.

@@ -1,12 +1,10 @@
 //! What the nodes say of themselves, as a listener on the bus hears it, and what the host does after
 //! a board was restarted.
 
-use crate::targets::{Boards, HostCommand, What};
+use crate::targets::What;
 use core_algos::bus::field::CalibrationResult;
 use core_algos::bus::{self, CanFrame, Message};
-use core_algos::node::lead::Task;
 use core_algos::safety::{Condition, Conditions, OperatingState};
-use core_algos::time::{Micros, TICK};
 use core_algos::topology::Node;
 use serde::{Serialize, Serializer};
 use std::fmt;
@@ -183,94 +181,48 @@ impl Monitor {
     pub fn forget_changes(&mut self) {
         self.changes.clear();
     }
-
-    fn state(&self, node: Node) -> Option<OperatingState> {
-        self.latest(node).map(|status| status.state)
-    }
 }
 
-/// Time in which faults must be cleared, ticks.
+/// Time from a restart until the host looks at the nodes, ticks.
+pub const PAUSE: u32 = 1000;
+/// Time in which the nodes must become idle after an attempt to clear the faults, ticks.
 const CLEARING: u32 = 500;
+/// Attempts before the host gives up.
+const ATTEMPTS: u32 = 3;
 
-/// Recovery by the host after the restart of a board: the host waits, clears the faults, and
-/// repeats the task. The robot itself never drives on after a fault.
-#[derive(Clone, Debug)]
+/// The host after the restart of an axle board: it clears the faults until all nodes are ready, then repeats the task. The
+/// robot itself never drives on after a fault.
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Recovery {
-    /// Ticks.
-    pause: u32,
-    stage: Stage,
-    /// The latest restart that has been dealt with, ms.
-    done: Option<u32>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Stage {
-    Watching,
-    Pausing { until: u32 },
-    Clearing { until: u32 },
-    GivenUp,
+    /// The latest restart that was noticed, ms.
+    restart: Option<u32>,
+    /// Tick of the next look at the nodes, and attempts so far.
+    next: Option<(u32, u32)>,
 }
 
 impl Recovery {
-    /// With this pause before faults are cleared.
-    pub fn after(pause: Micros) -> Self {
-        Self {
-            pause: (pause / TICK) as u32,
-            stage: Stage::Watching,
-            done: None,
+    /// True if the host will still act.
+    pub fn is_pending(&self) -> bool {
+        self.next.is_some()
+    }
+
+    /// Act of the host at a tick; `restart` is the latest restart of an axle board, ms.
+    pub fn step(&mut self, tick: u32, restart: Option<u32>, monitor: &Monitor) -> Option<What> {
+        if self.restart != restart {
+            self.restart = restart;
+            self.next = restart.map(|at| (at + PAUSE, 0));
         }
-    }
-
-    /// True if the recovery is pending.
-    pub fn pending(&self) -> bool {
-        matches!(self.stage, Stage::Pausing { .. } | Stage::Clearing { .. })
-    }
-
-    /// Command of the host at a tick; `task` is the interrupted task.
-    pub fn step(
-        &mut self,
-        tick: u32,
-        monitor: &Monitor,
-        boards: &mut Boards,
-        task: Task,
-    ) -> Option<HostCommand> {
-        match self.stage {
-            Stage::Watching => {
-                let restart = boards.last_restart().filter(|at| Some(*at) != self.done)?;
-                if monitor.state(Node::Lead) == Some(OperatingState::Fault) {
-                    self.done = Some(restart);
-                    self.stage = Stage::Pausing {
-                        until: tick + self.pause,
-                    };
-                }
-                None
-            }
-            Stage::Pausing { until } => {
-                if tick < until {
-                    return None;
-                }
-                self.stage = Stage::Clearing {
-                    until: tick + CLEARING,
-                };
-                boards.note(tick, What::Cleared);
-                Some(HostCommand::Task(Task::Clear))
-            }
-            Stage::Clearing { until } => {
-                let idle = |node| monitor.state(node) == Some(OperatingState::Idle);
-                if [Node::Lead, Node::FrontAxle, Node::RearAxle]
-                    .into_iter()
-                    .all(idle)
-                {
-                    self.stage = Stage::Watching;
-                    boards.note(tick, What::Resumed);
-                    return Some(HostCommand::Task(task));
-                }
-                if tick >= until {
-                    self.stage = Stage::GivenUp;
-                }
-                None
-            }
-            Stage::GivenUp => None,
+        let (_, attempts) = self.next.filter(|(at, _)| *at == tick)?;
+        let ready = [Node::Lead, Node::FrontAxle, Node::RearAxle]
+            .iter()
+            .all(|&node| {
+                let status = monitor.latest(node);
+                status.is_some_and(|it| it.state == OperatingState::Idle && it.reason.is_none())
+            });
+        self.next = (!ready && attempts < ATTEMPTS).then_some((tick + CLEARING, attempts + 1));
+        match ready {
+            true => Some(What::Resumed),
+            false => self.next.map(|_| What::Cleared),
         }
     }
 }

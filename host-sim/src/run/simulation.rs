@@ -8,7 +8,7 @@ use crate::run::recovery::Recovery;
 use crate::run::robot::{FRAME_POINTS, Record, Robot, RunControl};
 use crate::scenario::Scenario;
 use crate::targets::{
-    self, BoardTraffic, Boards, Failure, FailureMode, HostCommand, Posted, Room, Target,
+    self, BoardTraffic, Boards, Failure, FailureMode, HostCommand, Posted, Room, Target, What,
 };
 use crate::world::drawn::Drawn;
 use crate::world::faults::{Fault, Injector, Readings};
@@ -156,10 +156,9 @@ impl Simulation {
         self.boards.release()
     }
 
-    /// Has the host clear the faults and give the task again, so long after a board was restarted
-    /// and the robot stopped for that.
-    pub fn recover_after(&mut self, pause: Micros) {
-        self.recovery = Some(Recovery::after(pause));
+    /// Has the host clear the faults and give the task again after an axle board was restarted.
+    pub fn recover(&mut self) {
+        self.recovery = Some(Recovery::default());
     }
 
     /// From `tick` on, this goes wrong.
@@ -227,14 +226,19 @@ impl Simulation {
     }
 
     /// Recovery by the host after the restart of a board.
-    fn recover(&mut self, tick: u32) -> Result<(), Error> {
-        let (boards, task) = (&mut self.boards, self.task);
+    fn step_recovery(&mut self, tick: u32) -> Result<(), Error> {
+        let (restart, monitor) = (self.boards.last_restart(), &self.control.monitor);
         let recovery = self.recovery.as_mut();
-        match recovery.and_then(|recovery| recovery.step(tick, &self.control.monitor, boards, task))
-        {
-            Some(order) => boards.command(&order),
-            None => Ok(()),
-        }
+        let Some(act) = recovery.and_then(|it| it.step(tick, restart, monitor)) else {
+            return Ok(());
+        };
+        let task = if act == What::Cleared {
+            Task::Clear
+        } else {
+            self.task
+        };
+        self.boards.note(tick, act);
+        self.boards.command(&HostCommand::Task(task))
     }
 
     /// Samples of each board.
@@ -313,7 +317,7 @@ impl Robot for Simulation {
         }
         let fault = self.control.monitor.fault_since(Node::Lead)?;
         let over = self.tick.saturating_sub(fault) >= GRACE;
-        if !over || self.recovery.as_ref().is_some_and(Recovery::pending) {
+        if !over || self.recovery.as_ref().is_some_and(Recovery::is_pending) {
             return None;
         }
         self.control.monitor.why_stopped()
@@ -325,7 +329,7 @@ impl Robot for Simulation {
             pace.wait();
         }
         let (now, tick) = (self.now(), self.tick as u32);
-        self.recover(tick)?;
+        self.step_recovery(tick)?;
         let mut readings = self.sample();
         self.disturb(tick, &mut readings)?;
         let samples = readings.samples();

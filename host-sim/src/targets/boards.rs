@@ -149,14 +149,14 @@ impl Boards {
         self.losses.events()
     }
 
-    /// Latest restart of a board, ms.
+    /// Latest restart of an axle board, ms.
     pub fn last_restart(&self) -> Option<u32> {
         self.losses.last_restart()
     }
 
     /// Notes what the host did.
     pub fn note(&mut self, tick: u32, what: What) {
-        self.losses.note(tick, "host", what);
+        self.losses.note(tick, what);
     }
 
     /// Why the run cannot go on at `tick`, if so.

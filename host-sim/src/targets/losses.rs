@@ -28,7 +28,7 @@ pub enum What {
 pub struct Event {
     /// Time, s.
     pub time_s: f64,
-    /// Board, host or user.
+    /// Board or host.
     pub role: &'static str,
     /// Description.
     pub what: What,
@@ -55,7 +55,7 @@ impl fmt::Display for Event {
 #[derive(Clone, Debug, Default)]
 pub struct Losses {
     events: Vec<Event>,
-    /// Latest restart of a board, ms.
+    /// Latest restart of an axle board, ms.
     restarted: Option<u32>,
     /// The axle that was lost last, and when, until the other's motors are off.
     watched: Option<(Role, u32)>,
@@ -74,7 +74,7 @@ impl Losses {
         self.events.iter().any(|event| event.role == role.name())
     }
 
-    /// Latest restart of a board, ms.
+    /// Latest restart of an axle board, ms.
     pub fn last_restart(&self) -> Option<u32> {
         self.restarted
     }
@@ -85,9 +85,9 @@ impl Losses {
         (tick >= *at).then_some(why)
     }
 
-    /// Notes what the host or the user did.
-    pub fn note(&mut self, tick: u32, by: &'static str, what: What) {
-        self.record(tick, by, what);
+    /// Notes what the host did.
+    pub fn note(&mut self, tick: u32, what: What) {
+        self.record(tick, "host", what);
     }
 
     /// A board has gone off, to come back or not.
@@ -105,7 +105,9 @@ impl Losses {
 
     /// A board was started again.
     pub fn restarted(&mut self, tick: u32, role: Role) {
-        self.restarted = Some(tick);
+        if role != Role::Beam {
+            self.restarted = Some(tick);
+        }
         self.record(tick, role.name(), What::Restarted);
     }
 

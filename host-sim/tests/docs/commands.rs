@@ -97,30 +97,10 @@ const PLACEHOLDERS: &[(&str, &str)] = &[
     ("…", "line"),
 ];
 
-/// Words of a command, quotes taken off, without a comment and without where its output goes.
+/// Words of a command as a shell takes them apart, without where its output goes.
 fn words(command: &str) -> Vec<String> {
-    let mut words = Vec::new();
-    let (mut word, mut quote, mut open) = (String::new(), None, false);
-    for c in command.chars().chain([' ']) {
-        match (quote, c) {
-            (Some(q), c) if c == q => quote = None,
-            (None, '\'' | '"') => (quote, open) = (Some(c), true),
-            (None, c) if c.is_whitespace() => {
-                if open {
-                    words.push(std::mem::take(&mut word));
-                }
-                open = false;
-            }
-            (None, '#') if !open => break,
-            (None, '>') if !open => break,
-            (_, c) => {
-                word.push(c);
-                open = true;
-            }
-        }
-    }
-    assert!(quote.is_none(), "{command}: a quote is open");
-    words
+    let words = shlex::split(command).unwrap_or_else(|| panic!("{command}: a quote is open"));
+    words.into_iter().take_while(|word| word != ">").collect()
 }
 
 /// Arguments of `cfmmr`, if the words run it.
@@ -346,7 +326,7 @@ fn commands_in_the_text_are_well_formed() {
 
 #[test]
 fn commands_are_taken_apart_as_a_shell_would() {
-    let taken = words("cfmmr faults --only \"board resets\" -x 'a # b'  # comment > here");
+    let taken = words("cfmmr faults --only \"board resets\" -x 'a # b' > out  # comment");
     assert_eq!(
         taken,
         ["cfmmr", "faults", "--only", "board resets", "-x", "a # b"]

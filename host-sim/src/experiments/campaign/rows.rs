@@ -3,6 +3,7 @@
 use super::study::{Run, Study, Vary, number};
 use crate::base::error::Error;
 use crate::base::output::{Cell, Csv};
+use crate::recording::csv;
 use crate::run::final_error::FinalError;
 use crate::run::regulate::Outcome;
 use core_algos::link::framing::crc32c;
@@ -79,39 +80,28 @@ impl Row {
         }
     }
 
-    /// Names and cells of the CSV file; `vary` are the varied quantities.
-    fn cells<'a>(&self, vary: &'a [Vary]) -> Vec<(&'a str, Cell)> {
-        let flag = |flag: bool| Cell::Text(flag.to_string());
-        let varied = vary.iter().zip(&self.values);
-        let varied = varied.map(|(vary, value)| (&*vary.key, vary.cell(value)));
-        let [[x, y, phi], [end_x, end_y, end_phi]] = [self.start, self.end];
-        let mut cells: Vec<(&str, Cell)> = vec![
-            ("run", Cell::Integer(self.run as i64)),
-            ("cell", Cell::Integer(self.cell as i64)),
-            ("trial", self.trial.into()),
-        ];
-        cells.extend(varied);
-        cells.extend([
-            ("start_x_m", x.into()),
-            ("start_y_m", y.into()),
-            ("start_phi_rad", phi.into()),
-            ("e_m", self.e_m.into()),
-            ("heading_rad", self.heading_rad.into()),
-            ("within_3cm_3deg", flag(self.within)),
-            ("done", flag(self.done)),
-            ("gave_up", flag(self.gave_up)),
-            ("fault_code", Cell::Integer(self.fault_code.into())),
-            ("x_m", end_x.into()),
-            ("y_m", end_y.into()),
-            ("phi_rad", end_phi.into()),
-            ("estimate_error_m", self.estimate_error_m.into()),
-            ("drift_m", self.drift_m.into()),
-            ("force_rms_n", self.force_rms_n.into()),
-            ("max_curvature_1_m", self.max_curvature.into()),
-            ("duration_s", self.duration_s.into()),
-            ("path_m", self.path_m.into()),
-        ]);
-        cells
+    /// Row of the CSV file; `vary` are the varied quantities.
+    fn cells<'a>(&self, vary: &'a [Vary]) -> csv::Row<'a> {
+        let mut row = csv::Row::default();
+        row.put("run cell", &[self.run as usize, self.cell as usize]);
+        row.put("trial", &[self.trial]);
+        for (vary, value) in vary.iter().zip(&self.values) {
+            row.cell(&vary.key, vary.cell(value));
+        }
+        row.put("start_x_m start_y_m start_phi_rad", &self.start);
+        row.put("e_m heading_rad", &[self.e_m, self.heading_rad]);
+        row.put(
+            "within_3cm_3deg done gave_up",
+            &[self.within, self.done, self.gave_up],
+        );
+        row.put("fault_code", &[u32::from(self.fault_code)]);
+        row.put("x_m y_m phi_rad", &self.end);
+        let drift = [self.estimate_error_m, self.drift_m];
+        row.put("estimate_error_m drift_m", &drift);
+        let frame = [self.force_rms_n, self.max_curvature];
+        row.put("force_rms_n max_curvature_1_m", &frame);
+        row.put("duration_s path_m", &[self.duration_s, self.path_m]);
+        row
     }
 }
 
@@ -127,13 +117,7 @@ impl Vary {
 
 /// Runs of a study as CSV.
 pub fn csv(study: &Study, rows: &[Row]) -> Csv {
-    let cells = |row: &Row| row.cells(&study.vary);
-    let names = rows.first().map_or_else(Vec::new, cells);
-    let mut csv = Csv::new(names.into_iter().map(|(name, _)| name));
-    for row in rows {
-        csv.row(cells(row).into_iter().map(|(_, cell)| cell));
-    }
-    csv
+    csv::Row::table(rows.iter().map(|row| row.cells(&study.vary)))
 }
 
 /// Runs with what they are of: a file of two lines of JSON, of which the second has the checksum of the first.

@@ -1,7 +1,7 @@
 //! Boards whose power is cut in the middle of a run, and comes back.
 
 use crate::run::virtual_robot::VirtualRobot;
-use crate::targets::{Event, Failure, Losses, What};
+use crate::targets::{Event, Failure, Losses};
 use core_algos::node::lead::Task;
 use core_algos::topology::Role;
 
@@ -13,16 +13,12 @@ pub(super) struct Cuts {
     /// Time at which each board's power returns, ms.
     revivals: [Option<u32>; 3],
     off: [bool; 3],
-    losses: Losses,
+    pub losses: Losses,
 }
 
 impl Cuts {
     pub fn events(&self) -> &[Event] {
         self.losses.events()
-    }
-
-    pub fn note(&mut self, tick: u32, what: What) {
-        self.losses.note(tick, "user", what);
     }
 
     pub fn is_off(&self, role: Role) -> bool {
@@ -61,9 +57,9 @@ impl VirtualRobot {
                 board.power(true);
                 (cuts.off[k], cuts.revivals[k]) = (false, None);
                 cuts.losses.restarted(tick, role);
-                self.tools.user.restarted(tick, role);
                 restarted.push(role);
                 if role == Role::Front {
+                    self.tools.moved = true;
                     let path = matches!(self.task, Task::Follow | Task::Track);
                     self.failure = path.then(|| {
                         "the front board was restarted: its path and its posture are lost"
@@ -78,9 +74,9 @@ impl VirtualRobot {
         }
     }
 
-    /// True if a board's power will come back, or the user will act after it has.
+    /// True if a board's power will come back, or the host will act after it has.
     pub(in crate::run::virtual_robot) fn restart_pending(&self) -> bool {
-        self.tools.user.is_waited_for() || self.tools.cuts.revivals.iter().any(Option::is_some)
+        self.tools.recovery.is_pending() || self.tools.cuts.revivals.iter().any(Option::is_some)
     }
 
     /// Looks whether the motors are off, and whether the run must end.

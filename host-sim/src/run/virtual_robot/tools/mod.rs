@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`cuts`] | boards switched off and on again at their times |
 //! | [`profile`] | where the boards' time went |
-//! | `user` | what the user does after the restart of an axle board |
+//! | `user` | what is done at the robot: button, recovery after the restart of an axle board |
 //!
 //! What is not asked for costs nothing.
 
@@ -14,6 +14,7 @@ mod user;
 
 use super::VirtualRobot;
 use crate::base::error::Error;
+use crate::run::recovery::Recovery;
 use crate::run::robot::Robot;
 use crate::targets::{BoardTraffic, Event, Traffic};
 use core_algos::topology::Role;
@@ -24,7 +25,9 @@ use virtual_board::wire::Record as Sending;
 #[derive(Default)]
 pub(super) struct Tools {
     cuts: Cuts,
-    user: user::User,
+    recovery: Recovery,
+    /// True if the front board was restarted, and has forgotten the robot's place.
+    moved: bool,
     /// Frames that each board has put on the bus, and sendings of it that failed.
     traffic: [Traffic; 3],
 }
@@ -59,7 +62,7 @@ impl VirtualRobot {
             pace.wait();
         }
         self.switch_power();
-        self.act_as_user();
+        self.recover();
     }
 
     /// After a tick of the experiment.

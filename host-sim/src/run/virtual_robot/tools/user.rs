@@ -1,78 +1,29 @@
-//! The user, after an axle board was restarted: clears the faults and repeats the task. The front board has forgotten where
-//! the robot is: the user puts it back on its start first, and a path is lost.
+//! The host after an axle board was restarted. The front board has forgotten where the robot is: it is put back on its start
+//! first, and a path is lost.
 
-use crate::run::recovery::Monitor;
 use crate::run::virtual_robot::{PRESS, VirtualRobot};
 use crate::targets::{HostCommand, What};
 use core_algos::node::lead::Task;
-use core_algos::safety::OperatingState;
-use core_algos::topology::{Node, Role};
-
-/// Time after a restart until the user acts, ticks.
-const PAUSE: u32 = 1000;
-/// Time in which the nodes must become idle after an attempt, ticks.
-const CLEARING: u32 = 500;
-/// Attempts before the user gives up.
-const ATTEMPTS: u32 = 3;
-
-/// Next act of the user.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct User {
-    /// Tick of the next look at the robot, and attempts to clear the faults.
-    next: Option<(u32, u32)>,
-    /// True if the front board was restarted.
-    front: bool,
-}
-
-impl User {
-    /// A board has got its power back.
-    pub fn restarted(&mut self, tick: u32, role: Role) {
-        if role != Role::Beam {
-            self.next = Some((tick + PAUSE, 0));
-            self.front |= role == Role::Front;
-        }
-    }
-
-    /// True if the user will still act.
-    pub fn is_waited_for(&self) -> bool {
-        self.next.is_some()
-    }
-}
-
-fn idle(monitor: &Monitor, node: Node) -> bool {
-    let status = monitor.latest(node);
-    status.is_some_and(|it| it.state == OperatingState::Idle && it.reason.is_none())
-}
+use core_algos::topology::Role;
 
 impl VirtualRobot {
-    /// Does what the user does at this tick.
-    pub(in crate::run::virtual_robot) fn act_as_user(&mut self) {
-        let tick = self.tick as u32;
-        let Some((_, attempts)) = self.tools.user.next.filter(|(at, _)| *at == tick) else {
+    /// Does what the host does at this tick after a restart.
+    pub(in crate::run::virtual_robot) fn recover(&mut self) {
+        let tools = &mut self.tools;
+        let (tick, restart) = (self.tick as u32, tools.cuts.losses.last_restart());
+        let Some(act) = tools.recovery.step(tick, restart, &self.control.monitor) else {
             return;
         };
-        let nodes = [Node::Lead, Node::FrontAxle, Node::RearAxle];
-        let ready = nodes.iter().all(|node| idle(&self.control.monitor, *node));
-        if !ready && attempts == ATTEMPTS {
-            self.tools.user.next = None;
-            return;
+        let task = match act {
+            What::Cleared => Task::Clear,
+            _ => self.task,
+        };
+        if act == What::Resumed && std::mem::take(&mut tools.moved) {
+            self.put_back();
+            self.link.command(&HostCommand::Place(self.place));
         }
-        let task = self.task;
-        match (ready, std::mem::take(&mut self.tools.user.front)) {
-            (false, front) => {
-                self.tools.user.front = front;
-                self.link.command(&HostCommand::Task(Task::Clear));
-            }
-            (true, true) => {
-                self.put_back();
-                self.link.command(&HostCommand::Place(self.place));
-                self.link.command(&HostCommand::Task(task));
-            }
-            (true, false) => self.link.command(&HostCommand::Task(task)),
-        }
-        let what = if ready { What::Resumed } else { What::Cleared };
-        self.tools.cuts.note(tick, what);
-        self.tools.user.next = (!ready).then_some((tick + CLEARING, attempts + 1));
+        self.link.command(&HostCommand::Task(task));
+        self.tools.cuts.losses.note(tick, act);
     }
 
     /// Puts the robot back on its start.
