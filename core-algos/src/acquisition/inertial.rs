@@ -52,12 +52,7 @@ impl Config {
             unit,
             Allowed::Condition("from 1e-9 to 1 in magnitude"),
         )?;
-        require(
-            (16..=20_000).contains(&self.window),
-            "window",
-            f32::from(self.window),
-            Allowed::Range(16.0, 20_000.0),
-        )?;
+        in_range("window", f32::from(self.window), 16.0, 20_000.0)?;
         Ok(Channel {
             unit,
             half: u32::from(self.window / 2),
