@@ -347,37 +347,22 @@ mod tests {
     #[test]
     fn a_moving_noisy_short_or_saturated_record_is_refused() {
         let limits = StandstillLimits::default();
-        let refusal = |n, f: &dyn Fn(usize, usize) -> f64| {
-            collect(&limits, n, f)
-                .average(&calibration(), &limits, FIVE)
-                .unwrap_err()
+        // `added`: what the gauges read beyond their zero.
+        let refusal = |n, added: &dyn Fn(usize, usize) -> f64| {
+            let standstill = collect(&limits, n, |t, i| 2048.0 + added(t, i));
+            let average = standstill.average(&calibration(), &limits, FIVE);
+            average.unwrap_err()
         };
-        assert_eq!(
-            refusal(1000, &|t, i| 2048.0
-                + if i == 3 { 0.01 * t as f64 } else { 0.0 }),
-            StandstillError::Drifting(3)
-        );
-        assert_eq!(
-            refusal(1000, &|t, i| 2048.0
-                + if i == 1 && t % 2 == 0 { 40.0 } else { 0.0 }),
-            StandstillError::Noisy(1)
-        );
-        assert_eq!(
-            refusal(400, &|_, _| 2048.0),
-            StandstillError::TooFewSamples(0)
-        );
-        assert_eq!(
-            refusal(1000, &|t, i| if i == 4 && t == 77 {
-                4095.0
-            } else {
-                2048.0
-            }),
-            StandstillError::BadSample(4)
-        );
-        assert_eq!(
-            Standstill::default().average(&calibration(), &limits, FIVE),
-            Err(StandstillError::TooFewSamples(0))
-        );
+        let drifting = refusal(1000, &|t, i| if i == 3 { 0.01 * t as f64 } else { 0.0 });
+        assert_eq!(drifting, StandstillError::Drifting(3));
+        let noisy = refusal(1000, &|t, i| {
+            f64::from(u8::from(i == 1 && t % 2 == 0)) * 40.0
+        });
+        assert_eq!(noisy, StandstillError::Noisy(1));
+        let saturated = refusal(1000, &|t, i| if (t, i) == (77, 4) { 2047.0 } else { 0.0 });
+        assert_eq!(saturated, StandstillError::BadSample(4));
+        let short = [0, 400].map(|n| refusal(n, &|_, _| 0.0));
+        assert_eq!(short, [StandstillError::TooFewSamples(0); 2]);
     }
 
     #[test]
