@@ -203,10 +203,8 @@ mod tests {
             let count = ((rate + 0.0087) / PER_COUNT).round() as i16;
             let read = channel.step(count, false).unwrap();
             // Half a count, and five standard deviations of the mean.
-            assert!(
-                (f64::from(read) - rate).abs() < 0.5 * PER_COUNT + 1.6e-4,
-                "{rate} {read}"
-            );
+            let error = f64::from(read) - rate;
+            assert!(error.abs() < 0.5 * PER_COUNT + 1.6e-4, "{rate} {read}");
         }
         assert_eq!(channel.step(i16::MAX, false), None);
         assert!(channel.is_zeroed());
@@ -224,10 +222,8 @@ mod tests {
         for (rate, reason) in moves {
             let mut channel = Config::GYRO.build().unwrap();
             window(&mut channel, &mut random, rate);
-            assert_eq!(
-                (channel.is_zeroed(), channel.refused()),
-                (false, Some(reason))
-            );
+            assert!(!channel.is_zeroed());
+            assert_eq!(channel.refused(), Some(reason));
             // The next window at rest is taken.
             window(&mut channel, &mut random, |_| 0.0);
             assert!(channel.is_zeroed() && channel.refused().is_none());
