@@ -353,10 +353,9 @@ mod tests {
         for curvature in [0.0, 1.0, -2.0] {
             let p = zero_covariance(&config.beam, curvature);
             let bend = curvature * length;
-            let (x, y) = if bend == 0.0 {
-                (length, 0.0)
-            } else {
-                (bend.sin() / curvature, (1.0 - bend.cos()) / curvature)
+            let (x, y) = match bend == 0.0 {
+                true => (length, 0.0),
+                false => (bend.sin() / curvature, (1.0 - bend.cos()) / curvature),
             };
             let by = constants::beam_by_constants(Posture::new(x, y, bend));
             let sigmas = [beam.zero_rad, beam.zero_tilt_m];
@@ -366,10 +365,8 @@ mod tests {
                         .map(|k| sigmas[k] * sigmas[k] * by[row][k] * by[column][k])
                         .sum();
                     let scale = (p[i][i] * p[j][j]).sqrt();
-                    assert!(
-                        (told - p[i][j]).abs() < 0.1 * scale,
-                        "{curvature} {i}{j} {told:e} {p:?}"
-                    );
+                    let error = (told - p[i][j]).abs() / scale;
+                    assert!(error < 0.1, "{curvature} {i}{j} {told:e} {p:?}");
                 }
             }
         }
