@@ -1,4 +1,4 @@
-//! Honesty of fusion from the wheels to the robot's posture: over 200 simulated drives whose errors
+//! Honesty of fusion from the wheels to the robot's posture: over 600 simulated drives whose errors
 //! are what the filters are told, the normalised estimation error squared (NEES) must be what its
 //! distribution says.
 //!
