@@ -2,8 +2,11 @@
 //! differences and Simpson's rule, the elastica by a fourth-order Runge–Kutta march from the root
 //! on (θ, κ, x, y).
 
-pub(super) use crate::fusion::testing::Random;
 use std::vec::Vec;
+
+// The mark of a test's import: `fusion` stands above `beam`.
+#[cfg(test)]
+pub(super) use crate::fusion::testing::Random;
 
 /// Value at `s` of the polynomial through (`at`, `values`).
 pub fn polynomial(at: &[f64], values: &[f64], s: f64) -> f64 {
