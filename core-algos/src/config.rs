@@ -56,7 +56,7 @@ impl core::error::Error for ConfigError {}
 
 /// Declares parameters: name, type, default, and what a number may be ([`Allowed`]).
 ///
-/// The check of each number by itself follows from it; conditions between several are those of `build`.
+/// The check of each number by itself, also in a list or an option, follows from it; conditions between several are those of `build`.
 macro_rules! config {
     (
         $(#[$doc:meta])*
@@ -83,13 +83,44 @@ macro_rules! config {
             fn check_ranges(&self) -> Result<(), $crate::config::ConfigError> {
                 #[allow(unused_imports)]
                 use $crate::config::Allowed::{Finite, NonNegative, Positive, Range};
-                $($($allowed.check(stringify!($field), self.$field)?;)?)*
+                $($($crate::config::Checked::check(&self.$field, stringify!($field), $allowed)?;)?)*
                 Ok(())
             }
         }
     };
 }
 pub(crate) use config;
+
+/// A parameter of one number, several or none.
+pub(crate) trait Checked {
+    /// Checks each number by itself.
+    fn check(&self, field: &'static str, allowed: Allowed) -> Result<(), ConfigError>;
+}
+
+macro_rules! checked_numbers {
+    ($($number:ty),*) => {
+        $(impl Checked for $number {
+            fn check(&self, field: &'static str, allowed: Allowed) -> Result<(), ConfigError> {
+                allowed.check(field, *self as f32).map(|_| ())
+            }
+        })*
+    };
+}
+checked_numbers!(f32, u8, u16, u32, i32);
+
+impl Checked for [f32; 3] {
+    fn check(&self, field: &'static str, allowed: Allowed) -> Result<(), ConfigError> {
+        self.iter()
+            .try_for_each(|value| value.check(field, allowed))
+    }
+}
+
+impl Checked for Option<f32> {
+    fn check(&self, field: &'static str, allowed: Allowed) -> Result<(), ConfigError> {
+        self.iter()
+            .try_for_each(|value| value.check(field, allowed))
+    }
+}
 
 impl Allowed {
     /// `value` if it is allowed; otherwise an error that names `field`. A condition that a range cannot state allows

@@ -1,4 +1,4 @@
-//! Honesty of fusion from the wheels to the robot's posture: over 200 simulated drives whose errors
+//! Honesty of fusion from the wheels to the robot's posture: over 600 simulated drives whose errors
 //! are what the filters are told, the normalised estimation error squared (NEES) must be what its
 //! distribution says.
 //!
@@ -169,16 +169,11 @@ fn wheels(t: f64) -> [[f64; 2]; 2] {
     let speed = 0.25 * ramp * ramp * (3.0 - 2.0 * ramp);
     let (psi, psi_dot) = (0.25 * (0.9 * t).sin(), 0.225 * (0.9 * t).cos());
     // Chord L sin ψ/ψ.
-    let stretch = if psi.abs() < 1e-4 {
-        -LENGTH * psi / 3.0 * psi_dot
-    } else {
-        LENGTH * (psi * psi.cos() - psi.sin()) / (psi * psi) * psi_dot
+    let (stretch, chord) = match psi.abs() < 1e-4 {
+        true => (-psi / 3.0, 1.0),
+        false => ((psi * psi.cos() - psi.sin()) / (psi * psi), psi.sin() / psi),
     };
-    let chord = if psi.abs() < 1e-4 {
-        LENGTH
-    } else {
-        LENGTH * psi.sin() / psi
-    };
+    let (stretch, chord) = (LENGTH * stretch * psi_dot, LENGTH * chord);
     let turn = 2.0 * speed * psi.tan() / chord;
     [1.0, -1.0].map(|sign| {
         [
@@ -294,7 +289,7 @@ fn drive(setting: Setting, seed: u64) -> Drive {
         if (step + 1) % STEPS_PER_EPOCH != 0 {
             continue;
         }
-        let mut report = |axle: usize| -> Option<Increment> {
+        let mut report = |axle: usize| {
             let sent = filters[axle].take_increment();
             let from = std::mem::replace(&mut last[axle], sent.posture);
             Some(Increment {
@@ -473,13 +468,9 @@ fn intersection_never_overclaims() {
 
 #[test]
 fn each_further_stage_improves_the_robots_heading() {
-    let [odometry, intersection, corrected, joint] = [
-        Mode::Odometry,
-        Mode::Intersection,
-        Mode::IntersectionIpec,
-        Mode::Joint,
-    ]
-    .map(|mode| WHITE.try_on(mode).rms);
+    let rms = |mode| WHITE.try_on(mode).rms;
+    let [odometry, intersection] = [Mode::Odometry, Mode::Intersection].map(rms);
+    let [corrected, joint] = [Mode::IntersectionIpec, Mode::Joint].map(rms);
     assert!(intersection[1] < 0.8 * odometry[1]);
     assert!(corrected[1] < 0.7 * intersection[1]);
     assert!(joint[1] < corrected[1] && joint[0] < corrected[0]);

@@ -11,8 +11,7 @@ mod properties;
 mod testing;
 
 use core_algos::beam::MAX_GAUGES;
-use core_algos::bus::{self};
-use core_algos::bus::{LeadMode, Message};
+use core_algos::bus::{self, LeadMode, Message};
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::fusion::Estimate;
 use core_algos::fusion::ekf::{self, Measurements};
@@ -40,12 +39,9 @@ fn number() -> impl Strategy<Value = f32> {
 
 /// Reading of a broken sensor: within its units, or no number.
 fn measured() -> impl Strategy<Value = f32> {
-    number().prop_map(|x| {
-        if x.is_finite() {
-            x.clamp(-20.0, 20.0)
-        } else {
-            x
-        }
+    number().prop_map(|x| match x.is_finite() {
+        true => x.clamp(-20.0, 20.0),
+        false => x,
     })
 }
 
@@ -56,11 +52,7 @@ fn numbers<const N: usize>() -> impl Strategy<Value = [f32; N]> {
 /// Messages of any content.
 fn message() -> impl Strategy<Value = Message> {
     let axle = prop_oneof![Just(AxleId::Front), Just(AxleId::Rear)];
-    let mode = prop_oneof![
-        Just(LeadMode::Idle),
-        Just(LeadMode::Active),
-        Just(LeadMode::Hold)
-    ];
+    let mode = prop::sample::select(&[LeadMode::Idle, LeadMode::Active, LeadMode::Hold]);
     (0..8u8, numbers::<9>(), any::<u8>(), any::<u8>(), axle, mode).prop_map(
         |(kind, n, sequence, byte, axle, mode)| {
             let posture = Posture::new(n[0], n[1], n[2]);
@@ -188,25 +180,18 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
         for tick in ticks {
             now = now.saturating_add_signed(tick.passed);
             // The lead node works once an epoch: here as often as every other tick.
-            let at = if tick.passed % 2 == 0 {
-                now / EPOCH * EPOCH + LEAD_PHASE
-            } else {
-                now
+            let at = match tick.passed % 2 {
+                0 => now / EPOCH * EPOCH + LEAD_PHASE,
+                _ => now,
             };
             if let (Some(lead), Some(task)) = (board.lead(), tick.task) {
                 let n = tick.inertial.map(|n| n.unwrap_or(0.1));
-                let point = PathPoint {
-                    posture: Posture::new(n[0], n[1], 0.0),
-                    kappa: n[0],
-                    s: n[1],
-                };
+                let (posture, [kappa, s]) = (Posture::new(n[0], n[1], 0.0), n);
+                let point = PathPoint { posture, kappa, s };
                 // Refused or not, what was pushed must not do harm.
                 let _ = lead.path_task().push_path_point(point);
-                let timed = TrajectoryPoint {
-                    time_s: n[0],
-                    v: n[1],
-                    point,
-                };
+                let [time_s, v] = n;
+                let timed = TrajectoryPoint { time_s, v, point };
                 let _ = lead.path_task().push_trajectory_point(timed);
                 lead.command(task);
             }

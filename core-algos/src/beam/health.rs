@@ -13,7 +13,7 @@
 //! [`Config::build`] validates; the rest never fails.
 
 use super::strip::{GaugeMask, MAX_GAUGES};
-use crate::config::{Allowed, ConfigError, config, in_range, require};
+use crate::config::{Allowed, ConfigError, config, require};
 
 /// Fault of a gauge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -44,11 +44,11 @@ config! {
     /// Limits beyond which a gauge is taken out.
     pub struct Config {
         /// Bad periods in a row until a fault is reported.
-        pub trip_periods: u8 = 5;
+        pub trip_periods: u8 = 5, Range(1.0, 255.0);
         /// Good periods in a row until it is over.
-        pub clear_periods: u8 = 50;
+        pub clear_periods: u8 = 50, Range(1.0, 255.0);
         /// Periods over which flatness is judged.
-        pub flat_window_periods: u16 = 50;
+        pub flat_window_periods: u16 = 50, Range(2.0, 10_000.0);
         /// Counts by which half of the other gauges must have moved in that window.
         pub active_counts: i32 = 60;
         /// Difference between a flat reading and the fit of the other gauges from which the gauge is dead,
@@ -60,7 +60,7 @@ config! {
         /// stated uncertainties a healthy strip exceeds 30 with probability 1e-5 or less.
         pub max_chi_square: f32 = 30.0, Range(5.0, 1e6);
         /// Searches in a row that must blame one gauge.
-        pub verdicts: u8 = 2;
+        pub verdicts: u8 = 2, Range(1.0, 255.0);
     }
 }
 
@@ -68,19 +68,6 @@ impl Config {
     /// Checks every field.
     pub fn build(&self) -> Result<Monitor, ConfigError> {
         self.check_ranges()?;
-        for (field, value) in [
-            ("trip_periods", self.trip_periods),
-            ("clear_periods", self.clear_periods),
-            ("verdicts", self.verdicts),
-        ] {
-            in_range(field, f32::from(value), 1.0, 255.0)?;
-        }
-        in_range(
-            "flat_window_periods",
-            f32::from(self.flat_window_periods),
-            2.0,
-            10_000.0,
-        )?;
         require(
             self.active_counts >= 2,
             "active_counts",

@@ -4,27 +4,9 @@
 
 use std::vec::Vec;
 
-/// Uniform numbers from a 64-bit mixer (SplitMix64).
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-
-    pub fn normal(&mut self) -> f64 {
-        let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
-        radius * (std::f64::consts::TAU * self.unit()).cos()
-    }
-}
+// The mark of a test's import: `fusion` stands above `beam`.
+#[cfg(test)]
+pub(super) use crate::fusion::testing::Random;
 
 /// Value at `s` of the polynomial through (`at`, `values`).
 pub fn polynomial(at: &[f64], values: &[f64], s: f64) -> f64 {

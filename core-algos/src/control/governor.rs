@@ -23,7 +23,7 @@
 //! is not finite counts as absent: the robot brakes as by [`Governor::stop`].
 
 use super::cascade::{Cascade, Motion};
-use crate::config::{Allowed, ConfigError, config, in_range, require};
+use crate::config::{Allowed, ConfigError, config, require};
 use crate::math::trig::sqrt;
 use crate::math::{Steering, bounded, greater, lag_gain, lesser};
 use core::hint::cold_path;
@@ -81,12 +81,8 @@ impl Config {
             self.stop_deceleration_m_s2,
             Allowed::Condition("not less than max_acceleration_m_s2"),
         )?;
-        in_range(
-            "max_steering_rad",
-            self.max_steering_rad,
-            1e-3,
-            cascade.max_steering(),
-        )?;
+        Allowed::Range(1e-3, cascade.max_steering())
+            .check("max_steering_rad", self.max_steering_rad)?;
 
         let mut governor = Governor {
             config: *self,

@@ -47,7 +47,7 @@ pub use buffer::{
 use super::cascade::Cascade;
 use super::governor::Wish;
 use super::kinematic::{Law, Reference};
-use crate::config::{ConfigError, config, in_range, positive};
+use crate::config::{Allowed, ConfigError, config, positive};
 use crate::math::trig::{clamp, sqrt};
 use crate::math::{Posture, Transform};
 use buffer::MAX_BEND_SQUARED;
@@ -89,12 +89,7 @@ impl Config {
     /// is wrong.
     pub fn build(&self, cascade: &Cascade, law: &Law) -> Result<Follower, ConfigError> {
         self.check_ranges()?;
-        in_range(
-            "min_speed_m_s",
-            self.min_speed_m_s,
-            1e-3,
-            self.max_speed_m_s,
-        )?;
+        Allowed::Range(1e-3, self.max_speed_m_s).check("min_speed_m_s", self.min_speed_m_s)?;
         Ok(Follower {
             config: *self,
             steering: SteeringLaw {

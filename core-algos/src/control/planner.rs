@@ -143,6 +143,25 @@ enum Stage {
     Finished,
 }
 
+impl Stage {
+    const fn pair(first_steps: u16, first: u8, second: u8, steps: u16) -> Self {
+        Self::Pair {
+            first_steps,
+            first,
+            second,
+            steps,
+        }
+    }
+
+    const fn refine(change: u8, step_m: f32, helped: bool) -> Self {
+        Self::Refine {
+            change,
+            step_m,
+            helped,
+        }
+    }
+}
+
 /// Result of a call of [`Planner::step`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Progress {
@@ -165,6 +184,24 @@ pub struct Search {
     middle: [(Pose, bool); 6],
     here: Pose,
     evaluated: u32,
+}
+
+impl Search {
+    /// Takes a better plan: its segments, and what [`Planner::evaluate`] has found behind them.
+    fn improve(
+        &mut self,
+        (first, second): (Option<Segment>, Option<Segment>),
+        found: Option<(f32, Direction)>,
+    ) {
+        if let Some((cost_m, approach)) = found {
+            self.best = Some(Plan {
+                first,
+                second,
+                approach,
+                cost_m,
+            });
+        }
+    }
 }
 
 /// The planner, ready to run.
@@ -206,16 +243,9 @@ impl Planner {
             return search;
         }
         // Already in the funnel: no segment, but one that shortens the path may still be found.
-        if let Some((cost, approach)) = self.evaluate(start, 0.0, None, None).1 {
-            search.best = Some(Plan {
-                cost_m: cost,
-                ..Plan::direct(approach)
-            });
-        }
-        search.stage = Stage::Single {
-            motion: 0,
-            steps: 0,
-        };
+        search.improve((None, None), self.evaluate(start, 0.0, None, None).1);
+        let (motion, steps) = (0, 0);
+        search.stage = Stage::Single { motion, steps };
         search
     }
 
@@ -319,12 +349,7 @@ impl Planner {
             self.segment(motion, self.config.single_step_m),
             self.single_steps.get(usize::from(motion)),
         ) else {
-            search.stage = Stage::Pair {
-                first_steps: 0,
-                first: MOTIONS.len() as u8,
-                second: 0,
-                steps: 0,
-            };
+            search.stage = Stage::pair(0, MOTIONS.len() as u8, 0, 0);
             search.middle = [(search.start, true); 6];
             return;
         };
@@ -336,29 +361,13 @@ impl Planner {
         let spent = length + self.config.stop_price_m;
         let best = search.best.map(|plan| plan.cost_m);
         let (least, found) = self.evaluate(search.here, spent, Some(unit.direction), best);
-        if let Some((cost_m, approach)) = found {
-            search.best = Some(Plan {
-                first: Some(Segment {
-                    length_m: length,
-                    ..unit
-                }),
-                second: None,
-                approach,
-                cost_m,
-            });
-        }
+        search.improve((Some(unit.with_length(length)), None), found);
         let exhausted = length >= self.longest(&unit) || best.is_some_and(|best| least >= best);
-        search.stage = if exhausted {
-            Stage::Single {
-                motion: motion + 1,
-                steps: 0,
-            }
-        } else {
-            Stage::Single {
-                motion,
-                steps: steps + 1,
-            }
+        let (motion, steps) = match exhausted {
+            true => (motion + 1, 0),
+            false => (motion, steps + 1),
         };
+        search.stage = Stage::Single { motion, steps };
     }
 
     /// Lengthens the first segment of each motion by a step, once all second ones are tried.
@@ -379,18 +388,9 @@ impl Planner {
             alive |= *open;
         }
         search.stage = if alive {
-            Stage::Pair {
-                first_steps: first_steps + 1,
-                first: 0,
-                second: 0,
-                steps: 0,
-            }
+            Stage::pair(first_steps + 1, 0, 0, 0)
         } else if search.best.is_some() {
-            Stage::Refine {
-                change: 0,
-                step_m: 0.5 * step_m,
-                helped: false,
-            }
+            Stage::refine(0, 0.5 * step_m, false)
         } else {
             Stage::Finished
         };
@@ -403,18 +403,8 @@ impl Planner {
             self.lengthen_first(search, first_steps, best);
             return;
         }
-        let next_first = Stage::Pair {
-            first_steps,
-            first: first + 1,
-            second: 0,
-            steps: 0,
-        };
-        let next_second = Stage::Pair {
-            first_steps,
-            first,
-            second: second + 1,
-            steps: 0,
-        };
+        let next_first = Stage::pair(first_steps, first + 1, 0, 0);
+        let next_second = Stage::pair(first_steps, first, second + 1, 0);
         let (Some(one), Some(two), Some(&step), Some(&(middle, open))) = (
             self.segment(first, f32::from(first_steps) * step_m),
             self.segment(second, step_m),
@@ -440,27 +430,11 @@ impl Planner {
         let length = f32::from(steps + 1) * step_m;
         let spent = one.length_m + length + self.prices(one.direction, two.direction);
         let (least, found) = self.evaluate(search.here, spent, Some(two.direction), best);
-        if let Some((cost_m, approach)) = found {
-            search.best = Some(Plan {
-                first: Some(one),
-                second: Some(Segment {
-                    length_m: length,
-                    ..two
-                }),
-                approach,
-                cost_m,
-            });
-        }
+        search.improve((Some(one), Some(two.with_length(length))), found);
         let exhausted = length >= self.longest(&two) || best.is_some_and(|best| least >= best);
-        search.stage = if exhausted {
-            next_second
-        } else {
-            Stage::Pair {
-                first_steps,
-                first,
-                second,
-                steps: steps + 1,
-            }
+        search.stage = match exhausted {
+            true => next_second,
+            false => Stage::pair(first_steps, first, second, steps + 1),
         };
     }
 
@@ -490,10 +464,7 @@ impl Planner {
             _ => (step_m, step_m),
         };
         let lengthen = |segment: Option<Segment>, by: f32| {
-            segment.map(|segment| Segment {
-                length_m: segment.length_m + by,
-                ..segment
-            })
+            segment.map(|segment| segment.with_length(segment.length_m + by))
         };
         let (first, second) = (lengthen(plan.first, da), lengthen(plan.second, db));
         let allowed =
@@ -514,33 +485,14 @@ impl Planner {
         } else {
             None
         };
-        if let Some((cost_m, approach)) = improved {
-            search.best = Some(Plan {
-                first,
-                second,
-                approach,
-                cost_m,
-            });
-        }
+        search.improve((first, second), improved);
         let helped = helped || improved.is_some();
         search.stage = if change < 7 {
-            Stage::Refine {
-                change: change + 1,
-                step_m,
-                helped,
-            }
+            Stage::refine(change + 1, step_m, helped)
         } else if helped {
-            Stage::Refine {
-                change: 0,
-                step_m,
-                helped: false,
-            }
+            Stage::refine(0, step_m, false)
         } else if step_m > 2e-3 {
-            Stage::Refine {
-                change: 0,
-                step_m: 0.5 * step_m,
-                helped: false,
-            }
+            Stage::refine(0, 0.5 * step_m, false)
         } else {
             Stage::Finished
         };

@@ -19,12 +19,15 @@ use crate::config::{Allowed, ConfigError, config, require};
 use crate::math::trig::exp;
 use core::f32::consts::TAU;
 
+/// Most counts: up to it, single precision holds every whole number.
+const MAX_COUNTS: f32 = 16_777_215.0;
+
 config! {
     /// Encoder and bandwidth.
     pub struct Config {
         /// Encoder counts per revolution of the wheel, gear and edges included.
         #[cfg_attr(feature = "serde", serde(skip))]
-        pub counts_per_revolution: u32 = 20_000;
+        pub counts_per_revolution: u32 = 20_000, Range(4.0, MAX_COUNTS);
         /// Bandwidth of the observer (b), rad/s.
         pub bandwidth_rad_s: f32 = 250.0, Positive;
         /// Interval between samples, s.
@@ -47,8 +50,7 @@ impl Config {
             bandwidth,
             Allowed::Condition("at most 2 divided by interval_s"),
         )?;
-        let counts = require_counts(self.counts_per_revolution)?;
-        let radians_per_count = TAU / counts;
+        let radians_per_count = TAU / self.counts_per_revolution as f32;
         let pole = exp(-bandwidth * interval);
         Ok(WheelObserver {
             radians_per_count,
@@ -59,17 +61,6 @@ impl Config {
             largest_error: self.max_speed_rad_s * interval / radians_per_count + 2.0,
         })
     }
-}
-
-/// A count from 4 to 2^24, which single precision holds exactly.
-fn require_counts(counts: u32) -> Result<f32, ConfigError> {
-    const MAX: u32 = 1 << 24;
-    require(
-        (4..=MAX).contains(&counts),
-        "counts_per_revolution",
-        counts as f32,
-        Allowed::Range(4.0, MAX as f32),
-    )
 }
 
 /// Everything that changes.

@@ -8,57 +8,44 @@
 //!
 //! [`Config::build`] validates; [`Response::step`] cannot fail. What is not finite is no answer.
 
-use crate::config::{ConfigError, in_range};
+use super::current;
+use crate::config::{ConfigError, config, in_range};
 
-/// Motor and tolerances.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Config {
-    /// Resistance of winding, leads and bridge (R), Ω.
-    pub resistance_ohm: f32,
-    /// Inductance of the winding (L), H.
-    pub inductance_h: f32,
-    /// Torque per current at the wheel, gear included (k_t = k_e), N m/A.
-    pub torque_constant_nm_a: f32,
-    /// Time between steps (T), s.
-    pub period_s: f32,
-    /// Length of a window, s.
-    pub window_s: f32,
-    /// Voltage that may be left over without a current, V.
-    pub tolerance_v: f32,
-    /// Share of R i that may be left over.
-    pub tolerance_share: f32,
-}
-
-impl Default for Config {
-    /// The motor of [`super::current::Config`], up to 60 % hotter in resistance.
-    fn default() -> Self {
-        let motor = super::current::Config::default();
-        Self {
-            resistance_ohm: motor.resistance_ohm,
-            inductance_h: motor.inductance_h,
-            torque_constant_nm_a: motor.torque_constant_nm_a,
-            period_s: motor.period_s,
-            window_s: 0.01,
-            tolerance_v: 1.5,
-            tolerance_share: 0.6,
-        }
+config! {
+    /// Motor and tolerances.
+    ///
+    /// Default: The motor of [`current::Config`], up to 60 % hotter in resistance.
+    pub struct Config {
+        /// Resistance of winding, leads and bridge (R), Ω.
+        pub resistance_ohm: f32 = current::Config::default().resistance_ohm, Range(1e-3, 1e3);
+        /// Inductance of the winding (L), H.
+        pub inductance_h: f32 = current::Config::default().inductance_h, Range(1e-6, 1.0);
+        /// Torque per current at the wheel, gear included (k_t = k_e), N m/A.
+        pub torque_constant_nm_a: f32 = current::Config::default().torque_constant_nm_a, Range(1e-4, 1e3);
+        /// Time between steps (T), s.
+        pub period_s: f32 = current::Config::default().period_s, Range(1e-6, 1e-2);
+        /// Length of a window, s.
+        pub window_s: f32 = 0.01;
+        /// Voltage that may be left over without a current, V.
+        pub tolerance_v: f32 = 1.5, Range(0.1, 100.0);
+        /// Share of R i that may be left over.
+        pub tolerance_share: f32 = 0.6, Range(0.0, 5.0);
     }
 }
 
 impl Config {
     /// The ready-to-run form; the error names the field that is wrong.
     pub fn build(&self) -> Result<Response, ConfigError> {
-        let period = in_range("period_s", self.period_s, 1e-6, 1e-2)?;
+        self.check_ranges()?;
+        let period = self.period_s;
         let window = in_range("window_s", self.window_s, 4.0 * period, 1.0)?;
-        let torque_constant = self.torque_constant_nm_a;
-        let periods = (window / period).clamp(4.0, 60_000.0) as u16;
         Ok(Response {
-            resistance: in_range("resistance_ohm", self.resistance_ohm, 1e-3, 1e3)?,
-            rise: in_range("inductance_h", self.inductance_h, 1e-6, 1.0)? / period,
-            torque_constant: in_range("torque_constant_nm_a", torque_constant, 1e-4, 1e3)?,
-            periods,
-            tolerance: in_range("tolerance_v", self.tolerance_v, 0.1, 100.0)?,
-            share: in_range("tolerance_share", self.tolerance_share, 0.0, 5.0)?,
+            resistance: self.resistance_ohm,
+            rise: self.inductance_h / period,
+            torque_constant: self.torque_constant_nm_a,
+            periods: (window / period).clamp(4.0, 60_000.0) as u16,
+            tolerance: self.tolerance_v,
+            share: self.tolerance_share,
         })
     }
 }

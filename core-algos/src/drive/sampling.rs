@@ -136,10 +136,7 @@ mod tests {
             for edge in edges(&counter, |count| count < motor) {
                 let before = edge + usize::from(TIMING.settling) <= begin;
                 let after = edge >= begin + usize::from(TIMING.window + TIMING.margin);
-                assert!(
-                    before || after,
-                    "{top} {compares:?}: edge {edge}, window {begin}"
-                );
+                assert!(before || after, "{top} {compares:?}: {edge} {begin}");
             }
         }
     }

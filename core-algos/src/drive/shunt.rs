@@ -18,7 +18,7 @@ config! {
         /// Reference of the converter, V.
         pub reference_v: f32 = 3.3, Range(1.0, 5.5);
         /// A count this close to either end is no reading.
-        pub rail_margin_counts: u16 = 20;
+        pub rail_margin_counts: u16 = 20, Range(0.0, 999.0);
         /// Largest offset of the middle that is believed, A.
         pub max_offset_a: f32 = 0.2, Range(0.0, 100.0);
         /// Largest standard deviation of a reading at rest, A.
@@ -44,12 +44,6 @@ impl Config {
             Allowed::Condition("from 0.001 to 10 in magnitude"),
         )?;
         let reference = self.reference_v;
-        require(
-            self.rail_margin_counts < 1000,
-            "rail_margin_counts",
-            f32::from(self.rail_margin_counts),
-            Allowed::Range(0.0, 999.0),
-        )?;
         Ok(Shunt {
             amperes_per_count: reference / (SPAN * slope),
             lowest: self.rail_margin_counts,

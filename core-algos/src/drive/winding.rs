@@ -166,10 +166,8 @@ mod tests {
         }
         // Where loss and fold-back meet: 30 + 17.28 i² = 120 − 5 i.
         let expected = (-5.0 + (25.0f64 + 4.0 * 17.28 * 90.0).sqrt()) / (2.0 * 17.28);
-        assert!(
-            (f64::from(limit) - expected).abs() < 1e-3,
-            "{limit} {expected}"
-        );
+        let error = f64::from(limit) - expected;
+        assert!(error.abs() < 1e-3, "{limit} {expected}");
     }
 
     #[test]

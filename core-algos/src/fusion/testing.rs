@@ -18,6 +18,10 @@ impl Random {
     }
 
     /// Uniform in [low, high).
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.uniform()
+    }
+
     /// Standard normal (Box and Muller).
     pub(crate) fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
@@ -93,6 +97,16 @@ pub(crate) fn cholesky<const N: usize>(m: &Matrix<N, N>) -> Matrix<N, N> {
 pub(crate) fn is_definite<const N: usize>(m: &Matrix<N, N>) -> bool {
     let l = cholesky(m);
     *m == transpose(m) && (0..N).all(|i| l[i][i] > 0.0 && l[i][i].is_finite())
+}
+
+/// Covariance of samples.
+pub(crate) fn sample_covariance<const N: usize>(samples: &[[f64; N]]) -> Matrix<N, N> {
+    let mean =
+        |of: &dyn Fn(&[f64; N]) -> f64| samples.iter().map(of).sum::<f64>() / samples.len() as f64;
+    let means: [f64; N] = core::array::from_fn(|i| mean(&|p| p[i]));
+    core::array::from_fn(|i| {
+        core::array::from_fn(|j| mean(&|p| (p[i] - means[i]) * (p[j] - means[j])))
+    })
 }
 
 /// Largest difference of two covariances, as a share of the standard deviations.

@@ -81,10 +81,8 @@ mod tests {
         assert_eq!(lease.admit(began + TERM, stamp(2, 9)), Err(Denied::Leased));
         assert_eq!(lease.admit(began + TERM, stamp(1, 8)), Ok(()));
         assert_eq!(lease.admit(began + 2 * TERM + 1, stamp(2, 1)), Ok(()));
-        assert_eq!(
-            lease.admit(began + 2 * TERM + 2, stamp(1, 9)),
-            Err(Denied::Leased)
-        );
+        let former = lease.admit(began + 2 * TERM + 2, stamp(1, 9));
+        assert_eq!(former, Err(Denied::Leased));
         lease.release();
         assert_eq!(lease.admit(began + 2 * TERM + 3, stamp(1, 9)), Ok(()));
     }

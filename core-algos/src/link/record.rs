@@ -206,14 +206,12 @@ mod tests {
             })
         };
         let none = Conditions::NONE;
+        let counts = [9, -9, 2_000_000, 0, 1, 2, 3, 4];
         let samples = [
             (70_000, axle(Some(i32::MAX), Some(-3), none)),
             (70_001, axle(Some(i32::MIN), None, none)),
             (70_004, axle(Some(5), Some(-7), none)),
-            (
-                70_005,
-                Samples::Beam([9, -9, 2_000_000, 0, 1, 2, 3, 4].into()),
-            ),
+            (70_005, Samples::Beam(counts.into())),
         ];
         let mut board = Reference::default();
         let Entry::Begin { tick } = board.begin(70_000 * TICK) else {
@@ -248,10 +246,8 @@ mod tests {
         for entry in [Entry::of(&frame), Entry::Wait, Entry::of(&frame)] {
             bytes.extend_from_slice(entry.encode(&mut [0; MAX_ENTRY]).unwrap());
         }
-        let frames: Vec<_> = entries(&bytes)
-            .map(|entry| entry.unwrap().frame())
-            .collect();
-        assert_eq!(frames, [Some(frame), None, Some(frame)]);
+        let frames = entries(&bytes).map(|entry| entry.unwrap().frame());
+        assert!(frames.eq([Some(frame), None, Some(frame)]));
         let cut: Vec<_> = entries(&bytes[..bytes.len() - 1]).collect();
         assert_eq!((cut.len(), cut[2]), (3, None));
         assert_eq!(Entry::Frame(1, &[0; 9]).frame(), None);

@@ -241,11 +241,8 @@ mod tests {
 
     #[test]
     fn nan_propagates() {
-        assert!(
-            (TwoFloat::from_f32(f32::NAN) + TwoFloat::ONE)
-                .value()
-                .is_nan()
-        );
+        let sum = TwoFloat::from_f32(f32::NAN) + TwoFloat::ONE;
+        assert!(sum.value().is_nan());
         assert!((TwoFloat::ONE / TwoFloat::ZERO).value().is_nan());
     }
 }

@@ -137,9 +137,7 @@ mod tests {
         let wrench = Wrench::pure_bending(0.833, 0.37, Steering(0.5));
         let relative = Posture::new(0.3, 0.1, 1.0);
         assert!((wrench.on_rear(0.0).moment - 2.2514).abs() < 1e-3);
-        assert_eq!(
-            wrench.on_front(relative, 0.02).moment,
-            -wrench.on_rear(0.02).moment
-        );
+        let (front, rear) = (wrench.on_front(relative, 0.02), wrench.on_rear(0.02));
+        assert_eq!(front.moment, -rear.moment);
     }
 }

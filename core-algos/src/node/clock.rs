@@ -281,11 +281,12 @@ mod tests {
             epoch,
             last_delay_us,
         };
-        for (local, epoch, delay) in [
+        let lost = [
             (100, 5, Some(120)),
             (20_100, 7, Some(120)),
             (30_100, 8, None),
-        ] {
+        ];
+        for (local, epoch, delay) in lost {
             clock.receive(local, &sync(epoch, delay));
             assert_eq!(clock.common(local), None);
         }

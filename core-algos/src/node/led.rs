@@ -136,10 +136,8 @@ mod tests {
         let texts = OperatingState::ALL.map(|state| Pattern(state).to_string());
         assert_eq!(Pattern(OperatingState::Active).to_string(), "on");
         let fault = Pattern(OperatingState::Fault).to_string();
-        assert!(
-            fault.contains("of 400 ms") && fault.ends_with("of 600 ms"),
-            "{fault}"
-        );
+        assert!(fault.contains("of 400 ms"), "{fault}");
+        assert!(fault.ends_with("of 600 ms"), "{fault}");
         for (i, state) in OperatingState::ALL.into_iter().enumerate() {
             assert!(!texts[..i].contains(&texts[i]), "{}", texts[i]);
             let led = led(Node::FrontAxle, state, 0);

@@ -7,7 +7,7 @@
 use super::lead::Place;
 use super::{axle, beam, lead};
 use crate::beam::sensor;
-use crate::config::{Allowed, ConfigError, config, in_range, require};
+use crate::config::{Allowed, ConfigError, config};
 use crate::fusion::Estimate;
 use crate::math::Posture;
 use crate::math::trig::sin_cos;
@@ -32,7 +32,7 @@ config! {
         /// Radius of the right wheel over that of the left; `wheel_radius_m` is their mean.
         pub wheel_ratio: f32 = 1.0, Range(0.8, 1.25);
         /// Encoder counts per revolution of a wheel, gear and edges included.
-        pub encoder_counts_per_revolution: u32 = 8192;
+        pub encoder_counts_per_revolution: u32 = 8192, Positive;
     }
 }
 
@@ -195,18 +195,8 @@ impl RobotConfig {
         let geometry = &self.geometry;
         geometry.check_ranges()?;
         self.limits.check_ranges()?;
-        require(
-            geometry.encoder_counts_per_revolution > 0,
-            "encoder_counts_per_revolution",
-            geometry.encoder_counts_per_revolution as f32,
-            Allowed::Positive,
-        )?;
-        in_range(
-            "steering_margin_rad",
-            self.limits.steering_margin_rad,
-            0.0,
-            0.5 * self.limits.max_steering_rad,
-        )?;
+        Allowed::Range(0.0, 0.5 * self.limits.max_steering_rad)
+            .check("steering_margin_rad", self.limits.steering_margin_rad)?;
         Ok(())
     }
 
@@ -363,10 +353,9 @@ mod tests {
         for curvature in [0.0, 1.0, -2.0] {
             let p = zero_covariance(&config.beam, curvature);
             let bend = curvature * length;
-            let (x, y) = if bend == 0.0 {
-                (length, 0.0)
-            } else {
-                (bend.sin() / curvature, (1.0 - bend.cos()) / curvature)
+            let (x, y) = match bend == 0.0 {
+                true => (length, 0.0),
+                false => (bend.sin() / curvature, (1.0 - bend.cos()) / curvature),
             };
             let by = constants::beam_by_constants(Posture::new(x, y, bend));
             let sigmas = [beam.zero_rad, beam.zero_tilt_m];
@@ -376,10 +365,8 @@ mod tests {
                         .map(|k| sigmas[k] * sigmas[k] * by[row][k] * by[column][k])
                         .sum();
                     let scale = (p[i][i] * p[j][j]).sqrt();
-                    assert!(
-                        (told - p[i][j]).abs() < 0.1 * scale,
-                        "{curvature} {i}{j} {told:e} {p:?}"
-                    );
+                    let error = (told - p[i][j]).abs() / scale;
+                    assert!(error < 0.1, "{curvature} {i}{j} {told:e} {p:?}");
                 }
             }
         }

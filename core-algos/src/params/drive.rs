@@ -268,13 +268,8 @@ mod tests {
                         second.set(&mut settings, b).unwrap();
                         let drive = settings.drive;
                         let sound = drive.supply_minimum_v < drive.supply_maximum_v;
-                        assert_eq!(
-                            drive.check().is_ok(),
-                            sound,
-                            "{} {}",
-                            first.name,
-                            second.name
-                        );
+                        let names = [first.name, second.name];
+                        assert_eq!(drive.check().is_ok(), sound, "{names:?}");
                         refused += usize::from(!sound);
                     }
                 }

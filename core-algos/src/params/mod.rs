@@ -37,7 +37,7 @@ pub use table::{COUNT, Parameter, TABLE, find, fingerprint};
 
 use crate::acquisition::oversampling::{FULL_SCALE, SCANS};
 use crate::beam::PerGauge;
-use crate::config::{ConfigError, in_range};
+use crate::config::{ConfigError, config};
 use crate::math::Posture;
 use crate::node::board::Board;
 use crate::node::robot::{RobotConfig, START};
@@ -79,21 +79,13 @@ impl Default for Button {
     }
 }
 
-/// Scale of an inertial sensor; its biases are found anew at every standstill.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Inertial {
-    /// True yaw rate over the one read.
-    pub gyro_gain: f32,
-    /// True acceleration over the one read.
-    pub accelerometer_gain: f32,
-}
-
-impl Default for Inertial {
-    fn default() -> Self {
-        Self {
-            gyro_gain: 1.0,
-            accelerometer_gain: 1.0,
-        }
+config! {
+    /// Scale of an inertial sensor; its biases are found anew at every standstill.
+    pub struct Inertial {
+        /// True yaw rate over the one read.
+        pub gyro_gain: f32 = 1.0, Range(0.5, 2.0);
+        /// True acceleration over the one read.
+        pub accelerometer_gain: f32 = 1.0, Range(0.5, 2.0);
     }
 }
 
@@ -135,9 +127,7 @@ impl Settings {
 
     /// Checks that the nodes of a board can be built from them; the error names the field.
     pub fn check(&self, role: Role) -> Result<(), ConfigError> {
-        in_range("gyro_gain", self.inertial.gyro_gain, 0.5, 2.0)?;
-        let gain = self.inertial.accelerometer_gain;
-        in_range("accelerometer_gain", gain, 0.5, 2.0)?;
+        self.inertial.check_ranges()?;
         if role != Role::Beam {
             self.drive.check()?;
         }

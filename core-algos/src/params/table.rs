@@ -291,10 +291,7 @@ mod tests {
         for (i, parameter) in TABLE.iter().enumerate() {
             let at = TABLE.iter().position(|other| other.name == parameter.name);
             assert_eq!(at, Some(i));
-            assert_eq!(
-                find(parameter.name).map(|found| found.id),
-                Some(parameter.id)
-            );
+            assert_eq!(find(parameter.name).unwrap().id, parameter.id);
         }
         assert!(find("robot.geometry.weight_kg").is_none());
     }
@@ -304,34 +301,23 @@ mod tests {
         let start = Settings::default();
         for parameter in &TABLE {
             let default = parameter.default();
-            assert_eq!(
-                parameter.validate(default),
-                Ok(default),
-                "{}",
-                parameter.name
-            );
+            // An error names the parameter.
+            assert_eq!(parameter.validate(default), Ok(default));
             let mut settings = start;
-            let other = if parameter.whole && default == parameter.range.1 {
-                default - 1.0
-            } else if parameter.whole {
-                default + 1.0
-            } else {
-                0.5 * (parameter.range.0 + parameter.range.1)
+            let (low, high) = parameter.range;
+            let other = match parameter.whole {
+                true if default == high => default - 1.0,
+                true => default + 1.0,
+                false => 0.5 * (low + high),
             };
             parameter.set(&mut settings, other).unwrap();
             for each in &TABLE {
-                let expected = if each.id == parameter.id {
-                    other
-                } else {
-                    each.default()
+                let expected = match each.id == parameter.id {
+                    true => other,
+                    false => each.default(),
                 };
-                assert_eq!(
-                    each.get(&settings),
-                    expected,
-                    "{} by {}",
-                    each.name,
-                    parameter.name
-                );
+                let (value, by) = (each.get(&settings), parameter.name);
+                assert_eq!(value, expected, "{} by {by}", each.name);
             }
         }
     }
@@ -341,23 +327,18 @@ mod tests {
         for parameter in &TABLE {
             let (low, high) = parameter.range;
             let start = Settings::default();
-            for bad in [
-                f32::NAN,
-                f32::INFINITY,
-                -f32::INFINITY,
-                low - 1.0,
-                high * 1.01 + 1.0,
-            ] {
+            let infinite = [f32::NAN, f32::INFINITY, -f32::INFINITY];
+            let outside = [low - 1.0, high * 1.01 + 1.0];
+            for bad in infinite.into_iter().chain(outside) {
                 let mut settings = start;
                 let error = parameter.set(&mut settings, bad).unwrap_err();
                 assert_eq!(error.field, parameter.name);
                 assert_eq!(settings, start);
             }
             let mut settings = start;
-            assert_eq!(
-                parameter.set(&mut settings, 16.5).is_err(),
-                parameter.whole || !(low..=high).contains(&16.5)
-            );
+            let refused = parameter.set(&mut settings, 16.5).is_err();
+            let outside = !(low..=high).contains(&16.5);
+            assert_eq!(refused, parameter.whole || outside);
         }
     }
 }

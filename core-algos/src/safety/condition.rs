@@ -356,20 +356,15 @@ mod tests {
         for code in [0x04, 0xc6] {
             assert_eq!(Condition::from_code(code), None);
         }
-        let bits = [
-            Condition::TorqueLimited,
-            Condition::MessageLost,
-            Condition::BeamLost,
-        ]
-        .map(|condition| condition as u8);
-        assert_eq!(bits, [0, 4, 13]);
-        assert_eq!(
-            [
-                Condition::MotorUnresponsive as u8,
-                Condition::StopNotFollowed as u8
-            ],
-            [34, 37]
-        );
+        for (condition, bit) in [
+            (Condition::TorqueLimited, 0),
+            (Condition::MessageLost, 4),
+            (Condition::BeamLost, 13),
+            (Condition::MotorUnresponsive, 34),
+            (Condition::StopNotFollowed, 37),
+        ] {
+            assert_eq!(condition as u8, bit, "{condition:?}");
+        }
         let mut unknown = Conditions::from_bits(1 << 43 | 1 << 13 | 1 << 63).iter();
         assert_eq!(unknown.next(), Some(Condition::BeamLost));
         assert_eq!(unknown.next(), None);

@@ -8,7 +8,7 @@ use embassy_stm32::rcc::{
 use embassy_stm32::time::Hertz;
 use embassy_stm32::{Config, Peripherals};
 
-use crate::{accelerator, critical, crystal, fault, stack, supply, time_driver};
+use crate::{accelerator, can, critical, crystal, fault, stack, supply, time_driver};
 
 /// Brings the board up and gives its peripherals; call it once, first. `build` names the image: the first
 /// line of the log.
@@ -68,6 +68,17 @@ pub fn start(build: &str) -> Peripherals {
         defmt::error!("before the reset: {}", text);
     }
     peripherals
+}
+
+/// Logs the health of bus, stack and program.
+pub fn log() {
+    defmt::info!(
+        "bus off {}, {}; {}; {}",
+        can::is_off(),
+        can::counters(),
+        stack::high_water(),
+        fault::counts()
+    );
 }
 
 /// A debugger that halts the core stops the watchdogs and TIM1 with it, and the outputs of a stopped TIM1

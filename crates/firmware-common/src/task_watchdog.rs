@@ -52,20 +52,20 @@ impl<const N: usize> TaskWatchdog<N> {
         (task_watchdog, counts.each_ref().map(CheckIn))
     }
 
-    /// Feeds the watchdog if every task has reported in time; names one that has not.
-    pub fn check(&mut self) -> Result<(), &'static str> {
+    /// Feeds the watchdog if every task has reported in time; logs the name of one that has not.
+    pub fn check(&mut self) {
         let now = Instant::now().as_micros();
         let counts = self.counts.each_ref();
         let reports = counts.map(|count| count.load(Ordering::Relaxed));
         if self.deadlines.complete(now, reports) {
-            self.watchdog.feed();
-            return Ok(());
+            return self.watchdog.feed();
         }
-        let late = self
-            .deadlines
-            .late(now)
-            .and_then(|task| self.names.get(task));
-        Err(late.copied().unwrap_or("unknown"))
+        let late = self.deadlines.late(now);
+        let late = late.and_then(|task| self.names.get(task).copied());
+        defmt::error!(
+            "{} does not report: the watchdog is not fed",
+            late.unwrap_or("unknown")
+        );
     }
 
     /// The watchdog, for work that holds the whole core.

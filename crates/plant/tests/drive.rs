@@ -14,20 +14,17 @@ fn plant(config: &PlantConfig) -> Plant {
 /// `crates/plant/examples/drives.rs` compares over 5 s; this is its beginning.
 #[test]
 fn postures_follow_the_explicit_reference() {
-    for (drive, creep) in [
-        (NORMAL, 0.003),
-        (NORMAL, 0.02),
-        (HARSH, 0.003),
-        (HARSH, 0.02),
-    ] {
-        let config = PlantConfig {
-            creep_velocity_m_s: creep,
-            rolling_resistance: 0.01,
-            ..config()
-        };
-        let [position, heading] = drive.error(&config, 0.6).unwrap();
-        assert!(position < 5e-5, "{} {creep}: {position} m", drive.name);
-        assert!(heading < 3e-4, "{} {creep}: {heading} rad", drive.name);
+    for drive in [NORMAL, HARSH] {
+        for creep in [0.003, 0.02] {
+            let config = PlantConfig {
+                creep_velocity_m_s: creep,
+                rolling_resistance: 0.01,
+                ..config()
+            };
+            let [position, heading] = drive.error(&config, 0.6).unwrap();
+            assert!(position < 5e-5, "{} {creep}: {position} m", drive.name);
+            assert!(heading < 3e-4, "{} {creep}: {heading} rad", drive.name);
+        }
     }
 }
 
@@ -144,13 +141,8 @@ fn top_speed_lies_on_the_speed_torque_line() {
     let mass = 2.0 * 4.76 + 0.6;
     let resisting = 0.02 * mass * 9.806_65 * 0.073 / 4.0;
     // The frame shares the load, so the wheels differ a little; their mean does not.
-    let mean: f64 = plant
-        .state()
-        .axle
-        .iter()
-        .flat_map(|a| a.wheel_speed)
-        .sum::<f64>()
-        / 4.0;
+    let axles = plant.state().axle.iter();
+    let mean = axles.flat_map(|a| a.wheel_speed).sum::<f64>() / 4.0;
     let expected = 20.0 * (1.0 - resisting / 2.5);
     assert!((mean - expected).abs() < 1e-3, "{mean} {expected}");
 }
@@ -241,11 +233,8 @@ fn prepared_places_agree_with_any_place() {
                 });
             }
         }
-        assert!(
-            worst <= allowed * largest,
-            "{}: {worst} {largest}",
-            drive.name
-        );
+        let name = drive.name;
+        assert!(worst <= allowed * largest, "{name}: {worst} {largest}");
         assert!(largest > 1.0);
     }
 }

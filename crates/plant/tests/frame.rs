@@ -12,25 +12,27 @@ fn exact() -> Elastica {
     Elastica::straight(LENGTH, BENDING, AXIAL, 400)
 }
 
+fn strip() -> Strip {
+    Strip::new(LENGTH, BENDING, AXIAL, 0.0)
+}
+
 /// Errors of wrench and gauge curvature, each over the largest value of its kind.
 fn compare(strip: &Elastica, load: Load) -> (f64, f64, bool) {
     let end = strip.shoot(load).end;
     let seed = strip.curvature(load, &PLACES);
-    let fast = Strip::new(LENGTH, BENDING, AXIAL, 0.0);
-    let (found, stable) = fast
-        .find(end, &PLACES, &seed)
-        .unwrap_or_else(|| panic!("no equilibrium for {load:?}"));
+    let fast = self::strip();
+    let found = fast.find(end, &PLACES, &seed);
+    let (found, stable) = found.unwrap_or_else(|| panic!("no equilibrium for {load:?}"));
     let (a, b) = (strip.wrench(load, end), fast.wrench(&found));
     // A moment counts as the force it is over the length.
     let unit = [1.0, 1.0, 1.0 / LENGTH];
     let norm = |v: [f64; 3]| (0..3).map(|i| (v[i] * unit[i]).powi(2)).sum::<f64>().sqrt();
     let wrench = norm([a[0] - b[0], a[1] - b[1], a[2] - b[2]]) / norm(a);
     let largest = seed.iter().fold(0.0, |m: f64, k| m.max(k.abs()));
-    let strain = PLACES
-        .iter()
-        .zip(&seed)
-        .map(|(f, k)| (fast.elastic_curvature(&found, f * LENGTH) - k).abs() / largest)
-        .fold(0.0, f64::max);
+    let strain = PLACES.iter().zip(&seed).fold(0.0, |worst: f64, (f, k)| {
+        let error = fast.elastic_curvature(&found, f * LENGTH) - k;
+        worst.max(error.abs() / largest)
+    });
     (wrench, strain, stable)
 }
 
@@ -59,11 +61,7 @@ fn wrench_and_strain_follow_the_exact_elastica() {
     let mut random = Sequence(7);
     let mut cases = 0;
     while cases < 400 {
-        let load = load([
-            3.0 * random.next(),
-            8.0 * random.next(),
-            8.0 * random.next(),
-        ]);
+        let load = load([3.0, 8.0, 8.0].map(|size| size * random.next()));
         if strip.shoot(load).end[2].abs() > 1.6 {
             continue;
         }
@@ -77,11 +75,8 @@ fn wrench_and_strain_follow_the_exact_elastica() {
 /// Both ends clamped and pushed together by a share of the length.
 fn buckled(strip: &Elastica, share: f64) -> Load {
     let height = 4.0 * std::f64::consts::PI * share.sqrt();
-    let start = load([
-        height,
-        -4.0 * std::f64::consts::PI.powi(2) * (1.0 + 0.5 * share),
-        0.0,
-    ]);
+    let push = 4.0 * std::f64::consts::PI.powi(2) * (1.0 + 0.5 * share);
+    let start = load([height, -push, 0.0]);
     strip
         .solve([LENGTH * (1.0 - share), 0.0, 0.0], start)
         .expect("the exact shape is found")
@@ -105,7 +100,7 @@ fn buckled_shapes_follow_the_exact_elastica() {
 /// Small deflections: the clamped beam of the textbooks.
 #[test]
 fn small_deflections_follow_beam_theory() {
-    let strip = Strip::new(LENGTH, BENDING, AXIAL, 0.0);
+    let strip = strip();
     let (y, angle) = (1e-6, 3e-6);
     let (found, stable) = strip
         .find([LENGTH, y, angle], &PLACES, &[0.0; 5])
@@ -135,7 +130,7 @@ fn pull_stretches_as_a_bar() {
 /// Euler: clamped ends buckle at 4π² EI/L². Stability must change there.
 #[test]
 fn the_straight_strip_loses_stability_at_the_euler_load() {
-    let strip = Strip::new(LENGTH, BENDING, AXIAL, 0.0);
+    let strip = strip();
     let critical = 4.0 * std::f64::consts::PI.powi(2) * BENDING / LENGTH.powi(2);
     for (share, expected) in [(0.5, true), (0.98, true), (1.02, false), (1.9, false)] {
         let x = LENGTH * (1.0 - share * critical / AXIAL);
@@ -150,14 +145,10 @@ fn the_straight_strip_loses_stability_at_the_euler_load() {
 #[test]
 fn tangent_stiffness_is_symmetric_and_the_derivative_of_the_wrench() {
     let exact = exact();
-    let strip = Strip::new(LENGTH, BENDING, AXIAL, 0.0);
+    let strip = strip();
     let mut random = Sequence(3);
     for _ in 0..20 {
-        let load = load([
-            2.0 * random.next(),
-            4.0 * random.next(),
-            4.0 * random.next(),
-        ]);
+        let load = load([2.0, 4.0, 4.0].map(|size| size * random.next()));
         let end = exact.shoot(load).end;
         let seed = exact.curvature(load, &PLACES);
         let (found, _) = strip.find(end, &PLACES, &seed).expect("found");
@@ -183,7 +174,7 @@ fn tangent_stiffness_is_symmetric_and_the_derivative_of_the_wrench() {
 #[test]
 fn wrench_is_the_gradient_of_the_energy() {
     let exact = exact();
-    let strip = Strip::new(LENGTH, BENDING, AXIAL, 0.0);
+    let strip = strip();
     let load = load([1.5, -2.0, 1.0]);
     let end = exact.shoot(load).end;
     let seed = exact.curvature(load, &PLACES);
@@ -201,7 +192,7 @@ fn wrench_is_the_gradient_of_the_energy() {
 /// Viscosity takes energy out and equals the stiffness where the strip carries no load.
 #[test]
 fn viscosity_is_the_stiffness_of_the_unloaded_strip() {
-    let strip = Strip::new(LENGTH, BENDING, AXIAL, 0.0);
+    let strip = strip();
     let rest = strip.unloaded();
     let (k, v) = (strip.stiffness(&rest), strip.viscosity(&rest));
     for m in 0..3 {
@@ -220,14 +211,9 @@ fn viscosity_is_the_stiffness_of_the_unloaded_strip() {
         let v = strip.viscosity(&found);
         let mut random = Sequence(5);
         for _ in 0..50 {
-            let rate = [
-                LENGTH * random.next(),
-                LENGTH * random.next(),
-                random.next(),
-            ];
-            let power: f64 = (0..3)
-                .flat_map(|m| (0..3).map(move |n| (m, n)))
-                .map(|(m, n)| rate[m] * v[m][n] * rate[n])
+            let rate = [LENGTH, LENGTH, 1.0].map(|size| size * random.next());
+            let power: f64 = (0..9)
+                .map(|k| rate[k / 3] * v[k / 3][k % 3] * rate[k % 3])
                 .sum();
             assert!(power > 0.0);
         }

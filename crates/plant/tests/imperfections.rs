@@ -35,6 +35,14 @@ fn crooked() -> PlantConfig {
     }
 }
 
+/// On the brush tyre and a strip that is straight when unloaded.
+fn straight() -> PlantConfig {
+    PlantConfig {
+        natural_slope_rad: 0.0,
+        ..brush()
+    }
+}
+
 fn build(config: &PlantConfig) -> Plant {
     config.build().expect("the configuration is valid")
 }
@@ -65,8 +73,7 @@ fn slip_of_braked_and_driven_wheels() {
     let config = PlantConfig {
         slip_stiffness: stiffness.map(|[a, b]| [0.5 * (a + b); 2]),
         sensing_mass_kg: 1.0,
-        natural_slope_rad: 0.0,
-        ..brush()
+        ..straight()
     };
     for torque in [0.05, 0.3, 0.7] {
         let mut plant = build(&config);
@@ -81,10 +88,8 @@ fn slip_of_braked_and_driven_wheels() {
             let share = force.abs() / (0.7 * load);
             let expected = force / (config.slip_stiffness[i][0] * load) / (1.0 - share);
             assert!(speed > 0.3);
-            assert!(
-                (slip - expected).abs() < 0.01 * expected.abs(),
-                "{torque} {i}: {slip} {expected}"
-            );
+            let share = slip / expected;
+            assert!((share - 1.0).abs() < 0.01, "{torque} {i}: {share}");
         }
     }
 }
@@ -208,13 +213,9 @@ fn conserves_momentum(payload_kg: [f64; 2], allowed: f64) {
     let after = momentum(&free);
     println!("{before:?} {after:?}");
     assert!(free.state().axle[0].velocity[2].abs() > 0.1);
-    for n in 0..2 {
-        assert!(
-            (before[n] - after[n]).abs() < allowed,
-            "{before:?} {after:?}"
-        );
+    for (n, allowed) in [allowed, allowed, 2e-3].into_iter().enumerate() {
+        assert!((before[n] - after[n]).abs() < allowed, "{n}");
     }
-    assert!((before[2] - after[2]).abs() < 2e-3, "{before:?} {after:?}");
     assert!(free.energy() < energy);
 }
 
@@ -287,8 +288,7 @@ fn radius_falls_with_the_load() {
 fn side_slip_and_carpet_drift_are_shares_of_the_way() {
     let aside = PlantConfig {
         side_slip: [0.004; 2],
-        natural_slope_rad: 0.0,
-        ..brush()
+        ..straight()
     };
     let mut plant = build(&aside);
     run(&mut plant, 2000, [[0.1; 2]; 2]);
@@ -296,10 +296,7 @@ fn side_slip_and_carpet_drift_are_shares_of_the_way() {
     assert!(x > 0.5 && phi.abs() < 1e-4, "{x} {phi}");
     assert!((y / x - 0.004).abs() < 4e-5, "{}", y / x);
 
-    let flat = PlantConfig {
-        natural_slope_rad: 0.0,
-        ..brush()
-    };
+    let flat = straight();
     let carpet = PlantConfig {
         carpet_drift: [0.006, -0.003],
         ..flat.clone()
@@ -314,10 +311,7 @@ fn side_slip_and_carpet_drift_are_shares_of_the_way() {
             assert!(rolled.abs() > 0.5);
             let [x, y, _] = plant.midpoint();
             let (s, c) = heading.sin_cos();
-            [
-                (x - c * rolled) / rolled.abs(),
-                (y - s * rolled) / rolled.abs(),
-            ]
+            [x - c * rolled, y - s * rolled].map(|way| way / rolled.abs())
         });
         // Fading in from rest takes a little.
         assert!((x - u - 0.006).abs() < 1e-4, "{heading} {}", x - u);
@@ -333,8 +327,7 @@ fn clamps_set_the_unloaded_posture() {
         rigid_tip_m: 0.03,
         clamp_angle_root_rad: 0.05,
         clamp_angle_tip_rad: -0.02,
-        natural_slope_rad: 0.0,
-        ..brush()
+        ..straight()
     };
     let mut plant = build(&config);
     plant.place([0.5, -0.2, 2.0]);
@@ -361,10 +354,7 @@ fn clamps_set_the_unloaded_posture() {
         .map(|k| plant.curvature((f64::from(k) + 0.5) * 0.37 / 2000.0) * 0.37 / 2000.0)
         .sum();
     let turn = plant.relative_posture()[2];
-    assert!(
-        turn.abs() > 0.1 && (sum - turn + 0.07).abs() < 1e-4,
-        "{sum} {turn}"
-    );
+    assert!(turn.abs() > 0.1 && (sum - turn + 0.07).abs() < 1e-4);
 }
 
 /// At a reversal the motor crosses the play under its torque alone while the wheel rolls on.
@@ -394,10 +384,8 @@ fn a_reversed_motor_crosses_its_play() {
         assert!(crossing < 100);
     }
     let expected = 1e3 * (2.0 * play * 0.003 / torque).sqrt();
-    assert!(
-        (f64::from(crossing) - expected).abs() < 2.5,
-        "{crossing} {expected}"
-    );
+    let late = f64::from(crossing) - expected;
+    assert!(late.abs() < 2.5, "{crossing} {expected}");
     // From then on they turn together, the other flank pressing.
     run(&mut plant, 300, [[-torque; 2]; 2]);
     assert!((gap(&plant) + 0.5 * play).abs() < 1e-9);

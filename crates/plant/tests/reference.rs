@@ -16,12 +16,8 @@ fn brush(stiffness: f64) -> PlantConfig {
 
 #[test]
 fn brush_tyre_follows_the_reference() {
-    for (drive, stiffness) in [
-        (NORMAL, 10.0),
-        (NORMAL, 20.0),
-        (NORMAL, 40.0),
-        (HARSH, 20.0),
-    ] {
+    let normal = [10.0, 20.0, 40.0].map(|stiffness| (NORMAL, stiffness));
+    for (drive, stiffness) in normal.into_iter().chain([(HARSH, 20.0)]) {
         let [position, heading] = drive.error(&brush(stiffness), 0.4).unwrap();
         println!("{} {stiffness}: {position} m, {heading} rad", drive.name);
         assert!(position < 5e-5, "{} {stiffness}: {position} m", drive.name);

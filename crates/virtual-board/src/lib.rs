@@ -8,6 +8,28 @@ macro_rules! bits {
     ($($name:ident $bit:literal),* $(,)?) => { $(const $name: u32 = 1 << $bit;)* };
 }
 
+/// Declares the characteristics of a part: name, type and default of each.
+macro_rules! characteristics {
+    (
+        $(#[$doc:meta])*
+        pub struct $name:ident {
+            $($(#[$field_doc:meta])* pub $field:ident: $type:ty = $default:expr;)*
+        }
+    ) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct $name {
+            $($(#[$field_doc])* pub $field: $type,)*
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $($field: $default,)* }
+            }
+        }
+    };
+}
+
 pub mod board;
 pub mod chip;
 pub mod core;

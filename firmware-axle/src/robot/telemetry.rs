@@ -3,7 +3,8 @@
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
 use firmware_common::clock::CORE_HZ;
-use firmware_common::{can, fault, stack, task_watchdog};
+use firmware_common::timing::Every;
+use firmware_common::{board, can, task_watchdog};
 
 use super::tick::Report;
 
@@ -26,12 +27,10 @@ pub type TaskWatchdog = task_watchdog::TaskWatchdog<{ TASKS.len() }>;
 #[embassy_executor::task]
 pub async fn run(mut reports: Reports, mut task_watchdog: TaskWatchdog) -> ! {
     let mut known = None;
-    let mut count = 0u8;
+    let mut second = Every::new(10);
     loop {
         let report = reports.changed().await;
-        if let Err(task) = task_watchdog.check() {
-            defmt::error!("{} does not report: the watchdog is not fed", task);
-        }
+        task_watchdog.check();
         let feedback = report.feedback;
         if feedback.fault != known {
             known = feedback.fault;
@@ -46,11 +45,9 @@ pub async fn run(mut reports: Reports, mut task_watchdog: TaskWatchdog) -> ! {
                 );
             }
         }
-        count += 1;
-        if count < 10 {
+        if !second.tick() {
             continue;
         }
-        count = 0;
         let (jitter, worst) = report.timing_us;
         defmt::info!(
             "tick jitter {} us, longest {} us, current loop {} us, missed {}, restarts {}; in step {}, inertial {}",
@@ -71,12 +68,6 @@ pub async fn run(mut reports: Reports, mut task_watchdog: TaskWatchdog) -> ! {
             feedback.temperature_c,
             feedback.supply_v
         );
-        defmt::info!(
-            "bus off {}, {}; {}; {}",
-            can::is_off(),
-            can::counters(),
-            stack::high_water(),
-            fault::counts()
-        );
+        board::log();
     }
 }

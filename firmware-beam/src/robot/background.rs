@@ -3,7 +3,8 @@
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
 use firmware_common::store::chip::Parameters;
-use firmware_common::{can, fault, stack, task_watchdog};
+use firmware_common::timing::Every;
+use firmware_common::{board, can, task_watchdog};
 
 use super::tick::{Report, Saving};
 
@@ -26,12 +27,10 @@ pub async fn run(
     saving: &'static Saving,
     mut task_watchdog: TaskWatchdog,
 ) -> ! {
-    let mut count = 0u8;
+    let mut second = Every::new(10);
     loop {
         let report = reports.changed().await;
-        if let Err(task) = task_watchdog.check() {
-            defmt::error!("{} does not report: the watchdog is not fed", task);
-        }
+        task_watchdog.check();
         if let Some((calibration, off)) = saving.wanted.try_take() {
             parameters.settings.robot.beam.calibration = calibration;
             task_watchdog.watchdog().lengthen();
@@ -40,11 +39,9 @@ pub async fn run(
             defmt::info!("calibration saved: {}", saved);
             saving.done.signal(saved);
         }
-        count += 1;
-        if count < 10 {
+        if !second.tick() {
             continue;
         }
-        count = 0;
         let (jitter, worst) = report.timing_us;
         defmt::info!(
             "tick jitter {} us, longest {} us, missed {}, conversions lost {}; in step {}, gauges {}, excitation {}, {} C",
@@ -60,12 +57,6 @@ pub async fn run(
         if let Some(noise) = report.noise {
             defmt::info!("noise of the bridges at rest over 10 s: {} counts", noise);
         }
-        defmt::info!(
-            "bus off {}, {}; {}; {}",
-            can::is_off(),
-            can::counters(),
-            stack::high_water(),
-            fault::counts()
-        );
+        board::log();
     }
 }

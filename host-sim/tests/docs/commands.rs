@@ -70,11 +70,6 @@ const NOT_RUN: &[(&str, Check, &str)] = &[
     ("cargo test ", Check::File("ci.sh"), "ci.sh does it"),
     ("cargo doc ", Check::File("ci.sh"), "ci.sh does it"),
     ("cargo flash-", Check::Alias, "needs a debug probe"),
-    (
-        "cargo run --release -p firmware-common --example store_campaign",
-        Check::File("crates/firmware-common/examples/store_campaign.rs"),
-        "takes minutes; clippy builds it",
-    ),
     ("./ci.sh", Check::Script, "it runs this test"),
     (
         "tools/scripts/",

@@ -55,10 +55,8 @@ impl Part {
     fn sample(&mut self) {
         let on = self.banks[0][0x4e] == 0x0f;
         for axis in 0..6 {
-            self.noise = self
-                .noise
-                .wrapping_mul(1_664_525)
-                .wrapping_add(1_013_904_223);
+            let next = self.noise.wrapping_mul(1_664_525);
+            self.noise = next.wrapping_add(1_013_904_223);
             let noise = (self.noise >> 29) as i16 - 4;
             let value = match (on, axis) {
                 (false, _) => i16::MIN,
@@ -104,6 +102,9 @@ impl Part {
     }
 }
 
+/// Registers 0x4e to 0x53: ±250 °/s and ±2 g at 8 kHz, UI filters of second order at a twentieth of that.
+const SET_UP: [u8; 6] = [0x0f, 0x63, 0x63, 0x16, 0x66, 0x0d];
+
 fn step(sensor: &mut Icm42688, part: &mut Part, still: bool) -> Reading {
     part.bytes = 0;
     let reading = sensor.step(still, |bytes| part.transfer(bytes));
@@ -140,11 +141,7 @@ fn registers_are_those_of_the_data_sheet() {
     let (sensor, part) = after(100);
     assert!(sensor.is_set_up() && !sensor.is_lost());
     assert_eq!(part.bank, 0);
-    // ±250 °/s and ±2 g at 8 kHz, UI filters of second order at a twentieth of that.
-    assert_eq!(
-        part.banks[0][0x4e..0x54],
-        [0x0f, 0x63, 0x63, 0x16, 0x66, 0x0d]
-    );
+    assert_eq!(part.banks[0][0x4e..0x54], SET_UP);
     // 536 Hz: delta 12, its square 144, shift 8; for the accelerometer beside a disable bit.
     assert_eq!(part.banks[1][0x0c..0x0f], [0x0c, 0x90, 0x80]);
     assert_eq!(part.banks[2][0x03..0x06], [0x18, 0x90, 0x80]);
@@ -184,10 +181,7 @@ fn a_reset_is_seen_at_once_and_the_bias_is_sought_anew() {
         assert_eq!(step(&mut sensor, &mut part, false), Reading::default());
     }
     assert!(sensor.is_lost() && sensor.is_set_up());
-    assert_eq!(
-        part.banks[0][0x4e..0x54],
-        [0x0f, 0x63, 0x63, 0x16, 0x66, 0x0d]
-    );
+    assert_eq!(part.banks[0][0x4e..0x54], SET_UP);
     rest(&mut sensor, &mut part, 1000);
     assert!(!sensor.is_lost());
     assert!(step(&mut sensor, &mut part, false).gyro_rad_s.is_some());

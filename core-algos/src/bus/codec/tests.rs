@@ -20,10 +20,7 @@ fn quantities() -> impl Iterator<Item = (&'static Signal, &'static layout::Layou
 fn bounds(signal: &Signal) -> [f64; 2] {
     let (low, high) = signal.raw_range();
     let (scale, offset) = (f64::from(signal.scale), f64::from(signal.offset));
-    [
-        (f64::from(low) - 0.5) * scale + offset,
-        (f64::from(high) + 0.5) * scale + offset,
-    ]
+    [f64::from(low) - 0.5, f64::from(high) + 0.5].map(|raw| raw * scale + offset)
 }
 
 fn range_holds(signal: &Signal, value: f32) -> bool {
@@ -202,14 +199,9 @@ properties! {
 #[test]
 fn nan_infinity_and_range_are_refused_by_name() {
     for bad in [f32::NAN, f32::INFINITY, 9.0] {
-        let error = encode(&Message::BeamWrench {
-            sequence: 0,
-            wrench: Wrench {
-                moment_root: bad,
-                ..Wrench::ZERO
-            },
-        })
-        .unwrap_err();
+        let (sequence, mut wrench) = (0, Wrench::ZERO);
+        wrench.moment_root = bad;
+        let error = encode(&Message::BeamWrench { sequence, wrench }).unwrap_err();
         assert_eq!((error.message, error.signal), ("BeamWrench", "moment_root"));
     }
     let mut covariance = [[1e-6, 0.0, 0.0], [0.0, 1e-6, 0.0], [0.0, 0.0, f32::NAN]];
@@ -277,14 +269,13 @@ fn unknown_and_short_frames_are_refused() {
         data: [0; 8],
     };
     assert_eq!(decode(&frame(0x123, 8)), Err(DecodeError::UnknownId(0x123)));
-    assert_eq!(
-        decode(&frame(0x100, 7)),
-        Err(DecodeError::Length {
-            id: 0x100,
-            found: 7,
-            expected: 8
-        })
-    );
+    let (id, found, expected) = (0x100, 7, 8);
+    let short = DecodeError::Length {
+        id,
+        found,
+        expected,
+    };
+    assert_eq!(decode(&frame(id, found)), Err(short));
     let mut undefined = frame(0x070, 6);
     undefined.data[1] = 9;
     assert_eq!(decode(&undefined), Err(DecodeError::Value { id: 0x070 }));
@@ -293,16 +284,14 @@ fn unknown_and_short_frames_are_refused() {
 #[test]
 fn bytes_of_a_known_message() {
     // sequence 7, force_x 1 N = 20 units, force_y −0.05 N = −1 unit, moments 0.002 and 0.
-    let frame = encode(&Message::BeamWrench {
-        sequence: 7,
-        wrench: Wrench {
-            force_x: 1.0,
-            force_y: -0.05,
-            moment_root: 0.002,
-            moment_end: 0.0,
-        },
-    })
-    .unwrap();
+    let wrench = Wrench {
+        force_x: 1.0,
+        force_y: -0.05,
+        moment_root: 0.002,
+        moment_end: 0.0,
+    };
+    let sequence = 7;
+    let frame = encode(&Message::BeamWrench { sequence, wrench }).unwrap();
     assert_eq!((frame.id, frame.length), (0x220, 8));
     let expected: u64 = 7 | 20 << 8 | 0x3fff << 22 | 2 << 36;
     assert_eq!(frame.data, expected.to_le_bytes());

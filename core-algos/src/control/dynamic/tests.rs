@@ -46,6 +46,23 @@ fn controller() -> Dynamic {
     Config::default().build().unwrap()
 }
 
+/// The controller with another feedforward of the frame.
+fn controller_with(frame_force: FrameForce) -> Dynamic {
+    let config = Config {
+        frame_force,
+        ..Config::default()
+    };
+    config.build().unwrap()
+}
+
+/// A load that turns the axle.
+fn turning(moment: f32) -> AxleLoad {
+    AxleLoad {
+        moment,
+        ..AxleLoad::default()
+    }
+}
+
 /// Drives along a circle of constant `twist` for `time`; returns the last command.
 fn drive(dynamic: &Dynamic, axle: &mut Axle, twist: Twist, load: AxleLoad, time: f32) -> Command {
     let mut last = Command::default();
@@ -221,15 +238,9 @@ fn heading_is_held_at_standstill() {
             ..Config::default()
         };
         let mut axle = Axle::new([0.0, 0.0, 0.2], 0.0, 0.0);
-        drive(
-            &config.build().unwrap(),
-            &mut axle,
-            Twist::REST,
-            AxleLoad::default(),
-            8.0,
-        )
-        .error
-        .phi
+        let (controller, load) = (config.build().unwrap(), AxleLoad::default());
+        let last = drive(&controller, &mut axle, Twist::REST, load, 8.0);
+        last.error.phi
     };
     assert!(end(0.05).abs() < 1e-3);
     assert!(end(0.0).abs() > 0.1);
@@ -239,24 +250,10 @@ fn heading_is_held_at_standstill() {
 #[test]
 fn feedforward_of_the_frame_cuts_the_yaw_error() {
     let steady = |frame_force| {
-        let config = Config {
-            frame_force,
-            ..Config::default()
-        };
         let mut axle = Axle::new([0.0; 3], 0.2, 0.0);
         axle.moment = 1.5;
-        let load = AxleLoad {
-            moment: 1.5 * 0.85,
-            ..AxleLoad::default()
-        };
-        let last = drive(
-            &config.build().unwrap(),
-            &mut axle,
-            Twist::new(0.2, 0.0),
-            load,
-            15.0,
-        );
-        last.error
+        let (twist, load) = (Twist::new(0.2, 0.0), turning(1.5 * 0.85));
+        drive(&controller_with(frame_force), &mut axle, twist, load, 15.0).error
     };
     let (without, with) = (steady(FrameForce::Off), steady(FrameForce::Reference));
     let size = |e: Posture| hypot(e.y, e.phi);
@@ -266,30 +263,19 @@ fn feedforward_of_the_frame_cuts_the_yaw_error() {
 
 #[test]
 fn missing_beam_estimate_falls_back_on_the_reference_bend() {
-    let load = AxleLoad {
-        moment: 1.0,
-        ..AxleLoad::default()
-    };
     let step = |frame_force, beam_load| {
-        let config = Config {
-            frame_force,
-            ..Config::default()
-        };
         let input = Input {
-            reference_load: load,
+            reference_load: turning(1.0),
             beam_load,
             ..Input::default()
         };
-        config.build().unwrap().step(&input)
+        controller_with(frame_force).step(&input)
     };
     let reference = step(FrameForce::Reference, None);
     assert!(reference.torque_nm[0] > 0.0 && reference.torque_nm[1] < 0.0);
     assert_eq!(step(FrameForce::Beam, None), reference);
-    let broken = AxleLoad {
-        moment: f32::NAN,
-        ..load
-    };
-    assert_eq!(step(FrameForce::Beam, Some(broken)), reference);
+    let broken = Some(turning(f32::NAN));
+    assert_eq!(step(FrameForce::Beam, broken), reference);
     assert_ne!(step(FrameForce::Beam, Some(AxleLoad::default())), reference);
 }
 

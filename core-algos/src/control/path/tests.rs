@@ -48,16 +48,19 @@ fn circle() -> PathBuffer<128> {
     path
 }
 
+/// A point of a path along x.
+fn on_line(s: f32) -> PathPoint {
+    PathPoint {
+        posture: Posture::new(s, 0.0, 0.0),
+        kappa: 0.0,
+        s,
+    }
+}
+
 fn straight<const N: usize>(points: usize, spacing: f32) -> PathBuffer<N> {
     let mut path = PathBuffer::new();
     for i in 0..points {
-        let s = i as f32 * spacing;
-        path.push(PathPoint {
-            posture: Posture::new(s, 0.0, 0.0),
-            kappa: 0.0,
-            s,
-        })
-        .unwrap();
+        path.push(on_line(i as f32 * spacing)).unwrap();
     }
     path
 }
@@ -161,17 +164,12 @@ properties! { cases 64;
 #[test]
 fn buffer_streams_and_tells_when_it_is_full() {
     let mut path = straight::<16>(16, 0.02);
-    let point = |s| PathPoint {
-        posture: Posture::new(s, 0.0, 0.0),
-        kappa: 0.0,
-        s,
-    };
-    assert_eq!(path.push(point(0.32)), Err(PathError::Full));
+    assert_eq!(path.push(on_line(0.32)), Err(PathError::Full));
     path.discard_before(0.1);
     assert_eq!((path.len(), path.room()), (11, 5));
     assert!((path.start() - 0.1).abs() < 1e-6);
     for i in 16..21 {
-        path.push(point(i as f32 * 0.02)).unwrap();
+        path.push(on_line(i as f32 * 0.02)).unwrap();
     }
     assert_eq!(path.room(), 0);
     // Across the place where the ring turns.
@@ -179,12 +177,12 @@ fn buffer_streams_and_tells_when_it_is_full() {
         let s = 0.1 + i as f32 * 0.005;
         assert!((path.at(s).unwrap().posture.x - s).abs() < 1e-6);
     }
-    assert_eq!(path.push(point(0.3)), Err(PathError::NotAdvancing));
+    assert_eq!(path.push(on_line(0.3)), Err(PathError::NotAdvancing));
     path.discard_before(10.0);
     assert_eq!(path.len(), 2, "the last segment stays");
-    assert_eq!(path.push(point(f32::NAN)), Err(PathError::NotFinite));
+    assert_eq!(path.push(on_line(f32::NAN)), Err(PathError::NotFinite));
     path.finish();
-    assert_eq!(path.push(point(9.0)), Err(PathError::Ended));
+    assert_eq!(path.push(on_line(9.0)), Err(PathError::Ended));
 }
 
 #[test]
@@ -245,11 +243,7 @@ fn trajectory_is_met_at_its_times() {
         let point = TrajectoryPoint {
             time_s,
             v: 0.1 * time_s,
-            point: PathPoint {
-                posture: Posture::new(s, 0.0, 0.0),
-                kappa: 0.0,
-                s,
-            },
+            point: on_line(s),
         };
         buffer.push(point).unwrap();
         assert_eq!(buffer.push(point), Err(PathError::NotAdvancing));

@@ -15,6 +15,11 @@ pub struct Segment {
 }
 
 impl Segment {
+    /// The segment with another length, m.
+    pub(super) fn with_length(self, length_m: f32) -> Self {
+        Self { length_m, ..self }
+    }
+
     /// The posture `distance` metres into the segment that starts at `from`.
     pub fn posture_at(&self, from: Posture, distance: f32) -> Posture {
         let ds = self.direction.sign() * distance;

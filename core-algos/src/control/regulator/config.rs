@@ -38,7 +38,7 @@ config! {
         /// Interval of [`Regulator::tick`], s.
         pub tick_s: f32 = 0.01, Positive;
         /// Candidate postures the planner looks at in a tick.
-        pub planner_budget: u32 = 400;
+        pub planner_budget: u32 = 400, Positive;
         /// Steering error below which a segment is begun, rad.
         pub steering_tolerance_rad: f32 = 0.05, Positive;
         /// A segment is begun after this time whatever the steering, s.
@@ -102,12 +102,6 @@ impl Config {
             "approach.circle_radius_m",
             radius,
             Allowed::Condition("less than half the smallest turning radius"),
-        )?;
-        require(
-            self.planner_budget > 0,
-            "planner_budget",
-            self.planner_budget as f32,
-            Allowed::Positive,
         )?;
         require(
             self.steering_wait_rad > self.steering_tolerance_rad,

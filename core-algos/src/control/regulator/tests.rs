@@ -1,5 +1,4 @@
 use super::*;
-use crate::control::kinematic;
 use proptest::prelude::{any, prop, prop_assert};
 
 /// A robot that does at once what it is told, except that it steers at 1 rad/s and changes speed
@@ -258,8 +257,6 @@ fn bad_parameters_are_named() {
     crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
         ("steering_wait_rad", |c| c.steering_wait_rad = 0.01),
         ("accept_distance_m", |c| c.accept_distance_m = f32::NAN),
-        ("approach.circle_radius_m", |c| {
-            c.approach = kinematic::Config::default()
-        }),
+        ("approach.circle_radius_m", |c| c.approach = c.law),
     ]);
 }

@@ -74,10 +74,8 @@ fn sine_has_the_gain_and_phase_of_a_double_pole() {
     let lag = quadrature.atan2(in_phase);
     let ratio: f64 = frequency / 250.0;
     assert!((gain - 1.0 / (1.0 + ratio * ratio)).abs() < 0.01, "{gain}");
-    assert!(
-        (lag - 2.0 * ratio.atan()).abs() < frequency * 0.6 * DT,
-        "{lag}"
-    );
+    let error = lag - 2.0 * ratio.atan();
+    assert!(error.abs() < frequency * 0.6 * DT, "{lag}");
 }
 
 #[test]

@@ -70,10 +70,8 @@ fn a_step_is_followed_as_the_exponential_of_the_bandwidth() {
         let bandwidth = f64::from(config.bandwidth_rad_s) * f64::from(config.period_s);
         for (k, current) in response.iter().enumerate() {
             let expected = 0.5 * (1.0 - (-bandwidth * (k + 1) as f64).exp());
-            assert!(
-                (current - expected).abs() < 1e-4,
-                "{k}: {current} {expected}"
-            );
+            let error = current - expected;
+            assert!(error.abs() < 1e-4, "{k}: {current} {expected}");
         }
     }
 }
@@ -169,13 +167,7 @@ properties! {
 #[test]
 fn what_is_not_a_number_switches_off() {
     let current_loop = Config::default().build().unwrap();
-    let good = Input {
-        torque_nm: 1.0,
-        current_a: 0.0,
-        speed_rad_s: 0.0,
-        supply_v: 12.0,
-        limit_a: 4.0,
-    };
+    let good = Motor::at(0.0).input(1.0, 4.0);
     let spoiled: [fn(&mut Input, f32); 5] = [
         |i, x| i.torque_nm = x,
         |i, x| i.current_a = x,
@@ -189,11 +181,8 @@ fn what_is_not_a_number_switches_off() {
             current_loop.step(&mut state, &good);
             let mut input = good;
             spoil(&mut input, bad);
-            assert_eq!(
-                current_loop.step(&mut state, &input),
-                Output::default(),
-                "{k}"
-            );
+            let output = current_loop.step(&mut state, &input);
+            assert_eq!(output, Output::default(), "{k}");
             assert_eq!(state, State::default());
         }
     }

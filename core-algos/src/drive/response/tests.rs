@@ -17,6 +17,10 @@ const SOUND: Winding = Winding {
     resistance: 1.0,
     constant: 1.0,
 };
+const OPEN: Winding = Winding {
+    open: true,
+    ..SOUND
+};
 
 /// Runs current loop and monitor on a winding in double precision; gives the period at which
 /// the monitor first objects.
@@ -84,13 +88,9 @@ fn a_sound_motor_is_never_objected_to() {
 /// Any lasting torque brings an open winding to light: the loop goes on raising the voltage.
 #[test]
 fn an_open_winding_is_found_within_two_windows() {
-    let open = Winding {
-        open: true,
-        ..SOUND
-    };
     for torque in [0.05f32, -0.3, 2.0] {
         for speed in [0.0, 5.0, -5.0] {
-            let at = objects_at(open, 4_000, |_| torque, |_| speed);
+            let at = objects_at(OPEN, 4_000, |_| torque, |_| speed);
             assert!(at.is_some_and(|k| k <= 440), "{torque} {speed}: {at:?}");
         }
     }
@@ -98,11 +98,7 @@ fn an_open_winding_is_found_within_two_windows() {
 
 #[test]
 fn an_open_motor_that_nothing_is_asked_of_is_not_known_to_be_one() {
-    let open = Winding {
-        open: true,
-        ..SOUND
-    };
-    assert_eq!(objects_at(open, 4_000, |_| 0.0, |_| 3.0), None);
+    assert_eq!(objects_at(OPEN, 4_000, |_| 0.0, |_| 3.0), None);
 }
 
 properties! {

@@ -168,16 +168,11 @@ fn the_beam_moves_as_the_sensor_does_with_other_zeros_and_gains() {
                 let found = moved[i] / (2.0 * size);
                 let error = (found - by[i][k]).abs();
                 // Across the chord to the fourth order of the heading, of 0.37 m by the strip's length.
-                let slack = if k % 2 == 0 {
-                    2e-4
-                } else {
-                    0.03 * heading * heading
+                let slack = match k % 2 {
+                    0 => 2e-4,
+                    _ => 0.03 * heading * heading,
                 };
-                assert!(
-                    error < slack + 2e-4,
-                    "{heading} {k} {i}: {found} {}",
-                    by[i][k]
-                );
+                assert!(error < slack + 2e-4, "{heading} {k} {i}: {error}");
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Configuration of the axle filter.
 
 use super::{AxleFilter, Covariance, N, Noise};
-use crate::config::{Allowed, ConfigError, config, non_negative, positive, require};
+use crate::config::{Allowed, ConfigError, config, non_negative, require};
 use crate::math::matrix::Mat;
 
 /// Q of eq. 17.
@@ -59,9 +59,9 @@ config! {
         /// Process noise.
         pub noise: Densities = Densities::default();
         /// Largest accepted NIS of a scalar measurement (one degree of freedom); `None` accepts all.
-        pub innovation_gate: Option<f32> = Some(36.0);
+        pub innovation_gate: Option<f32> = Some(36.0), Positive;
         /// Largest accepted NIS of a posture fix (three degrees of freedom); `None` accepts all.
-        pub fix_gate: Option<f32> = Some(30.0);
+        pub fix_gate: Option<f32> = Some(30.0), Positive;
         /// Rejections in a row after which a sensor is believed again.
         pub gate_patience: u16 = 20;
     }
@@ -80,12 +80,6 @@ impl Config {
         self.check_ranges()?;
         let square = |x: f32| x * x;
         let t = self.period_s;
-        if let Some(gate) = self.innovation_gate {
-            positive("innovation_gate", gate)?;
-        }
-        if let Some(gate) = self.fix_gate {
-            positive("fix_gate", gate)?;
-        }
         let noise = match noise {
             ProcessNoise::Fixed(q) => {
                 for i in 0..N {

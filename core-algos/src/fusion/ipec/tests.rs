@@ -46,8 +46,10 @@ fn turns(k: usize) -> [f64; 2] {
     [w, -w]
 }
 
-fn narrow4(d: [f64; 4]) -> [f32; 4] {
-    d.map(|x| x as f32)
+/// A step by advances of the wheels and the link that is seen.
+fn advance(ipec: &Ipec, state: &mut State, wheels: [f64; 4], link: Pose) {
+    let wheels = wheels.map(|x| x as f32);
+    ipec.step(state, &wheels, &narrow(link)).unwrap();
 }
 
 #[test]
@@ -57,14 +59,11 @@ fn exact_measurements_keep_the_exact_postures() {
     let mut state = State::new(narrow(front), narrow(rear));
     for k in 0..2000 {
         let d = robot.step(0.0025, turns(k));
-        ipec.step(&mut state, &narrow4(d), &narrow(robot.link()))
-            .unwrap();
+        advance(&ipec, &mut state, d, robot.link());
     }
     for (posture, truth) in state.postures().into_iter().zip(robot.axles) {
-        let error = relative(
-            [posture.x as f64, posture.y as f64, posture.phi as f64],
-            truth,
-        );
+        let found: [f32; 3] = posture.into();
+        let error = relative(found.map(f64::from), truth);
         // 5 m; the midpoint rule is exact here, so what remains is rounding.
         assert!(error.iter().all(|e| e.abs() < 2e-5), "{error:?}");
     }
@@ -86,7 +85,7 @@ fn bumps_turn_the_odometry_but_not_the_corrected_heading() {
         let mut r = robot.link();
         r[1] += 5e-5 * random.normal();
         r[2] += 2e-4 * random.normal();
-        ipec.step(&mut state, &narrow4(d), &narrow(r)).unwrap();
+        advance(&ipec, &mut state, d, r);
     }
     let truth = robot.axles[0][2];
     assert!((odometry - truth).abs() > 0.06);
@@ -116,7 +115,7 @@ fn variance_is_what_many_noisy_drives_show() {
             let mut r = robot.link();
             r[1] += 2e-4 * random.normal();
             r[2] += 2e-3 * random.normal();
-            ipec.step(&mut state, &narrow4(d), &narrow(r)).unwrap();
+            advance(&ipec, &mut state, d, r);
         }
         let [p, q] = state.postures();
         let beta = f64::from(q.y - p.y).atan2(f64::from(q.x - p.x));
@@ -126,32 +125,26 @@ fn variance_is_what_many_noisy_drives_show() {
         claimed = f64::from(state.variance);
     }
     // 400 runs: the estimate of a variance is good to 7 %.
-    assert!(
-        (spread / claimed - 1.0).abs() < 0.25,
-        "{spread:e} {claimed:e}"
-    );
+    let ratio = spread / claimed;
+    assert!((ratio - 1.0).abs() < 0.25, "{ratio}");
 }
 
 #[test]
 fn weighed_form_obeys_the_more_certain_side() {
-    let ipec = Config {
-        drift_rad_per_sqrt_m: 0.0,
-        ..Config::default()
-    }
-    .build()
-    .unwrap();
+    let with_drift = |drift_rad_per_sqrt_m| {
+        let config = Config {
+            drift_rad_per_sqrt_m,
+            ..Config::default()
+        };
+        config.build().unwrap()
+    };
+    let [ipec, loose] = [0.0, 1.0].map(with_drift);
     let postures = [Posture::new(0.37, 0.0, 0.01), Posture::new(0.0, 0.0, 0.01)];
     // The beam says straight; both axles say that the line points 0.01 to the left.
     let r = Posture::new(-0.37, 0.0, 0.0);
     let weigh = |own: f32| ipec.weigh(postures, [0.0025; 2], [own; 2], &r).unwrap().0;
     let [front, rear] = weigh(1e-3);
     assert!(front.phi.abs() < 1e-3 && rear.phi.abs() < 1e-3);
-    let loose = Config {
-        drift_rad_per_sqrt_m: 1.0,
-        ..Config::default()
-    }
-    .build()
-    .unwrap();
     let ([front, rear], _) = loose.weigh(postures, [0.0025; 2], [1e-9; 2], &r).unwrap();
     assert!((front.phi - 0.01).abs() < 1e-4);
     // The line has turned with them about the middle.
@@ -186,10 +179,8 @@ fn no_direction_leaves_odometry() {
         let mut state = start;
         assert!(ipec.step(&mut state, &[0.01; 4], &r).is_none());
         assert!((state.postures()[1].x - 0.01).abs() < 1e-7);
-        assert!(
-            ipec.weigh(start.postures(), [0.01; 2], [1e-6; 2], &r)
-                .is_none()
-        );
+        let weighed = ipec.weigh(start.postures(), [0.01; 2], [1e-6; 2], &r);
+        assert!(weighed.is_none());
     }
     crate::config::refusal_of(Config::default(), |c| c.build())
         .names(&[("wheel_sigma_m", |c| c.wheel_sigma_m = -1.0)]);

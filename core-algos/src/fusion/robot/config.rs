@@ -60,11 +60,11 @@ config! {
         pub period_s: f32 = 0.01, Positive;
         /// Standard deviations of the front axle's posture in the rear axle's frame at the start, the
         /// frame being taken as straight (m, m, rad).
-        pub frame_sigmas: [f32; 3] = [1e-3, 1e-3, 4e-3];
+        pub frame_sigmas: [f32; 3] = [1e-3, 1e-3, 4e-3], Positive;
         /// Slip added to each axle's increments.
         pub slip: Slip = Slip::default();
         /// Largest accepted NIS of the beam's posture (three degrees of freedom); `None` accepts all.
-        pub beam_gate: Option<f32> = Some(40.0);
+        pub beam_gate: Option<f32> = Some(40.0), Positive;
         /// Rejections of the beam in a row after which it is believed again.
         pub gate_patience: u16 = 50;
         /// Covariance intersection.
@@ -90,12 +90,6 @@ impl Config {
         let square = |x: f32| x * x;
         let t = self.period_s;
         let slip = &self.slip;
-        for sigma in self.frame_sigmas {
-            positive("frame_sigmas", sigma)?;
-        }
-        if let Some(gate) = self.beam_gate {
-            positive("beam_gate", gate)?;
-        }
         let joint = self.joint.build(t)?;
         Ok(RobotFusion {
             mode: self.mode,

@@ -53,15 +53,11 @@ fn preparing_changes_nothing_but_when_it_is_done() {
         let mut ahead = late;
         let mut repairs = 0;
         for tick in 0..400u16 {
-            let moved = Increment::new(
-                Posture::new(2e-3, 0.0, 1e-3),
-                matrix::diagonal([1e-9, 1e-9, 1e-8]),
-            );
+            let noise = matrix::diagonal([1e-9, 1e-9, 1e-8]);
+            let moved = Increment::new(Posture::new(2e-3, 0.0, 1e-3), noise);
             let inputs = inputs(moved, (tick % 3 != 0).then(straight));
-            assert_eq!(
-                fusion.step(&mut ahead, &inputs),
-                fusion.step(&mut late, &inputs)
-            );
+            let [a, b] = [&mut ahead, &mut late].map(|state| fusion.step(state, &inputs));
+            assert_eq!(a, b);
             let before = ahead;
             fusion.prepare(&mut ahead);
             repairs += u32::from(ahead != before);
@@ -75,16 +71,14 @@ fn preparing_changes_nothing_but_when_it_is_done() {
 fn straight_drive_arrives_in_every_mode() {
     for mode in MODES {
         let fusion = fusion(mode);
-        let mut state = start(
-            &fusion,
-            Posture::new(-1.0, 0.5, core::f32::consts::FRAC_PI_2),
-        );
+        let ahead = core::f32::consts::FRAC_PI_2;
+        let mut state = start(&fusion, Posture::new(-1.0, 0.5, ahead));
         let mut output = Output::default();
         for _ in 0..400 {
             output = fusion.step(&mut state, &inputs(forward(), Some(straight())));
         }
         let o = output.robot.posture;
-        let error = o.minus(Posture::new(-1.0, 1.5, core::f32::consts::FRAC_PI_2));
+        let error = o.minus(Posture::new(-1.0, 1.5, ahead));
         assert!(error.iter().all(|e| e.abs() < 1e-4), "{mode:?} {error:?}");
         assert!((output.front.posture.y - 1.685).abs() < 1e-4, "{mode:?}");
         assert!((output.rear.posture.y - 1.315).abs() < 1e-4, "{mode:?}");
@@ -179,21 +173,14 @@ fn what_is_not_finite_counts_as_absent() {
             increment.posture.y = bad;
             let mut beam = straight();
             beam.covariance[0][0] = bad;
-            let output = fusion.step(
-                &mut state,
-                &Inputs {
-                    front: Some(increment),
-                    rear: None,
-                    beam: Some(beam),
-                },
-            );
-            assert!(output.robot.is_finite());
+            let mut one_axle = inputs(increment, Some(beam));
+            one_axle.rear = None;
+            assert!(fusion.step(&mut state, &one_axle).robot.is_finite());
             let output = fusion.step(&mut state, &inputs(rest(), Some(beam)));
             assert!(output.front.is_finite() && output.rear.is_finite());
-            let expected = if mode == Mode::Odometry {
-                Verdict::Absent
-            } else {
-                Verdict::Invalid
+            let expected = match mode {
+                Mode::Odometry => Verdict::Absent,
+                _ => Verdict::Invalid,
             };
             assert_eq!(output.beam.verdict, expected);
         }
@@ -264,10 +251,8 @@ fn bent_frame_creeps_at_standstill_in_the_covariance() {
             // Without a beam a load of the frame that nobody knows of would hide it.
             config.slip.load_speed_m_s = 0.0;
             let fusion = config.build().unwrap();
-            let relative = Estimate::with_sigmas(
-                Posture::new(0.36, 0.18 * heading, heading),
-                [1e-3, 1e-3, 1e-3],
-            );
+            let bent = Posture::new(0.36, 0.18 * heading, heading);
+            let relative = Estimate::with_sigmas(bent, [1e-3; 3]);
             let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);
             let mut state = fusion.start(&robot, &relative, 0.01);
             let inputs = inputs(rest(), None);

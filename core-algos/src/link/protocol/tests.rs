@@ -23,20 +23,15 @@ fn encode_longest_messages_fits_frame() {
         owner: u16::MAX,
         sequence: u16::MAX,
     };
-    let path = Request::Order {
-        stamp,
-        order: Order::Path {
-            points: [Some(far); POINTS],
-            end: true,
-        },
-    };
-    let trajectory = Request::Order {
-        stamp,
-        order: Order::Trajectory {
-            points: [Some(TrajectoryPoint::default()); POINTS],
-            end: true,
-        },
-    };
+    let order = |order| Request::Order { stamp, order };
+    let path = order(Order::Path {
+        points: [Some(far); POINTS],
+        end: true,
+    });
+    let trajectory = order(Order::Trajectory {
+        points: [Some(TrajectoryPoint::default()); POINTS],
+        end: true,
+    });
     let configure = Request::Configure {
         total: u16::MAX,
         offset: u16::MAX,
@@ -139,13 +134,9 @@ fn packed_frames_are_bounded_and_cut_ones_left_out() {
     let (_, cut) = packed.bytes().split_last().unwrap().1.split_at(0);
     assert_eq!(unpack(cut).count(), MAX_BUS_FRAMES - 1);
     // A length that no frame has.
-    assert_eq!(
-        unpack(&[
-            0, 0xf0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16
-        ])
-        .count(),
-        0
-    );
+    let mut long = [1; 18];
+    long[..2].copy_from_slice(&[0, 0xf0]);
+    assert_eq!(unpack(&long).count(), 0);
 }
 
 properties! {

@@ -15,10 +15,13 @@ fn node(axle: AxleId) -> AxleNode {
     node
 }
 
-/// Counts of wheels turned by these angles (rad).
-fn counts(angles: [f64; 2]) -> [Option<i32>; 2] {
+/// Samples of wheels turned by these angles (rad).
+fn turned(angles: [f64; 2]) -> Samples {
     let per_turn = f64::from(Config::default().wheel.counts_per_revolution);
-    angles.map(|angle| Some((angle / TAU * per_turn).floor() as i32))
+    Samples {
+        encoder: angles.map(|angle| Some((angle / TAU * per_turn).floor() as i32)),
+        ..Samples::default()
+    }
 }
 
 fn reference(node: &mut AxleNode, now: Micros, v: f32, posture: Posture) {
@@ -58,10 +61,11 @@ fn step(node: &mut AxleNode, now: Micros, samples: &Samples) -> Output {
 
 /// Wheels at rest.
 fn still() -> Samples {
-    Samples {
-        encoder: [Some(0); 2],
-        ..Samples::default()
-    }
+    turned([0.0; 2])
+}
+
+fn operating(node: &AxleNode) -> OperatingState {
+    node.supervision().operating()
 }
 
 #[test]
@@ -70,30 +74,18 @@ fn odometry_follows_an_arc() {
     for tick in 0..=4500u64 {
         // Speed rises for one second, then stays.
         let t = tick as f64 * 1e-3;
-        let turned = if t < 1.0 { 0.5 * t * t } else { t - 0.5 };
-        let samples = Samples {
-            encoder: counts([3.0 * turned, 4.0 * turned]),
-            ..Samples::default()
-        };
-        step(&mut node, tick * TICK, &samples);
+        let way = if t < 1.0 { 0.5 * t * t } else { t - 0.5 };
+        step(&mut node, tick * TICK, &turned([3.0 * way, 4.0 * way]));
     }
     // Wheels at 0.219 and 0.292 m/s, 0.324 m apart: an arc of radius 1.134 m.
     let (v, omega) = (0.2555f64, 0.073 / 0.324);
     let phi = omega * 4.0;
     let expected = [v / omega * phi.sin(), v / omega * (1.0 - phi.cos()), phi];
-    let found = node.state.filter.posture();
-    assert!(
-        (found.x as f64 - expected[0]).abs() < 2e-3,
-        "{found:?} {expected:?}"
-    );
-    assert!(
-        (found.y as f64 - expected[1]).abs() < 2e-3,
-        "{found:?} {expected:?}"
-    );
-    assert!(
-        (found.phi as f64 - expected[2]).abs() < 4e-3,
-        "{found:?} {expected:?}"
-    );
+    let found: [f32; 3] = node.state.filter.posture().into();
+    for (k, most) in [2e-3, 2e-3, 4e-3].into_iter().enumerate() {
+        let error = f64::from(found[k]) - expected[k];
+        assert!(error.abs() < most, "{found:?} {expected:?}");
+    }
 }
 
 /// 40 m are four spans of the bus. What the lead node adds up is what the axle has gone, and a
@@ -107,21 +99,15 @@ fn a_long_way_is_counted_to_ten_micrometres_and_driven_on() {
         let now = tick * TICK;
         // 0.4 m/s after the first second, along the axle's heading of zero.
         let t = tick as f64 * 1e-3;
-        let turned = 0.4 / 0.073 * if t < 1.0 { 0.5 * t * t } else { t - 0.5 };
-        let samples = Samples {
-            encoder: counts([turned; 2]),
-            ..Samples::default()
-        };
+        let angle = 0.4 / 0.073 * if t < 1.0 { 0.5 * t * t } else { t - 0.5 };
         outbox.clear();
-        let output = node.step(now, &samples, &mut outbox);
+        let output = node.step(now, &turned([angle; 2]), &mut outbox);
         if tick > 2000 {
             assert!((output.error.x.abs() - 0.01).abs() < 1e-3, "{output:?}");
             assert_ne!(output.torque_nm, [0.0; 2]);
         }
-        let Some(report) = outbox
-            .iter()
-            .find(|m| matches!(m, Message::AxlePosture { .. }))
-        else {
+        let mut messages = outbox.iter();
+        let Some(report) = messages.find(|m| matches!(m, Message::AxlePosture { .. })) else {
             continue;
         };
         let Ok(Message::AxlePosture { posture, .. }) = decode(&encode(report).unwrap()) else {
@@ -147,8 +133,7 @@ fn reports_once_an_epoch() {
     let mut reports = 0;
     for tick in 0..100u64 {
         let mut outbox = Outbox::new();
-        let samples = still();
-        node.step(tick * TICK, &samples, &mut outbox);
+        node.step(tick * TICK, &still(), &mut outbox);
         let count = outbox.iter().count();
         assert_eq!(count, if tick % 10 == 0 { 4 } else { 0 });
         reports += count;
@@ -196,15 +181,14 @@ fn drives_toward_its_reference_and_stops_without_one() {
     let well = beat(Node::RearAxle, 50 * TICK, OperatingState::Active, 0);
     node.receive(50 * TICK, &well);
     assert!(step(&mut node, 20 * TICK + 60_000, &samples).active);
-    let state = |node: &AxleNode| node.supervision().operating();
-    assert_eq!(state(&node), OperatingState::Active);
+    assert_eq!(operating(&node), OperatingState::Active);
     step(&mut node, 20 * TICK + 61_000, &samples);
-    assert_eq!(state(&node), OperatingState::SafeStop);
+    assert_eq!(operating(&node), OperatingState::SafeStop);
     assert_eq!(node.supervision().first(), Some(Condition::CommandTimeout));
     for tick in 82..1110 {
         step(&mut node, tick * TICK, &samples);
     }
-    assert_eq!(state(&node), OperatingState::Fault);
+    assert_eq!(operating(&node), OperatingState::Fault);
     reference(&mut node, 1110 * TICK, 0.1, Posture::ORIGIN);
     let off = step(&mut node, 1111 * TICK, &samples);
     assert_eq!(off, Output::default(), "latched");
@@ -226,7 +210,7 @@ fn axle_brakes_without_mode_or_without_references() {
                 (false, false) => node.state.reference = kept.reference,
             }
             step(&mut node, now, &still());
-            let active = node.supervision().operating() == OperatingState::Active;
+            let active = operating(&node) == OperatingState::Active;
             assert!(tick < 20 || active == (tick <= 150), "{tick}");
         }
         assert_eq!(node.supervision().first(), Some(Condition::CommandTimeout));
@@ -367,10 +351,8 @@ fn play_of_the_gears_counts_in_the_heading_that_the_wheels_tell() {
     let gap = 0.5 * (3e-4f32 / 0.324).powi(2);
     for (gyro_samples, share) in [(0, 1.0), (5, 0.25), (10, 0.0)] {
         let added = variance(gyro_samples, 100) - variance(gyro_samples, 0);
-        assert!(
-            (added / gap - share).abs() < 1e-3,
-            "{gyro_samples}: {added:e}"
-        );
+        let error = added / gap - share;
+        assert!(error.abs() < 1e-3, "{gyro_samples}: {added:e}");
     }
 }
 
@@ -390,18 +372,15 @@ fn a_dismissed_axle_comes_to_rest_without_a_fault() {
             lead(&mut node, now, LeadMode::Idle);
         }
         let output = step(&mut node, now, &samples);
-        let state = node.supervision().operating();
+        let state = operating(&node);
         braked += u32::from(state == OperatingState::SafeStop && output.active);
         assert_eq!(node.supervision().first(), None, "{tick}");
-        assert_eq!(
-            state == OperatingState::Active,
-            (20..100).contains(&tick),
-            "{tick}"
-        );
+        let active = state == OperatingState::Active;
+        assert_eq!(active, (20..100).contains(&tick), "{tick}");
     }
     // Ramp, rest and release.
     assert!((900..1100).contains(&braked), "{braked}");
-    assert_eq!(node.supervision().operating(), OperatingState::Idle);
+    assert_eq!(operating(&node), OperatingState::Idle);
 }
 
 /// A board that comes up in the middle of a drive is not to join in.
@@ -428,15 +407,11 @@ fn stops_for_every_reason_and_drives_again_once_cleared() {
         samples.conditions = Conditions::only(condition);
         (condition, samples)
     };
-    let cases: [(Condition, Samples); 5] = [
+    let mut slipping = still();
+    slipping.gyro_rad_s = Some(3.0);
+    let cases = [
         (Condition::EncoderFault, Samples::default()),
-        (
-            Condition::WheelSlip,
-            Samples {
-                gyro_rad_s: Some(3.0),
-                ..still()
-            },
-        ),
+        (Condition::WheelSlip, slipping),
         by_driver(Condition::OverCurrent),
         by_driver(Condition::EmergencyStop),
         (Condition::TrackingLost, still()),
@@ -455,27 +430,20 @@ fn stops_for_every_reason_and_drives_again_once_cleared() {
             let bad = (100..600).contains(&tick);
             let given = if bad { samples } else { still() };
             step(&mut node, now, &given);
-            if tick == 20 {
-                assert_eq!(node.supervision().operating(), OperatingState::Active);
-            }
+            assert!(tick != 20 || operating(&node) == OperatingState::Active);
         }
         assert_eq!(node.supervision().first(), Some(condition));
-        assert_eq!(node.supervision().operating(), OperatingState::Fault);
+        assert_eq!(operating(&node), OperatingState::Fault);
         for tick in 2000..2100u64 {
             let now = referred(&mut node, tick, 0.0, Posture::ORIGIN);
-            let mode = if tick < 2030 {
-                LeadMode::Clear
-            } else {
-                LeadMode::Active
+            let mode = match tick {
+                ..2030 => LeadMode::Clear,
+                _ => LeadMode::Active,
             };
             lead(&mut node, now, mode);
             step(&mut node, now, &still());
         }
-        assert_eq!(
-            node.supervision().operating(),
-            OperatingState::Active,
-            "{condition:?}"
-        );
+        assert_eq!(operating(&node), OperatingState::Active, "{condition:?}");
     }
 }
 
@@ -498,9 +466,7 @@ fn a_neighbour_that_stops_or_falls_silent_stops_this_axle() {
                 node.receive(now, &stop);
             }
             step(&mut node, now, &samples);
-            if tick == 99 {
-                assert_eq!(node.supervision().operating(), OperatingState::Active);
-            }
+            assert!(tick != 99 || operating(&node) == OperatingState::Active);
         }
         assert_eq!(node.supervision().first(), Some(expected));
     }
@@ -513,11 +479,9 @@ fn halves_of_different_epochs_make_no_reference() {
     let now = 5 * EPOCH;
     let posture = Posture::new(1.0, 0.0, 0.0);
     node.receive(now, &reference_posture(AxleId::Front, now, posture));
+    // Still the old reference.
     let output = step(&mut node, now, &Samples::default());
-    assert!(
-        output.error.x.abs() < 0.1,
-        "still the old reference: {output:?}"
-    );
+    assert!(output.error.x.abs() < 0.1, "{output:?}");
 }
 
 #[test]
@@ -540,10 +504,9 @@ fn nan_in_gives_zero_torque() {
     // A gyro that reads NaN is refused and the odometry stays finite.
     for tick in 2..50 {
         let samples = Samples {
-            encoder: [Some(0); 2],
             gyro_rad_s: Some(f32::NAN),
             acceleration_m_s2: Some(f32::INFINITY),
-            ..Samples::default()
+            ..still()
         };
         step(&mut node, tick * TICK, &samples);
     }
@@ -564,11 +527,8 @@ fn a_turn_that_quickens_is_told_without_the_delay_of_the_gyro() {
         heading = 0.5 * QUICKENS_RAD_S2 * seconds * seconds;
         let rolled = 0.5 * f64::from(geometry.track_m) * heading
             / f64::from(config.controller.wheel_radius_m);
-        let samples = Samples {
-            encoder: counts([-rolled, rolled]),
-            gyro_rad_s: Some((QUICKENS_RAD_S2 * late) as f32),
-            ..still()
-        };
+        let mut samples = turned([-rolled, rolled]);
+        samples.gyro_rad_s = Some((QUICKENS_RAD_S2 * late) as f32);
         step(&mut node, now, &samples);
     }
     let told = f64::from(node.state.filter.posture().phi);
@@ -583,20 +543,16 @@ fn a_gyro_that_contradicts_the_wheels_is_slip() {
     let mut samples = still();
     for tick in 0..500u64 {
         let t = tick as f64 * 1e-3;
-        samples.encoder = counts([t, 2.0 * t]);
-        node.step(tick * TICK, &samples, &mut Outbox::new());
+        samples = turned([t, 2.0 * t]);
+        step(&mut node, tick * TICK, &samples);
     }
     let limit = Limits::default().slip_rad_s;
-    for (times, slips) in [
-        (0.0, false),
-        (0.9, false),
-        (-0.9, false),
-        (1.1, true),
-        (-1.1, true),
-    ] {
+    for times in [0.0, 0.9, -0.9, 1.1, -1.1f32] {
         samples.gyro_rad_s = Some(0.073 / 0.324 + times * limit);
-        let conditions = node.watch(500 * TICK, &samples);
-        assert_eq!(conditions.contains(Condition::WheelSlip), slips, "{times}");
+        let slips = node
+            .watch(500 * TICK, &samples)
+            .contains(Condition::WheelSlip);
+        assert_eq!(slips, times.abs() > 1.0, "{times}");
     }
 }
 
@@ -609,30 +565,15 @@ fn limits_are_checked_by_name_and_hold_in_each_direction() {
         ("stall_share", |c| c.limits.stall_share = 1.1),
         ("stall_rad_s", |c| c.limits.stall_rad_s = f32::NAN),
         ("slip_rad_s", |c| c.limits.slip_rad_s = 0.0),
-        ("wheel_speed_m_s", |c| {
-            c.limits.wheel_speed_m_s = f32::INFINITY
-        }),
+        ("wheel_speed_m_s", |c| c.limits.wheel_speed_m_s = f32::NAN),
     ]);
-    let Limits {
-        tracking_m: way,
-        tracking_rad: turn,
-        ..
-    } = limits;
-    for sign in [-1.0, 1.0] {
-        for (inside, near) in [(1.9, true), (2.1, false)] {
-            let by = sign * inside;
-            let errors = [
-                [by * way, 0.0, 0.0],
-                [0.0, by * way, 0.0],
-                [0.0, 0.0, by * turn],
-            ];
-            for [x, y, phi] in errors {
-                assert_eq!(
-                    limits.near(Posture::new(x, y, phi), 2.0),
-                    near,
-                    "{x} {y} {phi}"
-                );
-            }
+    let bounds = [limits.tracking_m, limits.tracking_m, limits.tracking_rad];
+    for times in [1.9, -1.9, 2.1, -2.1f32] {
+        for (k, bound) in bounds.into_iter().enumerate() {
+            let mut error = [0.0; 3];
+            error[k] = times * bound;
+            let near = limits.near(Posture::from(error), 2.0);
+            assert_eq!(near, times.abs() < 2.0, "{error:?}");
         }
     }
     assert!(!limits.near(Posture::new(f32::NAN, 0.0, 0.0), 2.0));

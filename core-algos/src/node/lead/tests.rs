@@ -9,17 +9,15 @@ use crate::topology::AxleId;
 
 mod drives;
 
+/// Posture and uptime of both axles.
+type Axles = [(Posture, u8); 2];
+
 /// Reports of both axles at the beginning of an epoch, and the lead node's step.
-fn epoch(node: &mut LeadNode, number: u64, axles: [(Posture, u8); 2]) -> Output {
+fn epoch(node: &mut LeadNode, number: u64, axles: Axles) -> Output {
     epoch_to(node, number, axles, &mut Outbox::new())
 }
 
-fn epoch_to(
-    node: &mut LeadNode,
-    number: u64,
-    axles: [(Posture, u8); 2],
-    outbox: &mut Outbox,
-) -> Output {
+fn epoch_to(node: &mut LeadNode, number: u64, axles: Axles, outbox: &mut Outbox) -> Output {
     let now = number * EPOCH;
     for axle in AxleId::BOTH {
         let (posture, uptime) = axles[axle.index()];
@@ -164,10 +162,8 @@ fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
     // Had nothing been learnt, the biases would have walked for 10 s.
     let walked = crate::fusion::joint::Config::default().gyro_bias_walk_rad_s_per_sqrt_s;
     let unknown = (prior[0] * prior[0] + 10.0 * walked * walked).sqrt();
-    assert!(
-        before.iter().all(|(_, sigma)| *sigma < 0.6 * unknown),
-        "{before:?}"
-    );
+    let learnt = before.iter().all(|(_, sigma)| *sigma < 0.6 * unknown);
+    assert!(learnt, "{before:?}");
     let after = known(1000, [true, false]);
     assert!(after[0].0.abs() < 0.05 * rate, "{after:?}");
     assert!((after[0].1 / prior[0] - 1.0).abs() < 0.02, "{after:?}");

@@ -14,6 +14,22 @@ fn on_line(s: f32) -> PathPoint {
     }
 }
 
+/// Pushes points a centimetre apart on a line along x.
+fn push(state: &mut State, points: core::ops::RangeInclusive<u16>) {
+    for i in points {
+        let point = on_line(f32::from(i) * 0.01);
+        state.push_path_point(point).unwrap();
+    }
+}
+
+/// Pushes a point of a trajectory of 0.1 m/s, one each 50 ms, with this speed.
+fn push_in_time(state: &mut State, number: u16, v: f32) {
+    let time_s = f32::from(number) * 0.05;
+    let point = on_line(0.1 * time_s);
+    let point = TrajectoryPoint { time_s, v, point };
+    state.push_trajectory_point(point).unwrap();
+}
+
 fn moving(v: f32) -> Motion {
     Motion {
         v,
@@ -27,15 +43,13 @@ fn path_of_any_length_streams_through_the_buffer() {
     let (mut pushed, count) = (0, 2000);
     let mut feed = |state: &mut State| {
         while pushed < count && state.path_room() > 0 {
-            state
-                .push_path_point(on_line(pushed as f32 * 0.01))
-                .unwrap();
+            push(state, pushed..=pushed);
             pushed += 1;
         }
         if pushed == count {
             state.finish_path();
         }
-        pushed
+        usize::from(pushed)
     };
     assert_eq!(feed(&mut state), PATH_POINTS);
     assert_eq!(state.push_path_point(on_line(9.0)), Err(PathError::Full));
@@ -50,16 +64,14 @@ fn path_of_any_length_streams_through_the_buffer() {
         assert!(step.wish.unwrap().v > expected - 1e-3, "{x}: {step:?}");
         x += 0.05;
     }
-    assert_eq!(feed(&mut state), count);
+    assert_eq!(feed(&mut state), usize::from(count));
     assert_eq!(state.push_path_point(on_line(99.0)), Err(PathError::Ended));
 }
 
 #[test]
 fn robot_waits_where_the_stream_breaks_off_and_ends_where_the_path_does() {
     let (task, mut state) = (task(), State::default());
-    for i in 0..=100 {
-        state.push_path_point(on_line(i as f32 * 0.01)).unwrap();
-    }
+    push(&mut state, 0..=100);
     state.restart();
     let mut x = 0.0;
     let mut drive = |state: &mut State, epochs: usize| {
@@ -74,9 +86,7 @@ fn robot_waits_where_the_stream_breaks_off_and_ends_where_the_path_does() {
     };
     let (x, waiting) = drive(&mut state, 1500);
     assert!((x - 1.0).abs() < 3e-3 && !waiting.done, "{x} {waiting:?}");
-    for i in 101..=150 {
-        state.push_path_point(on_line(i as f32 * 0.01)).unwrap();
-    }
+    push(&mut state, 101..=150);
     state.finish_path();
     let (x, ended) = drive(&mut state, 1500);
     assert!((x - 1.5).abs() < 1e-3 && ended.done, "{x} {ended:?}");
@@ -96,9 +106,8 @@ fn loop_begins_at_its_beginning() {
         let s = 0.3 * turn;
         let posture = Posture::ORIGIN.advance(s, turn);
         let kappa = 1.0 / 0.3;
-        state
-            .push_path_point(PathPoint { posture, kappa, s })
-            .unwrap();
+        let point = PathPoint { posture, kappa, s };
+        state.push_path_point(point).unwrap();
     }
     state.finish_path();
     state.restart();
@@ -123,13 +132,7 @@ fn nothing_moves_without_points() {
 fn a_trajectory_given_again_goes_on_where_it_was_left() {
     let (task, mut state) = (task(), State::default());
     for i in 0..100 {
-        let time_s = i as f32 * 0.05;
-        let point = TrajectoryPoint {
-            time_s,
-            v: 0.1,
-            point: on_line(0.1 * time_s),
-        };
-        state.push_trajectory_point(point).unwrap();
+        push_in_time(&mut state, i, 0.1);
     }
     state.restart();
     let at = |state: &mut State, epoch: u64| {
@@ -151,13 +154,7 @@ fn trajectory_begins_with_its_first_epoch_and_ends_at_rest() {
     let mut feed = |state: &mut State| {
         // 0.1 m/s for 10 s; speed at the ends is of no concern here.
         while pushed <= 200 && state.trajectory_room() > 0 {
-            let time_s = pushed as f32 * 0.05;
-            let point = TrajectoryPoint {
-                time_s,
-                v: if pushed < 200 { 0.1 } else { 0.0 },
-                point: on_line(0.1 * time_s),
-            };
-            state.push_trajectory_point(point).unwrap();
+            push_in_time(state, pushed, if pushed < 200 { 0.1 } else { 0.0 });
             pushed += 1;
         }
         if pushed > 200 {

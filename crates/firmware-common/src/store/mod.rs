@@ -8,8 +8,6 @@
 //! The reading does not trust the marks at the ends of a sector, by which the library tells which
 //! sector is in use: each one is read as if it were, and of several copies the newest counts.
 
-#[cfg(not(target_os = "none"))]
-pub mod campaign;
 #[cfg(target_os = "none")]
 pub mod chip;
 #[cfg(not(target_os = "none"))]

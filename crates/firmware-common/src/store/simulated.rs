@@ -57,8 +57,6 @@ pub struct Flash<const SECTOR: usize> {
     pub cut: Option<(u64, Torn)>,
     /// True if the power failed during an erase.
     pub cut_in_erase: bool,
-    /// Writes of 1 where a 0 stands: the caller's mistake, or what a cut left.
-    pub overwritten: u64,
     random: Random,
 }
 
@@ -71,7 +69,6 @@ impl<const SECTOR: usize> Flash<SECTOR> {
             erases: 0,
             cut: None,
             cut_in_erase: false,
-            overwritten: 0,
             random: Random(seed),
         }
     }
@@ -155,7 +152,6 @@ impl<const SECTOR: usize> NorFlash for Flash<SECTOR> {
                 .get_mut(start..start + 4)
                 .ok_or(NorFlashErrorKind::OutOfBounds)?;
             for (slot, &byte) in slots.iter_mut().zip(word) {
-                self.overwritten += u64::from(byte & !*slot != 0);
                 *slot &= match torn {
                     Some(Torn::Untouched) => 0xff,
                     Some(Torn::Bits) => byte | random.draw() as u8,

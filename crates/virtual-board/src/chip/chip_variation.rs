@@ -3,38 +3,25 @@
 use super::transfer;
 use crate::time::Time;
 
-/// What differs from one chip and its crystal to the next; typical by default.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ChipVariation {
-    /// Frequency of the crystal, Hz.
-    pub crystal_hz: u64,
-    /// Time from switching the crystal on to a stable clock (data sheet: 2 ms typically at 8 MHz).
-    pub crystal_start: Time,
-    /// Frequency of the fast internal oscillator, Hz (data sheet: 16 MHz ± 1 % at 25 °C, − 8 to + 4.5 % over
-    /// all temperatures).
-    pub internal_hz: u64,
-    /// Frequency of the slow internal oscillator, Hz (data sheet: 17 to 47 kHz).
-    pub slow_hz: u64,
-    /// Brown-out level in the option bytes, 0 the highest and 3 none, as a flasher has written it.
-    pub brown_out: u32,
-    /// Noise of the analogue converter, counts rms.
-    pub converter_noise: f64,
-    /// Makes the unique identifier, what memory shows after power came on, what an operation of the
-    /// flash leaves that was cut short, and the converter's noise.
-    pub seed: u64,
-}
-
-impl Default for ChipVariation {
-    fn default() -> Self {
-        Self {
-            crystal_hz: 8_000_000,
-            crystal_start: Time::from_micros(2_000),
-            internal_hz: 16_000_000,
-            slow_hz: 32_000,
-            brown_out: 3,
-            converter_noise: transfer::NOISE,
-            seed: 1,
-        }
+characteristics! {
+    /// What differs from one chip and its crystal to the next; typical by default.
+    pub struct ChipVariation {
+        /// Frequency of the crystal, Hz.
+        pub crystal_hz: u64 = 8_000_000;
+        /// Time from switching the crystal on to a stable clock (data sheet: 2 ms typically at 8 MHz).
+        pub crystal_start: Time = Time::from_micros(2_000);
+        /// Frequency of the fast internal oscillator, Hz (data sheet: 16 MHz ± 1 % at 25 °C, − 8 to + 4.5 % over
+        /// all temperatures).
+        pub internal_hz: u64 = 16_000_000;
+        /// Frequency of the slow internal oscillator, Hz (data sheet: 17 to 47 kHz).
+        pub slow_hz: u64 = 32_000;
+        /// Brown-out level in the option bytes, 0 the highest and 3 none, as a flasher has written it.
+        pub brown_out: u32 = 3;
+        /// Noise of the analogue converter, counts rms.
+        pub converter_noise: f64 = transfer::NOISE;
+        /// Makes the unique identifier, what memory shows after power came on, what an operation of the
+        /// flash leaves that was cut short, and the converter's noise.
+        pub seed: u64 = 1;
     }
 }
 

@@ -15,22 +15,14 @@ use std::f64::consts::TAU;
 /// Edges that are late because the angle was corrected follow each other so closely, ps: 100 ns.
 const CATCH_UP: Time = Time::from_nanos(100);
 
-/// An encoder.
-#[derive(Clone, Debug, PartialEq)]
-pub struct EncoderConfig {
-    /// Lines of the disc; four counts each. Default 2048.
-    pub lines: u32,
-    /// Angle of the disc, counts, at the wheel's angle 0. From 0 to less than 1 it decides where in
-    /// the first count the wheel stands.
-    pub phase: f64,
-}
-
-impl Default for EncoderConfig {
-    fn default() -> Self {
-        Self {
-            lines: 2048,
-            phase: 0.5,
-        }
+characteristics! {
+    /// An encoder.
+    pub struct EncoderConfig {
+        /// Lines of the disc; four counts each. Default 2048.
+        pub lines: u32 = 2048;
+        /// Angle of the disc, counts, at the wheel's angle 0. From 0 to less than 1 it decides where in
+        /// the first count the wheel stands.
+        pub phase: f64 = 0.5;
     }
 }
 

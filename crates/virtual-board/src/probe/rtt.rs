@@ -159,12 +159,9 @@ mod tests {
                 memory: vec![0xaa; 0x200],
             };
             target.memory[BLOCK..BLOCK + 16].copy_from_slice(IDENTITY);
-            let ring = BASE + RING as u32;
-            for (k, word) in [1, 0, 0, ring, SIZE as u32, 0, 0, 0]
-                .into_iter()
-                .enumerate()
-            {
-                target.set(BLOCK + 16 + 4 * k, word);
+            let words = [1, 0, 0, BASE + RING as u32, SIZE as u32, 0, 0, 0];
+            for (at, word) in (BLOCK + 16..).step_by(4).zip(words) {
+                target.set(at, word);
             }
             target
         }
@@ -234,13 +231,8 @@ mod tests {
         let mut rtt = Rtt::new(BASE, None);
         let (mut memory, mut out) = (vec![0x55u8; 0x200], Vec::new());
         rtt.poll(&mut memory, &mut out);
-        for (offset, value) in [
-            (16, 0),
-            (28, 0x2100_0000),
-            (32, 0x8000_0000),
-            (36, 16),
-            (40, 99),
-        ] {
+        let (ring, size) = ((28, 0x2100_0000), (32, 0x8000_0000));
+        for (offset, value) in [(16, 0), ring, size, (36, 16), (40, 99)] {
             let mut target = Target::new();
             target.set(BLOCK + offset, value);
             let before = target.memory.clone();

@@ -190,11 +190,8 @@ fn what_happens_does_not_depend_on_the_quantum_and_is_told_ahead() {
         while bench.now < micros(50_000) {
             bench.run(bench.now + quantum);
             let now = bench.now;
-            for event in bench
-                .happened
-                .iter_mut()
-                .flat_map(|events| events.drain(..))
-            {
+            let happened = bench.happened.iter_mut();
+            for event in happened.flat_map(|events| events.drain(..)) {
                 if matches!(event.what, What::Sent { .. } | What::Received { .. }) {
                     assert!(event.at >= now, "{event:?} told at {now}");
                 }
@@ -257,10 +254,8 @@ fn a_receiver_that_alone_sees_an_error_counts_nine() {
     let errors = bench.events(2, |w| matches!(w, What::Error(_) | What::Counted));
     let counts: Vec<_> = errors.iter().map(|e| (e.what, e.rec)).collect();
     // Its own flag, then a dominant bit behind it: the others' flags.
-    assert_eq!(
-        counts,
-        [(What::Error(ErrorKind::Stuff), 1), (What::Counted, 9)]
-    );
+    let own = (What::Error(ErrorKind::Stuff), 1);
+    assert_eq!(counts, [own, (What::Counted, 9)]);
     assert_eq!(bench.wire.statistics(0).sent, 1);
     assert_eq!(bench.wire.statistics(0).error_frames, 1);
 }
@@ -331,10 +326,9 @@ fn a_bus_held_dominant_takes_the_sender_off_and_it_comes_back() {
 #[test]
 fn pieces_of_a_cut_wire_live_by_themselves() {
     let mut bench = Bench::equal(4);
+    let cut = |node, piece| Fault::Piece { node, piece };
     for node in [2, 3] {
-        bench
-            .wire
-            .inject(micros(50), Fault::Piece { node, piece: 1 });
+        bench.wire.inject(micros(50), cut(node, 1));
     }
     bench.nodes[0].send(micros(100), standard(1, &[1]));
     bench.nodes[2].send(micros(100), standard(2, &[2]));
@@ -343,25 +337,15 @@ fn pieces_of_a_cut_wire_live_by_themselves() {
         let received = bench.received(node);
         let expected = usize::from(node % 2 == 1);
         assert_eq!(received.len(), expected, "{node}");
-        assert!(
-            received
-                .iter()
-                .all(|(_, f)| f.data()[0] as usize == node / 2 + 1)
-        );
+        let sender = node / 2 + 1;
+        assert!(received.iter().all(|(_, f)| f.data() == [sender as u8]));
     }
     // A node alone is not acknowledged.
-    bench
-        .wire
-        .inject(micros(400), Fault::Piece { node: 3, piece: 2 });
+    bench.wire.inject(micros(400), cut(3, 2));
     bench.nodes[3].send(micros(500), standard(3, &[]));
     bench.run(micros(1000));
-    assert!(
-        bench
-            .wire
-            .statistics(3)
-            .errors_of(ErrorKind::Acknowledgement)
-            > 1
-    );
+    let alone = bench.wire.statistics(3);
+    assert!(alone.errors_of(ErrorKind::Acknowledgement) > 1);
 }
 
 #[test]

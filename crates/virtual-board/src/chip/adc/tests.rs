@@ -162,16 +162,12 @@ fn a_short_injected_sequence_ends_with_its_last_place() {
 fn triggers_are_heard_on_the_edges_that_are_chosen() {
     for (edges, rising, falling) in [(0, 0, 0), (1, 1, 0), (2, 0, 1), (3, 1, 1)] {
         let mut bench = Bench::new(0, ADON | 1 << 16 | edges << 20);
-        bench
-            .adc
-            .trigger(timer::Kind::Tim1, true, &mut bench.shared);
-        bench.pass(1500);
-        assert_eq!(bench.adc.counts().injected, rising);
-        bench
-            .adc
-            .trigger(timer::Kind::Tim1, false, &mut bench.shared);
-        bench.pass(2000);
-        assert_eq!(bench.adc.counts().injected, rising + falling);
+        for (level, end, injected) in [(true, 1500, rising), (false, 2000, rising + falling)] {
+            let Bench { adc, shared, .. } = &mut bench;
+            adc.trigger(timer::Kind::Tim1, level, shared);
+            bench.pass(end);
+            assert_eq!(bench.adc.counts().injected, injected);
+        }
     }
 }
 
@@ -187,8 +183,8 @@ fn a_datum_that_nobody_fetches_is_an_overrun_that_ends_the_scans() {
     bench.trigger().command(JSWSTART).pass(3000);
     let counts = bench.adc.counts();
     assert_eq!(
-        (counts.regular, counts.injected, counts.overruns),
-        (2, 1, 1)
+        [counts.regular, counts.injected, counts.overruns],
+        [2, 1, 1]
     );
     // The flag cleared, conversions come, but nothing is asked of the stream.
     bench.stream = Stream::Fetches;
@@ -254,11 +250,8 @@ fn a_trigger_while_the_group_is_converted_is_lost() {
     assert_eq!(bench.asked, [1058, 1112]);
     assert_eq!(bench.shared.kinds(), [Kind::Lost]);
     let mut bench = Bench::new(SCANNED, STREAMED);
-    bench
-        .command(JSWSTART)
-        .pass(1020)
-        .command(JSWSTART)
-        .pass(2000);
+    bench.command(JSWSTART).pass(1020);
+    bench.command(JSWSTART).pass(2000);
     assert_eq!(bench.adc.counts().injected, 1);
     assert_eq!(bench.shared.kinds(), [Kind::Lost]);
 }

@@ -27,14 +27,8 @@ impl Bench {
             shared: shared(),
             broken: false,
         };
-        bench.write(&[
-            (NDTR, items),
-            (PAR, PERIPHERAL),
-            (M0AR, FIRST),
-            (FCR, fcr),
-            (CR, cr),
-            (CR, cr | EN),
-        ]);
+        bench.write(&[(NDTR, items), (PAR, PERIPHERAL), (M0AR, FIRST)]);
+        bench.write(&[(FCR, fcr), (CR, cr), (CR, cr | EN)]);
         bench
     }
 

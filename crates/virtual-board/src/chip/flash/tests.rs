@@ -160,20 +160,16 @@ fn a_power_cut_leaves_a_sector_that_is_neither_old_nor_erased() {
     flash.bytes_mut().fill(0x5a);
     flash.write(0x10, SER | 1 << 3 | 2 << 8 | STRT, !0, &mut shared);
     flash.reset(&mut shared);
-    let count = |byte: u8| {
-        flash.bytes[0x4000..0x8000]
-            .iter()
-            .filter(|b| **b == byte)
-            .count()
-    };
-    assert!((3000..6000).contains(&count(0x5a)), "{}", count(0x5a));
-    assert!((3000..6000).contains(&count(0xff)), "{}", count(0xff));
-    assert!(
-        flash.bytes[..0x4000]
-            .iter()
-            .chain(&flash.bytes[0x8000..])
-            .all(|b| *b == 0x5a)
-    );
+    let (before, rest) = flash.bytes.split_at(0x4000);
+    let (sector, behind) = rest.split_at(0x4000);
+    let count = |bytes: &[u8], byte: u8| bytes.iter().filter(|b| **b == byte).count();
+    for byte in [0x5a, 0xff] {
+        let found = count(sector, byte);
+        assert!((3000..6000).contains(&found), "{byte} {found}");
+    }
+    for others in [before, behind] {
+        assert_eq!(count(others, 0x5a), others.len());
+    }
 }
 
 #[test]

@@ -13,10 +13,8 @@ fn an_output_drives_its_pin_and_the_world_hears_of_it() {
     assert!(shared.effects.is_empty(), "still an input");
     gpio.write(PORT_B, 0x280 | 1 << 26, !0, &mut shared);
     let effects: Vec<_> = shared.effects.drain(..).collect();
-    assert_eq!(
-        effects,
-        [Effect::Driven(PB13, Drive::High), Effect::Level(PB13, true)]
-    );
+    let driven = Effect::Driven(PB13, Drive::High);
+    assert_eq!(effects, [driven, Effect::Level(PB13, true)]);
     // The half that resets.
     gpio.write(PORT_B + 0x18, 1 << 29, 0xffff_0000, &mut shared);
     assert_eq!(gpio.read(PORT_B + 0x10, &mut shared) >> 13 & 1, 0);
@@ -95,11 +93,10 @@ fn a_pin_that_is_let_go_is_found_when_it_is_read() {
     assert!(shared.findings.list().is_empty());
     gpio.external(PB13, Drive::Open, &mut shared);
     gpio.read(PORT_B + 0x10, &mut shared);
-    let found = shared.findings.list();
-    assert!(
-        found.len() == 1 && found[0].text.starts_with("PB13"),
-        "{found:?}"
-    );
+    let [found] = shared.findings.list() else {
+        panic!("{:?}", shared.findings.list());
+    };
+    assert!(found.text.starts_with("PB13"), "{found:?}");
 }
 
 #[test]

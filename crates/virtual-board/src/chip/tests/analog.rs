@@ -15,6 +15,9 @@ const APB1ENR: u32 = RCC + 0x40;
 const APB2ENR: u32 = RCC + 0x44;
 const APB2RSTR: u32 = RCC + 0x24;
 
+/// Control of a stream: halves, ring, half and end of it tell.
+const RING: u32 = 1 << 13 | 1 << 11 | 1 << 10 | 1 << 8 | 1 << 4 | 1 << 3;
+
 /// Picoseconds of a cycle.
 const CYCLE_PS: u64 = 62_500;
 
@@ -84,15 +87,8 @@ impl Bench {
             (DMA2 + 0x18, ADC1 + 0x4c),
             (DMA2 + 0x1c, SRAM),
             (DMA2 + 0x14, 24),
-            // Halves, ring, half and end of it tell.
-            (
-                DMA2 + 0x10,
-                1 << 13 | 1 << 11 | 1 << 10 | 1 << 8 | 1 << 4 | 1 << 3,
-            ),
-            (
-                DMA2 + 0x10,
-                1 << 13 | 1 << 11 | 1 << 10 | 1 << 8 | 1 << 4 | 1 << 3 | 1,
-            ),
+            (DMA2 + 0x10, RING),
+            (DMA2 + 0x10, RING | 1),
             (TIM2 + 0x2c, 999),
             (TIM2 + 0x14, 1),
             (TIM2 + 0x04, 2 << 4),
@@ -128,9 +124,7 @@ fn scans_at_a_timers_pace_fill_a_ring() {
     assert!(!bench.line(Interrupt::Dma2Stream0));
     bench.run_to(first + 3000 + scan);
     assert_eq!(bench.read(DMA2), 1 << 5);
-    let scan: Vec<u16> = (0..6)
-        .map(|channel| World::count(Pin::new('A', channel)) as u16)
-        .collect();
+    let scan = [0, 1, 2, 3, 4, 5].map(|channel| World::count(Pin::new('A', channel)) as u16);
     assert_eq!(bench.halves(SRAM, 24), scan.repeat(4));
     assert_eq!(bench.findings(), []);
 }
@@ -211,14 +205,9 @@ fn pulses_come_at_their_pin_and_a_break_stops_them_but_not_the_conversions() {
     bench.write_all(&[(TIM1 + 0x44, BDTR)]);
     bench.run_to(start + 8000);
     let edges = bench.drives(PA8, start + 2);
-    let expected = [
-        (98, Drive::Low),
-        (698, Drive::High),
-        (898, Drive::Low),
-        (1498, Drive::High),
-        (1648, Drive::Low),
-    ];
-    assert_eq!(edges, expected);
+    let levels = [Drive::Low, Drive::High].into_iter().cycle();
+    let expected = [98, 698, 898, 1498, 1648].into_iter().zip(levels);
+    assert!(edges.iter().copied().eq(expected), "{edges:?}");
     assert_eq!(bench.read(TIM1 + 0x44), BDTR & 0x7fff);
     assert_eq!(bench.read(TIM1 + 0x10) & 1 << 7, 1 << 7);
     // Once a period of 800.
@@ -262,20 +251,11 @@ fn an_encoder_at_two_pins_is_counted() {
     bench.write_all(&[(TIM3 + 0x24, 0), (TIM3, 1)]);
     let (a, b) = (Pin::new('C', 6), Pin::new('C', 7));
     let start = bench.cycle + 1000;
-    let turn = [
-        (a, Drive::Low),
-        (b, Drive::Low),
-        (a, Drive::High),
-        (b, Drive::High),
-    ];
-    let script: Vec<_> = turn
-        .iter()
-        .cycle()
-        .take(400)
-        .zip(0..)
-        .map(|(&(pin, drive), k)| (start + 400 * k, pin, drive))
-        .collect();
-    bench.script(&script);
+    let lines = [a, b].into_iter().cycle();
+    let levels = [Drive::Low, Drive::Low, Drive::High, Drive::High];
+    let edges = (0..400).zip(lines.zip(levels.into_iter().cycle()));
+    let script = edges.map(|(k, (pin, drive))| (start + 400 * k, pin, drive));
+    bench.script(&script.collect::<Vec<_>>());
     bench.run_to(start + 400 * 400);
     assert_eq!(bench.read(TIM3 + 0x24), 400);
     assert_eq!(bench.findings(), []);

@@ -44,17 +44,8 @@ fn a_supervisor_call_saves_what_the_manual_says() {
     assert_eq!(machine.r(13), frame);
     assert_eq!(machine.r(14), 0xffff_fff9);
     let words: Vec<u32> = (0..8).map(|k| machine.chip.word(frame + 4 * k)).collect();
-    let expected = [
-        0x1000,
-        0x1001,
-        0x1002,
-        0x1003,
-        0x100c,
-        0x1234_5679,
-        CODE + 2,
-    ];
-    assert_eq!(words[..7], expected);
-    assert_eq!(words[7], 0xa100_0200);
+    assert_eq!(words[..5], [0x1000, 0x1001, 0x1002, 0x1003, 0x100c]);
+    assert_eq!(words[5..], [0x1234_5679, CODE + 2, 0xa100_0200]);
     assert_eq!(machine.core.xpsr() & 0x1ff, 11);
     // Back to the thread with everything as before.
     machine.chip.program(HANDLERS + 64 * 11, &[0xbe00, 0x4770]);
@@ -171,19 +162,12 @@ fn one_that_arrives_during_entry_goes_first_and_the_frame_is_shared() {
         .register(7, LOG);
     enable(&mut machine, [0x10, 0x20, 0, 0]);
     let begin = machine.core.cycles();
-    machine.chip.schedule = vec![
-        (begin + 50, 2),
-        (begin + 55, 3),
-        (begin + 64, 2),
-        (begin + 75, 0),
-    ];
+    let lines = [(50, 2), (55, 3), (64, 2), (75, 0)];
+    machine.chip.schedule = lines.map(|(at, lines)| (begin + at, lines)).into();
     assert_eq!(machine.run_to_breakpoint(), 17);
     assert_eq!(machine.chip.log(), [1, 2]);
-    assert_eq!(
-        machine.r(5),
-        machine.r(13),
-        "tail-chained on the same frame"
-    );
+    // Tail-chained on the same frame.
+    assert_eq!(machine.r(5), machine.r(13));
 }
 
 #[test]

@@ -7,10 +7,8 @@ struct Numbers(u64);
 
 impl Numbers {
     fn bits(&mut self) -> u32 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1);
+        const FACTOR: u64 = 6_364_136_223_846_793_005;
+        self.0 = self.0.wrapping_mul(FACTOR).wrapping_add(1);
         (self.0 >> 32) as u32
     }
 
@@ -43,12 +41,9 @@ impl Numbers {
 const ROUNDS: usize = 300_000;
 
 fn same(ours: u32, host: f32, what: &str, operands: [u32; 3]) {
-    let equal = ours == host.to_bits() || (f32::from_bits(ours).is_nan() && host.is_nan());
-    assert!(
-        equal,
-        "{what} {operands:x?}: {ours:#x}, host {:#x}",
-        host.to_bits()
-    );
+    let bits = host.to_bits();
+    let equal = ours == bits || (f32::from_bits(ours).is_nan() && host.is_nan());
+    assert!(equal, "{what} {operands:x?}: {ours:#x}, host {bits:#x}");
 }
 
 #[test]
@@ -84,10 +79,8 @@ fn both_ways_raise_the_same_flags() {
         ];
         for operation in operations {
             let (mut exact, mut fast) = (0, IXC);
-            assert_eq!(
-                operation(a, b, c, &mut exact),
-                operation(a, b, c, &mut fast)
-            );
+            let results = [&mut exact, &mut fast].map(|status| operation(a, b, c, status));
+            assert_eq!(results[0], results[1]);
             assert_eq!(exact | IXC, fast, "{a:x} {b:x} {c:x}");
         }
     }
@@ -130,11 +123,8 @@ fn nan_zero_and_flags_follow_the_manual() {
     for (k, Row(operation, [a, b], before, expected)) in table.into_iter().enumerate() {
         let mut status = before;
         let result = operation(a, b, &mut status);
-        assert_eq!(
-            [result, status],
-            [expected[0], before | expected[1]],
-            "row {k}"
-        );
+        let [value, flags] = expected;
+        assert_eq!([result, status], [value, before | flags], "row {k}");
     }
     // A quiet NaN that is added to infinity times zero is invalid all the same.
     let mut status = 0;

@@ -196,13 +196,9 @@ impl Machine {
 
     /// Runs to a breakpoint; gives the exception it is in.
     fn run_to_breakpoint(&mut self) -> u16 {
-        let stop = self.run();
-        assert!(
-            matches!(stop, Stop::Breakpoint(_)),
-            "{stop:?} at {:#x}: {:?}",
-            self.core.pc(),
-            self.chip.notes
-        );
+        let (stop, pc) = (self.run(), self.core.pc());
+        let notes = &self.chip.notes;
+        assert_eq!(stop, Stop::Breakpoint(pc), "at {pc:#x}: {notes:?}");
         self.core.exception()
     }
 
@@ -227,22 +223,15 @@ impl Machine {
 
     /// A register of the private peripherals, read by the program itself.
     fn private(&mut self, address: u32) -> u32 {
-        let pc = self.core.pc();
-        let cycle = self.core.cycles();
-        let value = self
-            .core
-            .load(&mut self.chip, Transfer::word(address, pc))
-            .unwrap_or(0xdead_beef);
-        assert!(self.core.cycles() >= cycle);
-        value
+        let at = Transfer::word(address, self.core.pc());
+        let value = self.core.load(&mut self.chip, at);
+        value.unwrap_or(0xdead_beef)
     }
 
     /// Writes such a register.
     fn set_private(&mut self, address: u32, value: u32) {
-        let pc = self.core.pc();
-        let done = self
-            .core
-            .store(&mut self.chip, Transfer::word(address, pc), value);
+        let at = Transfer::word(address, self.core.pc());
+        let done = self.core.store(&mut self.chip, at, value);
         assert_eq!(done, Ok(()));
     }
 }

@@ -17,11 +17,8 @@ fn wfi_sleeps_until_the_interrupt_which_is_taken() {
     let mut machine = rising(&[0xbf30, 0xbe00]).register(6, 0);
     machine.run_to_breakpoint();
     assert_eq!(machine.r(6), 1);
-    assert!(
-        (490..=500).contains(&machine.core.asleep()),
-        "{}",
-        machine.core.asleep()
-    );
+    let asleep = machine.core.asleep();
+    assert!((490..=500).contains(&asleep), "{asleep}");
     assert_eq!(machine.core.taken(16), 1);
 }
 

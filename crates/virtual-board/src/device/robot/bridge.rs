@@ -9,37 +9,24 @@ use crate::device::span_s;
 use crate::noise::Noise;
 use crate::time::Time;
 
-/// Bridge and amplifier.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BridgeConfig {
-    /// Relative resistance change over strain. Default 2.1: constantan foil.
-    pub gauge_factor: f64,
-    /// Gain of the amplifier. Default 64.
-    pub gain: f64,
-    /// Relative error of gauge factor and gain. Default 0.
-    pub gain_error: f64,
-    /// Unbalance as strain. Default 0.
-    pub offset_strain: f64,
-    /// Corner of the low-pass, Hz. Default 200.
-    pub bandwidth_hz: f64,
-    /// Noise of one conversion at the pin, V rms, white: what the amplifier, the wiring and the motors'
-    /// switching give. Default 3 mV, which leaves 0.7 µε of 96 conversions.
-    pub noise_v: f64,
-    /// Distance from ground and from the amplifier's supply at which the output stops, V.
-    pub rail_v: f64,
-}
-
-impl Default for BridgeConfig {
-    fn default() -> Self {
-        Self {
-            gauge_factor: 2.1,
-            gain: 64.0,
-            gain_error: 0.0,
-            offset_strain: 0.0,
-            bandwidth_hz: 200.0,
-            noise_v: 3e-3,
-            rail_v: 0.05,
-        }
+characteristics! {
+    /// Bridge and amplifier.
+    pub struct BridgeConfig {
+        /// Relative resistance change over strain. Default 2.1: constantan foil.
+        pub gauge_factor: f64 = 2.1;
+        /// Gain of the amplifier. Default 64.
+        pub gain: f64 = 64.0;
+        /// Relative error of gauge factor and gain. Default 0.
+        pub gain_error: f64 = 0.0;
+        /// Unbalance as strain. Default 0.
+        pub offset_strain: f64 = 0.0;
+        /// Corner of the low-pass, Hz. Default 200.
+        pub bandwidth_hz: f64 = 200.0;
+        /// Noise of one conversion at the pin, V rms, white: what the amplifier, the wiring and the motors'
+        /// switching give. Default 3 mV, which leaves 0.7 µε of 96 conversions.
+        pub noise_v: f64 = 3e-3;
+        /// Distance from ground and from the amplifier's supply at which the output stops, V.
+        pub rail_v: f64 = 0.05;
     }
 }
 

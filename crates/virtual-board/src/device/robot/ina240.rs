@@ -13,44 +13,29 @@ use crate::device::span_s;
 use crate::noise::Noise;
 use crate::time::Time;
 
-/// Characteristics of shunt and amplifier.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AmplifierConfig {
-    /// Shunt, Ω.
-    pub shunt_ohm: f64,
-    /// Gain. INA240A1: 20.
-    pub gain: f64,
-    /// Relative error of shunt and gain. Default 0.
-    pub gain_error: f64,
-    /// Offset at the input, V. Data sheet: ±5 µV typical, ±25 µV at most. Default 0.
-    pub offset_v: f64,
-    /// Bandwidth, Hz. Data sheet: 400 kHz.
-    pub bandwidth_hz: f64,
-    /// Noise at the output, V rms. Default 0.63 mV: 40 nV/√Hz times 20 over 400 kHz·π/2.
-    pub noise_v: f64,
-    /// Distance of the output from ground and from the supply at which it stops, V. Data sheet: 1 mV
-    /// and 50 mV typical.
-    pub rails_v: (f64, f64),
-    /// Disturbance at the output right after an edge, of the edge's height. Default 0.5 %: 60 mV of
-    /// 12 V.
-    pub edge_share: f64,
-    /// Time constant with which it decays, s. Default 0.4 µs, that of the bandwidth.
-    pub edge_tau_s: f64,
-}
-
-impl Default for AmplifierConfig {
-    fn default() -> Self {
-        Self {
-            shunt_ohm: 0.01,
-            gain: 20.0,
-            gain_error: 0.0,
-            offset_v: 0.0,
-            bandwidth_hz: 400e3,
-            noise_v: 0.63e-3,
-            rails_v: (1e-3, 50e-3),
-            edge_share: 5e-3,
-            edge_tau_s: 0.4e-6,
-        }
+characteristics! {
+    /// Characteristics of shunt and amplifier.
+    pub struct AmplifierConfig {
+        /// Shunt, Ω.
+        pub shunt_ohm: f64 = 0.01;
+        /// Gain. INA240A1: 20.
+        pub gain: f64 = 20.0;
+        /// Relative error of shunt and gain. Default 0.
+        pub gain_error: f64 = 0.0;
+        /// Offset at the input, V. Data sheet: ±5 µV typical, ±25 µV at most. Default 0.
+        pub offset_v: f64 = 0.0;
+        /// Bandwidth, Hz. Data sheet: 400 kHz.
+        pub bandwidth_hz: f64 = 400e3;
+        /// Noise at the output, V rms. Default 0.63 mV: 40 nV/√Hz times 20 over 400 kHz·π/2.
+        pub noise_v: f64 = 0.63e-3;
+        /// Distance of the output from ground and from the supply at which it stops, V. Data sheet: 1 mV
+        /// and 50 mV typical.
+        pub rails_v: (f64, f64) = (1e-3, 50e-3);
+        /// Disturbance at the output right after an edge, of the edge's height. Default 0.5 %: 60 mV of
+        /// 12 V.
+        pub edge_share: f64 = 5e-3;
+        /// Time constant with which it decays, s. Default 0.4 µs, that of the bandwidth.
+        pub edge_tau_s: f64 = 0.4e-6;
     }
 }
 

@@ -4,26 +4,18 @@
 //! Between two changes of voltage and speed the current is an exponential, which is used as it is:
 //! there is no step size.
 
-/// Constants of a motor, referred to the wheel.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct MotorConfig {
-    /// Resistance of winding, brushes and leads, Ω.
-    pub resistance_ohm: f64,
-    /// Inductance of the winding, H.
-    pub inductance_h: f64,
-    /// Torque at the wheel per current, N m/A, which is the back electromotive force per speed of the
-    /// wheel, V s/rad: gear ratio times the motor's own constant.
-    pub constant_nm_a: f64,
-}
-
-impl Default for MotorConfig {
-    /// A 12 V gear motor of 2.5 N m at standstill and 20 rad/s without load.
-    fn default() -> Self {
-        Self {
-            resistance_ohm: 2.88,
-            inductance_h: 2.3e-3,
-            constant_nm_a: 0.6,
-        }
+characteristics! {
+    /// Constants of a motor, referred to the wheel.
+    ///
+    /// Default: A 12 V gear motor of 2.5 N m at standstill and 20 rad/s without load.
+    pub struct MotorConfig {
+        /// Resistance of winding, brushes and leads, Ω.
+        pub resistance_ohm: f64 = 2.88;
+        /// Inductance of the winding, H.
+        pub inductance_h: f64 = 2.3e-3;
+        /// Torque at the wheel per current, N m/A, which is the back electromotive force per speed of the
+        /// wheel, V s/rad: gear ratio times the motor's own constant.
+        pub constant_nm_a: f64 = 0.6;
     }
 }
 

@@ -3,27 +3,17 @@
 //! NTC of 10 kΩ at 25 °C and B 3950, after the data sheets of such parts:
 //! `R = R₂₅ exp(B (1/T − 1/298.15 K))`.
 
-/// A thermistor and its resistor.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Thermistor {
-    /// Resistance at 25 °C, Ω.
-    pub resistance_25_ohm: f64,
-    /// Slope of the logarithm, K.
-    pub b_k: f64,
-    /// The resistor to the supply, Ω.
-    pub pull_up_ohm: f64,
-    /// A lead is open.
-    pub open: bool,
-}
-
-impl Default for Thermistor {
-    fn default() -> Self {
-        Self {
-            resistance_25_ohm: 10e3,
-            b_k: 3950.0,
-            pull_up_ohm: 10e3,
-            open: false,
-        }
+characteristics! {
+    /// A thermistor and its resistor.
+    pub struct Thermistor {
+        /// Resistance at 25 °C, Ω.
+        pub resistance_25_ohm: f64 = 10e3;
+        /// Slope of the logarithm, K.
+        pub b_k: f64 = 3950.0;
+        /// The resistor to the supply, Ω.
+        pub pull_up_ohm: f64 = 10e3;
+        /// A lead is open.
+        pub open: bool = false;
     }
 }
 

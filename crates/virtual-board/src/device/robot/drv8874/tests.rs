@@ -83,11 +83,8 @@ fn dead_time_takes_voltage_and_the_propagation_none() {
 
 #[test]
 fn wakes_after_a_millisecond_and_sleeps_after_one() {
-    let mut driver = Drv8874::new(
-        DriverConfig::default(),
-        Motor::new(MotorConfig::default()),
-        12.0,
-    );
+    let motor = Motor::new(MotorConfig::default());
+    let mut driver = Drv8874::new(DriverConfig::default(), motor, 12.0);
     driver.phase(true, Time(0));
     driver.enable(true, Time(0));
     driver.awake(true, Time(5 * MS));
@@ -160,10 +157,8 @@ fn over_current_switches_off_and_tries_again() {
     driver.advance(at + Time(10 * NS));
     assert_eq!(driver.fault_pin(), Drive::Low);
     driver.advance(at + Time(2 * MS - 20 * NS));
-    assert_eq!(
-        (driver.fault_pin(), driver.current_slope()),
-        (Drive::Low, 0.0)
-    );
+    assert_eq!(driver.fault_pin(), Drive::Low);
+    assert_eq!(driver.current_slope(), 0.0);
     driver.advance(at + Time(2 * MS + 20 * NS));
     assert_eq!(driver.fault_pin(), Drive::Open);
     assert!(driver.current_slope() > 0.0);

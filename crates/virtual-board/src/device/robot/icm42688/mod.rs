@@ -34,43 +34,28 @@ const LEAST_ON: Time = Time::from_micros(45_000);
 const RESET_DONE: u8 = 0x10;
 const DATA_READY: u8 = 0x08;
 
-/// Errors of a sensor and its start times.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct InertialConfig {
-    /// Noise of the gyroscope, rad/s/√Hz. Data sheet: 2.8 millidegree/s/√Hz.
-    pub gyro_density: f64,
-    /// Bias of the gyroscope, rad/s. Data sheet: ±0.5 °/s.
-    pub gyro_bias: [f64; 3],
-    /// Relative error of its scale. Data sheet: ±0.5 %.
-    pub gyro_scale: [f64; 3],
-    /// Noise of the accelerometer, m/s²/√Hz. Data sheet: 65 to 70 µg/√Hz.
-    pub accel_density: f64,
-    /// Bias of the accelerometer, m/s². Data sheet: ±20 mg.
-    pub accel_bias: [f64; 3],
-    /// Relative error of its scale. Data sheet: ±0.5 %.
-    pub accel_scale: [f64; 3],
-    /// The part's oscillator is fast by this share. Data sheet: up to ±1 % at 25 °C.
-    pub clock_error: f64,
-    /// From switching the gyroscope on to its first sample. Data sheet: 30 ms typical; the default is
-    /// the 45 ms for which it must stay on.
-    pub gyro_start: Time,
-    /// From switching the accelerometer on to its first sample. Data sheet: 10 ms.
-    pub accel_start: Time,
-}
-
-impl Default for InertialConfig {
-    fn default() -> Self {
-        Self {
-            gyro_density: 2.8e-3f64.to_radians(),
-            gyro_bias: [0.0; 3],
-            gyro_scale: [0.0; 3],
-            accel_density: 70e-6 * GRAVITY,
-            accel_bias: [0.0; 3],
-            accel_scale: [0.0; 3],
-            clock_error: 0.0,
-            gyro_start: Time::from_micros(45_000),
-            accel_start: Time::from_micros(10_000),
-        }
+characteristics! {
+    /// Errors of a sensor and its start times.
+    pub struct InertialConfig {
+        /// Noise of the gyroscope, rad/s/√Hz. Data sheet: 2.8 millidegree/s/√Hz.
+        pub gyro_density: f64 = 2.8e-3f64.to_radians();
+        /// Bias of the gyroscope, rad/s. Data sheet: ±0.5 °/s.
+        pub gyro_bias: [f64; 3] = [0.0; 3];
+        /// Relative error of its scale. Data sheet: ±0.5 %.
+        pub gyro_scale: [f64; 3] = [0.0; 3];
+        /// Noise of the accelerometer, m/s²/√Hz. Data sheet: 65 to 70 µg/√Hz.
+        pub accel_density: f64 = 70e-6 * GRAVITY;
+        /// Bias of the accelerometer, m/s². Data sheet: ±20 mg.
+        pub accel_bias: [f64; 3] = [0.0; 3];
+        /// Relative error of its scale. Data sheet: ±0.5 %.
+        pub accel_scale: [f64; 3] = [0.0; 3];
+        /// The part's oscillator is fast by this share. Data sheet: up to ±1 % at 25 °C.
+        pub clock_error: f64 = 0.0;
+        /// From switching the gyroscope on to its first sample. Data sheet: 30 ms typical; the default is
+        /// the 45 ms for which it must stay on.
+        pub gyro_start: Time = Time::from_micros(45_000);
+        /// From switching the accelerometer on to its first sample. Data sheet: 10 ms.
+        pub accel_start: Time = Time::from_micros(10_000);
     }
 }
 

@@ -99,15 +99,8 @@ fn silent() -> InertialConfig {
 #[test]
 fn identity_reset_values_and_a_reset() {
     let mut bus = Bus::new(silent());
-    for (address, value) in [
-        (0x75, 0x47),
-        (0x4f, 0x06),
-        (0x51, 0x16),
-        (0x52, 0x11),
-        (0x53, 0x0d),
-    ] {
-        assert_eq!(bus.read(address), value, "{address:#x}");
-    }
+    let values = [0x75, 0x4f, 0x51, 0x52, 0x53].map(|address| bus.read(address));
+    assert_eq!(values, [0x47, 0x06, 0x16, 0x11, 0x0d]);
     // INT_STATUS tells that the reset is done, once.
     assert_eq!([bus.read(0x2d), bus.read(0x2d)], [0x10, 0]);
     assert_eq!(bus.sample(), [i16::MIN; 6]);
