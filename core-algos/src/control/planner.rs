@@ -555,6 +555,29 @@ mod tests {
             prop_assert_eq!(search(&planner, from, 7).0, search(&planner, from, 5000).0);
         }
 
+        /// Segments a little longer or shorter cost no less.
+        #[test]
+        fn no_plan_beside_the_found_one_costs_less(
+            x in -1.0f32..1.0, y in -1.0f32..1.0, phi in -3.1f32..3.1,
+        ) {
+            let planner = Config::default().build(3.0).unwrap();
+            let mut search = planner.start(Posture::new(x, y, phi), Posture::ORIGIN);
+            let Progress::Found(plan) = planner.step(&mut search, 1_000_000) else { panic!() };
+            for changes in [[2e-3, 0.0], [-2e-3, 0.0], [0.0, 2e-3], [0.0, -2e-3]] {
+                let (mut pose, mut spent, mut last) = (search.start, 0.0, None);
+                for (segment, change) in plan.segments().zip(changes) {
+                    let segment = segment.with_length((segment.length_m + change).max(1e-4));
+                    pose = pose.compose(Pose::arc(segment));
+                    spent += segment.length_m + planner.config.stop_price_m;
+                    let turns = last.is_some_and(|last| last != segment.direction);
+                    spent += f32::from(u8::from(turns)) * planner.config.cusp_price_m;
+                    last = Some(segment.direction);
+                }
+                let beside = planner.evaluate(pose, spent, last, None).1;
+                prop_assert!(beside.is_none_or(|(cost, _)| cost > plan.cost_m - 1e-3), "{changes:?}");
+            }
+        }
+
         /// The goal's frame is all that counts.
         #[test]
         fn plan_moves_with_the_goal(phi in -3.0f32..3.0, gx in -5.0f32..5.0, turn in -3.0f32..3.0) {

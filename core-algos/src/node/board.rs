@@ -300,6 +300,30 @@ mod tests {
     }
 
     #[test]
+    fn each_board_hears_what_is_for_its_nodes() {
+        use crate::bus::LeadMode;
+        use crate::node::testing::beat;
+        use crate::safety::OperatingState;
+        use crate::topology::Node;
+        for role in Role::ALL {
+            let new = Board::new(&RobotConfig::default(), role).unwrap();
+            let mut board = new.clone();
+            let message = match role {
+                Role::Front => beat(Node::RearAxle, 0, OperatingState::Idle, 0),
+                Role::Rear => beat(Node::Lead, 0, OperatingState::Idle, 0),
+                Role::Beam => Message::LeadStatus {
+                    sequence: 0,
+                    mode: LeadMode::Clear,
+                    steering_rad: 0.0,
+                    velocity_m_s: 0.0,
+                },
+            };
+            board.receive(0, &message);
+            assert!(board != new, "{role:?}");
+        }
+    }
+
+    #[test]
     fn samples_of_another_board_are_none() {
         let mut board = Board::new(&RobotConfig::default(), Role::Rear).unwrap();
         let mut same = board.clone();

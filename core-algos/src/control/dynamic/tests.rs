@@ -151,6 +151,22 @@ properties! { cases 40;
         prop_assert!((e[2] - moment as f64).abs() < 1e-4);
     }
 
+    /// The torques of an acceleration give an axle in `f64` its share of it.
+    #[test]
+    fn acceleration_is_fed_forward(v in -0.5f32..0.5, omega in -2.0f32..2.0, share in 0.1f32..1.0) {
+        let config = Config {
+            inertia_feedforward: share, max_torque_nm: 50.0, ..Config::default()
+        };
+        let reference = AxleReference { acceleration: Twist::new(v, omega), ..Default::default() };
+        let input = Input { reference, ..Input::default() };
+        let torque = config.build().unwrap().step(&input).torque_nm;
+        let mut axle = Axle::new([0.0; 3], 0.0, 0.0);
+        axle.tick(torque);
+        axle.tick(torque);
+        let [v, omega] = [v, omega].map(|rate| 1e-3 * f64::from(share * rate));
+        prop_assert!((axle.v - v).abs() < 1e-7 && (axle.omega - omega).abs() < 1e-7);
+    }
+
     /// Equations 7 and 8, written out in `f64` from the velocity command.
     #[test]
     fn velocity_errors_make_force_and_moment_with_xi_squared(

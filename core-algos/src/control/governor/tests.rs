@@ -181,6 +181,14 @@ fn speed_waits_for_steering() {
 }
 
 #[test]
+fn first_drive_begins_at_once_in_either_direction() {
+    for v in [-0.2, 0.2] {
+        let state = stepped(&governor(), &State::default(), &wish(v, 0.0), 0.01);
+        assert!(state.motion.v * v > 0.0, "{v}");
+    }
+}
+
+#[test]
 fn change_of_direction_rests_at_zero() {
     let governor = governor();
     let wish = |v| wish(v, 0.0);

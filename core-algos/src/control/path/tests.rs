@@ -116,6 +116,24 @@ properties! { cases 64;
         }
     }
 
+    /// Feedforward of the steering: the change of its angle along the path, times the speed.
+    #[test]
+    fn steering_rate_is_that_along_the_path(start in -1.0f64..1.0, slope in -2.0f64..2.0) {
+        let mut path = PathBuffer::<64>::new();
+        for i in 0..=50 {
+            path.push(clothoid(start, slope, 1.0, i as f64 / 50.0)).unwrap();
+        }
+        let center = clothoid(start, slope, 1.0, 0.41).posture;
+        let progress = Progress { s: 0.41, ..Progress::default() };
+        let (_, out) = follower(Config::default()).step(&progress, &path, center).unwrap();
+        let psi = |s: f64| f64::from(frame().steering((start + slope * s) as f32).0);
+        let rate = (psi(0.42) - psi(0.40)) / 0.02 * f64::from(out.reference.v);
+        prop_assert!(out.reference.v > 0.05);
+        let found = f64::from(out.psi_rate);
+        let bound = 0.02 * rate.abs() + 2e-3;
+        prop_assert!((found - rate).abs() < bound, "{found} {rate}");
+    }
+
     /// Driven at its reference speed with ideal steering, a robot keeps the limits of the
     /// path's steering, whatever the curvature does.
     #[test]
@@ -178,6 +196,7 @@ fn buffer_streams_and_tells_when_it_is_full() {
         assert!((path.at(s).unwrap().posture.x - s).abs() < 1e-6);
     }
     assert_eq!(path.push(on_line(0.3)), Err(PathError::NotAdvancing));
+    assert_eq!(path.push(on_line(path.end())), Err(PathError::NotAdvancing));
     path.discard_before(10.0);
     assert_eq!(path.len(), 2, "the last segment stays");
     assert_eq!(path.push(on_line(f32::NAN)), Err(PathError::NotFinite));

@@ -205,6 +205,61 @@ properties! { cases 100;
     }
 }
 
+/// Errors of steering against eq. 5 at two steering angles.
+#[test]
+fn steering_error_is_that_of_the_angle() {
+    let regulator = Config::default().build().unwrap();
+    let length = regulator.config.limits.frame_length_m;
+    for psi in [-0.3, -0.1, 0.0, 0.2, 0.3] {
+        for error in [-0.01f32, 0.01] {
+            let kappa = curvature_of_steering(Steering(psi + error), length);
+            let found = regulator.steering_error(kappa, Steering(psi));
+            assert!((found - error).abs() < 5e-4, "{psi}: {found}");
+        }
+    }
+}
+
+/// The way to rest, integrated: the deceleration is the smaller of the governor's and of that of its lag.
+#[test]
+fn stopping_distance_is_the_integral_of_the_speed() {
+    let regulator = Config::default().build().unwrap();
+    let (braking, lag) = (
+        f64::from(regulator.config.braking_m_s2),
+        f64::from(regulator.config.speed_lag_s),
+    );
+    for speed in [0.01f32, 0.05, 0.15, 0.25] {
+        let (mut v, mut way) = (f64::from(speed), 0.0);
+        while v > 1e-7 {
+            way += 1e-5 * v;
+            v -= 1e-5 * braking.min(v / lag);
+        }
+        let found = f64::from(regulator.stopping_distance(speed));
+        assert!((found - way).abs() < 0.01 * way, "{speed}: {found} {way}");
+    }
+}
+
+/// An approach whose steering is not there yet is slower.
+#[test]
+fn approach_waits_for_steering() {
+    let regulator = Config::default().build().unwrap();
+    let mut robot = Robot::at(Posture::new(-1.0, 0.1, 0.0));
+    let mut state = State::default();
+    run(&regulator, &mut state, &mut robot, Posture::ORIGIN, 250);
+    assert_eq!(state.phase, Phase::Approach);
+    let steered = robot.psi;
+    let mut speed = |steering: f64| {
+        robot.psi = steering;
+        let mut state = state;
+        let input = input(&robot, Posture::ORIGIN);
+        regulator.tick(&mut state, &input).command.v
+    };
+    let [there, away, far] = [0.0, 0.15, 0.6].map(|by| speed(steered + by));
+    assert!(
+        there > 0.1 && away < there && far == 0.0,
+        "{there} {away} {far}"
+    );
+}
+
 #[test]
 fn the_papers_law_brings_the_papers_start_home() {
     let regulator = regulator(Strategy::PaperLaw);

@@ -45,7 +45,11 @@ fn beam(now: Micros, posture: Posture) -> [Message; 2] {
 }
 
 fn node() -> LeadNode {
-    let mut node = LeadNode::new(RobotConfig::default().build_lead().unwrap());
+    node_of(&RobotConfig::default())
+}
+
+fn node_of(config: &RobotConfig) -> LeadNode {
+    let mut node = LeadNode::new(config.build_lead().unwrap());
     let relative = Posture::new(0.37, 0.0, 0.0);
     node.initialize(&Place {
         center: Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]),

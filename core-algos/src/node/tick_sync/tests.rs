@@ -32,6 +32,7 @@ impl Board {
         let step = self.ticks.step(self.local(self.next));
         if let Step::Run(now) | Step::Restart(now) = step {
             self.ran = Some((now, self.next));
+            assert_eq!(self.ticks.last(), Some(now));
         }
         let period = 1000.0 * (1.0 + f64::from(self.ticks.trim()) / 4200.0);
         self.next += period / (1.0 + self.rate);

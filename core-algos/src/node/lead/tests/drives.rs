@@ -57,8 +57,15 @@ impl World {
         let (nis, after) = (output.fused.beam.nis, node.state.nis);
         let mean = before + (nis - before) / 256.0;
         assert!(before == after || (after - mean).abs() < 1e-6, "{after}");
+        let expected = match output.supervision.state {
+            OperatingState::Armed if !output.done => LeadMode::Hold,
+            OperatingState::Active if !output.done => LeadMode::Active,
+            _ => output.mode,
+        };
+        assert_eq!(output.mode, expected);
         for message in outbox.iter() {
             match *message {
+                Message::LeadStatus { mode, .. } => assert_eq!(mode, expected),
                 Message::ReferencePosture { axle, posture, .. } => {
                     self.axles[axle.index()] = FRAMES[axle.index()].compose(posture);
                 }
@@ -188,6 +195,52 @@ fn the_robot_follows_a_circle_and_rests_at_its_end() {
     assert!(world.step().done && !world.keeps_odom());
     world.node.command(Task::regulate(at));
     assert_eq!(world.node.path_task().path_room(), path_task::PATH_POINTS);
+}
+
+#[test]
+fn without_the_beam_the_robot_drives_as_far_as_it_may() {
+    let mut config = RobotConfig::default();
+    config.lead.supervisor.degraded_distance_m = 0.2;
+    let task = Task::regulate(Posture::new(2.0, 0.0, 0.0));
+    let mut world = World::new(task);
+    world.node = node_of(&config);
+    world.node.command(task);
+    (0..300).for_each(|_| drop(world.step()));
+    let from = world.center();
+    world.late = 1000;
+    let stopped = (0..1000).any(|_| {
+        world.step();
+        world.node.supervision().first().is_some()
+    });
+    assert!(stopped);
+    let first = world.node.supervision().first();
+    assert_eq!(first, Some(Condition::DegradedTooLong));
+    // The loss counts after 0.15 s.
+    let way = distance(from, world.center());
+    assert!((0.2..0.25).contains(&way), "{way}");
+}
+
+/// Without reports of an epoch the references go on from the odometry before it.
+#[test]
+fn references_go_on_through_an_epoch_without_reports() {
+    let mut world = World::new(Task::regulate(Posture::new(2.0, 0.3, 0.0)));
+    (0..300).for_each(|_| drop(world.step()));
+    assert!(world.node.state.governor.motion.v > 0.1);
+    let mut outbox = Outbox::new();
+    world
+        .node
+        .step(world.number * EPOCH + LEAD_PHASE, &mut outbox);
+    let postures = outbox.iter().filter_map(|message| match *message {
+        Message::ReferencePosture { axle, posture, .. } => Some((axle, posture)),
+        _ => None,
+    });
+    let found: Vec<_> = postures.collect();
+    assert_eq!(found.len(), 2);
+    for (axle, posture) in found {
+        let at = FRAMES[axle.index()].compose(posture);
+        let [x, y, turn] = at.minus(world.axles[axle.index()]);
+        assert!(x.hypot(y) < 3e-4 && turn.abs() < 1e-3, "{x} {y} {turn}");
+    }
 }
 
 /// 30 ms is the latest that counts.
