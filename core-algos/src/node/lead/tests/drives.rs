@@ -205,7 +205,9 @@ fn without_the_beam_the_robot_drives_as_far_as_it_may() {
     let mut world = World::new(task);
     world.node = node_of(&config);
     world.node.command(task);
-    (0..300).for_each(|_| drop(world.step()));
+    for _ in 0..300 {
+        world.step();
+    }
     let from = world.center();
     world.late = 1000;
     let stopped = (0..1000).any(|_| {
@@ -224,7 +226,9 @@ fn without_the_beam_the_robot_drives_as_far_as_it_may() {
 #[test]
 fn references_go_on_through_an_epoch_without_reports() {
     let mut world = World::new(Task::regulate(Posture::new(2.0, 0.3, 0.0)));
-    (0..300).for_each(|_| drop(world.step()));
+    for _ in 0..300 {
+        world.step();
+    }
     assert!(world.node.state.governor.motion.v > 0.1);
     let mut outbox = Outbox::new();
     world
