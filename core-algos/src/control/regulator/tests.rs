@@ -238,6 +238,27 @@ fn stopping_distance_is_the_integral_of_the_speed() {
     }
 }
 
+/// The circle of the last piece leads through the goal.
+#[test]
+fn final_arc_leads_through_the_goal() {
+    let regulator = Config::default().build().unwrap();
+    let mut robot = Robot::at(Posture::new(-0.6, 0.05, 0.0));
+    let mut state = State::default();
+    let arc = (0..3000).find_map(|_| {
+        let output = regulator.tick(&mut state, &input(&robot, Posture::ORIGIN));
+        let arc = state
+            .final_curvature
+            .map(|curvature| (robot.posture(), curvature));
+        robot.obey(output.command);
+        arc
+    });
+    let (from, curvature) = arc.unwrap();
+    let on_arc = |k: u8| from.advance(1e-3 * f32::from(k), 1e-3 * f32::from(k) * curvature);
+    let distances = (0..255).map(|k| on_arc(k).distance(Posture::ORIGIN));
+    let nearest = distances.fold(f32::MAX, f32::min);
+    assert!(nearest < 6e-4, "{nearest}, {curvature} from {from:?}");
+}
+
 /// An approach whose steering is not there yet is slower.
 #[test]
 fn approach_waits_for_steering() {
