@@ -509,6 +509,60 @@ mod tests {
     }
 
     #[test]
+    fn a_posture_is_sound_if_finite_with_positive_variances() {
+        let posture = Posture::new(0.37, 0.0, 0.1);
+        let variances = [[1e-9, 0.0, 0.0], [0.0, 1e-9, 0.0], [0.0, 0.0, 1e-8]];
+        let sound = RelativePosture {
+            posture,
+            covariance: variances,
+            noise: variances,
+        };
+        assert!(sound.is_sound());
+        for (i, j) in (0..9).map(|k| (k / 3, k % 3)) {
+            for bad in [f32::NAN, f32::INFINITY, 0.0, -1e-9] {
+                let (mut covariance, mut noise) = (sound, sound);
+                covariance.covariance[i][j] = bad;
+                noise.noise[i][j] = bad;
+                assert_eq!(covariance.is_sound(), i != j && bad.is_finite());
+                assert_eq!(noise.is_sound(), bad.is_finite());
+            }
+        }
+    }
+
+    /// The line through strains at gauges of one side, by the normal equations.
+    #[test]
+    fn sigmas_are_those_of_a_fitted_line() {
+        let places = [0.05, 0.11, 0.16, 0.3];
+        let mut config = Config {
+            gauges_m: PerGauge::new(&places).unwrap(),
+            ..Config::default()
+        };
+        let u = &mut config.uncertainty;
+        (u.offset_strain, u.common_offset_strain) = (3e-5, 1e-5);
+        (u.gain, u.common_gain) = (0.01, 0.03);
+        let (mut n, mut s, mut ss) = (0.0, 0.0, 0.0);
+        for place in places.map(f64::from) {
+            let at = 2.0 * place / 0.37 - 1.0;
+            (n, s, ss) = (n + 1.0, s + at, ss + at * at);
+        }
+        let determinant = n * ss - s * s;
+        let (level, slope) = ((ss / determinant).sqrt(), (n / determinant).sqrt());
+        let (per_strain, tilt) = (0.37 / 0.5e-3, 0.37 / 6.0 * slope);
+        let found = config.sigmas();
+        for (found, expected) in [
+            (found.zero_rad, per_strain * (level * 3e-5).hypot(1e-5)),
+            (found.zero_tilt_m, per_strain * tilt * 3e-5),
+            (found.walk_rad_per_sqrt_s, per_strain * level * 5e-8),
+            (found.walk_tilt_m_per_sqrt_s, per_strain * tilt * 5e-8),
+            (found.gain, (level * 0.01).hypot(0.03)),
+            (found.gain_tilt_m, tilt * 0.01),
+        ] {
+            let error = f64::from(found) / expected - 1.0;
+            assert!(error.abs() < 1e-4, "{found} {expected}");
+        }
+    }
+
+    #[test]
     fn every_scalar_refuses_zero_or_nan() {
         type Field = fn(&mut Config) -> &mut f32;
         let fields: [(&str, Field); 6] = [

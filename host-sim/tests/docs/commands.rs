@@ -9,6 +9,7 @@ use crate::program::with_input;
 use clap::Parser;
 use clap::error::ErrorKind;
 use host_sim::cli::Cli;
+use rayon::prelude::*;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -254,33 +255,31 @@ fn has_target() -> bool {
     })
 }
 
-#[test]
-fn commands_in_blocks_run() {
-    let boards = has_target();
-    let (mut wrong, mut count) = (Vec::new(), 0);
-    for page in pages::all() {
-        let blocks = page.blocks.iter().filter(|b| b.language() == "sh");
-        let lines: Vec<(usize, String)> = blocks
-            .flat_map(|block| {
-                lines(&block.text)
-                    .into_iter()
-                    .map(|line| (block.line, line))
-            })
-            .collect();
-        if lines.is_empty() {
-            continue;
-        }
-        let folder = tempfile::tempdir().unwrap();
-        prepare(folder.path(), &page);
-        for (block, line) in lines {
+/// Runs the commands of a page in a folder; gives their number and what went wrong.
+fn run_page(page: &Page, boards: bool) -> (usize, Vec<String>) {
+    let (folder, mut count, mut wrong) = (tempfile::tempdir().unwrap(), 0, Vec::new());
+    prepare(folder.path(), page);
+    for block in page.blocks.iter().filter(|b| b.language() == "sh") {
+        for line in lines(&block.text) {
             count += 1;
             let begun = std::time::Instant::now();
             if let Err(error) = carry_out(folder.path(), &line, boards) {
-                wrong.push(format!("{}:{block}: {line}: {error}", page.path.display()));
+                let place = format!("{}:{}", page.path.display(), block.line);
+                wrong.push(format!("{place}: {line}: {error}"));
             }
             println!("{:5.1} s  {line}", begun.elapsed().as_secs_f32());
         }
     }
+    (count, wrong)
+}
+
+#[test]
+fn commands_in_blocks_run() {
+    let boards = has_target();
+    let pages = pages::all();
+    let done = pages.par_iter().map(|page| run_page(page, boards));
+    let (counts, wrong): (Vec<usize>, Vec<_>) = done.unzip();
+    let (count, wrong) = (counts.iter().sum::<usize>(), wrong.concat());
     assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
     assert!(count > 20, "only {count} commands");
 }
