@@ -4,7 +4,7 @@ use super::transfer;
 use crate::time::Time;
 
 characteristics! {
-    /// What differs from one chip and its crystal to the next; typical by default.
+    /// Properties that differ from one chip and its crystal to the next; typical by default.
     pub struct ChipVariation {
         /// Frequency of the crystal, Hz.
         pub crystal_hz: u64 = 8_000_000;

@@ -17,7 +17,7 @@ impl Request {
     pub(crate) const COUNT: usize = Self::Usart3Tx as usize + 1;
 }
 
-/// Which timer.
+/// Timer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Tim1,

@@ -1,4 +1,4 @@
-//! What is printed and written of trials.
+//! Tables, pictures and files of trials.
 
 use super::pictures::Picture;
 use super::trials::Trials;

@@ -17,7 +17,7 @@ characteristics! {
         pub wake: Time = Time::from_micros(1000);
         /// From nSLEEP low to off; the inputs are obeyed until then. Data sheet: 1 ms.
         pub sleep: Time = Time::from_micros(1000);
-        /// Where the current is regulated, A: V(VREF) over R(IPROPI) over 455 µA/A. Default 6.6: 3.3 V and 1.1 kΩ.
+        /// Current at which it is regulated, A: V(VREF) over R(IPROPI) over 455 µA/A. Default 6.6: 3.3 V and 1.1 kΩ.
         pub trip_a: f64 = 3.3 / (1.1e3 * 455e-6);
         /// Off-time of the regulation. Data sheet: 25 µs.
         pub off_time: Time = Time::from_micros(25);
@@ -25,7 +25,7 @@ characteristics! {
         pub blank: Time = Time::from_nanos(1100);
         /// Over-current, A. Data sheet: at least 6; default 8.
         pub over_current_a: f64 = 8.0;
-        /// How long it must last. Data sheet: 3 µs.
+        /// Least duration. Data sheet: 3 µs.
         pub deglitch: Time = Time::from_micros(3);
         /// Until it is tried again. Data sheet: 2 ms.
         pub retry: Time = Time::from_micros(2000);
