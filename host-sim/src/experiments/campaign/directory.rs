@@ -109,6 +109,7 @@ impl Directory {
             return spoiled("does not contain the runs of its block".to_owned());
         }
         for row in &mut read.rows {
+            (row.cell, row.trial) = self.study.place(row.run);
             row.values = self.study.values(row.cell, row.trial)?;
         }
         Ok(Block::Complete(read.rows))

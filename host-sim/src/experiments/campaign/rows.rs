@@ -14,11 +14,13 @@ use serde::{Deserialize, Serialize};
 pub struct Row {
     /// Number of the run in the study.
     pub run: u64,
-    /// Index of the combination.
+    /// Index of the combination; it, the trial and the values follow from the study and the number.
+    #[serde(skip)]
     pub cell: u64,
     /// Index of the trial.
+    #[serde(skip)]
     pub trial: u32,
-    /// The value of each varied quantity, in the order of the study, from which they follow.
+    /// The value of each varied quantity, in the order of the study.
     #[serde(skip)]
     pub values: Vec<toml::Value>,
     /// Posture at the start: m, m, rad.

@@ -282,10 +282,15 @@ impl Study {
         toml::to_string(self).map_err(|error| Error::Failure(error.to_string()))
     }
 
+    /// Combination and trial of run `index`.
+    pub fn place(&self, index: u64) -> (u64, u32) {
+        let trials = u64::from(self.trials);
+        (index / trials, (index % trials) as u32)
+    }
+
     /// Run `index`: a function of the study and the index alone.
     pub fn run(&self, index: u64) -> Result<Run, Error> {
-        let trials = u64::from(self.trials);
-        let (cell, trial) = (index / trials, (index % trials) as u32);
+        let (cell, trial) = self.place(index);
         let values = self.values(cell, trial)?;
         Ok(Run {
             cell,

@@ -117,6 +117,8 @@ fn blocks_are_kept_and_spoiled_ones_noticed() {
     let Block::Complete(rows) = directory.block(2).unwrap() else {
         panic!("{:?}", directory.block(2));
     };
+    let places: Vec<_> = rows.iter().map(|row| (row.cell, row.trial)).collect();
+    assert_eq!(places, [(1, 2), (1, 3), (2, 0)]);
     let of = |row: &Row| (row.run, row.e_m, row.values[1].as_bool().unwrap());
     let found: Vec<_> = rows.iter().map(of).collect();
     assert_eq!(
