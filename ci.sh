@@ -27,12 +27,13 @@ cargo fmt --manifest-path tools/fuzz/Cargo.toml --check
 step "licences, sources and versions of the dependencies"
 tools/scripts/check_dependencies.py
 step "clippy"
-# With the feature that the default leaves out; the builds below are without it.
-cargo clippy --locked --workspace --all-targets --features host-sim/live -- -D warnings
+# With the feature that the default leaves out; the builds below are without it. Macros and build scripts are those of
+# the release build, which are built anyway.
+cargo clippy --locked --release --workspace --all-targets --features host-sim/live -- -D warnings
 # The virtual boards without the robot's parts.
-cargo clippy --locked --package virtual-board --all-targets -- -D warnings
+cargo clippy --locked --release --package virtual-board --all-targets -- -D warnings
 step "documentation"
-RUSTDOCFLAGS="-D warnings" cargo doc --locked --workspace --no-deps --quiet
+RUSTDOCFLAGS="-D warnings" cargo doc --locked --release --workspace --no-deps --quiet
 step "firmware for $target"
 images=(--locked --profile image --package firmware-axle --package firmware-beam --target "$target")
 cargo clippy "${images[@]}" --package firmware-common -- -D warnings
@@ -45,8 +46,9 @@ tools/scripts/count_instructions.py
 step "tests"
 # `link` adds the tests of the link, `devices` those of the robot's parts.
 cargo test --locked --workspace --exclude host-sim --features core-algos/link,virtual-board/devices
-# As it is used, and with the dependencies of the steps below: a third of the time.
-cargo test --locked --release --package host-sim
+# With the dependencies of the steps below: a third of the time. The unit tests need no optimised program.
+cargo test --locked --release --package host-sim --lib --config profile.release.package.host-sim.opt-level=0
+cargo test --locked --release --package host-sim --test '*'
 # Built by the tests. A build by itself leaves out what only tests want of the libraries, and takes two
 # minutes more.
 export CFMMR_BUILT=1

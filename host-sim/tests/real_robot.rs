@@ -80,8 +80,10 @@ impl Bench {
         });
         ports.iter_mut().for_each(|port| port.plug(true));
         let images = Images::open(None, None).unwrap();
+        // In real time a second thread would mostly wait, and take its core from the commands.
         let options = Options {
             host: false,
+            threads: 1,
             ..Options::default()
         };
         let logs = [(); 3].map(|()| BoardLog::quiet());
