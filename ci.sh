@@ -21,6 +21,11 @@ if ! rustc --print target-libdir --target "$target" 2>/dev/null | xargs test -d;
   }
 fi
 
+# Comes over the network, beside what is built.
+. tools/scripts/python_tools.sh
+python_tools ci.sh &
+packages=$!
+
 step "formatting"
 cargo fmt --all --check
 cargo fmt --manifest-path tools/fuzz/Cargo.toml --check
@@ -44,6 +49,7 @@ tools/scripts/check_no_panic.sh
 step "instruction counts"
 tools/scripts/count_instructions.py
 step "tests"
+wait "$packages"
 # `link` adds the tests of the link, `devices` those of the robot's parts.
 cargo test --locked --workspace --exclude host-sim --features core-algos/link,virtual-board/devices
 # With the dependencies of the steps below: a third of the time. The unit tests need no optimised program.

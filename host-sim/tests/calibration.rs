@@ -1,9 +1,7 @@
 //! Calibration of the simulated robot: what it does not know of itself is found.
 
-#[path = "shared/program.rs"]
-mod program;
-mod terminal;
-
+use crate::program::{command, json_file, succeed};
+use crate::terminal::pseudo_terminal;
 use core_algos::params::find;
 use core_algos::topology::Role;
 use host_sim::experiments::calibrate::Bench;
@@ -12,13 +10,11 @@ use host_sim::targets::board_log::BoardLog;
 use host_sim::targets::images::Images;
 use host_sim::targets::virtual_link::VirtualLink;
 use host_sim::targets::{Remote, Target};
-use program::{command, json_file, succeed};
 use serde_json::Value;
 use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::path::Path;
 use std::process::Stdio;
-use terminal::pseudo_terminal;
 
 /// The report of a calibration of the robot of a seed.
 fn calibrate(directory: &Path, what: &str, seed: u32, more: &str) -> Value {

@@ -1,9 +1,6 @@
 //! The command line as a user meets it: exit codes, error texts, files, determinism.
 
-#[path = "shared/program.rs"]
-mod program;
-
-use program::{assert_refused, files, json_file, succeed, with_input};
+use crate::program::{assert_refused, files, json_file, succeed, with_input};
 use serde_json::Value;
 use std::fs;
 

@@ -3,6 +3,7 @@
 #[path = "../../firmware-axle/examples/law/mod.rs"]
 mod law;
 
+use crate::program::command;
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::topology::Role;
@@ -21,12 +22,10 @@ use std::path::Path;
 use std::process::{Command, Output};
 use virtual_board::Time;
 
-const SCRIPT: &str = "goto 0.6 0.1 0.2\nspeed 0.1 0.4 2\nstop\nclear\ngoto 0 0 0\n";
+const SCRIPT: &str = "goto 0.3 0.1 0.2\nspeed 0.1 0.4 1\nstop\nclear\ngoto 0 0 0\n";
 
 fn drive(folder: &Path, arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
-    command.arg("drive").args(arguments).current_dir(folder);
-    command.output().unwrap()
+    command(folder, "drive").args(arguments).output().unwrap()
 }
 
 fn steps(output: &Output) -> Vec<Value> {
@@ -117,7 +116,7 @@ fn one_step_of_the_command_line_is_taken_and_a_wrong_one_refused() {
 }
 
 /// Rounds of the tests of reaction times; `ROUNDS=200` measures more.
-const ROUNDS: u64 = 6;
+const ROUNDS: u64 = 3;
 
 fn rounds() -> u64 {
     std::env::var("ROUNDS").map_or(ROUNDS, |text| text.parse().unwrap())
@@ -277,12 +276,8 @@ fn own_controller_takes_the_place_of_the_regulator() {
     let folders = std::env::var("CARGO_TARGET_DIR").map_or(root.join("target"), Into::into);
     let image = folders.join(target).join("image/examples/own_controller");
     let folder = tempfile::tempdir().unwrap();
-    let run = Command::new(env!("CARGO_BIN_EXE_cfmmr"))
-        .args(["posture", "--on", "virtual", "--json", "-", "--axle-image"])
-        .arg(image)
-        .current_dir(folder.path())
-        .output()
-        .unwrap();
+    let line = "posture --on virtual --from=-0.5,0.1,0.1 --json - --axle-image";
+    let run = command(folder.path(), line).arg(image).output().unwrap();
     assert_eq!(run.status.code(), Some(0), "{run:?}");
     let result: Value = serde_json::from_slice(&run.stdout).unwrap();
     let e_m = result["e_m"].as_f64().unwrap();

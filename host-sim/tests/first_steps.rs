@@ -1,9 +1,6 @@
 //! What a new user meets: mistakes, help, completions and the doctor.
 
-#[path = "shared/program.rs"]
-mod program;
-
-use program::{Run, assert_refused, command, json_file, succeed};
+use crate::program::{Run, assert_refused, command, json_file, succeed};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;

@@ -1,14 +1,11 @@
 //! Path following and trajectory tracking of the whole robot: plant, sensors, bus, nodes.
 
-#[path = "shared/program.rs"]
-mod program;
-
+use crate::program::{assert_refused, cfmmr, files, json_file, succeed};
 use core_algos::fusion::robot::Mode;
 use host_sim::paths::Path;
 use host_sim::run::path_run::{self, Moment, Outcome, PathMode, Route};
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
-use program::{assert_refused, cfmmr, files, json_file, succeed};
 use std::fs;
 
 /// Waypoints with bends both ways, the first of them at once.

@@ -1,7 +1,6 @@
 //! Hardware in the loop: boards behind frames do what boards in the process do.
 
-mod terminal;
-
+use crate::terminal::pseudo_terminal;
 use core_algos::link::Identity;
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::topology::{Node, Role};
@@ -29,7 +28,6 @@ use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
-use terminal::pseudo_terminal;
 
 fn loopback(role: Role) -> Loopback {
     Loopback::new(Identity {

@@ -67,7 +67,7 @@ posture | frame snapped |
 posture | rear board lost |
 ";
 
-/// Keys whose value matters only in a situation of its own.
+/// Keys whose value matters only in a situation of its own, or that would be tried in many before one shows their effect.
 const PROBES: &str = "
 world=ideal | posture ||
 robot.axle.limits.stall_share=0.4 | posture || plant.rolling_resistance=0.5
@@ -108,6 +108,51 @@ robot.lead.course.law.denominator_floor=1 | follow ||
 robot.lead.course.path.search_window_m=0.001 | follow ||
 robot.lead.course.path.max_steering_acceleration_rad_s2=0.05 | follow ||
 robot.lead.course.path.min_speed_m_s=0.15 | follow || robot.lead.course.path.max_steering_rate_rad_s=0.05
+boards.beam.robot.geometry.bending_stiffness_n_m2=0.9163 | posture || robot.axle.speed_source=filter robot.axle.controller.frame_force=beam
+boards.front.robot.axle.controller.max_torque_nm=2.2 | posture | motor stuck on |
+boards.front.robot.lead.governor.max_wheel_speed_m_s=0.54 | posture ||
+boards.front.robot.lead.governor.stop_deceleration_m_s2=0.88 | posture | gauge stuck |
+boards.front.robot.lead.regulator.accept_heading_rad=0.001 | posture ||
+boards.rear.robot.axle.controller.max_torque_nm=2.2 | posture | motor stuck on |
+boards.rear.robot.limits.max_speed_m_s=0.01 | posture ||
+mission.time_limit_s=9.0 | posture ||
+plant.no_load_speed_rad_s=22.0 | posture | motor stuck on |
+plant.stall_torque_n_m=2.75 | posture | motor stuck on |
+plant.torque_limit_n_m=0.25 | posture ||
+robot.axle.controller.max_torque_nm=2.2 | posture | motor stuck on |
+robot.axle.filter.innovation_gate=39.6 | posture | gyro off by 0.3 rad/s | sensors.gyro.fitted=true sensors.accelerometer.fitted=true
+robot.axle.limits.stall_rad_s=0.22 | posture | encoder stuck |
+robot.axle.limits.tracking_rad=0.385 | posture | motor stuck on |
+robot.axle.speed_source=wheels | posture || robot.axle.speed_source=filter robot.axle.controller.frame_force=beam
+robot.axle.stop.deceleration_m_s2=1.1 | posture | gauge stuck |
+robot.axle.stop.release_s=0.825 | posture | gauge stuck |
+robot.axle.stop.rest_s=0.11 | posture | gauge stuck |
+robot.beam.calibration.max_strain=0.0005 | posture ||
+robot.beam.health.max_chi_square=33.0 | posture | gauge drifts |
+robot.beam.health.trip_periods=6 | posture | gauge drifts |
+robot.beam.health.verdicts=3 | posture | gauge drifts |
+robot.beam.health.watch_consistency=false | posture | gauge drifts |
+robot.beam.method=elastica | posture || robot.beam.method=piecewise
+robot.beam.strip.uncertainty.interpolation=0.33 | posture || robot.beam.method=piecewise
+robot.lead.course.path.max_steering_rate_rad_s=0.08 | follow ||
+robot.lead.fusion.beam_gate=44.0 | posture | encoder stuck |
+robot.lead.fusion.gate_patience=51 | posture | gauge stuck |
+robot.lead.governor.max_wheel_speed_m_s=0.54 | posture ||
+robot.lead.governor.stop_deceleration_m_s2=0.88 | posture | gauge stuck |
+robot.lead.limits.bend_rad=0.35 | posture ||
+robot.lead.limits.heading_sigma_rad=0.05 | follow ||
+robot.lead.limits.moment_n_m=0.6 | posture ||
+robot.lead.regulator.accept_heading_rad=0.0026 | posture ||
+robot.lead.regulator.approach.circle_radius_m=0.0055 | posture || robot.lead.regulator.approach.approach_gain_m_s=0.1
+robot.lead.regulator.approach.epsilon=0.0011 | posture || robot.lead.regulator.approach.approach_gain_m_s=0.1
+robot.lead.regulator.approach.form=printed | posture || robot.lead.regulator.approach.approach_gain_m_s=0.1
+robot.lead.regulator.planner_budget=200 | posture ||
+robot.lead.regulator.steering_timeout_s=0.3 | posture ||
+robot.lead.regulator.steering_wait_rad=0.22 | posture | motor without torque |
+robot.lead.report_timeout_s=0.055 | posture | bus loses 50 % |
+robot.lead.stop.deceleration_m_s2=1.1 | posture | gauge stuck |
+robot.lead.stop.release_s=0.825 | posture | gauge stuck |
+robot.lead.stop.rest_s=0.11 | posture | gauge stuck |
 ";
 
 impl Situation {

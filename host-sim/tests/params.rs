@@ -1,8 +1,6 @@
 //! Parameters of boards over their links, in process and virtual, and the commands on them.
 
-#[path = "shared/program.rs"]
-mod program;
-
+use crate::program::{assert_refused, json_file, succeed};
 use core_algos::link::Identity;
 use core_algos::params::{Source, find};
 use core_algos::topology::Role;
@@ -12,7 +10,6 @@ use host_sim::targets::link::{Link, Loopback};
 use host_sim::targets::parameters::Kept;
 use host_sim::targets::virtual_link::VirtualLink;
 use host_sim::targets::{Remote, Target};
-use program::{assert_refused, json_file, succeed};
 use std::fs;
 use std::path::Path;
 

@@ -80,10 +80,8 @@ impl Bench {
         });
         ports.iter_mut().for_each(|port| port.plug(true));
         let images = Images::open(None, None).unwrap();
-        // In real time a second thread would mostly wait, and take its core from the commands.
         let options = Options {
             host: false,
-            threads: 1,
             ..Options::default()
         };
         let logs = [(); 3].map(|()| BoardLog::quiet());
@@ -160,12 +158,23 @@ impl Bench {
 
     /// The robot after the run.
     fn robot(mut self) -> VirtualRobot {
-        self.done.store(true, Relaxed);
-        let mut robot = self.robot.take().unwrap().join().unwrap();
+        let mut robot = self.stop().unwrap().unwrap();
         for _ in 0..1500 {
             robot.step().unwrap();
         }
         robot
+    }
+
+    fn stop(&mut self) -> Option<thread::Result<VirtualRobot>> {
+        self.done.store(true, Relaxed);
+        self.robot.take().map(JoinHandle::join)
+    }
+}
+
+/// A robot that went on would take the time of the next test.
+impl Drop for Bench {
+    fn drop(&mut self) {
+        self.stop();
     }
 }
 
@@ -183,7 +192,7 @@ fn result(folder: &Path, command: &str) -> Value {
 fn a_robot_at_a_serial_port_drives_to_its_goal() {
     let folder = tempfile::tempdir().unwrap();
     let mut scenario = Scenario::default();
-    scenario.mission.start = [-0.6, 0.1, 0.2];
+    scenario.mission.start = [-0.4, 0.1, 0.2];
     let bench = Bench::new(&scenario, false);
     for wrong in [
         "posture --imu",
@@ -193,7 +202,7 @@ fn a_robot_at_a_serial_port_drives_to_its_goal() {
     ] {
         bench.run(folder.path(), wrong).ends_with(2);
     }
-    let run = bench.run(folder.path(), "posture --from -0.6,0.1,0.2");
+    let run = bench.run(folder.path(), "posture --from -0.4,0.1,0.2");
     run.ends_with(0);
     let report = result(folder.path(), "posture");
     assert_eq!(
@@ -220,12 +229,12 @@ fn a_robot_at_a_serial_port_drives_to_its_goal() {
 fn a_loose_cable_does_not_end_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let bench = Bench::at_origin(true);
-    let run = bench.run(folder.path(), "follow --path line --size 2");
+    let run = bench.run(folder.path(), "follow --path line --size 1.2");
     run.ends_with(0);
     let report = result(folder.path(), "follow");
-    assert!(report["reconnected"].as_u64().unwrap() >= 4, "{report}");
+    assert!(report["reconnected"].as_u64().unwrap() >= 2, "{report}");
     let [x, y, _] = bench.robot().record().midpoint;
-    assert!((x - 2.0).hypot(y) < 0.05, "{x} {y}");
+    assert!((x - 1.2).hypot(y) < 0.05, "{x} {y}");
 }
 
 /// A script goes through the port as in the program. The next command goes on where the robot believes to be; another
@@ -234,7 +243,7 @@ fn a_loose_cable_does_not_end_the_run() {
 fn script_drives_a_robot_at_a_serial_port() {
     let folder = tempfile::tempdir().unwrap();
     let bench = Bench::at_origin(false);
-    let script = "goto 0.5 0.1 0.2\nspeed 0.1 0.4 2\nstop\nclear\npose 1 1 0\n";
+    let script = "goto 0.3 0.1 0.2\nspeed 0.1 0.4 1\nstop\nclear\npose 1 1 0\n";
     fs::write(folder.path().join("script"), script).unwrap();
     let run = bench.run(folder.path(), "drive --script script --from 0,0,0");
     assert_eq!(run.code, Some(0), "{}", run.error);
@@ -328,12 +337,12 @@ fn record_is_refused_while_a_node_is_in_fault() {
 fn long_paths_are_fed_to_a_robot_at_a_serial_port() {
     let folder = tempfile::tempdir().unwrap();
     let bench = Bench::at_origin(false);
-    let script = "follow circle 0.6\nfollow line 0.3\n";
+    let script = "follow line 2.7\nfollow line 0.2\n";
     fs::write(folder.path().join("script"), script).unwrap();
     let run = bench.run(folder.path(), "drive --script script --from 0,0,0");
     assert_eq!(run.code, Some(0), "{}{}", run.out, run.error);
     let [x, y, _] = bench.robot().record().midpoint;
-    assert!((x - 0.3).hypot(y) < 0.05, "{x} {y}");
+    assert!((x - 0.2).hypot(y) < 0.05, "{x} {y}");
 }
 
 /// The client of a user, in another language and from the protocol page alone.
@@ -346,11 +355,11 @@ fn python_client_drives_a_robot_to_its_goal() {
     let client = Command::new(tools.out.trim())
         .arg(root.join("tools/client/drive.py"))
         .arg(bench.folder.path().join(Role::Front.name()))
-        .args(["0.5", "-0.1", "-0.2"])
+        .args(["0.3", "-0.1", "-0.2"])
         .output();
     let run = Run::from(client.unwrap()).ends_with(0);
     let [x, y, _] = bench.robot().record().midpoint;
-    assert!((x - 0.5).hypot(y + 0.1) < 0.05, "{x} {y} {}", run.out);
+    assert!((x - 0.3).hypot(y + 0.1) < 0.05, "{x} {y} {}", run.out);
 }
 
 /// Ctrl-C once: the robot brakes, its motors go off and the result is written. Twice: the motors go off and the program ends.
@@ -495,7 +504,7 @@ fn parameters_of_three_boards_pass_the_port_of_the_front_board() {
     let wanted = [("front", 0.0731f32), ("rear", 0.0732), ("beam", 0.0733)];
     assert_eq!(changed, wanted.map(|(board, value)| (board.into(), value)));
     run(&bench, "params export --out robot.toml");
-    drop(bench.robot());
+    drop(bench);
 
     let new = Bench::new(&Scenario::default(), false);
     assert_ne!(parameters(&new), kept);

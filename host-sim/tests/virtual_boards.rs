@@ -1,8 +1,7 @@
 //! The robot with the images that users flash, on virtual boards.
 
-#[path = "shared/program.rs"]
-mod program;
-
+use crate::program;
+use crate::program::{assert_refused, json_file, succeed};
 use core_algos::bus::LeadMode;
 use core_algos::bus::layout;
 use core_algos::control::path::PathPoint;
@@ -20,7 +19,6 @@ use host_sim::scenario::Scenario;
 use host_sim::targets::HostCommand;
 use host_sim::targets::board_log::BoardLog;
 use host_sim::targets::images::Images;
-use program::{assert_refused, json_file, succeed};
 use std::fs;
 use virtual_board::Time;
 
@@ -108,8 +106,8 @@ fn boards_drive_in_other_than_the_default_configuration() {
     for arguments in [
         "--imu --seed 1 --stop-after 0.3",
         "--imu --seed 2 --stop-after 0.3",
-        "--no-rps",
-        "--from=-0.6,0.1,0.2 --set mission.goal=[0.4,0.1,0.1]",
+        "--no-rps --stop-after 2",
+        "--from=-0.3,0.1,0.2 --set mission.goal=[0.2,0.1,0.1]",
     ] {
         succeed(folder.path(), &format!("{POSTURE} {arguments}"));
     }
@@ -201,7 +199,7 @@ fn orders_at_the_serial_port_drive_the_robot() {
     // Under way a board takes no session.
     assert!(robot.is_settled() && robot.speed() > 0.05);
     assert!(reply_of_rear(&mut robot, 2, &Request::Rig).contains("Armed"));
-    for _ in 0..15_000 {
+    for _ in 0..8000 {
         robot.step().unwrap();
     }
     let [dx, dy] = [0, 1].map(|i| robot.record().midpoint[i] - [goal.x, goal.y].map(f64::from)[i]);
@@ -253,7 +251,7 @@ fn reports_of_the_front_board_hold_every_frame_on_the_bus() {
 fn record_of_virtual_boards_replays_identically() {
     let folder = tempfile::tempdir().unwrap();
     for task in [
-        "follow --path circle --size 0.4 --imu",
+        "follow --path line --size 0.6 --imu",
         "drive goto 0.3 0.1 0.2 --kill rear@2 --restart-after 0.3",
     ] {
         succeed(
@@ -297,7 +295,7 @@ fn paths_on_virtual_boards_end_as_in_process() {
     let folder = tempfile::tempdir().unwrap();
     for command in ["follow", "track"] {
         let run = |place: &str| {
-            let arguments = format!("{command} --path line --size 0.8 --on {place}");
+            let arguments = format!("{command} --path line --size 0.5 --on {place}");
             succeed(folder.path(), &arguments);
             let result = json_file(folder.path(), &format!("out/{command}/result.json"));
             assert_eq!(result["done"], true, "{command} {place}");

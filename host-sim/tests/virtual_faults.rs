@@ -1,14 +1,11 @@
 //! Faults of the boards that run the images that users flash: a few of them, and the judge.
 
-#[path = "shared/program.rs"]
-mod program;
-
+use crate::program::assert_refused;
 use host_sim::run::virtual_robot::faults::{
     Campaign, Case, End, Entry, Outcome, Reference, catalogue, reference, run,
 };
 use host_sim::scenario::Scenario;
 use host_sim::targets::images::Images;
-use program::assert_refused;
 use std::collections::HashSet;
 
 const AFTER_MS: u64 = 400;

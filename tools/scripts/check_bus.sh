@@ -5,6 +5,6 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 
 . tools/scripts/python_tools.sh
-python_tools check_bus.sh cantools cantools==45.1.0
+python_tools check_bus.sh
 [ -n "${CFMMR_BUILT:-}" ] || cargo build --locked --release --package host-sim
 "$python" tools/scripts/check_dbc.py target/release/cfmmr "$@"

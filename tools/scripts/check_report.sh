@@ -6,6 +6,6 @@ cd "$(dirname "$0")/../.."
 
 tools/scripts/install_chromium.sh
 . tools/scripts/python_tools.sh
-python_tools check_report.sh websocket websocket-client==1.9.2
+python_tools check_report.sh
 [ -n "${CFMMR_BUILT:-}" ] || cargo build --locked --release --package host-sim
 "$python" tools/scripts/check_report.py target/release/cfmmr "$@"

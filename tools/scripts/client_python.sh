@@ -3,5 +3,5 @@
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 . tools/scripts/python_tools.sh
-python_tools client_python.sh "serial, cobs, crc32c" pyserial==3.5 cobs==1.2.2 crc32c==2.8
+python_tools client_python.sh
 echo "$PWD/$python"

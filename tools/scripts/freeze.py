@@ -157,7 +157,7 @@ def with_mcap():
     """Starts over with a Python that has the package mcap."""
     python = ROOT / "target/python/bin/python"
     if Path(sys.executable) != python:
-        tools = "set -e; . tools/scripts/python_tools.sh; python_tools freeze.py mcap mcap==1.6.0"
+        tools = "set -e; . tools/scripts/python_tools.sh; python_tools freeze.py"
         subprocess.run(["bash", "-c", tools], cwd=ROOT, check=True)
         os.execv(python, [python, *sys.argv])
 

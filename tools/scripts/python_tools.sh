@@ -1,16 +1,21 @@
-# Sourced: a virtual environment below target/ with the Python packages that a check needs.
+# Sourced: a virtual environment below target/ with the packages of requirements.txt.
 #
-#   python_tools NAME MODULE PACKAGE==VERSION...    sets $python; NAME is said in errors, MODULE tried
+#   python_tools NAME    sets $python; NAME is said in errors
 
 python_tools() {
-  local name=$1 module=$2 environment=target/python
-  shift 2
+  local environment=target/python wanted=tools/scripts/requirements.txt
   python=$environment/bin/python
-  "$python" -c "import $module" 2>/dev/null && return
-  { [ -x "$python" ] || python3 -m venv "$environment"; } &&
-    "$environment/bin/pip" install --quiet --disable-pip-version-check "$@" || {
-    echo "$name: $* could not be installed: it needs Python 3 with venv and pip" \
-      "(Debian: apt-get install python3-venv python3-pip)" >&2
-    exit 1
-  }
+  mkdir -p target
+  # One installs, others wait for it.
+  {
+    flock 9
+    cmp -s "$wanted" "$environment/requirements.txt" && return
+    { [ -x "$python" ] || python3 -m venv "$environment"; } &&
+      "$environment/bin/pip" install --quiet --disable-pip-version-check -r "$wanted" &&
+      cp "$wanted" "$environment/requirements.txt" || {
+      echo "$1: the packages of $wanted could not be installed: that needs Python 3 with venv and pip" \
+        "(Debian: apt-get install python3-venv python3-pip)" >&2
+      exit 1
+    }
+  } 9>target/python.lock
 }

@@ -6,6 +6,6 @@ cd "$(dirname "$0")/../../.."
 
 . tools/scripts/python_tools.sh
 # python-can is imported by cantools, crccheck is what it depends on.
-python_tools check_can_bits.sh can,crccheck python-can==4.6.1 cantools==45.1.0
+python_tools check_can_bits.sh
 cargo run --locked --quiet --release --package virtual-board --example can_frames -- "$@" |
   "$python" crates/virtual-board/oracle/can_bits.py

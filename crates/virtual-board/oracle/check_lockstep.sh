@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Compares the core of the virtual boards with Unicorn in lockstep: ten million instructions at random, every
+# Compares the core of the virtual boards with Unicorn in lockstep: five million instructions at random, every
 # encoding of the images, and stretches of the images themselves; see lockstep.py and stretches.py. Unicorn is
 # put into a virtual environment below target/ if it is not there. Two processes share the work.
 set -euo pipefail
@@ -13,13 +13,13 @@ done
 images=("$built"/image/firmware-{axle,beam,bench})
 
 . tools/scripts/python_tools.sh
-python_tools check_lockstep.sh unicorn unicorn==2.1.4
+python_tools check_lockstep.sh
 cargo build --locked --quiet --release --package virtual-board --examples
 
-"$python" crates/virtual-board/oracle/lockstep.py --instructions 4000000 --seed 1 "${images[@]}" &
+"$python" crates/virtual-board/oracle/lockstep.py --instructions 2000000 --seed 1 "${images[@]}" &
 encodings=$!
 status=0
-"$python" crates/virtual-board/oracle/lockstep.py --instructions 6000000 --seed 2 || status=1
+"$python" crates/virtual-board/oracle/lockstep.py --instructions 3000000 --seed 2 || status=1
 "$python" crates/virtual-board/oracle/stretches.py "${images[@]}" || status=1
 wait "$encodings" || status=1
 exit "$status"

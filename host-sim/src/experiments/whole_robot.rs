@@ -160,14 +160,12 @@ fn run(
 ) -> Result<(), Error> {
     let plan = plan(args, &context.scenario, mission.limit_s(&context.scenario))?;
     recorder::check(log)?;
-    let mut options = Options {
+    let options = Options {
+        threads: common.threads.map_or_else(Options::threads, usize::from),
         profile: args.profile,
         record: log.any(),
         ..Options::default()
     };
-    if let Some(threads) = common.threads {
-        options.threads = threads.into();
-    }
     let images = args.images.open()?;
     let logs = Role::ALL.map(|_| BoardLog::default());
     let drive = Drive {

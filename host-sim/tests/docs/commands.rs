@@ -4,7 +4,7 @@
 //! Blocks whose fence names a file (`toml slippery.toml`) are that file. What is not run stands in
 //! [`NOT_RUN`] with its reason, what is run shorter in [`SHORTER`].
 
-use crate::pages::{self, Page, root};
+use super::pages::{self, Page, root};
 use crate::program::with_input;
 use clap::Parser;
 use clap::error::ErrorKind;
@@ -33,6 +33,11 @@ const SHORTER: &[(&str, Options, &str)] = &[
         "posture --on virtual",
         &[("--stop-after", "0.4")],
         "the whole way is driven by ci.sh",
+    ),
+    (
+        "track --on virtual",
+        &[("--size", "0.4")],
+        "a larger circle is more of the same",
     ),
     (
         "hil --on virtual",

@@ -3,6 +3,4 @@
 
 mod commands;
 mod pages;
-#[path = "../shared/program.rs"]
-mod program;
 mod references;

@@ -1,6 +1,6 @@
 //! Links, files and names that the pages point to.
 
-use crate::pages::{self, Code, Page, root};
+use super::pages::{self, Code, Page, root};
 use std::collections::HashMap;
 use std::fs;
 use std::path::{Component, Path, PathBuf};

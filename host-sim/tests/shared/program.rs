@@ -48,10 +48,12 @@ impl Run {
     }
 }
 
-/// `cfmmr` with arguments separated by spaces in a folder.
+/// `cfmmr` with arguments separated by spaces in a folder, on one thread.
 pub fn command(folder: &Path, arguments: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
     command.args(arguments.split_whitespace());
+    // Tests run side by side, one a core.
+    command.env("RAYON_NUM_THREADS", "1");
     command.current_dir(folder).stdin(Stdio::null());
     command
 }

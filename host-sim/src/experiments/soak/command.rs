@@ -192,7 +192,10 @@ pub fn run(args: &SoakArgs) -> Result<(), Error> {
     } else {
         let images = Images::open(None, None)?;
         let logs = [(); 3].map(|()| BoardLog::default());
-        let options = Options::default();
+        let options = Options {
+            threads: Options::threads(),
+            ..Options::default()
+        };
         let mut robot = VirtualRobot::new(&scenario, &images, args.seed, 0, &options, &logs)?;
         let report = soak::run(&mut robot, &scenario, run, &mut advance)?;
         (report, robot.reports())

@@ -39,11 +39,17 @@ pub fn chip(seed: u64) -> ChipVariation {
     }
 }
 
+impl Options {
+    /// Threads of a robot that runs alone.
+    pub fn threads() -> usize {
+        rayon::current_num_threads().min(2)
+    }
+}
+
 impl Default for Options {
     fn default() -> Self {
-        let threads = std::thread::available_parallelism().map_or(1, usize::from);
         Self {
-            threads: threads.min(2),
+            threads: 1,
             power_on_ms: [0; 3],
             profile: false,
             fast_ppb: [None; 3],

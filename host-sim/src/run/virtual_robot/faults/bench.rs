@@ -40,7 +40,6 @@ impl Bench {
         use crate::world::random::{Stream, generator};
         let logs = Role::ALL.map(|_| BoardLog::quiet());
         let options = Options {
-            threads: 1,
             others: 1,
             ..options
         };
