@@ -342,7 +342,8 @@ fn long_paths_are_fed_to_a_robot_at_a_serial_port() {
     let run = bench.run(folder.path(), "drive --script script --from 0,0,0");
     assert_eq!(run.code, Some(0), "{}{}", run.out, run.error);
     let [x, y, _] = bench.robot().record().midpoint;
-    assert!((x - 0.2).hypot(y) < 0.05, "{x} {y}");
+    // Estimated from the wheels, after three metres.
+    assert!((x - 2.9).hypot(y) < 0.1, "{x} {y}");
 }
 
 /// The client of a user, in another language and from the protocol page alone.

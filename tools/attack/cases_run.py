@@ -20,6 +20,7 @@ class Disk(Kind):
     """Files that cannot be written, or not to their end."""
 
     name, count = "disk", 12
+    parallel = 1
 
     def prepare(self):
         self.sound(*RUN, *RESULTS)
@@ -101,6 +102,7 @@ class Signals(Kind):
     """Signals at any time."""
 
     name, count = "signals", 12
+    parallel = 1
     RUNS = [
         ["posture", "--trials", "400", "--threads", "1", "--out", "out", "--json", "x.json"],
         ["follow", "--laps", "50", "--log", "x.mcap", "--csv", "tables", "--out", "out"],
