@@ -5,7 +5,6 @@ cd "$(dirname "$0")/../.."
 
 . tools/scripts/python_tools.sh
 python_tools check_live.sh
-  websockets==15.0.1 mcap==1.6.0 mcap-protobuf-support==0.6.0 jsonschema==4.26.0
 mkdir -p target/live
 rm -f target/live/other
 if [ -n "${CFMMR_BUILT:-}" ]; then

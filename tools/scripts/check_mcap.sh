@@ -6,6 +6,5 @@ cd "$(dirname "$0")/../.."
 
 . tools/scripts/python_tools.sh
 python_tools check_mcap.sh
-  mcap==1.6.0 mcap-protobuf-support==0.6.0 jsonschema==4.26.0 cantools==45.1.0
 [ -n "${CFMMR_BUILT:-}" ] || cargo build --locked --release --package host-sim
 "$python" tools/scripts/check_mcap.py target/release/cfmmr "$@"
