@@ -48,7 +48,11 @@ class Viewer:
     def look_for(self, count):
         """Waits until so many topics are advertised, and subscribes to them."""
         while len(self.channels) < count:
-            said = json.loads(self.socket.recv(timeout=20))
+            said = self.socket.recv(timeout=20)
+            # The time comes to all, whatever they have been told.
+            if isinstance(said, bytes):
+                continue
+            said = json.loads(said)
             if said["op"] == "advertise":
                 self.channels.update({channel["id"]: channel for channel in said["channels"]})
         wanted = [{"id": key, "channelId": key} for key in self.channels]
