@@ -32,9 +32,8 @@ cargo fmt --manifest-path tools/fuzz/Cargo.toml --check
 step "licences, sources and versions of the dependencies"
 tools/scripts/check_dependencies.py
 step "clippy"
-# With the feature that the default leaves out; the builds below are without it. Macros and build scripts are those of
-# the release build, which are built anyway.
-cargo clippy --locked --release --workspace --all-targets --features host-sim/live -- -D warnings
+# Macros and build scripts are those of the release build, which are built anyway.
+cargo clippy --locked --release --workspace --all-targets -- -D warnings
 # The virtual boards without the robot's parts.
 cargo clippy --locked --release --package virtual-board --all-targets -- -D warnings
 step "documentation"
@@ -58,22 +57,34 @@ cargo test --locked --release --package host-sim --test '*'
 # Built by the tests. A build by itself leaves out what only tests want of the libraries, and takes two
 # minutes more.
 export CFMMR_BUILT=1
-step "pictures, tables and numbers of the documentation"
-tools/scripts/test_regenerate.py
-tools/scripts/regenerate.py --check
+# Steps of one core each go on beside those of two, in a process group of their own; what they print is kept
+# until they end.
+set -m
+(
+  step "pictures, tables and numbers of the documentation"
+  tools/scripts/test_regenerate.py
+  tools/scripts/regenerate.py --check
+  step "attack from outside"
+  tools/attack/attack.py target/release/cfmmr
+  step "bus description against cantools"
+  tools/scripts/check_bus.sh
+  step "logs against the Python reader of MCAP"
+  tools/scripts/check_mcap.sh
+  step "live view against a websocket client"
+  tools/scripts/check_live.sh
+  step "report pages in Chromium"
+  tools/scripts/check_report.sh
+  step "end of the steps beside"
+) >target/beside.log 2>&1 &
+beside=$!
+set +m
+trap 'kill -- "-$beside" 2>/dev/null || true' EXIT
 step "hostile input"
 tools/scripts/fuzz.sh
-step "attack from outside"
-tools/attack/attack.py target/release/cfmmr
-step "bus description against cantools"
-tools/scripts/check_bus.sh
-step "logs against the Python reader of MCAP"
-tools/scripts/check_mcap.sh
-step "live view against a websocket client"
-tools/scripts/check_live.sh
-tools/attack/attack.py target/live/cfmmr --only live
-step "report pages in Chromium"
-tools/scripts/check_report.sh
+step "the virtual boards' core against Unicorn in lockstep"
+crates/virtual-board/oracle/check_lockstep.sh
+wait "$beside" || { cat target/beside.log; exit 1; }
+cat target/beside.log
 step "the paper's experiment with virtual boards in a session"
 hil() {
   timeout 600 target/release/cfmmr hil --on virtual --compare --out target/hil "$@" | grep -A1 "ticks ("
@@ -83,8 +94,6 @@ target/release/cfmmr replay target/hil/run.mcap | grep "identical over"
 hil --no-rps --stop-after 4
 step "the images that users flash, on virtual boards"
 timeout 900 target/release/cfmmr posture --on virtual --out target/virtual | grep -A4 "^board "
-step "the virtual boards' core against Unicorn in lockstep"
-crates/virtual-board/oracle/check_lockstep.sh
 step "faults on virtual boards"
 timeout 900 target/release/cfmmr faults --on virtual --quick --check | tail -3
 step "frames of the virtual bus against other implementations"

@@ -19,7 +19,7 @@ posture --rows both | --rows | both | all, pair
 posture --json | --json | <FILE>
 posture --scenario none.toml | --scenario none.toml | TOML | cfmmr config > FILE
 posture --scenario key.toml | key.toml | line 2 | frictoin | did you mean plant.friction? | cfmmr config
-posture --scenario unit.toml | unit.toml | strip_length_m = "370 mm" | expected a number
+posture --scenario unit.toml | unit.toml | line 2: plant.strip_length_m | expected a number
 posture --scenario range.toml | bus.loss | 1.5 | 0 | 1
 posture --set friction=1 | friction | did you mean plant.friction?
 posture --set plant.friction=high | plant.friction | high | expected a number
@@ -225,16 +225,4 @@ fn the_doctor_fails_for_each_thing_that_is_needed_and_for_nothing_else() {
     assert_eq!(code, 0, "optional things never fail: {said}");
     assert_eq!(checks["python3"]["finding"], "too-old");
     assert_eq!(checks["probe-rs"]["finding"], "unusable");
-}
-
-#[cfg(not(feature = "live"))]
-#[test]
-fn a_program_without_the_server_says_how_to_get_one() {
-    let folder = tempfile::tempdir().unwrap();
-    let table = "
-        posture --live | --live | --features live
-        follow --live | --live | --features live
-        track --live | --live | --features live
-        posture --live here | ADDRESS:PORT";
-    assert_refused(folder.path(), "", table);
 }

@@ -63,7 +63,7 @@ class Options(Kind):
             drawn.add(option)
             chosen = rng.choice(NASTY)
             # A server on any free port is right, and waits.
-            if option == "--live" and chosen in ("", "0", "-0"):
+            if option == "--live" and chosen in ("", "0", "-0", "--"):
                 chosen = "nan"
             if value:
                 words += rng.choice([[option, chosen]] * 3 + [joined(option, chosen)])

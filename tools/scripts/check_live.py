@@ -2,7 +2,7 @@
 
 Needs the Python packages websockets, mcap, mcap-protobuf-support and jsonschema.
 
-    check_live.py CFMMR      CFMMR: the program, built with the feature `live`
+    check_live.py CFMMR      CFMMR: the program
 """
 
 import base64

@@ -8,7 +8,8 @@ use crate::base::input;
 use crate::base::spelling;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
-use std::path::Path;
+use serde_path_to_error::{Path, Segment};
+use toml::de::{DeTable, DeValue};
 use toml::{Table, Value};
 
 /// Parts of a key on the command line, at most.
@@ -17,7 +18,7 @@ const DEPTH: usize = 16;
 const LONGEST_SEARCHED: usize = 100_000;
 
 /// Text of a file, and what it is called in errors; without a file nothing.
-pub fn read(file: Option<&Path>) -> Result<(String, String), Error> {
+pub fn read(file: Option<&std::path::Path>) -> Result<(String, String), Error> {
     let Some(path) = file else {
         return Ok((String::new(), "scenario".to_owned()));
     };
@@ -41,10 +42,6 @@ where
     T: Serialize + DeserializeOwned,
 {
     let refuse = |error: toml::de::Error| refusal(name, text, &error);
-    if changes.is_empty() {
-        // Straight from the text, so that an error shows the line.
-        toml::from_str::<T>(text).map_err(refuse)?;
-    }
     let mut given: Table = toml::from_str(text).map_err(refuse)?;
     for change in changes {
         apply(&mut given, change)?;
@@ -52,8 +49,13 @@ where
     let mut table = Table::try_from(below).map_err(|error| Error::Failure(error.to_string()))?;
     lay_over(&mut table, given);
     let built: T = serde_path_to_error::deserialize(Value::Table(table)).map_err(|error| {
-        let path = error.path().to_string();
-        let text = format!("{name}: {path}: {}", error.into_inner().message());
+        // An entry of the command line may stand over that of the text.
+        let line = match changes {
+            [] => line(text, error.path()).map(|line| format!("line {line}: ")),
+            _ => None,
+        };
+        let (line, path) = (line.unwrap_or_default(), error.path().to_string());
+        let text = format!("{name}: {line}{path}: {}", error.into_inner().message());
         Error::input(spelling::with_sibling(text))
     })?;
     // As it is stored: a number may be finite in the text and too large for its field.
@@ -64,6 +66,22 @@ where
         ))),
         None => Ok(built),
     }
+}
+
+/// Line of the text, from 1, with the entry at a path, or with what the text holds of it.
+fn line(text: &str, path: &Path) -> Option<usize> {
+    let root = DeValue::Table(DeTable::parse(text).ok()?.into_inner());
+    let (mut value, mut start) = (&root, None);
+    for segment in path {
+        let inner = match segment {
+            Segment::Map { key } => value.get(key),
+            Segment::Seq { index } => value.get(*index),
+            Segment::Enum { .. } | Segment::Unknown => None,
+        };
+        let Some(inner) = inner else { break };
+        (value, start) = (inner.get_ref(), Some(inner.span().start));
+    }
+    Some(1 + text[..start?].matches('\n').count())
 }
 
 /// Most characters of a line of the text that a refusal shows.
@@ -255,7 +273,8 @@ mod tests {
         let error = parse::<Outer>(&deep.replace('\n', "\r\n"), "file.toml", &[]).unwrap_err();
         assert_eq!(error.to_string(), "file.toml: line 3: recursion limit");
         let error = parse::<Outer>("[bus]\nlos = 1\n", "file.toml", &[]).unwrap_err();
-        assert!(error.to_string().contains("los") && error.to_string().contains("file.toml"));
+        let text = error.to_string();
+        assert!(text.starts_with("file.toml: line 2: bus.los: unknown field `los`"));
         assert_eq!(error.exit_code(), 2);
     }
 }

@@ -1,15 +1,19 @@
 //! A run served by websocket while it goes: the topics of a log, to viewers such as Foxglove.
-//!
-//! The server is in builds with the feature `live` only, for it doubles what has to be built.
 
 use crate::base::error::Error;
+use foxglove::websocket::{Capability, ChannelView, Client, ServerListener};
+use foxglove::{ChannelId, Context, SinkId, WebSocketServer, WebSocketServerHandle};
 use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::time::Duration;
+use std::{mem, thread};
 
-#[cfg_attr(feature = "live", path = "live/server.rs")]
-#[cfg_attr(not(feature = "live"), path = "live/absent.rs")]
-mod server;
+/// Time between two looks at whether a viewer has come.
+const LOOK: Duration = Duration::from_millis(20);
 
-pub use server::Server;
+/// Longest time in which viewers are handed what waits for them.
+const STOP: Duration = Duration::from_secs(2);
 
 /// Address of the server: an address with a port, or a port of this machine alone.
 pub fn address(text: &str) -> Result<SocketAddr, String> {
@@ -24,14 +28,91 @@ pub fn address(text: &str) -> Result<SocketAddr, String> {
     })
 }
 
-/// An error if this program cannot serve.
-pub fn check() -> Result<(), Error> {
-    match cfg!(feature = "live") {
-        true => Ok(()),
-        false => Err(Error::input(
-            "--live: this program was built without it: cargo run --release --package host-sim \
-             --features live -- posture --live",
-        )),
+/// Subscriptions since the last call, and whether a viewer ever connected.
+#[derive(Default)]
+struct Viewers {
+    joined: Mutex<Vec<(ChannelId, SinkId)>>,
+    came: AtomicBool,
+}
+
+impl ServerListener for Viewers {
+    fn on_subscribe(&self, client: Client, channel: ChannelView) {
+        let mut joined = self.joined.lock().unwrap_or_else(PoisonError::into_inner);
+        joined.extend(client.sink_id().map(|viewer| (channel.id(), viewer)));
+        self.came.store(true, Relaxed);
+    }
+}
+
+/// A server of all channels of a context.
+pub struct Server {
+    handle: WebSocketServerHandle,
+    viewers: Arc<Viewers>,
+    address: SocketAddr,
+}
+
+impl Server {
+    /// Serves from now on; port 0 is any that is free.
+    pub fn start(context: &Arc<Context>, address: SocketAddr) -> Result<Self, Error> {
+        let viewers = Arc::new(Viewers::default());
+        let handle = WebSocketServer::new()
+            .name("cfmmr")
+            .context(context)
+            .bind(address.ip().to_string(), address.port())
+            .capabilities([Capability::Time])
+            .listener(viewers.clone())
+            .start_blocking()
+            .map_err(|error| {
+                Error::input(format!(
+                    "--live {address}: {error}: must be an address of this machine with a port that \
+                     is free"
+                ))
+            })?;
+        let address = SocketAddr::new(address.ip(), handle.port());
+        Ok(Self {
+            handle,
+            viewers,
+            address,
+        })
+    }
+
+    /// Says where it is, and waits for a viewer; an error if the flag is set meanwhile.
+    pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
+        eprintln!(
+            "live: ws://{}, waiting for a viewer (Foxglove: Open connection, Foxglove WebSocket)",
+            self.address
+        );
+        while !self.viewers.came.load(Relaxed) {
+            if interrupt.load(Relaxed) {
+                return Err(Error::Interrupted(
+                    "interrupted before a viewer came".to_owned(),
+                ));
+            }
+            thread::sleep(LOOK);
+        }
+        Ok(())
+    }
+
+    /// Tells viewers the simulated time, ns.
+    pub fn time(&self, nanos: u64) {
+        self.handle.broadcast_time(nanos);
+    }
+
+    /// Subscriptions since the last call.
+    pub fn joined(&self) -> Vec<(ChannelId, SinkId)> {
+        let joined = self.viewers.joined.lock();
+        mem::take(&mut *joined.unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Hands out what waits, and ends; a viewer that takes nothing is not waited for longer than [`STOP`].
+    pub fn stop(self) {
+        let (ended, end) = mpsc::channel();
+        let handle = self.handle;
+        thread::spawn(move || {
+            handle.stop().wait_blocking();
+            // Nobody listens after the limit.
+            let _ = ended.send(());
+        });
+        let _ = end.recv_timeout(STOP);
     }
 }
 

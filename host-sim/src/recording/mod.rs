@@ -81,9 +81,6 @@ impl LogArgs {
 
     /// Checks the options before a long computation.
     pub fn check(&self) -> Result<(), Error> {
-        if self.live.is_some() {
-            live::check()?;
-        }
         if let Some(path) = &self.csv {
             Tables::new(path)?;
         }
