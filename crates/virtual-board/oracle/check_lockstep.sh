@@ -16,10 +16,13 @@ images=("$built"/image/firmware-{axle,beam,bench})
 python_tools check_lockstep.sh
 cargo build --locked --quiet --release --package virtual-board --examples
 
-"$python" crates/virtual-board/oracle/lockstep.py --instructions 2000000 --seed 1 "${images[@]}" &
-encodings=$!
+lockstep() {
+  "$python" crates/virtual-board/oracle/lockstep.py --instructions 2500000 --seed "$1" --part "$1" 2 "${images[@]}"
+}
+lockstep 0 &
+beside=$!
 status=0
-"$python" crates/virtual-board/oracle/lockstep.py --instructions 3000000 --seed 2 || status=1
+lockstep 1 || status=1
 "$python" crates/virtual-board/oracle/stretches.py "${images[@]}" || status=1
-wait "$encodings" || status=1
+wait "$beside" || status=1
 exit "$status"

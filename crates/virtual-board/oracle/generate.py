@@ -346,26 +346,26 @@ class States:
         registers[11] = rng.randrange(64)
         return [*registers, flags(rng), status(rng), *rng.choices(self.singles, k=32)]
 
-
-def pointers(rng, code, kind):
-    """A state for any one instruction: numbers, pointers, some of each, or one pointer, where
-    the base is."""
-    # Unicorn lets these be unaligned; they never are (A3.2.1).
-    aligned = code[1] in (0xE8, 0xE9, 0xEC, 0xED) or code[1] >> 4 == 0xC
-    middle = 0x2000_6000
-    base = code[0] & 15 if len(code) == 4 else struct.unpack("<H", code)[0] >> 3 & 7
-    registers = []
-    for number in range(15):
-        if kind == 0:
-            registers.append(word(rng) & (~3 if aligned else ~0))
-        elif kind == 1 or (number == base if kind == 3 else rng.getrandbits(1)):
-            registers.append(middle + 4 * rng.randrange(-64, 64))
-        else:
-            registers.append(rng.randrange(64) & (~3 if aligned else ~0))
-    registers[13] = middle + 4 * rng.randrange(-64, 64)
-    # See TO_NEAREST; to be safe for all.
-    fpscr = status(rng) & ~0x00C0_0000
-    return [*registers, flags(rng), fpscr, *(single(rng) for _ in range(32))]
+    def pointers(self, code, kind):
+        """A state for any one instruction: numbers, pointers, some of each, or one pointer, where
+        the base is."""
+        rng = self.rng
+        # Unicorn lets these be unaligned; they never are (A3.2.1).
+        aligned = code[1] in (0xE8, 0xE9, 0xEC, 0xED) or code[1] >> 4 == 0xC
+        middle = 0x2000_6000
+        base = code[0] & 15 if len(code) == 4 else struct.unpack("<H", code)[0] >> 3 & 7
+        registers = []
+        for number in range(15):
+            if kind == 0:
+                registers.append(rng.choice(self.words) & (~3 if aligned else ~0))
+            elif kind == 1 or (number == base if kind == 3 else rng.getrandbits(1)):
+                registers.append(middle + 4 * rng.randrange(-64, 64))
+            else:
+                registers.append(rng.randrange(64) & (~3 if aligned else ~0))
+        registers[13] = middle + 4 * rng.randrange(-64, 64)
+        # See TO_NEAREST; to be safe for all.
+        fpscr = status(rng) & ~0x00C0_0000
+        return [*registers, flags(rng), fpscr, *rng.choices(self.singles, k=32)]
 
 
 def leaves_the_block(code):

@@ -36,8 +36,13 @@ const SHORTER: &[(&str, Options, &str)] = &[
     ),
     (
         "track --on virtual",
-        &[("--size", "0.4")],
-        "a larger circle is more of the same",
+        &[("--stop-after", "1")],
+        "the whole way is driven by virtual_boards.rs",
+    ),
+    (
+        "drive --on virtual",
+        &[("--stop-after", "1")],
+        "the whole way is driven by drive.rs",
     ),
     (
         "hil --on virtual",
