@@ -8,6 +8,22 @@ export CARGO_INCREMENTAL=0
 # Each with the seconds that went by before it.
 step() { printf '\n== %s (%s s)\n' "$*" "$SECONDS"; }
 
+# Steps that take one core go on beside others, in a process group of their own; `joined` waits for them and prints
+# what they said.
+aside() {
+  set -m
+  "$@" >target/aside.log 2>&1 &
+  aside=$!
+  set +m
+}
+joined() {
+  local ended=0
+  wait "$aside" || ended=$?
+  cat target/aside.log
+  return "$ended"
+}
+trap '[ -z "${aside:-}" ] || kill -- "-$aside" 2>/dev/null || true' EXIT
+
 if ! command -v cargo >/dev/null; then
   echo "ci.sh: cargo is missing: install Rust with rustup (https://rustup.rs)" >&2
   exit 1
@@ -43,24 +59,25 @@ images=(--locked --profile image --package firmware-axle --package firmware-beam
 cargo clippy "${images[@]}" --package firmware-common -- -D warnings
 RUSTDOCFLAGS="-D warnings" cargo doc "${images[@]}" --package firmware-common --no-deps --quiet
 cargo build "${images[@]}"
-step "no panic in any node step"
-tools/scripts/check_no_panic.sh
-step "instruction counts"
-tools/scripts/count_instructions.py
+numbers_of_the_images() {
+  step "no panic in any node step"
+  tools/scripts/check_no_panic.sh
+  step "instruction counts"
+  tools/scripts/count_instructions.py
+}
+aside numbers_of_the_images
 step "tests"
-wait "$packages"
 # `link` adds the tests of the link, `devices` those of the robot's parts.
 cargo test --locked --workspace --exclude host-sim --features core-algos/link,virtual-board/devices
+joined
+wait "$packages"
 # With the dependencies of the steps below: a third of the time. The unit tests need no optimised program.
 cargo test --locked --release --package host-sim --lib --config profile.release.package.host-sim.opt-level=0
 cargo test --locked --release --package host-sim --test '*'
 # Built by the tests. A build by itself leaves out what only tests want of the libraries, and takes two
 # minutes more.
 export CFMMR_BUILT=1
-# Steps of one core each go on beside those of two, in a process group of their own; what they print is kept
-# until they end.
-set -m
-(
+checks_of_the_program() {
   step "pictures, tables and numbers of the documentation"
   tools/scripts/test_regenerate.py
   tools/scripts/regenerate.py --check
@@ -74,17 +91,13 @@ set -m
   tools/scripts/check_live.sh
   step "report pages in Chromium"
   tools/scripts/check_report.sh
-  step "end of the steps beside"
-) >target/beside.log 2>&1 &
-beside=$!
-set +m
-trap 'kill -- "-$beside" 2>/dev/null || true' EXIT
+}
+aside checks_of_the_program
 step "hostile input"
 tools/scripts/fuzz.sh
 step "the virtual boards' core against Unicorn in lockstep"
 crates/virtual-board/oracle/check_lockstep.sh
-wait "$beside" || { cat target/beside.log; exit 1; }
-cat target/beside.log
+joined
 step "the paper's experiment with virtual boards in a session"
 hil() {
   timeout 600 target/release/cfmmr hil --on virtual --compare --out target/hil "$@" | grep -A1 "ticks ("
