@@ -121,6 +121,27 @@ fn robot(scenario: &Scenario) -> (VirtualRobot, [BoardLog; 3]) {
     (robot.unwrap(), logs)
 }
 
+#[test]
+fn a_copy_of_a_robot_goes_on_as_the_robot_does() {
+    let scenario = Scenario::default();
+    let (mut robot, _) = robot(&scenario);
+    robot
+        .command(&HostCommand::Task(Task::regulate(Posture::default())))
+        .unwrap();
+    let course = |robot: &mut VirtualRobot| {
+        let tick = |_| {
+            robot.step().unwrap();
+            (robot.record(), robot.frames())
+        };
+        format!("{:?}", (0..300).map(tick).collect::<Vec<_>>())
+    };
+    let before = course(&mut robot);
+    let mut copies = [(); 2].map(|()| robot.clone());
+    let after = course(&mut copies[0]);
+    assert_ne!(before, after);
+    assert!(course(&mut robot) == after && course(&mut copies[1]) == after);
+}
+
 /// With the motors off the beam board logs the noise of its bridges, which is that of gauges and converter.
 #[test]
 fn beam_board_at_rest_logs_noise_of_its_bridges() {

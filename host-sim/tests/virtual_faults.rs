@@ -2,7 +2,7 @@
 
 use crate::program::assert_refused;
 use host_sim::run::virtual_robot::faults::{
-    Campaign, Case, End, Entry, Outcome, Reference, catalogue, reference, run,
+    Campaign, Case, End, Entry, Outcome, UnderWay, catalogue, reference, run,
 };
 use host_sim::scenario::Scenario;
 use host_sim::targets::images::Images;
@@ -11,23 +11,22 @@ use std::collections::HashSet;
 const AFTER_MS: u64 = 400;
 const SEED: u64 = 1;
 
-fn trials() -> (Campaign, Reference) {
+fn outcomes(entries: &[Entry]) -> Vec<Outcome> {
     let campaign = Campaign {
         scenario: Scenario::default(),
         images: Some(Images::open(None, None).unwrap()),
         quick: true,
     };
     let reference = reference(&campaign, SEED, AFTER_MS).unwrap();
-    (campaign, reference)
-}
-
-fn outcome(entry: &Entry, (campaign, reference): &(Campaign, Reference)) -> Outcome {
-    let case = Case {
+    let case = |entry| Case {
         entry,
         after_ms: AFTER_MS,
         seed: SEED,
     };
-    run(campaign, &case, reference).unwrap()
+    let cases: Vec<Case> = entries.iter().map(case).collect();
+    let robots = UnderWay::of(&cases);
+    let run = |case| run(&campaign, case, &reference, &robots).unwrap();
+    cases.iter().map(run).collect()
 }
 
 fn named(name: &str) -> Entry {
@@ -45,20 +44,14 @@ fn the_catalogue_has_each_fault_once() {
 /// A fault of the processor where the motors are driven, and one that the program cannot see.
 #[test]
 fn faults_end_as_the_catalogue_allows() {
-    let trials = trials();
-    for (name, end) in [
-        ("HardFault in the current loop", End::Stopped),
-        ("nFAULT low for 30 µs", End::WentOn),
-    ] {
-        let outcome = outcome(&named(name), &trials);
-        assert_eq!(outcome.end, end, "{name}: {outcome:?}");
-    }
+    let names = ["HardFault in the current loop", "nFAULT low for 30 µs"];
+    let ends = outcomes(&names.map(named)).into_iter().map(|run| run.end);
+    assert!(ends.eq([End::Stopped, End::WentOn]));
 }
 
 /// The same runs under entries that allow what does not come about.
 #[test]
 fn the_judge_finds_what_an_entry_does_not_allow() {
-    let trials = trials();
     let mut stops = named("none");
     stops.goes_on = false;
     let mut never_stops = named("nFAULT low for 20 ms");
@@ -69,8 +62,7 @@ fn the_judge_finds_what_an_entry_does_not_allow() {
     silent.findings = &[];
     let mut other = named("nFAULT low for 20 ms");
     other.codes = vec![core_algos::safety::Condition::SupplyLow];
-    for entry in [stops, never_stops, sooner, silent, other] {
-        let outcome = outcome(&entry, &trials);
+    for outcome in outcomes(&[stops, never_stops, sooner, silent, other]) {
         assert!(matches!(outcome.end, End::Wrong(_)), "{outcome:?}");
     }
 }

@@ -15,6 +15,7 @@ pub struct Reset {
 }
 
 /// A board.
+#[derive(Clone)]
 pub struct Board {
     core: Core,
     chip: Chip,

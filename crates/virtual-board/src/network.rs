@@ -59,6 +59,22 @@ impl Costs {
     }
 }
 
+impl Clone for Network {
+    fn clone(&self) -> Self {
+        Self {
+            boards: self.boards.clone(),
+            // Threads of its own, once there is something for them to do.
+            workers: None,
+            others: self.others.clone(),
+            wire: self.wire.clone(),
+            quantum: self.quantum,
+            threads: self.threads,
+            now: self.now,
+            costs: self.costs,
+        }
+    }
+}
+
 impl Network {
     /// Boards on a wire; the order is that of the wire's nodes. A quantum of 40 µs is
     /// a good one, 42 bits of the bus the longest.

@@ -204,6 +204,7 @@ mod tests {
     use std::sync::mpsc;
 
     /// Says how far time has come, in steps of 10 µs, and panics at 1 ms.
+    #[derive(Clone)]
     struct Clock(Time, mpsc::Sender<Time>);
 
     impl Circuit for Clock {

@@ -8,8 +8,8 @@ use crate::experiments::arguments::{ImageArgs, Place, WorldChoice, place, refuse
 use crate::experiments::pool;
 use crate::experiments::result::{JsonArgs, Provenance};
 use crate::run::virtual_robot::faults::{
-    Campaign, Case, Course, End, Entry, Outcome, Reference, SILENCE, catalogue, model, reference,
-    run as run_case,
+    Campaign, Case, Course, End, Entry, Outcome, Reference, SILENCE, UnderWay, catalogue, model,
+    reference, run as run_case,
 };
 use crate::scenario::Scenario;
 use clap::Args;
@@ -304,19 +304,29 @@ pub fn campaign(campaign: &Campaign, entries: &[&Entry], seeds: u64) -> Result<R
             .collect::<Result<_, Error>>()?,
         false => vec![Reference::new(); seeds as usize],
     };
-    let outcomes: Vec<Option<Outcome>> = all
-        .par_iter()
+    let robots = UnderWay::of(&all);
+    let mut order: Vec<usize> = (0..all.len()).collect();
+    order.sort_by_key(|&k| robots.place(&all[k]));
+    let done: Vec<(usize, Option<Outcome>)> = order
+        .into_par_iter()
         .with_max_len(1)
-        .map(|case| {
+        .map(|k| {
+            let case = &all[k];
             if interrupt.load(Relaxed) {
-                return Ok(None);
+                return Ok((k, None));
             }
-            let outcome = run_case(campaign, case, &references[case.seed as usize - 1]);
+            let reference = &references[case.seed as usize - 1];
+            let outcome = run_case(campaign, case, reference, &robots);
             progress.advance();
             let named = |error| Error::Failure(format!("{}: {error}", case.entry.name));
-            outcome.map(Some).map_err(named)
+            let outcome = outcome.map_err(named)?;
+            Ok((k, Some(outcome)))
         })
         .collect::<Result<_, Error>>()?;
+    let mut outcomes = vec![None; all.len()];
+    for (k, outcome) in done {
+        outcomes[k] = outcome;
+    }
     let rows = entries.iter().map(|entry| {
         let runs = all.iter().zip(&outcomes);
         let runs = runs.filter(|(case, _)| std::ptr::eq(case.entry, *entry));

@@ -181,6 +181,19 @@ pub struct RunControl {
     pub monitor: Monitor,
 }
 
+impl Clone for RunControl {
+    /// Without the observers, which are those of one run.
+    fn clone(&self) -> Self {
+        Self {
+            span: self.span,
+            interrupt: self.interrupt.clone(),
+            pace: self.pace.clone(),
+            observers: Observers::new(),
+            monitor: self.monitor.clone(),
+        }
+    }
+}
+
 /// A robot that an experiment drives, wherever its boards run.
 pub trait Robot {
     /// Simulated time, µs.

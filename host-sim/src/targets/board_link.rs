@@ -56,6 +56,7 @@ impl Subject {
 }
 
 /// A request that waits for its answer.
+#[derive(Clone)]
 struct Pending {
     number: u8,
     what: Subject,
@@ -66,7 +67,31 @@ struct Pending {
     since: Option<Micros>,
 }
 
+/// Number of the latest order of a host; a clone counts on by itself.
+#[derive(Default)]
+struct Sequence(Arc<AtomicU16>);
+
+impl Clone for Sequence {
+    fn clone(&self) -> Self {
+        Self(Arc::new(self.0.load(Relaxed).into()))
+    }
+}
+
+impl Sequence {
+    /// The same number, for another place that counts it on.
+    fn shared(&self) -> Self {
+        Self(self.0.clone())
+    }
+
+    /// The stamp of the next order.
+    fn next(&self, owner: u16) -> Stamp {
+        let sequence = self.0.fetch_add(1, Relaxed).wrapping_add(1);
+        Stamp { owner, sequence }
+    }
+}
+
 /// The link.
+#[derive(Clone)]
 pub struct BoardLink {
     role: Role,
     decoder: Decoder,
@@ -93,7 +118,7 @@ pub struct BoardLink {
     build: String,
     /// Number of this host for its lease, and number of its latest order.
     owner: u16,
-    sequence: Arc<AtomicU16>,
+    sequence: Sequence,
     /// Set while this host has the lease: the time of the latest order or renewal that was sent, µs.
     kept: Option<Option<Micros>>,
     leased: bool,
@@ -121,7 +146,7 @@ impl BoardLink {
             answered: 0,
             lost: 0,
             build: String::new(),
-            sequence: Arc::default(),
+            sequence: Sequence::default(),
             kept: None,
             leased: false,
         }
@@ -129,7 +154,7 @@ impl BoardLink {
 
     /// Forgets whatever was asked before, and watches the board.
     pub fn open(&mut self) {
-        let (number, sequence) = (self.number, self.sequence.clone());
+        let (number, sequence) = (self.number, self.sequence.shared());
         *self = Self {
             number,
             sequence,
@@ -147,7 +172,7 @@ impl BoardLink {
                 &Request::Configuration { offset },
             );
         }
-        let stamp = next_stamp(self.owner, &self.sequence);
+        let stamp = self.sequence.next(self.owner);
         self.ask(Subject::Record, &Request::Record(stamp));
     }
 
@@ -309,14 +334,14 @@ impl BoardLink {
     /// The stamp of the next order.
     fn stamp(&mut self) -> Stamp {
         self.kept.get_or_insert(None);
-        next_stamp(self.owner, &self.sequence)
+        self.sequence.next(self.owner)
     }
 
     /// Frames that switch the motors off whatever is under way, each newer than all orders before it.
     pub fn motors_off(&self) -> impl FnMut() -> SerialFrame + Send + 'static {
-        let (owner, sequence) = (self.owner, self.sequence.clone());
+        let (owner, sequence) = (self.owner, self.sequence.shared());
         move || {
-            let stamp = next_stamp(owner, &sequence);
+            let stamp = sequence.next(owner);
             let order = Order::Task(Task::Idle);
             // Its number is that of no request of the link.
             protocol::encode(0, &Request::Order { stamp, order }).unwrap_or_default()
@@ -522,12 +547,6 @@ impl BoardLink {
         *latest = found.or(*latest);
         done
     }
-}
-
-/// The stamp of the next order.
-fn next_stamp(owner: u16, sequence: &AtomicU16) -> Stamp {
-    let sequence = sequence.fetch_add(1, Relaxed).wrapping_add(1);
-    Stamp { owner, sequence }
 }
 
 fn failure(role: Role, what: &str, reply: Reply) -> Error {

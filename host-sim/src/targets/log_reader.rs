@@ -32,7 +32,7 @@ impl Read for Stream {
     }
 }
 
-/// Reads the log of a board.
+/// Reads the log of a board; a copy takes what the board writes and shows it to nobody.
 pub struct Reader {
     rtt: Rtt,
     to: Option<Sender<Vec<u8>>>,
@@ -69,6 +69,16 @@ impl Reader {
         if let (false, Some(to)) = (bytes.is_empty(), &self.to) {
             // A decoder that has ended wants no more.
             let _ = to.send(bytes);
+        }
+    }
+}
+
+impl Clone for Reader {
+    fn clone(&self) -> Self {
+        Self {
+            rtt: self.rtt.clone(),
+            to: None,
+            decoder: None,
         }
     }
 }

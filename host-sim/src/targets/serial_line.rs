@@ -8,7 +8,7 @@ use virtual_board::chip::Inputs;
 const BYTE_NS: u64 = 10_851;
 
 /// Bytes on their way, both ways.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct SerialLine {
     incoming: VecDeque<u8>,
     /// Arrival of the first of them.

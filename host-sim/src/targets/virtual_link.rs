@@ -33,6 +33,7 @@ const PATIENCE_NS: u64 = 250_000_000;
 const STORE: usize = 16 << 10;
 
 /// Circuit of the board: a serial adapter and, on a rear board, the strap.
+#[derive(Clone)]
 struct Port {
     rear: bool,
     told: bool,

@@ -8,7 +8,7 @@ use std::any::Any;
 ///
 /// The chip calls it at exact times; between two calls nothing of it may change what the chip sees,
 /// but by [`Self::advance`] at the time that [`Self::next`] announced.
-pub trait Circuit: Any + Send {
+pub trait Circuit: Any + Copied + Send {
     /// The chip drives this pin in another way now.
     fn pin(&mut self, pin: Pin, drive: Drive, at: Time) {
         let _ = (pin, drive, at);
@@ -49,6 +49,24 @@ pub trait Circuit: Any + Send {
     }
 }
 
+/// A copy of a circuit of unknown type; every type that is [`Clone`] has it.
+pub trait Copied {
+    /// The copy.
+    fn copied(&self) -> Box<dyn Circuit>;
+}
+
+impl<T: Circuit + Clone> Copied for T {
+    fn copied(&self) -> Box<dyn Circuit> {
+        Box::new(self.clone())
+    }
+}
+
+impl Clone for Box<dyn Circuit> {
+    fn clone(&self) -> Self {
+        (**self).copied()
+    }
+}
+
 /// Nothing is soldered to the chip; analogue inputs are at half the supply.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Bare;
@@ -56,7 +74,7 @@ pub struct Bare;
 impl Circuit for Bare {}
 
 /// What changes at the chip's inputs.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Inputs {
     /// Pins and how they are driven from outside now.
     pub pins: Vec<(Pin, Drive)>,

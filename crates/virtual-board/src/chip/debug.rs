@@ -34,7 +34,7 @@ const REGISTERS: &[Register] = &[
 ];
 
 /// DBGMCU, unique identifier, size of the flash.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct Debug {
     settings: [u32; 3],
 }

@@ -27,7 +27,7 @@ const REGISTERS: &[Register] = &[
 const LINE: u32 = 1 << 16;
 
 /// Edges of the voltage detector become interrupts.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct Exti {
     mask: u32,
     rising: u32,

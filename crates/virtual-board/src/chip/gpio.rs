@@ -86,6 +86,7 @@ const NOWHERE: u8 = u8::MAX;
 const CHOICES: usize = 4;
 
 /// Which signal is on which pin, by modes and alternate functions.
+#[derive(Clone)]
 struct Routes {
     signals: [Option<Signal>; PINS],
     pins: [[u8; CHOICES]; Signal::COUNT],
@@ -113,6 +114,7 @@ impl Routes {
 }
 
 /// All ports.
+#[derive(Clone)]
 pub(crate) struct Gpio {
     ports: [Port; PORTS],
     routes: Routes,

@@ -84,6 +84,7 @@ const CCM_LENGTH: usize = 64 << 10;
 pub(crate) const FLASH: u32 = 0x0800_0000;
 
 /// All peripherals in their state after a reset.
+#[derive(Clone)]
 struct Units {
     rcc: rcc::Rcc,
     pwr: pwr::Pwr,
@@ -133,6 +134,7 @@ impl Units {
 }
 
 /// Everything of the chip but its core.
+#[derive(Clone)]
 pub struct Chip {
     shared: Shared,
     units: Units,

@@ -91,6 +91,7 @@ pub(crate) fn is_remembered(volts: f64) -> bool {
 }
 
 /// Power control.
+#[derive(Clone)]
 pub(crate) struct Pwr {
     cr: u32,
     csr: u32,

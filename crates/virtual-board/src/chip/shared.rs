@@ -21,6 +21,7 @@ struct Sample {
 }
 
 /// What all peripherals share.
+#[derive(Clone)]
 pub(crate) struct Shared {
     /// The moment of the access or event.
     pub now: Cycles,

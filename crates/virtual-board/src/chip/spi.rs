@@ -58,7 +58,7 @@ struct Shift {
 }
 
 /// The serial interface, as a master.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct Spi {
     cr1: u32,
     cr2: u32,

@@ -9,7 +9,7 @@ use crate::time::Cycles;
 use std::collections::VecDeque;
 
 /// Changes at times, voltages by channel, and what was heard.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct World {
     due: VecDeque<(Time, Change)>,
     volts: Option<f64>,

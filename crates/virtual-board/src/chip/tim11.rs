@@ -38,6 +38,7 @@ const CC1OF: u32 = 1 << 9;
 const HSE_RTC: u32 = 2;
 
 /// The timer.
+#[derive(Clone)]
 pub(crate) struct Tim11 {
     registers: [u32; 0x54 / 4],
     /// The cycle at which the counter stood at zero; it runs from there.

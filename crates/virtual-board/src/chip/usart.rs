@@ -46,7 +46,7 @@ const REGISTERS: [Register; 7] = [
 ];
 
 /// The asynchronous serial interface.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct Usart {
     /// IDLE, ORE, RXNE, TC.
     sr: u32,

@@ -58,6 +58,7 @@ impl Slow {
 }
 
 /// The independent watchdog.
+#[derive(Clone)]
 pub(crate) struct Watchdog {
     prescaler: Slow,
     reload: Slow,

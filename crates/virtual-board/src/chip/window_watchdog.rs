@@ -31,6 +31,7 @@ const COUNT: u32 = 0x7f;
 /// The lowest count without a reset.
 const LOWEST: u32 = 0x40;
 
+#[derive(Clone)]
 pub(crate) struct WindowWatchdog {
     /// The count where it does not run.
     count: u32,

@@ -118,6 +118,7 @@ enum Sleep {
 const NO_LINE: u32 = u32::MAX;
 
 /// A Cortex-M4F.
+#[derive(Clone)]
 pub struct Core {
     r: [u32; 16],
     pc: u32,

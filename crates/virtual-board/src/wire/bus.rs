@@ -72,6 +72,7 @@ pub struct Record {
 /// - obeyed up to a quantum late: a reset or a new mode of a node, and a fault injected for now, while
 ///   a frame goes on; so a node that was reset in the middle of a frame may still acknowledge it;
 /// - a mailbox that is aborted in the same quantum in which it would have begun does not begin.
+#[derive(Clone)]
 pub struct Wire {
     pub(super) can_nodes: Vec<CanNode>,
     /// Dominant drivers at each piece.

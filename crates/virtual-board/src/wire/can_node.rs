@@ -6,6 +6,7 @@ use super::timing::{BitClock, BitTiming};
 use crate::time::Time;
 
 /// A node at the wire.
+#[derive(Clone)]
 pub(super) struct CanNode {
     pub controller: Controller,
     pub clock: BitClock,
@@ -60,6 +61,7 @@ impl CanNode {
 }
 
 /// Bits read wrongly.
+#[derive(Clone)]
 pub(super) struct Noise {
     rate: f64,
     state: u64,

@@ -9,6 +9,7 @@ use std::collections::VecDeque;
 const MAILBOXES: u8 = 3;
 
 /// A controller without a board: it sends what it is given.
+#[derive(Clone)]
 pub struct VirtualNode {
     actions: VecDeque<(Time, Action)>,
     waiting: VecDeque<(Time, Frame)>,

@@ -104,6 +104,7 @@ impl AxleParts {
 }
 
 /// The parts around an axle's board.
+#[derive(Clone)]
 pub struct AxleBoard {
     pub(super) drivers: [Drv8874; 2],
     pub(super) amplifiers: [Amplifier; 2],

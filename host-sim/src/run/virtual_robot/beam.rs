@@ -59,6 +59,7 @@ impl BridgeParts {
 }
 
 /// A bridge that has drifted.
+#[derive(Clone)]
 struct Drifting {
     bridge: Bridge,
     random: Pcg64,
@@ -68,6 +69,7 @@ struct Drifting {
 }
 
 /// The parts around the beam's board.
+#[derive(Clone)]
 pub struct BeamBoard {
     bridges: Vec<Drifting>,
     thermistor: Thermistor,

@@ -72,6 +72,7 @@ const BLOCKED_NM_S: f64 = 2.0;
 const GRAVITY: f64 = 9.806_65;
 
 /// The robot.
+#[derive(Clone)]
 pub struct VirtualRobot {
     network: Network,
     roles: Vec<Role>,

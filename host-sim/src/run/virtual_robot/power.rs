@@ -15,6 +15,7 @@ const FALL_S_PER_V: f64 = 100e-6;
 const FALL_STEPS: u32 = 100;
 
 /// Supplies and clock of a board.
+#[derive(Clone)]
 pub struct Power {
     /// The battery, with what the drivers get of it.
     pub battery: Supply,

@@ -65,6 +65,7 @@ struct Conversion {
 }
 
 /// The converter.
+#[derive(Clone)]
 pub(crate) struct Adc {
     /// Registers that only hold what is written, by offset over 4.
     plain: [u32; COUNT],

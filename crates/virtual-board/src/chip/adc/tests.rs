@@ -6,6 +6,7 @@ use crate::chip::circuit::Circuit;
 use crate::chip::pin::Pin;
 
 /// Each pin has a voltage of its own, in counts: a hundred times its number in port and channel.
+#[derive(Clone)]
 struct Levels;
 
 impl Circuit for Levels {
@@ -115,6 +116,7 @@ impl Bench {
 #[test]
 fn the_voltage_counts_where_sampling_ends() {
     /// Rises by a count in each cycle of 16 MHz.
+    #[derive(Clone)]
     struct Ramp;
     impl Circuit for Ramp {
         fn voltage(&mut self, _pin: Pin, at: Time) -> f64 {

@@ -13,7 +13,7 @@ pub(super) const FULL: u32 = 1 << 3;
 /// A message as the registers RIxR, RDTxR, RDLxR, RDHxR show it.
 pub(super) type Message = [u32; 4];
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Fifo {
     messages: [Message; DEPTH],
     count: usize,

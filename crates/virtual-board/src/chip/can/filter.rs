@@ -12,6 +12,7 @@ pub(super) const ALL: u32 = (1 << BANKS) - 1;
 pub(super) const FINIT: u32 = 1;
 
 /// The filters' registers.
+#[derive(Clone)]
 pub(super) struct Filters {
     pub fmr: u32,
     /// List instead of mask: counted, not modelled.

@@ -12,7 +12,7 @@ pub(super) const TXRQ: u32 = 1;
 const RTR: u32 = 1 << 1;
 const IDE: u32 = 1 << 2;
 
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Mailbox {
     /// TIxR, TDTxR, TDLxR, TDHxR.
     pub words: [u32; 4],

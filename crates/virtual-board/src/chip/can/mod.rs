@@ -43,7 +43,7 @@ enum Mode {
 }
 
 /// The controller.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(crate) struct Can {
     mcr: u32,
     /// ERRI, SLAKI.

@@ -65,6 +65,7 @@ fn shift(stream: usize) -> u32 {
 }
 
 /// A controller.
+#[derive(Clone)]
 pub(crate) struct Dma {
     controller: Controller,
     streams: [Stream; 8],

@@ -90,6 +90,7 @@ enum Keys {
 }
 
 /// The flash and its interface.
+#[derive(Clone)]
 pub(crate) struct Flash {
     bytes: Vec<u8>,
     accelerator: Accelerator,

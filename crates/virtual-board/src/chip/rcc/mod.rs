@@ -98,6 +98,7 @@ pub(crate) struct Kept {
 }
 
 /// Reset and clock control.
+#[derive(Clone)]
 pub(crate) struct Rcc {
     /// Registers that only hold what is written, by offset over 4.
     plain: [u32; 36],

@@ -13,7 +13,7 @@ const MASTER: u32 = MSTR | SSM | SSI | 2 << 3;
 const BIT: Cycles = 16;
 
 /// Answers each word with its complement and remembers.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Mirror {
     words: Vec<(u16, u32, Time)>,
 }

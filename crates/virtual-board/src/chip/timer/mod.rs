@@ -60,6 +60,7 @@ struct Needs {
     channels: u32,
 }
 
+#[derive(Clone)]
 pub(crate) struct Timer {
     kind: Kind,
     /// Registers as they were written, by offset over 4.

@@ -13,7 +13,7 @@ const CR3: u32 = 0x14;
 const BIT: Cycles = 168;
 const FRAME: Cycles = 10 * BIT;
 
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Line {
     bytes: Vec<(u8, Time)>,
 }

@@ -18,10 +18,10 @@ use virtual_board::wire::{BitTiming, Fault, Settings, VirtualNode};
 pub const OTHER: usize = Role::ALL.len();
 
 /// The robot, and whom a fault strikes.
+#[derive(Clone)]
 pub struct Bench {
     pub robot: VirtualRobot,
     pub random: Pcg64,
-    pub logs: [BoardLog; 3],
     seed: u64,
     /// The board that was struck.
     pub struck: Option<Role>,
@@ -51,7 +51,6 @@ impl Bench {
         let mut bench = Self {
             robot,
             random: generator(seed, 0, Stream::Other(0x300)),
-            logs,
             seed,
             struck: None,
             wrong: None,

@@ -9,6 +9,7 @@
 //! | `bus`, `power`, `sensors`, `motors`, `program`, `starts`, `memory` | the catalogue |
 //! | `alone` | boards that are tried one by one: power cuts and brown-outs |
 //! | `outcome` | a run to do, and how it ended |
+//! | `under_way` | robots under way, from which runs go on |
 //! | `run` | a run on virtual boards and how it is judged |
 
 mod alone;
@@ -24,11 +25,13 @@ mod program;
 mod run;
 mod sensors;
 mod starts;
+mod under_way;
 
 pub use bus::SILENCE;
 pub use entry::{Course, Entry};
 pub use outcome::{Case, End, Outcome};
 pub use run::{Reference, reference, run};
+pub use under_way::UnderWay;
 
 use crate::base::error::Error;
 use crate::run::virtual_robot::Images;

@@ -5,9 +5,10 @@ use super::bench::Bench;
 use super::entry::{Course, Entry, Step};
 use super::model;
 use super::outcome::{Case, End, Outcome, stopped_wrongly};
+use super::under_way::{UnderWay, kept};
 use crate::base::error::Error;
 use crate::run::robot::Robot;
-use crate::run::virtual_robot::{Options, store};
+use crate::run::virtual_robot::Options;
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::topology::{Node, Role};
 use virtual_board::Time;
@@ -26,9 +27,6 @@ const READY_MS: u64 = 1_500;
 const STAYS_MS: u64 = 100;
 /// Time that a started robot drives, ms.
 const DRIVE_MS: u64 = 400;
-/// The parameters in the flash.
-const KEPT: usize = 3 * (16 << 10);
-
 /// Postures of the robot without a fault, by ms since the press of the button.
 pub type Reference = Vec<[f64; 3]>;
 
@@ -46,8 +44,13 @@ pub fn reference(campaign: &Campaign, seed: u64, longest_ms: u64) -> Result<Refe
         .collect())
 }
 
-/// Does a run.
-pub fn run(campaign: &Campaign, case: &Case, reference: &Reference) -> Result<Outcome, Error> {
+/// Does a run; the robots under way are those of all cases.
+pub fn run(
+    campaign: &Campaign,
+    case: &Case,
+    reference: &Reference,
+    robots: &UnderWay,
+) -> Result<Outcome, Error> {
     match &case.entry.course {
         Course::Alone(trial) => {
             let (end, cases) = match trial(campaign, case.seed)? {
@@ -65,12 +68,7 @@ pub fn run(campaign: &Campaign, case: &Case, reference: &Reference) -> Result<Ou
             })
         }
         Course::Drive(steps) => {
-            let options = case.entry.options();
-            let mut bench = Bench::new(campaign, options.clone(), case.seed)?;
-            let before = kept(&mut bench);
-            bench.robot.boot(&options)?;
-            bench.press();
-            bench.pass(case.after_ms);
+            let (mut bench, before) = robots.get(campaign, case)?;
             let seen = watch(&mut bench, case.entry, steps);
             Ok(judge(bench, case, seen, reference, &before))
         }
@@ -159,14 +157,6 @@ fn has_restarted(bench: &mut Bench) -> bool {
     };
     let told = bench.robot.monitor().latest(node(role)).copied();
     told.is_some_and(|status| status.reason == Some(Condition::Restarted))
-}
-
-/// The parameters of all boards, as their flash holds them.
-fn kept(bench: &mut Bench) -> Vec<Vec<u8>> {
-    let boards = bench.robot.network.boards();
-    boards
-        .map(|board| board.chip().flash()[store::FIRST..store::FIRST + KEPT].to_vec())
-        .collect()
 }
 
 /// Unexplained resets, findings and losses of a run.

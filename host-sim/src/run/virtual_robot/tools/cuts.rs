@@ -6,7 +6,7 @@ use core_algos::node::lead::Task;
 use core_algos::topology::Role;
 
 /// Planned and past power cuts of the boards.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct Cuts {
     failures: Vec<Failure>,
     restart_after: Option<u32>,

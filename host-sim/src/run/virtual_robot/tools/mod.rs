@@ -22,7 +22,7 @@ use cuts::Cuts;
 use virtual_board::wire::Record as Sending;
 
 /// Instruments.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct Tools {
     cuts: Cuts,
     recovery: Recovery,
