@@ -56,7 +56,7 @@ where
         };
         let (line, path) = (line.unwrap_or_default(), error.path().to_string());
         let text = format!("{name}: {line}{path}: {}", error.into_inner().message());
-        Error::input(spelling::with_sibling(text))
+        shown(text)
     })?;
     // As it is stored: a number may be finite in the text and too large for its field.
     let stored = Value::try_from(&built).map_err(|error| Error::Failure(error.to_string()))?;
@@ -84,18 +84,21 @@ fn line(text: &str, path: &Path) -> Option<usize> {
     Some(1 + text[..start?].matches('\n').count())
 }
 
-/// Most characters of a line of the text that a refusal shows.
+/// Most characters of a line of a refusal.
 const LONGEST_LINE: usize = 400;
+
+/// A refusal, with a suggestion if a key is like a known one.
+fn shown(text: String) -> Error {
+    let text = spelling::with_sibling(text);
+    let lines = text.lines();
+    let cut = lines.map(|line| line.chars().take(LONGEST_LINE).collect());
+    Error::input(cut.collect::<Vec<String>>().join("\n"))
+}
 
 /// Why TOML text is refused, with the line.
 pub fn refusal(name: &str, text: &str, error: &toml::de::Error) -> Error {
     if error.span().is_some() {
-        let text = format!("{name}: {error}");
-        let lines: Vec<String> = text
-            .lines()
-            .map(|line| line.chars().take(LONGEST_LINE).collect())
-            .collect();
-        return Error::input(spelling::with_sibling(lines.join("\n")));
+        return shown(format!("{name}: {error}"));
     }
     // Nesting beyond what the parser bears has no place in its error: the line is the first with
     // which the text is refused so. Each is tried, so of a long text it is not told.
@@ -275,6 +278,28 @@ mod tests {
         let error = parse::<Outer>("[bus]\nlos = 1\n", "file.toml", &[]).unwrap_err();
         let text = error.to_string();
         assert!(text.starts_with("file.toml: line 2: bus.los: unknown field `los`"));
+        for (text, place) in [
+            ("rps = true\n[bus]\nloss = 'x'", "line 3: bus.loss: "),
+            ("bus.kind = 'fast'\nrps = 2", "line 2: rps: "),
+            ("\nbus = 3", "line 2: bus: "),
+            ("[bus]\nloss = 1\nkind = [\n 1,\n]", "line 3: bus.kind: "),
+        ] {
+            let error = parse::<Outer>(text, "file.toml", &[]).unwrap_err();
+            assert!(
+                error
+                    .to_string()
+                    .starts_with(&format!("file.toml: {place}")),
+                "{error}"
+            );
+        }
+        let long = format!("[bus]\n{} = 1\n", "a".repeat(100_000));
+        assert!(
+            parse::<Outer>(&long, "file.toml", &[])
+                .unwrap_err()
+                .to_string()
+                .len()
+                < 1000
+        );
         assert_eq!(error.exit_code(), 2);
     }
 }

@@ -80,7 +80,7 @@ pub(super) fn between(a: PathPoint, b: PathPoint, s: f32) -> PathSample {
         kappa: end.kappa,
         kappa_slope: 0.0,
     };
-    if !(s > a.s) || !(length > 0.0) {
+    if !(s >= a.s) || !(length > 0.0) {
         return beyond(a);
     }
     if !(s < b.s) {
