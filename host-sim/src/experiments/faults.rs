@@ -306,7 +306,7 @@ pub fn campaign(campaign: &Campaign, entries: &[&Entry], seeds: u64) -> Result<R
     };
     let robots = UnderWay::of(&all);
     let mut order: Vec<usize> = (0..all.len()).collect();
-    order.sort_by_key(|&k| robots.place(&all[k]));
+    order.sort_by_cached_key(|&k| robots.place(&all[k]));
     let done: Vec<(usize, Option<Outcome>)> = order
         .into_par_iter()
         .with_max_len(1)

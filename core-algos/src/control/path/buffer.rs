@@ -72,7 +72,8 @@ pub struct PathSample {
     pub kappa_slope: f32,
 }
 
-/// The path between `a` and `b` at arc length `s`; beyond them, on the circle of the nearer one.
+/// The path between `a` and `b` at arc length `s`; beyond them and at `a`, on the circle of the nearer one: a place
+/// before the start is taken for the start, where the bend does not change yet.
 pub(super) fn between(a: PathPoint, b: PathPoint, s: f32) -> PathSample {
     let length = b.s - a.s;
     let beyond = |end: PathPoint| PathSample {
@@ -80,7 +81,7 @@ pub(super) fn between(a: PathPoint, b: PathPoint, s: f32) -> PathSample {
         kappa: end.kappa,
         kappa_slope: 0.0,
     };
-    if !(s >= a.s) || !(length > 0.0) {
+    if !(s > a.s) || !(length > 0.0) {
         return beyond(a);
     }
     if !(s < b.s) {

@@ -32,12 +32,23 @@ struct Group {
 }
 
 impl Group {
+    fn of(case: &Case) -> Self {
+        Self {
+            options: case.entry.options(),
+            seed: case.seed,
+            after_ms: case.after_ms,
+            state: Mutex::default(),
+        }
+    }
+
     fn holds(&self, case: &Case) -> bool {
+        if (self.seed, self.after_ms) != (case.seed, case.after_ms) {
+            return false;
+        }
         let (options, own) = (case.entry.options(), &self.options);
         own.power_on_ms == options.power_on_ms
             && own.fast_ppb == options.fast_ppb
             && std::ptr::fn_addr_eq(own.vary, options.vary)
-            && (self.seed, self.after_ms) == (case.seed, case.after_ms)
     }
 
     fn drive(&self, campaign: &Campaign) -> Result<Robot, Error> {
@@ -63,12 +74,7 @@ impl UnderWay {
             }
             let place = all.place(case);
             if place == all.0.len() {
-                all.0.push(Group {
-                    options: case.entry.options(),
-                    seed: case.seed,
-                    after_ms: case.after_ms,
-                    state: Mutex::default(),
-                });
+                all.0.push(Group::of(case));
             }
             let state = all.0[place].state.get_mut();
             state.unwrap_or_else(PoisonError::into_inner).0 += 1;
@@ -84,14 +90,16 @@ impl UnderWay {
 
     /// The robot of a case, at the time of the fault.
     pub(super) fn get(&self, campaign: &Campaign, case: &Case) -> Result<Robot, Error> {
-        let group = &self.0[self.place(case)];
+        let Some(group) = self.0.get(self.place(case)) else {
+            return Group::of(case).drive(campaign);
+        };
         let mut state = group.state.lock().unwrap_or_else(PoisonError::into_inner);
         let (left, robot) = &mut *state;
         let ready = match robot.take() {
             Some(ready) => ready,
             None => group.drive(campaign)?,
         };
-        *left -= 1;
+        *left = left.saturating_sub(1);
         if *left > 0 {
             *robot = Some(ready.clone());
         }
