@@ -27,6 +27,14 @@ fn bad_input_is_refused_by_name_and_nothing_is_written() {
             "[robot.beam.strip]\ngauges_m = [0.1, 0.2, 0.3, 0.35, 0.4]",
             "| gauges_m | 0.4",
         ),
+        (
+            "[robot.beam.calibration]\ngain = [1, 1, 9, 1, 1]",
+            "| robot.beam.calibration.gain = 9",
+        ),
+        (
+            "[robot.beam.calibration]\ngain = [1, 1, 1, 1]",
+            "| robot.beam.calibration.gain = 4",
+        ),
         ("[bus]\nloss = 1.5", "| bus.loss | 1.5"),
         ("", "--from 1,2 | --from"),
         ("", "--from nan,0,0 | --from | nan"),

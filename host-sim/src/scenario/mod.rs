@@ -21,7 +21,7 @@ use core_algos::params::Settings;
 use core_algos::topology::Role;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
-use toml::Table;
+use toml::{Table, Value};
 
 /// Task of the robot, and its time limits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -235,9 +235,18 @@ impl Scenario {
         let table = Table::try_from(self.robot).unwrap_or_default();
         leaves("robot", &table, &mut |key, value| {
             let name = key.rsplit('.').next();
-            let held = value.as_float().map(|held| held as f32);
-            let held = held.or(value.as_integer().map(|held| held as f32));
-            if name == Some(error.field) && held == Some(error.value) {
+            let is_refused = |value: &Value| {
+                let held = value.as_float().map(|held| held as f32);
+                held.or(value.as_integer().map(|held| held as f32)) == Some(error.value)
+            };
+            // Of a list an entry, or their number.
+            let is_refused = match value {
+                Value::Array(list) => {
+                    list.len() as f32 == error.value || list.iter().any(is_refused)
+                }
+                value => is_refused(value),
+            };
+            if name == Some(error.field) && is_refused {
                 keys.push(key.to_owned());
             }
         });
