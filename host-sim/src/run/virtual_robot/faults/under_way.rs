@@ -22,7 +22,7 @@ pub fn kept(bench: &mut Bench) -> Vec<Vec<u8>> {
         .collect()
 }
 
-/// What cases have in common.
+/// Options, seed and time of the fault, which several cases share.
 struct Group {
     options: Options,
     seed: u64,
