@@ -140,8 +140,8 @@ fn tick() -> impl Strategy<Value = Tick> {
     let task = prop_oneof![
         20 => Just(None),
         1 => Just(Some(Task::Stop)),
-        1 => Just(Some(Task::Follow)),
-        1 => Just(Some(Task::Track)),
+        1 => Just(Some(Task::follow())),
+        1 => Just(Some(Task::track())),
         1 => numbers::<3>().prop_map(|g| Some(Task::regulate(g.into()))),
     ];
     (

@@ -16,4 +16,5 @@ pub mod kinematic;
 pub mod path;
 pub mod planner;
 pub mod regulator;
+pub mod stuck;
 pub mod wheel_observer;

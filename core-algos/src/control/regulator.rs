@@ -84,6 +84,12 @@ impl Tolerance {
             && (self.position_m + self.heading_rad).is_finite()
     }
 
+    /// True if a posture is within the tolerance of a goal; false for NaN.
+    pub fn is_near(&self, posture: Posture, goal: Posture) -> bool {
+        let [_, _, turn] = posture.minus(goal);
+        self.holds([posture.distance(goal), turn.abs()])
+    }
+
     /// True if errors of position (m) and heading (rad) are within; false for NaN.
     pub fn holds(&self, [position, heading]: [f32; 2]) -> bool {
         position <= self.position_m && heading <= self.heading_rad
@@ -110,8 +116,7 @@ const NEW_GOAL: (f32, f32) = (0.01, 0.02);
 /// Time (s) outside the funnel, or without demand to move, that counts.
 const DOUBT_S: f32 = 0.1;
 const STALL_S: f32 = 1.0;
-/// Way (m) that a robot under way makes in this time (s), or it is stuck.
-const STUCK_M: f32 = 1e-3;
+/// Time without motion after which a robot under way is stuck, s.
 const STUCK_S: f32 = 2.0;
 /// Factor by which each attempt widens what counts as reached.
 const WIDENING: f32 = 1.6;
@@ -144,7 +149,13 @@ impl Regulator {
         self.accept_goal(state, input);
         state.elapsed += self.config.tick_s;
         if self.is_stuck(state, input) {
-            state.enter(Phase::Hold);
+            // Within the tolerance the robot may rest, or try once more.
+            let near = input.within.is_near(input.posture, input.goal);
+            state.blocked = !(near || self.reached(state, input, 1.0));
+            state.enter(match state.blocked {
+                true => Phase::GaveUp,
+                false => Phase::Hold,
+            });
         }
         let output = match self.config.strategy {
             Strategy::PaperLaw => self.paper(state, input),
@@ -185,12 +196,10 @@ impl Regulator {
     /// speed, or a motor less than there should be, asks of the wheels.
     fn is_stuck(&self, state: &mut State, input: &Input) -> bool {
         let under_way = matches!(state.phase, Phase::Segment | Phase::Approach);
-        if !under_way || input.posture.distance(state.moved) > STUCK_M {
-            (state.moved, state.still) = (input.posture, 0.0);
-        } else {
-            state.still += self.config.tick_s;
-        }
-        under_way && state.still >= STUCK_S
+        let still = state
+            .stuck
+            .step(under_way, input.posture, self.config.tick_s);
+        still >= STUCK_S
     }
 
     /// Output at standstill with the steering held.

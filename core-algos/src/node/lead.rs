@@ -34,13 +34,13 @@ use crate::bus::LeadMode;
 use crate::control::cascade::{Cascade, Motion};
 use crate::control::controller::{KinematicController, Memory, Own};
 use crate::control::governor::{self, Wish};
-use crate::control::regulator::{self, Phase, Tolerance};
+use crate::control::regulator::{self, Phase};
 use crate::fusion::Estimate;
 use crate::fusion::robot;
 use crate::math::matrix::Mat3;
 use crate::math::{Posture, Transform, Twist, Wrench};
 use crate::safety::supervisor;
-use crate::safety::{OperatingState, Permit, ramp};
+use crate::safety::{Condition, OperatingState, Permit, ramp};
 use crate::time::{EPOCH, Micros, Stamped, TICK, epoch_start, seconds, sequence};
 use crate::topology::Node;
 
@@ -90,6 +90,8 @@ pub struct Output {
     pub target: Option<Posture>,
     /// The task is fulfilled and the robot at rest.
     pub done: bool,
+    /// Reason for which the task ended without success: gave up or no progress.
+    pub failed: Option<Condition>,
     /// Operating state of the lead node, and its reason.
     pub supervision: supervisor::Output,
 }
@@ -117,16 +119,14 @@ pub struct State {
     wrench: Option<Stamped<Wrench>>,
     /// The task is fulfilled, as of the last step.
     done: bool,
-    /// The regulator gave up, as of the last step.
-    gave_up: bool,
+    /// Reason for which the task ended without success; stays until the next task.
+    failed: Option<Condition>,
     /// Time since the latest command.
     silent: Micros,
     /// The host that gave the task was lost: the robot stops.
     lost: bool,
     /// Goal of the latest regulation.
     goal: Option<Posture>,
-    /// Tolerance of the task.
-    within: Tolerance,
     /// Goal or target of the task, as of the last step.
     aim: Option<Posture>,
     /// Time for which the motors have held the robot where it is.
@@ -146,6 +146,11 @@ impl State {
     fn is_silent(&self) -> bool {
         self.lost || matches!(self.task, Task::Drive { .. }) && self.silent >= DEAD_MAN
     }
+
+    /// True if the task has ended.
+    fn is_over(&self) -> bool {
+        self.done || self.failed.is_some()
+    }
 }
 
 /// Decision of the task at a step.
@@ -157,6 +162,7 @@ struct Decision {
     phase: Phase,
     target: Option<Posture>,
     done: bool,
+    failed: Option<Condition>,
 }
 
 /// A robot that is done keeps its posture.
@@ -176,6 +182,7 @@ impl From<path_task::Step> for Decision {
             phase: Phase::default(),
             target: step.target,
             done: step.done,
+            failed: step.stuck.then_some(Condition::NoProgress),
         }
     }
 }
@@ -227,15 +234,17 @@ impl LeadNode {
     /// Gives the robot something to do; the present motion is taken over.
     pub fn command(&mut self, task: Task) {
         self.state.task = task;
-        self.state.within = Tolerance::default();
-        if let Task::Regulate { goal, within } = task {
-            (self.state.goal, self.state.within) = (Some(goal), within);
+        if let Task::Regulate { goal, .. } = task {
+            self.state.goal = Some(goal);
         }
-        (self.state.done, self.state.gave_up) = (false, false);
+        if self.state.failed.is_some() {
+            self.state.regulator.forget_goal();
+        }
+        (self.state.done, self.state.failed) = (false, None);
         (self.state.silent, self.state.lost) = (0, false);
         self.state.memory = Memory::default();
         // A path goes on after its faults were cleared.
-        if !matches!(task, Task::Follow | Task::Track | Task::Clear) {
+        if !(task.is_on_path() || task == Task::Clear) {
             self.path_task.forget();
         }
         self.state.released = false;
@@ -258,7 +267,7 @@ impl LeadNode {
         let faulted = self.state.supervisor.operating() == OperatingState::Fault
             || [Node::FrontAxle, Node::RearAxle].into_iter().any(failed);
         let idle = matches!(self.state.task, Task::Idle | Task::Stop | Task::Clear);
-        match idle || self.state.done || self.state.released {
+        match idle || self.state.is_over() || self.state.released {
             _ if faulted => Activity::Faulted,
             true => Activity::Resting,
             false => Activity::Busy,
@@ -302,8 +311,7 @@ impl LeadNode {
         let fused = self.fuse(now);
         if let (Some(fused), Some(fusion)) = (&fused, &self.state.fusion) {
             // A path that stops on the way goes on as it was.
-            let on_path = matches!(self.state.task, Task::Follow | Task::Track);
-            let waits = on_path && !self.state.done;
+            let waits = self.state.task.is_on_path() && !self.state.is_over();
             let moving = waits || self.state.governor.motion.v.abs() > REST_M_S;
             let (moved, map) = (fusion.moved(), fused.robot.posture);
             self.state.odom = Some(frames::step(self.state.odom, moved, map, moving));
@@ -319,24 +327,27 @@ impl LeadNode {
 
         // Before it drives the robot holds still: a frame that swings has to come to rest.
         let decision = match supervision.permit {
-            Permit::Hold if !self.state.done => Decision {
+            Permit::Hold if !self.state.is_over() => Decision {
                 mode: LeadMode::Hold,
                 ..Decision::default()
             },
-            _ => self.decide(now, &Transform::from(driven)),
+            _ if self.state.failed.is_some() => self.give_up(),
+            _ => {
+                let decision = self.decide(now, &Transform::from(driven));
+                self.at_end(decision, fused.robot.posture)
+            }
         };
         match decision.wish {
             Some(wish) => self.with.governor.step(&mut self.state.governor, &wish, dt),
             None => self.with.governor.stop(&mut self.state.governor, dt),
         }
         let motion = self.state.governor.motion;
-        self.state.done = decision.done;
+        (self.state.done, self.state.failed) = (decision.done, decision.failed);
         let aim = match self.state.task {
             Task::Regulate { goal, .. } => Some(goal),
             _ => decision.target,
         };
         self.state.aim = aim;
-        self.state.gave_up = decision.phase == Phase::GaveUp;
         let references = self.with.cascade.references(center, &motion);
         self.send_references(now, decision.mode, &references, &fused, outbox);
         Output {
@@ -347,6 +358,40 @@ impl LeadNode {
             phase: decision.phase,
             target: decision.target,
             done: decision.done && !self.state.lost,
+            failed: decision.failed,
+        }
+    }
+
+    /// Decision of a task that ended without success: brake, then keep the posture.
+    fn give_up(&self) -> Decision {
+        let at_rest = self.state.governor.motion.v.abs() < REST_M_S;
+        let on_path = self.state.task.is_on_path();
+        Decision {
+            mode: active_until(at_rest),
+            phase: if on_path {
+                Phase::default()
+            } else {
+                Phase::GaveUp
+            },
+            target: self.state.aim.filter(|_| on_path),
+            failed: self.state.failed,
+            ..Decision::default()
+        }
+    }
+
+    /// The decision with its end judged by the estimate `map` of O: along a path the robot drives by `odom`, which the
+    /// estimate may have left.
+    fn at_end(&self, decision: Decision, map: Posture) -> Decision {
+        let first = decision.done && !self.state.done && self.state.task.is_on_path();
+        let missed = |end| !self.state.task.within().is_near(map, end);
+        match first && decision.target.is_none_or(missed) {
+            true => Decision {
+                mode: active_until(false),
+                done: false,
+                failed: Some(Condition::GaveUp),
+                ..decision
+            },
+            false => decision,
         }
     }
 
@@ -384,11 +429,16 @@ impl LeadNode {
                         (wanted.v, wanted.kappa, phase, wanted.done)
                     }
                 };
+                let reason = match state.regulator.is_blocked() {
+                    true => Condition::NoProgress,
+                    false => Condition::GaveUp,
+                };
                 Decision {
                     wish: Some(Wish::from_curvature(&self.with.cascade, v, kappa)),
                     mode: active_until(done),
                     phase,
                     done,
+                    failed: (phase == Phase::GaveUp).then_some(reason),
                     ..Decision::default()
                 }
             }
@@ -406,19 +456,18 @@ impl LeadNode {
                     ..Decision::default()
                 }
             }
-            Task::Follow => {
-                let step = self
-                    .with
-                    .path_task
-                    .follow(&mut self.path_task, *center, &motion);
+            Task::Follow { within } => {
+                let step =
+                    self.with
+                        .path_task
+                        .follow(&mut self.path_task, *center, &within, &motion);
                 Decision::from(step)
             }
-            Task::Track => {
+            Task::Track { within } => {
                 let epoch = epoch_start(now, sequence(now));
-                let step = self
-                    .with
-                    .path_task
-                    .track(&mut self.path_task, epoch, *center, &motion);
+                let path = &mut self.path_task;
+                let course = &self.with.path_task;
+                let step = course.track(path, epoch, *center, &within, &motion);
                 Decision::from(step)
             }
         }

@@ -19,7 +19,13 @@
 //!
 //! Once the end of the path is reached (or the time of the trajectory is over) the law goes on with
 //! its reference at rest, which takes out what is left, until the speed it asks for has faded. Then
-//! the robot brakes, keeps its bend and is done; it does not start again by itself.
+//! the robot brakes, keeps its bend and is done; it does not start again by itself. A robot that friction holds within
+//! the tolerance of the end rests there.
+//!
+//! # Without an end
+//!
+//! A robot farther from its path or trajectory than [`Config::max_deviation_m`] is lost, and one that is to move and
+//! does not makes no progress. Both ends stay until the task is given again.
 //!
 //! # Panic contract
 //!
@@ -35,14 +41,23 @@ use crate::control::path::{
     self, Follower, PathBuffer, PathError, PathPoint, Progress, Tracker, TrajectoryBuffer,
     TrajectoryPoint,
 };
+use crate::control::regulator::Tolerance;
+use crate::control::stuck::Stuck;
 use crate::math::{Posture, Transform};
-use crate::time::{Micros, seconds};
+use crate::time::{EPOCH, Micros, seconds};
 
 /// Points of a path that are held at a time: 2.56 m at 1 cm. What braking and the lead of the
 /// reference look ahead is 0.3 m.
 pub const PATH_POINTS: usize = 256;
 /// Points of a trajectory that are held at a time: 6.4 s at 50 ms.
 pub const TRAJECTORY_POINTS: usize = 128;
+
+/// Time without motion after which a robot within the tolerance of the end rests, s.
+const REST_S: f32 = 1.0;
+/// Time without motion after which a robot makes no progress, s.
+const STUCK_S: f32 = 2.0;
+/// Reference speed from which the robot is to move while more of its path is to come, m/s.
+const MOVING_M_S: f32 = 5e-3;
 
 config! {
     /// Parameters of path following and trajectory tracking.
@@ -60,6 +75,8 @@ config! {
             heading_gain_rad_s: 1.0,
             ..kinematic::Config::default()
         };
+        /// Distance of O from its path or trajectory beyond which the robot stops, m.
+        pub max_deviation_m: f32 = 0.5, Positive;
         /// Speed asked for at the end below which the robot is brought to rest, m/s. The law asks for
         /// k1 times the distance left.
         pub rest_speed_m_s: f32 = 1e-3, Positive;
@@ -75,6 +92,7 @@ impl Config {
             follower: self.path.build(cascade, &law)?,
             tracker: Tracker::new(cascade, &law, self.path.nominal_speed_m_s)?,
             rest_speed: self.rest_speed_m_s,
+            max_deviation: self.max_deviation_m,
         })
     }
 }
@@ -89,6 +107,10 @@ pub struct State {
     start: Option<(Micros, f32)>,
     /// The end has been reached and the robot is being brought to rest.
     resting: bool,
+    /// The robot is too far from the path or trajectory.
+    lost: bool,
+    /// Time without motion.
+    stuck: Stuck,
 }
 
 impl Default for State {
@@ -109,6 +131,8 @@ impl State {
         },
         start: None,
         resting: false,
+        lost: false,
+        stuck: Stuck::NEW,
     };
 
     /// Forgets path and trajectory.
@@ -126,7 +150,13 @@ impl State {
             finished: false,
         };
         self.start = None;
-        self.resting = false;
+        (self.resting, self.lost) = (false, false);
+        self.stuck.reset();
+    }
+
+    /// True if the robot was too far from its path or trajectory.
+    pub fn is_lost(&self) -> bool {
+        self.lost
     }
 
     /// Number of path points that can be pushed.
@@ -183,6 +213,8 @@ pub struct Step {
     pub target: Option<Posture>,
     /// The end has been reached and the robot is at rest.
     pub done: bool,
+    /// The robot was to move and did not.
+    pub stuck: bool,
 }
 
 /// Drives along paths and trajectories.
@@ -191,11 +223,30 @@ pub struct PathTask {
     follower: Follower,
     tracker: Tracker,
     rest_speed: f32,
+    max_deviation: f32,
+}
+
+/// State of a task at an epoch, for its end.
+struct Course {
+    /// Reached the end of the path, or of the time of the trajectory.
+    finished: bool,
+    /// The end is known.
+    complete: bool,
+    /// The last posture that is known.
+    end: Posture,
+    /// Reference speed, m/s.
+    speed: f32,
 }
 
 impl PathTask {
     /// One epoch along the path, with O estimated at `center` and `motion` as last commanded.
-    pub fn follow(&self, state: &mut State, center: impl Into<Transform>, motion: &Motion) -> Step {
+    pub fn follow(
+        &self,
+        state: &mut State,
+        center: impl Into<Transform>,
+        within: &Tolerance,
+        motion: &Motion,
+    ) -> Step {
         let center = center.into();
         let step = self
             .follower
@@ -205,8 +256,21 @@ impl PathTask {
         };
         state.progress = progress;
         state.path.discard_before(progress.s);
+        if self.loses(state, center.posture, reference.target) {
+            return Step::default();
+        }
         let wish = self.follower.wish(center, &reference);
-        self.conclude(state, progress.finished, wish, reference.target, motion)
+        let course = Course {
+            finished: progress.finished,
+            complete: state.path.is_complete(),
+            end: state.path.last_posture(),
+            speed: reference.reference.v,
+        };
+        let step = self.conclude(state, &course, (center.posture, within), wish, motion);
+        Step {
+            target: Some(reference.target),
+            ..step
+        }
     }
 
     /// One epoch along the trajectory, which begins with the first call; `epoch` is the time at
@@ -216,8 +280,10 @@ impl PathTask {
         state: &mut State,
         epoch: Micros,
         center: impl Into<Transform>,
+        within: &Tolerance,
         motion: &Motion,
     ) -> Step {
+        let center = center.into();
         if state.trajectory.is_empty() {
             return Step::default();
         }
@@ -229,26 +295,51 @@ impl PathTask {
             return Step::default();
         };
         state.trajectory.discard_before(time);
+        if self.loses(state, center.posture, reference.target) {
+            return Step::default();
+        }
         let wish = self.tracker.wish(center, &reference);
-        let finished = reference.finished && state.trajectory.is_complete();
-        self.conclude(state, finished, wish, reference.target, motion)
+        let course = Course {
+            finished: reference.finished && state.trajectory.is_complete(),
+            complete: state.trajectory.is_complete(),
+            end: state.trajectory.last_posture(),
+            speed: reference.reference.v,
+        };
+        let step = self.conclude(state, &course, (center.posture, within), wish, motion);
+        Step {
+            target: Some(reference.target),
+            ..step
+        }
     }
 
-    /// Brings the robot to rest once the end is reached and the law asks for little more.
+    /// True if O is too far from its target; stays true. A robot at rest at the end may be carried away.
+    fn loses(&self, state: &mut State, center: Posture, target: Posture) -> bool {
+        state.lost |= !state.resting && !(center.distance(target) <= self.max_deviation);
+        state.lost
+    }
+
+    /// Brings the robot to rest once the end is reached and the law asks for little more, or friction holds the robot
+    /// within the tolerance of the end.
     fn conclude(
         &self,
         state: &mut State,
-        finished: bool,
+        course: &Course,
+        (center, within): (Posture, &Tolerance),
         wish: Wish,
-        target: Posture,
         motion: &Motion,
     ) -> Step {
         let faded = wish.v.abs().max(motion.v.abs()) <= self.rest_speed;
-        state.resting |= finished && faded;
+        let asked = course.complete || course.speed > MOVING_M_S;
+        let still = state
+            .stuck
+            .step(asked && !state.resting, center, seconds(EPOCH));
+        let near = course.complete && within.is_near(center, course.end);
+        state.resting |= (course.finished && faded) || (near && still >= REST_S);
         Step {
             wish: (!state.resting).then_some(wish),
-            target: Some(target),
+            target: None,
             done: state.resting && motion.v == 0.0 && motion.psi_rate == 0.0,
+            stuck: still >= STUCK_S,
         }
     }
 }

@@ -137,6 +137,8 @@ conditions! {
         "the other sensors say that bias or scale of a gyro is not as calibrated"; "calibrate the inertial sensors; check that they are fixed".
     BeamInconsistent = 0x14 bit 42 "beam inconsistent" 1000 ms:
         "the squared normalised innovation of the beam is far above its mean of 0.1 to 0.5"; "check the clamps and the length of the strip".
+    NoProgress = 0x15 bit 43 "no progress" 0 ms:
+        "the robot was to move and did not for 2 s"; "check for an obstacle, a slope or friction beyond the motors".
     BeamLost = 0x40 bit 13 "relative position sensor lost" 50 ms:
         "no posture of the beam board was used for 0.1 s; the estimate continues from the encoders"; "check the beam board, its cable and the latency of the bus".
     EmergencyStop = 0x80 "emergency stop" 0 ms:
@@ -169,7 +171,9 @@ conditions! {
         "the wheels disagree with the inertial sensor or the beam"; "check for a lifted wheel or a slippery floor".
     SupplyHigh = 0x8e "supply high" 20 ms:
         "the supply voltage is above its upper limit"; "check battery and charger; braking feeds energy back".
-    NotANumber = 0xc0 "not a number" 0 ms:
+    PathLost = 0x8f bit 44 "path lost" 0 ms:
+        "the robot is farther from its path or trajectory than the largest deviation"; "place the robot at the start of the path, set the pose, or drive slower".
+    NotANumber = 0xc0 bit 29 "not a number" 0 ms:
         "a result of control or estimation is not finite"; "report the log; restart the board".
     EncoderFault = 0xc1 "encoder fault" 5 ms:
         "an encoder is missing, jumps, or contradicts its motor"; "check the encoder and its cable".
@@ -205,8 +209,8 @@ impl Condition {
     }
 }
 
-/// Bits of a set, reserved ones included: those that a heartbeat carries.
-pub(super) const BITS: usize = 43;
+/// Bits of a set, reserved ones included. A heartbeat carries the lower 44: notices and degradations have those.
+pub(super) const BITS: usize = 45;
 
 /// The condition of each bit.
 const BY_BIT: [Option<Condition>; BITS] = {
@@ -365,7 +369,7 @@ mod tests {
         ] {
             assert_eq!(condition as u8, bit, "{condition:?}");
         }
-        let mut unknown = Conditions::from_bits(1 << 43 | 1 << 13 | 1 << 63).iter();
+        let mut unknown = Conditions::from_bits(1 << 45 | 1 << 13 | 1 << 63).iter();
         assert_eq!(unknown.next(), Some(Condition::BeamLost));
         assert_eq!(unknown.next(), None);
     }

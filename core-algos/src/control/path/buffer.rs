@@ -285,6 +285,12 @@ impl<P: Point, const N: usize> Buffer<P, N> {
         self.last().map_or(0.0, |point| point.key())
     }
 
+    /// Posture of the last point held; the origin if there is none.
+    pub fn last_posture(&self) -> Posture {
+        self.last()
+            .map_or(Posture::ORIGIN, |point| point.place().posture)
+    }
+
     /// Drops the points that lie wholly before `key`: the segment around it stays.
     pub fn discard_before(&mut self, key: f32) {
         while self.count > 2 && self.get(1).is_some_and(|second| second.key() <= key) {

@@ -1,6 +1,7 @@
 //! State of the regulator.
 
 use crate::control::planner::{Plan, Search};
+use crate::control::stuck::Stuck;
 use crate::math::Posture;
 
 /// Phase of the regulator.
@@ -51,9 +52,10 @@ pub struct State {
     pub(super) origin: Posture,
     /// Posture of the robot at the previous tick.
     pub(super) last: Posture,
-    /// Posture at the last observed motion, and the time since, s.
-    pub(super) moved: Posture,
-    pub(super) still: f32,
+    /// Time without motion while under way.
+    pub(super) stuck: Stuck,
+    /// The robot gave up because it cannot move.
+    pub(super) blocked: bool,
     /// Distance driven along the present segment, m.
     pub(super) progress: f32,
     /// Curvature of the final arc once the approach is on it, 1/m, of the robot's heading.
@@ -74,6 +76,16 @@ impl State {
         self.phase
     }
 
+    /// True if the robot gave up because it was asked to move and did not.
+    pub fn is_blocked(&self) -> bool {
+        self.blocked
+    }
+
+    /// Forgets the goal, so that the next input begins anew.
+    pub fn forget_goal(&mut self) {
+        self.goal = None;
+    }
+
     /// Renewed attempts at the present goal.
     pub fn attempts(&self) -> u8 {
         self.attempts
@@ -84,7 +96,7 @@ impl State {
         self.final_curvature = None;
         self.elapsed = 0.0;
         self.doubt = 0.0;
-        self.still = 0.0;
+        self.stuck.reset();
     }
 
     pub(super) fn stop_then(&mut self, next: Next) {

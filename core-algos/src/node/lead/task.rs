@@ -36,9 +36,15 @@ pub enum Task {
     },
     /// Follow the path in the node's buffer from its beginning (see [`LeadNode::path_task`](super::LeadNode::path_task)), and
     /// rest at its end.
-    Follow,
+    Follow {
+        /// Tolerance of the end.
+        within: Tolerance,
+    },
     /// Track the trajectory in the node's buffer, beginning now, and rest at its end.
-    Track,
+    Track {
+        /// Tolerance of the end.
+        within: Tolerance,
+    },
     /// Drive with this speed and curvature. The robot stops if the task is not given again within [`DEAD_MAN`](super::DEAD_MAN).
     Drive {
         /// Speed of O, m/s.
@@ -49,6 +55,35 @@ pub enum Task {
 }
 
 impl Task {
+    /// Path following with the default tolerance.
+    pub fn follow() -> Self {
+        Self::Follow {
+            within: Tolerance::default(),
+        }
+    }
+
+    /// Trajectory tracking with the default tolerance.
+    pub fn track() -> Self {
+        Self::Track {
+            within: Tolerance::default(),
+        }
+    }
+
+    /// True for path following and trajectory tracking.
+    pub fn is_on_path(&self) -> bool {
+        matches!(self, Self::Follow { .. } | Self::Track { .. })
+    }
+
+    /// Tolerance of the task; that of others is the default.
+    pub fn within(&self) -> Tolerance {
+        match *self {
+            Self::Regulate { within, .. } | Self::Follow { within } | Self::Track { within } => {
+                within
+            }
+            _ => Tolerance::default(),
+        }
+    }
+
     /// Regulation with the default tolerance.
     pub fn regulate(goal: Posture) -> Self {
         Self::Regulate {

@@ -18,7 +18,9 @@ const STRAIGHT: RelativeHeading = RelativeHeading(0.05);
 impl LeadNode {
     /// The host that commands is lost: a robot that drives stops, and its task is not done.
     pub fn lose_commander(&mut self) {
-        if !matches!(self.state.task, Task::Idle | Task::Stop | Task::Clear) && !self.state.done {
+        if !matches!(self.state.task, Task::Idle | Task::Stop | Task::Clear)
+            && !self.state.is_over()
+        {
             self.command(Task::Stop);
             self.state.lost = true;
         }
@@ -32,8 +34,13 @@ impl LeadNode {
             OperatingState::Boot => Some(StateRequest::Ready),
             OperatingState::Idle if !resting => Some(StateRequest::Arm),
             OperatingState::Armed | OperatingState::Active if resting => Some(StateRequest::Disarm),
-            OperatingState::Armed if !state.done && self.still(fused) => Some(StateRequest::Start),
+            OperatingState::Armed if !state.is_over() && self.still(fused) => {
+                Some(StateRequest::Start)
+            }
             OperatingState::Active if state.done => Some(StateRequest::Finish),
+            OperatingState::Active if state.failed.is_some() && state.governor.motion.v == 0.0 => {
+                Some(StateRequest::Finish)
+            }
             OperatingState::Fault if state.task == Task::Clear => Some(StateRequest::Clear),
             _ => None,
         }
@@ -55,7 +62,7 @@ impl LeadNode {
         let axles = [Node::FrontAxle, Node::RearAxle];
         let powered = state.supervisor.operating().permit() != Permit::Off;
         let lost = axles.iter().any(|&node| state.peers.lost(node, now));
-        let failed = axles.iter().any(|&node| state.peers.failed(node, now));
+        let stopped = axles.iter().any(|&node| state.peers.failed(node, now));
         let unarmed =
             state.armed > ARMING && axles.iter().any(|&node| state.peers.rests(node, now));
         let fresh = |time: Micros| now.saturating_sub(time) <= self.with.report_timeout;
@@ -91,12 +98,14 @@ impl LeadNode {
         // Wheels may slip while a swinging frame is brought to rest, before the drive.
         let driving = state.supervisor.operating() == OperatingState::Active;
         let refused = driving && fused.is_some_and(|fused| fused.beam.verdict == Verdict::Gated);
+        // Beyond the range of the linearised filter the covariance is no claim.
         let certain = |fused: &robot::Output| {
             let [position, heading] = fused.robot.half_axes_95();
             let at = fused.robot.posture;
             let [x, y, turn] = at.minus(state.aim.unwrap_or(at));
             let off = sqrt(x * x + y * y);
-            state.within.holds([off + position, turn.abs() + heading])
+            let within = state.task.within();
+            !vague && within.holds([off + position, turn.abs() + heading])
         };
         let doubt = state
             .fusion
@@ -105,12 +114,13 @@ impl LeadNode {
         let beam_doubt = !(state.nis <= NIS_LIMIT);
         let doubtful = state.done
             && (doubt.is_some() || beam_doubt || fused.is_some_and(|fused| !certain(fused)));
+        let failed = state.failed;
         Conditions::NONE
             .with(
                 Condition::NeighbourLost,
                 lost || (powered && fused.is_none()),
             )
-            .with(Condition::NeighbourFault, powered && (failed || unarmed))
+            .with(Condition::NeighbourFault, powered && (stopped || unarmed))
             .with(Condition::BeamLost, self.with.fusion.uses_beam() && missed)
             .with(Condition::MessageLost, late)
             .with(Condition::FrameBent, bent)
@@ -124,6 +134,8 @@ impl LeadNode {
             .with(Condition::GyrosInconsistent, doubt == Some(Doubt::Gyros))
             .with(Condition::BeamInconsistent, beam_doubt)
             .with(Condition::CommanderSilent, state.is_silent())
-            .with(Condition::GaveUp, state.gave_up)
+            .with(Condition::GaveUp, failed == Some(Condition::GaveUp))
+            .with(Condition::NoProgress, failed == Some(Condition::NoProgress))
+            .with(Condition::PathLost, self.path_task.is_lost())
     }
 }

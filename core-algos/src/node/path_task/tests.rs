@@ -1,6 +1,11 @@
 use super::*;
 use crate::control::cascade;
 
+const WITHIN: Tolerance = Tolerance {
+    position_m: 0.02,
+    heading_rad: 0.05,
+};
+
 fn task() -> PathTask {
     let cascade = cascade::Config::default().build().unwrap();
     Config::default().build(&cascade).unwrap()
@@ -57,7 +62,7 @@ fn path_of_any_length_streams_through_the_buffer() {
     let mut x = 0.0;
     while x < 19.9 {
         feed(&mut state);
-        let step = task.follow(&mut state, Posture::new(x, 0.0, 0.0), &moving(0.2));
+        let step = task.follow(&mut state, Posture::new(x, 0.0, 0.0), &WITHIN, &moving(0.2));
         assert!((step.target.unwrap().x - x).abs() < 1e-4);
         // The stream keeps ahead, so nothing slows the robot down before the end.
         let expected = if x < 19.7 { 0.2 } else { 0.1 };
@@ -78,7 +83,7 @@ fn robot_waits_where_the_stream_breaks_off_and_ends_where_the_path_does() {
         let mut last = Step::default();
         let mut v = 0.0;
         for _ in 0..epochs {
-            last = task.follow(state, Posture::new(x, 0.0, 0.0), &moving(v));
+            last = task.follow(state, Posture::new(x, 0.0, 0.0), &WITHIN, &moving(v));
             v = last.wish.map_or(0.0, |wish| wish.v);
             x += 0.01 * v;
         }
@@ -86,13 +91,19 @@ fn robot_waits_where_the_stream_breaks_off_and_ends_where_the_path_does() {
     };
     let (x, waiting) = drive(&mut state, 1500);
     assert!((x - 1.0).abs() < 3e-3 && !waiting.done, "{x} {waiting:?}");
+    assert!(!waiting.stuck, "the host is to send more");
     push(&mut state, 101..=150);
     state.finish_path();
     let (x, ended) = drive(&mut state, 1500);
     assert!((x - 1.5).abs() < 1e-3 && ended.done, "{x} {ended:?}");
     assert_eq!(ended.wish, None);
     // Being pushed does not make it start again.
-    let pushed = task.follow(&mut state, Posture::new(1.3, 0.0, 0.0), &moving(0.0));
+    let pushed = task.follow(
+        &mut state,
+        Posture::new(1.3, 0.0, 0.0),
+        &WITHIN,
+        &moving(0.0),
+    );
     assert!(pushed.done && pushed.wish.is_none());
 }
 
@@ -112,7 +123,7 @@ fn loop_begins_at_its_beginning() {
     state.finish_path();
     state.restart();
     let behind = Posture::new(-0.002, 0.0, 0.0);
-    let step = task.follow(&mut state, behind, &moving(0.0));
+    let step = task.follow(&mut state, behind, &WITHIN, &moving(0.0));
     assert!(!step.done && step.wish.unwrap().v > 0.1);
 }
 
@@ -120,9 +131,9 @@ fn loop_begins_at_its_beginning() {
 fn nothing_moves_without_points() {
     let (task, mut state) = (task(), State::default());
     state.restart();
-    let step = task.follow(&mut state, Posture::ORIGIN, &moving(0.1));
+    let step = task.follow(&mut state, Posture::ORIGIN, &WITHIN, &moving(0.1));
     assert_eq!(step, Step::default());
-    let step = task.track(&mut state, 10_000, Posture::ORIGIN, &moving(0.1));
+    let step = task.track(&mut state, 10_000, Posture::ORIGIN, &WITHIN, &moving(0.1));
     assert_eq!(step, Step::default());
     // And time has not begun to run.
     assert_eq!(state.start, None);
@@ -136,7 +147,13 @@ fn a_trajectory_given_again_goes_on_where_it_was_left() {
     }
     state.restart();
     let at = |state: &mut State, epoch: u64| {
-        let step = task.track(state, epoch, Posture::ORIGIN, &moving(0.1));
+        let step = task.track(
+            state,
+            epoch,
+            Posture::new(0.1, 0.0, 0.0),
+            &WITHIN,
+            &moving(0.1),
+        );
         step.target.unwrap().x
     };
     at(&mut state, 1_000_000);
@@ -171,10 +188,92 @@ fn trajectory_begins_with_its_first_epoch_and_ends_at_rest() {
         let now = begin + epoch * 10_000;
         let x = (0.001 * epoch as f32).min(1.0);
         let v = if epoch < 1000 { 0.1 } else { 0.0 };
-        last = task.track(&mut state, now, Posture::new(x, 0.0, 0.0), &moving(v));
+        last = task.track(
+            &mut state,
+            now,
+            Posture::new(x, 0.0, 0.0),
+            &WITHIN,
+            &moving(v),
+        );
         // In the last interval the speed falls to zero at once.
         let tolerance = if epoch < 995 { 2e-4 } else { 5e-3 };
         assert!((last.target.unwrap().x - x).abs() < tolerance, "{epoch}");
     }
     assert!(last.done && last.wish.is_none());
+}
+
+/// Epochs until the task asks for no motion and until it reports a robot that is held at `at`, of 400.
+fn held(at: Posture) -> (usize, usize) {
+    let (task, mut state) = (task(), State::default());
+    push(&mut state, 0..=100);
+    state.finish_path();
+    state.restart();
+    // The way to there.
+    for number in 0..=100u8 {
+        let share = f32::from(number) * 0.01;
+        let posture = Posture::new(share * at.x, share * at.y, share * at.phi);
+        assert!(
+            task.follow(&mut state, posture, &WITHIN, &moving(0.1))
+                .wish
+                .is_some()
+        );
+    }
+    let steps: [Step; 400] =
+        core::array::from_fn(|_| task.follow(&mut state, at, &WITHIN, &moving(0.0)));
+    let first = |is: fn(&Step) -> bool| steps.iter().position(is).unwrap_or(steps.len());
+    (first(|step| step.wish.is_none()), first(|step| step.stuck))
+}
+
+#[test]
+fn held_robot_rests_within_the_tolerance_of_the_end_and_is_stuck_outside() {
+    // Tolerances of 2 cm and 0.05 rad; a robot rests after 1 s and is stuck after 2 s.
+    for (at, rests) in [
+        (Posture::new(0.981, 0.0, 0.0), true),
+        (Posture::new(0.979, 0.0, 0.0), false),
+        (Posture::new(0.985, 0.01, 0.04), true),
+        (Posture::new(0.985, 0.01, 0.06), false),
+        (Posture::new(0.985, 0.014, 0.0), false),
+        (Posture::new(0.3, 0.0, 0.0), false),
+    ] {
+        let expected = if rests { (100, 400) } else { (400, 200) };
+        let (rest, stuck) = held(at);
+        let near = |a: usize, b: usize| a.abs_diff(b) <= 2;
+        assert!(
+            near(rest, expected.0) && near(stuck, expected.1),
+            "{at:?}: {rest} {stuck}"
+        );
+    }
+}
+
+#[test]
+fn robot_half_a_metre_from_path_or_trajectory_is_lost_until_the_task_is_given_again() {
+    let (task, mut state) = (task(), State::default());
+    push(&mut state, 0..=100);
+    for number in 0..100 {
+        push_in_time(&mut state, number, 0.1);
+    }
+    for (at, lost) in [
+        (Posture::new(0.0, 0.49, 0.0), false),
+        (Posture::new(-0.51, 0.0, 0.0), true),
+        (Posture::new(0.0, -0.51, 0.0), true),
+        // Beside the path, and far from its start.
+        (Posture::new(0.8, 0.0, 0.0), true),
+    ] {
+        state.restart();
+        let step = task.follow(&mut state, at, &WITHIN, &moving(0.1));
+        assert_eq!(
+            (state.is_lost(), step.wish.is_none()),
+            (lost, lost),
+            "{at:?}"
+        );
+        let back = task.follow(&mut state, Posture::ORIGIN, &WITHIN, &moving(0.1));
+        assert_eq!(
+            (state.is_lost(), back.wish.is_none()),
+            (lost, lost),
+            "{at:?}"
+        );
+        state.restart();
+        task.track(&mut state, 10_000, at, &WITHIN, &moving(0.1));
+        assert_eq!(state.is_lost(), lost, "{at:?}");
+    }
 }

@@ -179,7 +179,7 @@ fn the_robot_follows_a_circle_and_rests_at_its_end() {
     let mut stopped = world.node.clone();
     stopped.command(Task::Stop);
     assert_eq!(stopped.path_task().path_room(), path_task::PATH_POINTS);
-    world.node.command(Task::Follow);
+    world.node.command(Task::follow());
     let duration = world.run(|world, output| {
         let at = world.center();
         let off = distance(at, Posture::new(0.0, 0.8, 0.0)) - 0.8;
@@ -195,6 +195,88 @@ fn the_robot_follows_a_circle_and_rests_at_its_end() {
     assert!(world.step().done && !world.keeps_odom());
     world.node.command(Task::regulate(at));
     assert_eq!(world.node.path_task().path_room(), path_task::PATH_POINTS);
+}
+
+impl World {
+    /// At rest at the origin with a path of 0.6 m on the circle, and the order to follow it.
+    fn on_path() -> Self {
+        let mut world = Self::new(Task::Idle);
+        for number in 0..=60 {
+            let point = on_circle(0.01 * number as f32);
+            world.node.path_task().push_path_point(point).unwrap();
+        }
+        world.node.path_task().finish_path();
+        world.node.command(Task::follow());
+        world
+    }
+
+    /// Time until the task ends without success, s, and its reason. The axles stay where they are from `held` s on.
+    fn fail(&mut self, held: f32) -> (f32, Condition) {
+        for epochs in 1..3000 {
+            let time = DT * epochs as f32;
+            let axles = self.axles;
+            let output = self.step();
+            assert!(!output.done, "{time}");
+            if time >= held {
+                self.axles = axles;
+            }
+            if let Some(reason) = output.failed {
+                return (time, reason);
+            }
+        }
+        panic!("neither done nor failed");
+    }
+}
+
+#[test]
+fn blocked_robot_makes_no_progress_within_three_seconds_and_releases_its_motors() {
+    let goal = Task::regulate(Posture::new(1.0, 0.0, 0.0));
+    for (world, held, most) in [
+        (World::new(goal), 0.0, 3.3),
+        (World::new(goal), 3.0, 6.0),
+        (World::on_path(), 0.0, 3.3),
+        (World::on_path(), 2.0, 5.0),
+    ] {
+        let mut world = world;
+        let (time, reason) = world.fail(held);
+        assert_eq!(reason, Condition::NoProgress, "{held}");
+        assert!((held + 2.0..most).contains(&time), "{held}: {time}");
+        let mut after = world.step();
+        (0..60).for_each(|_| after = world.step());
+        assert_eq!((after.mode, after.failed), (LeadMode::Hold, Some(reason)));
+        assert_eq!(world.node.activity(world.number * EPOCH), Activity::Resting);
+        let held = world.epochs(OperatingState::Armed);
+        assert!((5_900..=6_001).contains(&held), "{held}");
+        // The same task is tried again.
+        let task = world.node.state.task;
+        world.node.command(task);
+        assert!(world.run(|_, _| ()) > 1.0);
+    }
+}
+
+#[test]
+fn end_of_a_path_is_missed_if_the_estimate_lies_outside_the_tolerance() {
+    for (off, missed) in [(0.05, false), (0.12, true)] {
+        let mut world = World::on_path();
+        (0..100).for_each(|_| assert!(!world.step().done));
+        // The robot drives by `odom`, drawn towards the estimate by 2 cm a metre.
+        world.node.state.odom.as_mut().unwrap().y += off;
+        match missed {
+            true => assert_eq!(world.fail(f32::MAX).1, Condition::GaveUp),
+            false => assert!(world.run(|_, _| ()) > 1.0),
+        }
+    }
+}
+
+#[test]
+fn robot_that_leaves_its_path_stops_with_a_fault() {
+    let mut world = World::on_path();
+    (0..200).for_each(|_| assert_eq!(world.step().supervision.reason, None));
+    world.node.state.odom.as_mut().unwrap().y += 0.6;
+    (0..3).for_each(|_| assert!(!world.step().done));
+    let output = world.step();
+    assert_eq!(output.supervision.reason, Some(Condition::PathLost));
+    assert_eq!(output.supervision.state, OperatingState::SafeStop);
 }
 
 #[test]
@@ -282,7 +364,7 @@ fn the_robot_is_on_its_trajectory_at_every_time() {
         world.node.path_task().push_trajectory_point(point).unwrap();
     }
     world.node.path_task().finish_trajectory();
-    world.node.command(Task::Track);
+    world.node.command(Task::track());
     let mut begun = None;
     world.run(|world, output| {
         let Some(target) = output.target else { return };
@@ -365,7 +447,7 @@ fn every_condition_of_a_robot_that_drives_has_its_cause() {
     let mut world = World::new(Task::regulate(Posture::new(1.0, 0.0, 0.0)));
     (0..200).for_each(|_| assert!(!world.step().done));
     let (sound, idle) = (world.step().fused, OperatingState::Idle);
-    for case in 0..17 {
+    for case in 0..18 {
         let (mut node, mut fused) = (world.node.clone(), sound);
         let mut now = (world.number - 1) * EPOCH + LEAD_PHASE;
         let hears = |node: &mut LeadNode, state, reason| {
@@ -386,7 +468,8 @@ fn every_condition_of_a_robot_that_drives_has_its_cause() {
             12 => now += BEAM_PATIENCE + 1,
             14 => hears(&mut node, OperatingState::SafeStop, 1),
             15 => node.pull(now, -0.06, 30.0),
-            16 => node.state.gave_up = true,
+            16 => node.state.failed = Some(Condition::GaveUp),
+            17 => node.state.failed = Some(Condition::NoProgress),
             _ => {}
         }
         if case == 2 {
@@ -402,6 +485,7 @@ fn every_condition_of_a_robot_that_drives_has_its_cause() {
             13 | 14 => Condition::NeighbourFault,
             15 => Condition::WrenchHigh,
             16 => Condition::GaveUp,
+            17 => Condition::NoProgress,
             _ => Condition::Restarted,
         };
         let seen = node.watch(now, Some(&fused));
