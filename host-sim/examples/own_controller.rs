@@ -20,8 +20,8 @@ fn main() -> Result<(), Error> {
         let outcome = regulate_on(&mut robot, &scenario, |_| ())?;
         let [x, y, phi] = outcome.midpoint.map(|value| 100.0 * value);
         println!(
-            "seed {seed}: done {}, {x:.1} cm, {y:.1} cm, {phi:.1} crad",
-            outcome.done
+            "seed {seed}: {}, {x:.1} cm, {y:.1} cm, {phi:.1} crad",
+            outcome.end.text()
         );
     }
     Ok(())

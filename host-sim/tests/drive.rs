@@ -47,11 +47,14 @@ fn script_is_driven_in_process_and_on_virtual_boards_alike() {
     });
     assert_eq!((simulated.len(), boards.len()), (5, 5));
     for (simulated, board) in simulated.iter().zip(&boards) {
-        for key in ["line", "done", "code"] {
-            assert_eq!(simulated[key], board[key], "{simulated} {board}");
+        assert_eq!(simulated["line"], board["line"]);
+        for key in ["kind", "code"] {
+            let [a, b] = [simulated, board].map(|step| &step["end"][key]);
+            assert_eq!(a, b, "{simulated} {board}");
         }
-        assert_eq!(simulated["done"], true);
-        let truth = |step: &Value, k: usize| step["truth"][k].as_f64().unwrap();
+        let kind = simulated["end"]["kind"].as_str().unwrap();
+        assert!(["reached", "done"].contains(&kind), "{simulated}");
+        let truth = |step: &Value, k: usize| step["end"]["truth"][k].as_f64().unwrap();
         let off = |k: usize| truth(simulated, k) - truth(board, k);
         assert!(off(0).hypot(off(1)) < 0.004, "{simulated} {board}");
     }
@@ -71,11 +74,9 @@ fn failed_step_ends_the_script_with_exit_1_and_its_code() {
     assert_eq!(output.status.code(), Some(1), "{output:?}");
     let steps = steps(&output);
     assert_eq!(steps.len(), 2);
-    assert_eq!(
-        (&steps[0]["done"], &steps[1]["done"]),
-        (&Value::Bool(true), &Value::Bool(false))
-    );
-    assert_eq!(steps[1]["code"], "0x86");
+    let kinds = [0, 1].map(|k| steps[k]["end"]["kind"].as_str().unwrap());
+    assert_eq!(kinds, ["done", "stopped"]);
+    assert_eq!(steps[1]["end"]["code"], "0x86");
 }
 
 #[test]
@@ -86,7 +87,7 @@ fn one_step_of_the_command_line_is_taken_and_a_wrong_one_refused() {
         &["goto", "-.4", "0", "0.1", "--from", "0,0,0", "--json", "-"],
     );
     assert_eq!(output.status.code(), Some(0), "{output:?}");
-    let x = steps(&output)[0]["x"].as_f64().unwrap();
+    let x = steps(&output)[0]["end"]["estimate"][0].as_f64().unwrap();
     assert!((x + 0.4).abs() < 0.01, "{x}");
 
     fs::write(folder.path().join("wrong"), "goto 1 0 0\nfolow circle\n").unwrap();
@@ -252,7 +253,7 @@ fn own_controller_takes_the_place_of_the_regulator() {
     let boards = Role::ALL.map(|role| Box::new(InProcess::with_controller(role, &law::Polar)) as _);
     let mut robot = Simulation::on(boards, &scenario, 1, 0).unwrap();
     let outcome = regulate_on(&mut robot, &scenario, |_| ()).unwrap();
-    assert!(outcome.done && outcome.plans == 0);
+    assert!(outcome.end.is_success() && outcome.plans == 0);
     let [x, y, _] = outcome.midpoint;
     assert!(x.hypot(y) < 0.05, "{x} {y}");
 

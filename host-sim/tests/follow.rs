@@ -54,7 +54,7 @@ fn robot_follows_every_path_as_well_as_it_knows_where_it_is() {
     for (name, path) in paths() {
         let (outcome, _) = run(&path, PathMode::Follow, &scenario(), 3);
         let (truth, seen) = (outcome.truth, outcome.estimate);
-        assert!(outcome.done, "{name}");
+        assert!(outcome.end.is_success(), "{name}");
         assert!(seen.rms_m < 1.5e-3 && seen.max_m < 5e-3, "{name}: {seen:?}");
         assert!(seen.final_m < 3e-3, "{name}: {seen:?}");
         // Placement alone is 2 mm; the rest is odometry.
@@ -69,7 +69,7 @@ fn robot_tracks_every_trajectory_in_time() {
     for (name, path) in paths() {
         let (outcome, moments) = run(&path, PathMode::Track, &scenario(), 4);
         let (truth, seen) = (outcome.truth, outcome.estimate);
-        assert!(outcome.done, "{name}");
+        assert!(outcome.end.is_success(), "{name}");
         assert!(seen.rms_m < 3e-3 && seen.max_m < 0.01, "{name}: {seen:?}");
         assert!(seen.final_m < 3e-3, "{name}: {seen:?}");
         assert!(truth.rms_m < 0.025, "{name}: {truth:?}");
@@ -103,7 +103,7 @@ fn curvature_keeps_its_bound_on_the_tightest_path() {
         let bound = path_run::bounds(&scenario()).max_curvature();
         assert!(path.max_curvature() > 0.99 * bound);
         assert!(
-            outcome.done && outcome.max_curvature <= bound,
+            outcome.end.is_success() && outcome.max_curvature <= bound,
             "{outcome:?}"
         );
         assert!(outcome.estimate.rms_m < 5e-3, "{outcome:?}");
@@ -132,7 +132,7 @@ fn robot_beside_the_path_comes_onto_it() {
             late = late.max(moment.estimate.lateral_m.abs());
         }
     });
-    assert!(outcome.done && outcome.estimate.final_m < 2e-3);
+    assert!(outcome.end.is_success() && outcome.estimate.final_m < 2e-3);
     assert!(late < 2e-3, "{late}");
 }
 
@@ -150,7 +150,10 @@ fn several_laps_are_streamed_through_the_small_buffer() {
         turned += step - std::f64::consts::TAU * (step / std::f64::consts::TAU).round();
         last = moment.record.midpoint[2];
     });
-    assert!(outcome.done && outcome.estimate.rms_m < 2e-3, "{outcome:?}");
+    assert!(
+        outcome.end.is_success() && outcome.estimate.rms_m < 2e-3,
+        "{outcome:?}"
+    );
     assert!(
         (turned - 2.0 * std::f64::consts::TAU).abs() < 0.1,
         "{turned}"
@@ -251,7 +254,7 @@ fn a_run_that_is_stopped_says_why_and_fails() {
     }
     let result = fs::read_to_string(folder.path().join("result.json")).unwrap();
     assert!(
-        result.contains("\"done\": false") && result.contains("0x87"),
+        result.contains("\"kind\": \"stopped\"") && result.contains("0x87"),
         "{result}"
     );
 }

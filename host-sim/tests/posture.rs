@@ -24,7 +24,7 @@ fn mean_of(trials: &[(Outcome, FinalError)], pick: fn(&Outcome, &FinalError) -> 
 fn the_relative_position_sensor_brings_the_robot_home() {
     let [without, with] = Variant::PAIR.map(|v| trials(&v.apply(&Scenario::default()), 6));
     for (outcome, error) in &with {
-        assert!(outcome.done);
+        assert!(outcome.end.is_success());
         assert!(
             error.e_m < 0.03 && error.heading_rad.abs() < 3f64.to_radians(),
             "{error:?}"
@@ -46,7 +46,7 @@ fn lost_and_late_messages_are_survived() {
     scenario.world.bus.loss = 0.05;
     scenario.world.bus.latency_ms = 2;
     for (outcome, error) in trials(&scenario, 3) {
-        assert!(outcome.done && error.e_m < 0.03, "{error:?}");
+        assert!(outcome.end.is_success() && error.e_m < 0.03, "{error:?}");
     }
 }
 
@@ -59,7 +59,7 @@ fn a_robot_with_rigid_ends_and_other_dimensions_works_as_well() {
     scenario.robot.geometry.wheel_radius_m = 0.06;
     scenario.world.plant.wheel_radius_m = [[0.06; 2]; 2];
     for (outcome, error) in trials(&scenario, 3) {
-        assert!(outcome.done && error.e_m < 0.03, "{error:?}");
+        assert!(outcome.end.is_success() && error.e_m < 0.03, "{error:?}");
         assert!(error.heading_rad.abs() < 3f64.to_radians(), "{error:?}");
         assert!(outcome.force_rms_n < 2.0, "{}", outcome.force_rms_n);
     }
@@ -70,9 +70,9 @@ fn every_variant_stops_by_itself() {
     for variant in Variant::ALL {
         let scenario = variant.apply(&Scenario::default());
         for (outcome, _) in trials(&scenario, 1) {
-            assert!(outcome.done, "{}", variant.label());
+            assert!(outcome.end.is_success(), "{}", variant.label());
             let [dx, dy, _]: [f64; 3] =
-                std::array::from_fn(|i| outcome.estimate[i] - scenario.mission.goal[i]);
+                std::array::from_fn(|i| outcome.end.estimate.unwrap()[i] - scenario.mission.goal[i]);
             assert!(dx.hypot(dy) < 0.05, "{}: {outcome:?}", variant.label());
         }
     }

@@ -206,11 +206,11 @@ fn a_robot_at_a_serial_port_drives_to_its_goal() {
     run.ends_with(0);
     let report = result(folder.path(), "posture");
     assert_eq!(
-        (&report["reached"], &report["lost"]),
-        (&true.into(), &0.into())
+        (&report["end"]["kind"], &report["lost"]),
+        (&"reached".into(), &0.into())
     );
     assert!(report["e_estimated_m"].as_f64().unwrap() < 0.02, "{report}");
-    assert!(report["claimed"][0].as_f64().unwrap() > 0.0);
+    assert!(report["end"]["error_95"][0].as_f64().unwrap() > 0.0);
     let log = fs::read_to_string(folder.path().join("out/posture/log.csv")).unwrap();
     let mut lines = log.lines();
     let columns: Vec<&str> = lines.next().unwrap().split(',').collect();
@@ -250,14 +250,19 @@ fn script_drives_a_robot_at_a_serial_port() {
     let report = result(folder.path(), "drive");
     let steps = report["steps"].as_array().unwrap();
     assert_eq!(steps.len(), 5);
-    assert!(steps.iter().all(|step| step["done"] == true), "{steps:?}");
-    assert_eq!(steps[2]["code"], Value::Null);
+    assert!(
+        steps
+            .iter()
+            .all(|step| ["reached", "done"].contains(&step["end"]["kind"].as_str().unwrap())),
+        "{steps:?}"
+    );
+    assert_eq!(steps[2]["end"]["code"], Value::Null);
     // The picture and the page show the estimate.
     let picture = fs::read_to_string(folder.path().join("out/drive/paths.svg")).unwrap();
     assert!(picture.contains("as estimated") && !picture.contains("NaN"));
     let page = fs::read_to_string(folder.path().join("out/drive/report.html")).unwrap();
     assert!(page.contains("\"known\":false") && !page.contains("Wheel torques"));
-    let [x, y] = ["x", "y"].map(|key| steps[3][key].as_f64().unwrap());
+    let [x, y] = [0, 1].map(|k| steps[3]["end"]["estimate"][k].as_f64().unwrap());
 
     let run = bench.run(folder.path(), "drive goto 1.3 1 0");
     assert_eq!(run.code, Some(0), "{}", run.error);
@@ -454,9 +459,13 @@ fn a_robot_at_a_serial_port_is_stopped_at_the_end_of_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let bench = Bench::at_origin(false);
     let arguments = "follow --path line --size 3 --stop-after 4";
-    bench.run(folder.path(), arguments).ends_with(1);
-    let report = result(folder.path(), "follow");
-    assert!(report["reached"] == false && report["estimate"][0].as_f64().unwrap() > 0.1);
+    bench.run(folder.path(), arguments).ends_with(0);
+    let end = result(folder.path(), "follow")["end"].clone();
+    assert!(
+        end["kind"] == "interrupted" && end["reason"] == "by --stop-after",
+        "{end}"
+    );
+    assert!(end["estimate"][0].as_f64().unwrap() > 0.1);
     let robot = bench.robot();
     let [x, y, _] = robot.record().midpoint;
     assert!((0.1..1.5).contains(&x) && y.abs() < 0.1, "{x} {y}");

@@ -15,7 +15,10 @@ fn starts_of_the_whole_robot_come_home_within_the_bound() {
         let within = steps.take_while(|&steering| curvature(&geometry, steering) <= kappa_max);
         scenario.robot.limits.max_steering_rad = within.last().unwrap() as f32;
         let outcome = regulate::regulate(&scenario, 5, index, |_| {}).unwrap();
-        assert!(outcome.done && outcome.duration_s < 30.0, "{outcome:?}");
+        assert!(
+            outcome.end.is_success() && outcome.end.duration_s < 30.0,
+            "{outcome:?}"
+        );
         for largest in [
             outcome.max_curvature,
             outcome.max_path_curvature,
@@ -54,7 +57,7 @@ fn the_figures_of_a_trial_follow_from_its_states() {
         let radius = 0.37 / (2.0 * psi);
         2.0 * psi.sin() / (2.0 * radius * psi.sin() * psi.cos())
     };
-    assert!(outcome.done);
+    assert!(outcome.end.is_success());
     assert!(
         (outcome.path_m - length).abs() < 2e-3,
         "{outcome:?} {length}"

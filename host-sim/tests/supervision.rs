@@ -2,6 +2,7 @@
 
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::topology::{Node, Role};
+use host_sim::run::end::EndKind;
 use host_sim::run::recovery::Status;
 use host_sim::run::regulate::{Outcome, regulate_on};
 use host_sim::run::robot::{Record, Robot as _};
@@ -84,14 +85,14 @@ impl Run {
         assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));
         println!("speed at the end {:.4} m/s", self.simulation.speed());
         assert!(self.simulation.speed() < 0.02);
-        assert!(!self.outcome.done);
+        assert!(!self.outcome.end.is_success());
     }
 }
 
 #[test]
 fn without_the_beam_the_robot_drives_on() {
     let run = Run::without_beam(&Scenario::default());
-    assert!(run.outcome.done && run.outcome.fault.is_none());
+    assert!(run.outcome.end.is_success());
     let noticed = run.simulation.monitor().noticed(Node::Lead);
     assert!(noticed.contains(Condition::BeamLost));
     let [x, y, _] = run.outcome.midpoint;
@@ -165,9 +166,9 @@ fn a_fault_beyond_ten_standard_deviations_is_named() {
         .concat();
         let run = Run::with(&changes);
         assert!(
-            run.outcome.notices.contains(name),
+            run.outcome.end.notices.contains(name),
             "{fault}: {:?}",
-            run.outcome.notices
+            run.outcome.end.notices
         );
     }
 }
@@ -188,9 +189,15 @@ fn gauges_with_wrong_zeros_are_named() {
     ] {
         let counts = zeros.map(|zero| (zero / per_count) as i32);
         let run = Run::new(&Scenario::default(), Fault::GaugesShifted(counts), 0);
-        let fault = run.outcome.fault.as_ref().and_then(|status| status.reason);
+        let end = &run.outcome.end;
+        let fault = end.condition.filter(|_| end.kind == EndKind::Stopped);
         assert_eq!(fault, stop, "{zeros:?}");
-        assert!(run.outcome.notices.contains(Condition::GaugesInconsistent));
+        assert!(
+            run.outcome
+                .end
+                .notices
+                .contains(Condition::GaugesInconsistent)
+        );
         let why = run.simulation.monitor().why_stopped();
         assert_eq!(why.is_some(), stop.is_some());
         assert!(
@@ -204,7 +211,8 @@ fn gauges_with_wrong_zeros_are_named() {
 fn robot_does_not_drive_with_an_axle_that_does_not_arm() {
     let late = ["bus.late_ms=[100, 0, 0]".to_owned()];
     let run = Run::with(&late);
-    let fault = run.outcome.fault.unwrap();
-    assert_eq!(fault.reason, Some(Condition::NeighbourFault));
+    let end = &run.outcome.end;
+    assert_eq!(end.kind, EndKind::Stopped);
+    assert_eq!(end.condition, Some(Condition::NeighbourFault));
     assert!(run.outcome.path_m < 0.05, "{}", run.outcome.path_m);
 }

@@ -319,7 +319,7 @@ fn paths_on_virtual_boards_end_as_in_process() {
             let arguments = format!("{command} --path line --size 0.5 --on {place}");
             succeed(folder.path(), &arguments);
             let result = json_file(folder.path(), &format!("out/{command}/result.json"));
-            assert_eq!(result["done"], true, "{command} {place}");
+            assert_eq!(result["end"]["kind"], "reached", "{command} {place}");
             result["final_m"].as_f64().unwrap()
         };
         let [inside, outside] = ["in-process", "virtual"].map(run);

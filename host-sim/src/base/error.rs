@@ -9,6 +9,8 @@ pub enum Error {
     Input(String),
     /// Something else failed (a file could not be written, a thread pool not started).
     Failure(String),
+    /// The robot does not answer.
+    NoAnswer(String),
     /// The user ended the run; the results are those of what was done.
     Interrupted(String),
 }
@@ -23,7 +25,7 @@ impl Error {
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Input(_) => 2,
-            Self::Failure(_) => 1,
+            Self::Failure(_) | Self::NoAnswer(_) => 1,
             Self::Interrupted(_) => 130,
         }
     }
@@ -32,7 +34,10 @@ impl Error {
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Input(text) | Self::Failure(text) | Self::Interrupted(text) => f.write_str(text),
+            Self::Input(text)
+            | Self::Failure(text)
+            | Self::NoAnswer(text)
+            | Self::Interrupted(text) => f.write_str(text),
         }
     }
 }

@@ -75,6 +75,11 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
             line.number
         )));
     }
+    let told = match &args.robot.boards.on {
+        Place::Serial(_) => from,
+        _ => Some(context.scenario.mission.start),
+    };
+    script::check_starts(&lines, told, &context.scenario)?;
     let mission = Mission::Script {
         lines,
         placed: from.is_some(),

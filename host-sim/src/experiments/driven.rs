@@ -1,71 +1,79 @@
 //! Result of a script: table, picture, page and files.
 
 use crate::base::error::Error;
-use crate::base::output::OutputDir;
+use crate::base::output::{Csv, OutputDir};
 use crate::base::table::Table;
+use crate::base::terminal::wrapped;
 use crate::base::thinned::Thinned;
 use crate::experiments::Context;
 use crate::experiments::follow::MOST_ROWS;
 use crate::experiments::posture::pictures;
 use crate::recording::csv;
+use crate::run::end::{RunEnd, Verdict};
 use crate::run::robot::{Record, Robot};
 use crate::run::script::{self, Line, Step, StepEnd};
 use crate::scenario::Scenario;
 use crate::view::figures::{self, PathsPanel};
 use crate::view::page;
-use crate::view::style::End;
-use core_algos::safety::Condition;
 use serde::Serialize;
 
 /// Result of the command.
 #[derive(Debug, Serialize)]
 struct Report<'a> {
+    /// Steps with their ends.
     steps: &'a [StepEnd],
 }
 
 /// Steps that were taken, and the state at each epoch.
 #[derive(Clone, Debug, Default)]
 pub struct Driven {
-    /// Ends of the steps.
-    pub ends: Vec<StepEnd>,
+    /// Steps with their ends.
+    pub steps: Vec<StepEnd>,
     /// State at each epoch.
     pub records: Vec<Record>,
     /// Number of steps that were to be taken.
     pub count: usize,
-    /// Error in the last step.
-    pub error: Option<String>,
 }
 
 impl Driven {
     /// Has a robot take the steps.
     pub fn by(robot: &mut impl Robot, scenario: &Scenario, lines: &[Line]) -> Self {
-        let (mut records, mut ends) = (Thinned::new(MOST_ROWS), Vec::new());
+        let (mut records, mut steps) = (Thinned::new(MOST_ROWS), Vec::new());
         let see = |record: &Record| records.push(*record);
-        let taken = script::carry_out(robot, scenario, lines, see, &mut ends);
+        // An error is the end of the last step.
+        let _ = script::carry_out(robot, scenario, lines, see, &mut steps);
         Self {
-            ends,
+            steps,
             records: records.into_values(),
             count: lines.len(),
-            error: taken.err().map(|error| error.to_string()),
         }
+    }
+
+    /// The step that ended the script: the first that was not carried out, or the last.
+    fn last(&self) -> Option<&StepEnd> {
+        let failed = self.steps.iter().find(|step| !step.end.is_success());
+        failed.or(self.steps.last())
+    }
+
+    /// End of that step.
+    pub fn end(&self) -> RunEnd {
+        self.last().map(|step| step.end.clone()).unwrap_or_default()
+    }
+
+    /// Goal of the last step that has one.
+    pub fn goal(&self) -> Option<[f64; 3]> {
+        self.steps.iter().rev().find_map(|step| step.goal)
     }
 
     /// Why the steps were not taken to the last, if so.
     pub fn failure(&self) -> Option<String> {
-        match self.ends.iter().find(|end| !end.done) {
-            Some(end) => {
-                let error = self.error.as_deref().or(end.code.as_deref());
-                let error = error.unwrap_or("time limit");
-                Some(format!(
-                    "line {}: {}: not done: {error}",
-                    end.line, end.step
-                ))
+        let step = self.last()?;
+        match step.end.failure() {
+            Some(why) => Some(format!("line {}: {}: {why}", step.line, step.step)),
+            None if self.steps.len() < self.count || !step.end.is_success() => {
+                let (taken, count) = (self.steps.len(), self.count);
+                Some(format!("{taken} of {count} steps were taken"))
             }
-            None if self.ends.len() < self.count => Some(format!(
-                "{} of {} steps were taken",
-                self.ends.len(),
-                self.count
-            )),
             None => None,
         }
     }
@@ -82,63 +90,70 @@ pub fn goal(lines: &[Line]) -> Option<[f64; 3]> {
 /// Table, result and files.
 pub fn publish(
     context: &Context,
-    lines: &[Line],
     driven: &Driven,
 ) -> Result<(String, serde_json::Value, OutputDir), Error> {
     let mut files = context.output()?;
-    let done = driven.failure().is_none();
-    let title = format!("{} of {} steps", driven.ends.len(), driven.count);
-    let to = goal(lines).unwrap_or([f64::NAN; 3]);
+    let title = format!("{} of {} steps", driven.steps.len(), driven.count);
+    let end = driven.end();
     draw(
         context,
         &mut files,
         &driven.records,
-        (done, to),
+        (&end, driven.goal()),
         title,
-        summary(&driven.ends),
+        summary(&driven.steps),
     );
+    files.csv("ends.csv", csv_of(&driven.steps));
     let report = serde_json::to_value(Report {
-        steps: &driven.ends,
+        steps: &driven.steps,
     });
     let report = report.map_err(|error| Error::Failure(error.to_string()))?;
-    for end in &driven.ends {
-        if let Some(notice) = end.uncertain() {
-            report_uncertain(&format!("line {}", end.line), notice, end.claimed_m);
-        }
+    for step in &driven.steps {
+        warn(&step.end, &format!("line {}", step.line));
     }
-    Ok((table(&driven.ends), report, files))
+    Ok((table(&driven.steps), report, files))
 }
 
-/// Says on standard error under which notice a robot is at its goal, what it claims, and what to do.
-pub fn report_uncertain(what: &str, notice: Condition, claimed_m: Option<f64>) {
-    let entry = notice.entry();
-    let claim = claimed_m.map(|claim| format!(" ±{:.1} cm", 100.0 * claim));
-    eprintln!(
-        "cfmmr: {what}: {}{} (code {:#04x}); {}",
-        entry.name,
-        claim.unwrap_or_default(),
-        entry.code,
-        entry.remedy
-    );
+/// Names a goal that is reached without certainty on standard error, with the remedy.
+fn warn(end: &RunEnd, what: &str) {
+    if let Some(warning) = end.warning() {
+        eprintln!("cfmmr: {what}: {warning}");
+    }
+}
+
+/// Lines below the table of a run: its end and notices. Standard error names an uncertain end.
+pub fn lines(end: &RunEnd, what: &str) -> String {
+    warn(end, what);
+    let notices = end.notices_text().map(|text| wrapped(&text));
+    format!("end: {}\n{}", end.text(), notices.unwrap_or_default())
+}
+
+/// Ends of the steps as CSV.
+pub fn csv_of(steps: &[StepEnd]) -> Csv {
+    csv::Row::table(steps.iter().map(|step| {
+        let mut row = csv::Row::default();
+        row.put("line", &[step.line]);
+        row.put("step", &[step.step.as_str()]);
+        let goal = step.goal.unwrap_or([f64::NAN; 3]);
+        row.put("goal_x_m goal_y_m goal_phi_rad", &goal);
+        row.end(&step.end);
+        row
+    }))
 }
 
 /// Rows of the report page's summary.
-pub fn summary(ends: &[StepEnd]) -> Vec<(String, String)> {
-    let row = |end: &StepEnd| {
-        let name = format!("{}: {}", end.line, end.step);
-        let state = end.name();
-        (name, format!("{state} after {:.1} s", end.duration_s))
-    };
-    ends.iter().map(row).collect()
+pub fn summary(steps: &[StepEnd]) -> Vec<(String, String)> {
+    let row = |step: &StepEnd| (format!("{}: {}", step.line, step.step), step.end.text());
+    steps.iter().map(row).collect()
 }
 
-/// Log, picture and report page of a run that is done, or not, to a goal, which is NaN if there is none. Of a robot whose true
-/// posture is not known, the estimate is drawn.
+/// Log, picture and report page of a run with its end and its goal, if there is one. Of a robot whose true posture is not
+/// known, the estimate is drawn.
 pub fn draw(
     context: &Context,
     files: &mut OutputDir,
     records: &[Record],
-    (done, goal): (bool, [f64; 3]),
+    (end, goal): (&RunEnd, Option<[f64; 3]>),
     title: String,
     summary: Vec<(String, String)>,
 ) {
@@ -148,6 +163,8 @@ pub fn draw(
         return;
     };
     let body = context.body();
+    let mission = &context.scenario.mission;
+    let within = goal.is_none_or(|goal| mission.is_near(last.midpoint, goal));
     let panel = PathsPanel {
         title: title.clone(),
         others: Vec::new(),
@@ -157,12 +174,9 @@ pub fn draw(
             .collect(),
         wheels: pictures::wheel_paths(&seen, body.half_track_m),
         snapshots: pictures::snapshots(&seen),
-        goal: if goal[0].is_nan() {
-            last.midpoint
-        } else {
-            goal
-        },
-        ends: vec![(End::of(done, true), last.midpoint)],
+        goal,
+        tolerance: [mission.tolerance_m, mission.tolerance_rad],
+        ends: vec![(Verdict::of(end.kind, within), last.midpoint)],
     };
     let heading = match records[0].midpoint[0].is_nan() {
         true => "Path of the robot, as estimated",
@@ -175,43 +189,66 @@ pub fn draw(
         let at = record.lead.fused.robot.posture;
         let [x, y, phi] = record.midpoint;
         let off = (f64::from(at.x) - x).hypot(f64::from(at.y) - y);
-        [[0.0; 2], [off, f64::from(at.phi) - phi]]
+        [[f64::NAN; 2], [off, f64::from(at.phi) - phi]]
     };
     let run = page::Run {
         title: heading.to_owned(),
         name: title,
-        goal: (!goal[0].is_nan()).then_some(goal),
+        goal,
         reference: Vec::new(),
         records: records.iter().collect(),
         errors: records.iter().map(error).collect(),
         distance: "Distance of the estimate from the truth",
+        end,
         summary,
         scenario: &context.scenario,
     };
     page::add(files, &context.name, context.seed, &body, &[run]);
 }
 
-/// Table of the steps.
-pub fn table(ends: &[StepEnd]) -> String {
+/// Table of the steps, with their notices.
+pub fn table(steps: &[StepEnd]) -> String {
     let mut table = Table::new([
-        "line", "step", "end", "code", "x (m)", "y (m)", "φ (°)", "off (cm)", "time (s)",
+        "line",
+        "step",
+        "end",
+        "code",
+        "95 % error",
+        "x (m)",
+        "y (m)",
+        "φ (°)",
+        "off (cm)",
+        "time (s)",
     ]);
-    for end in ends {
-        let off = end.truth.map(|[x, y, _]| (x - end.x).hypot(y - end.y));
+    let mut notices = String::new();
+    for StepEnd {
+        line, step, end, ..
+    } in steps
+    {
+        let [x, y, phi] = end.estimate.unwrap_or([f64::NAN; 3]);
+        let off = end.truth.map(|[a, b, _]| (a - x).hypot(b - y));
+        let number = |value: f64, digits: usize| match value.is_nan() {
+            true => String::new(),
+            false => format!("{value:.digits$}"),
+        };
         table.row([
-            end.line.to_string(),
-            end.step.clone(),
-            end.name(),
-            end.code.clone().unwrap_or_default(),
-            format!("{:.3}", end.x),
-            format!("{:.3}", end.y),
-            format!("{:.2}", end.phi.to_degrees()),
-            off.map_or(String::new(), |off| format!("{:.1}", 100.0 * off)),
+            line.to_string(),
+            step.clone(),
+            end.label(),
+            end.code().unwrap_or_default(),
+            end.error_text().unwrap_or_default(),
+            number(x, 3),
+            number(y, 3),
+            number(phi.to_degrees(), 2),
+            number(100.0 * off.unwrap_or(f64::NAN), 1),
             format!("{:.1}", end.duration_s),
         ]);
+        if let Some(text) = end.notices_text() {
+            notices += &wrapped(&format!("line {line}: {text}"));
+        }
     }
     format!(
-        "{table}\nPostures are the robot's estimates; off: distance of the true midpoint from the estimate.\n"
+        "{table}\nPostures are the robot's estimates; off: distance of the true midpoint from the estimate.\n{notices}"
     )
 }
 
@@ -240,11 +277,12 @@ mod tests {
         let mut robot = Simulation::new(&scenario, 1, 0).unwrap();
         robot.observe(Box::new(Failing));
         let driven = Driven::by(&mut robot, &scenario, &lines);
-        let ends: Vec<_> = driven.ends.iter().map(|end| (end.line, end.done)).collect();
+        let done = |step: &StepEnd| (step.line, step.end.is_success());
+        let ends: Vec<_> = driven.steps.iter().map(done).collect();
         assert_eq!(ends, [(1, true), (3, false)]);
         let failure = driven.failure().unwrap();
         assert!(
-            failure.contains("line 3: wait 9: not done: no display"),
+            failure.contains("line 3: wait 9: stopped") && failure.contains(": no display"),
             "{failure}"
         );
     }

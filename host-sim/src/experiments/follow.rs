@@ -6,9 +6,11 @@ use crate::base::output::{Csv, OutputDir};
 use crate::base::table::Table;
 use crate::experiments::Context;
 use crate::experiments::arguments::{Common, RobotArgs, SensorArgs, parse_posture};
+use crate::experiments::driven;
 use crate::experiments::posture::Variant;
 use crate::paths::{self, Path};
 use crate::recording::{LogArgs, csv};
+use crate::run::end::RunEnd;
 use crate::run::path_run::{Deviation, Errors, Moment, Outcome, PathMode, Route};
 use crate::run::robot::Record;
 use crate::scenario::effect::{Taken, Use};
@@ -92,12 +94,8 @@ pub struct Report {
     pub max_curvature: f64,
     /// Curvature bound of the frame, 1/m.
     pub curvature_bound: f64,
-    /// True if the robot came to rest at the end.
-    pub done: bool,
-    /// Why it did not.
-    pub ended: Option<String>,
-    /// Time until then, s.
-    pub duration_s: f64,
+    /// End of the run.
+    pub end: RunEnd,
 }
 
 /// Name of the command, and what it does.
@@ -162,6 +160,9 @@ pub fn prepare(args: &FollowArgs, context: &mut Context, purpose: Use) -> Result
         None => route.start(),
     };
     scenario.check()?;
+    route
+        .check_start(scenario.mission.start, scenario)
+        .map_err(|error| Error::input(format!("path {}: {error}", args.path)))?;
     context.check_keys(PATH, &[(&context.scenario, purpose)])?;
     context.output()?;
     Ok(Course {
@@ -172,12 +173,12 @@ pub fn prepare(args: &FollowArgs, context: &mut Context, purpose: Use) -> Result
     })
 }
 
-/// Table, result and files of a run, and why it ended early if it did.
+/// Table, result and files of a run.
 pub fn publish(
     context: &Context,
     course: &Course,
     path_mode: PathMode,
-    (outcome, ended): (&Outcome, &Option<String>),
+    outcome: &Outcome,
     moments: &[Moment],
 ) -> Result<(String, Report, OutputDir), Error> {
     let (name, title) = names(path_mode);
@@ -196,9 +197,7 @@ pub fn publish(
         path_curvature: course.path.max_curvature(),
         max_curvature: outcome.max_curvature,
         curvature_bound: route.curvature_bound(),
-        done: outcome.done,
-        ended: ended.clone(),
-        duration_s: outcome.duration_s,
+        end: outcome.end.clone(),
     };
     let records: Vec<Record> = moments.iter().map(|moment| moment.record).collect();
     let run = followed(route, path_mode, moments, &records);
@@ -211,6 +210,7 @@ pub fn publish(
     files.text(&format!("{name}.svg"), figure.svg());
     files.bytes(&format!("{name}.png"), figure.png());
     files.csv("errors.csv", errors(moments));
+    files.csv("ends.csv", csv::of_ends([&outcome.end]));
     files.csv("log.csv", csv::of_records(&records));
     let both = |moment: &Moment| {
         [&moment.truth, &moment.estimate].map(|deviation| {
@@ -232,6 +232,7 @@ pub fn publish(
             PathMode::Follow => "Distance to the left of the path",
             PathMode::Track => "Distance from the reference",
         },
+        end: &outcome.end,
         summary: summary(&report),
         scenario,
     };
@@ -285,18 +286,12 @@ fn summary(report: &Report) -> Vec<(String, String)> {
             errors.final_heading_rad.to_degrees()
         )
     };
-    let end = if report.done {
-        "at rest"
-    } else {
-        "NOT at rest"
-    };
     vec![
         row("Path", report.path.clone()),
         row(
             "Length",
             format!("{:.2} m at up to {} m/s", report.length_m, report.speed_m_s),
         ),
-        row("End", format!("{end} after {:.1} s", report.duration_s)),
         row("Errors of the midpoint", errors(&report.truth)),
         row("Errors as estimated", errors(&report.estimate)),
         row(
@@ -394,13 +389,10 @@ fn table(heading: &str, report: &Report, outcome: &Outcome) -> String {
             format!("{:.2}", errors.final_heading_rad.to_degrees()),
         ]);
     }
-    let end = match report.done {
-        true => format!("at rest after {:.1} s", report.duration_s),
-        false => format!("NOT at rest after {:.1} s", report.duration_s),
-    };
+    let end = driven::lines(&report.end, "end of the path");
     format!(
-        "{heading}\n{:.2} m at up to {} m/s; {end}\n\n{table}\n\
-         curvature: path {:.2}, true {:.2}, bound of the frame {:.2} 1/m\n",
+        "{heading}\n{:.2} m at up to {} m/s\n\n{table}\n\
+         curvature: path {:.2}, true {:.2}, bound of the frame {:.2} 1/m\n{end}",
         report.length_m,
         report.speed_m_s,
         report.path_curvature,

@@ -12,6 +12,7 @@ use crate::experiments::posture::Variant;
 use crate::experiments::recorder::Stage;
 use crate::recording::LogArgs;
 use crate::run::bit_compare::{Difference, Trace};
+use crate::run::end::Ended;
 use crate::run::path_run::PathMode;
 use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::PAUSE;
@@ -86,8 +87,6 @@ pub struct Report {
     pub events: Vec<Event>,
     /// Heartbeats: the first of each node, and every change of state.
     pub nodes: Vec<Status>,
-    /// Why the run ended before its task, if a board or a fault was the reason.
-    pub ended: Option<String>,
     /// Ticks that began more than a tick late, when pace was to be kept.
     pub late_ticks: Option<u32>,
 }
@@ -111,16 +110,17 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
         mut report,
         recorded,
     } = measured;
-    let (text, experiment, mut files) = task.publish(&context, outcome, &report.ended)?;
+    let end = outcome.end();
+    // A run that the user ends early need not carry out its task.
+    let stopped = end
+        .failure()
+        .map(|why| format!("the task was not carried out: {why}"));
+    let (text, experiment, mut files) = task.publish(&context, outcome)?;
     report.experiment = experiment;
     board_log::put(&mut files, &logs);
     let text = format!("{text}\n{}", summary(&report));
     let excess = report.boards.iter().find_map(BoardReport::stack_excess);
     let different = difference.map(|difference| format!("not identical: {difference}"));
-    let stopped = report
-        .ended
-        .as_ref()
-        .map(|why| format!("the run ended with the motors off before the task was done: {why}"));
     let failed = excess.or(different).or(stopped);
     context.finish(&text, &report, files, &recorded, failed)
 }
@@ -268,7 +268,6 @@ fn report(
         events: simulation.boards().events().to_vec(),
         boards: simulation.boards().reports(),
         nodes: simulation.monitor().changes().to_vec(),
-        ended: simulation.failure(),
         late_ticks: simulation
             .control()
             .pace

@@ -10,6 +10,7 @@ use crate::experiments::follow::{self, Course, MOST_ROWS};
 use crate::experiments::posture::{self, Trial, Variant};
 use crate::experiments::recorder::Stage;
 use crate::recording::LogArgs;
+use crate::run::end::{Ended, RunEnd};
 use crate::run::path_run::{self, Moment, PathMode};
 use crate::run::recovery::Status;
 use crate::run::regulate::regulate_on;
@@ -47,30 +48,31 @@ pub enum Outcome {
     Script(Driven),
 }
 
-impl Outcome {
-    /// True if the robot came to rest at the end of its task.
-    pub fn done(&self) -> bool {
+impl Ended for Outcome {
+    /// End of the task; of a script, of the first step that was not carried out or of the last.
+    fn end(&self) -> RunEnd {
         match self {
-            Self::Posture(trial) => trial.outcome.done,
-            Self::Path(outcome, _) => outcome.done,
-            Self::Script(driven) => driven.failure().is_none(),
+            Self::Posture(trial) => trial.outcome.end.clone(),
+            Self::Path(outcome, _) => outcome.end.clone(),
+            Self::Script(driven) => driven.end(),
+        }
+    }
+}
+
+impl Outcome {
+    /// Reason for a failure of the command, if there is one.
+    pub fn failure(&self) -> Option<String> {
+        match self {
+            Self::Script(driven) => driven.failure(),
+            _ => self.end().failure(),
         }
     }
 
     /// Time from the beginning of the task to its end, s.
     pub fn duration_s(&self) -> f64 {
         match self {
-            Self::Posture(trial) => trial.outcome.duration_s,
-            Self::Path(outcome, _) => outcome.duration_s,
-            Self::Script(driven) => driven.ends.iter().map(|end| end.duration_s).sum(),
-        }
-    }
-
-    /// Why the task was not carried out, if so.
-    pub fn failure(&self) -> Option<String> {
-        match self {
-            Self::Script(driven) => driven.failure(),
-            _ => (!self.done()).then(|| "the robot did not come to rest on the goal".to_owned()),
+            Self::Script(driven) => driven.steps.iter().map(|step| step.end.duration_s).sum(),
+            _ => self.end().duration_s,
         }
     }
 
@@ -159,42 +161,35 @@ impl Mission {
         self.prepare(&mut stage);
         let mut simulation = stage.simulation()?;
         let driven = stage.run(&mut simulation, |robot| self.drive(robot, &scenario))?;
-        let (outcome, mut ended) = (driven.outcome, driven.ended);
-        let mut failed = ended.clone().or_else(|| outcome.failure());
-        if let Outcome::Path(path, _) = &outcome {
-            ended = (!path.done).then(|| ended.unwrap_or("time limit".to_owned()));
-            let place = |why| format!("not at rest at the end of the path: {why}");
-            failed = ended.as_ref().map(place);
-        }
-        let (text, report, files) = self.publish(context, outcome, &ended)?;
+        let failed = driven.outcome.failure();
+        let (text, report, files) = self.publish(context, driven.outcome)?;
         context.finish(&text, &report, files, &driven.recorded, failed)
     }
 
-    /// Table, result and files of a run, and why it ended early if it did.
+    /// Table, result and files of a run. Standard error names a goal that is reached without certainty.
     pub fn publish(
         &self,
         context: &Context,
         outcome: Outcome,
-        ended: &Option<String>,
     ) -> Result<(String, Value, OutputDir), Error> {
         let (text, report, files) = match (self, outcome) {
             (Self::Posture(variant), Outcome::Posture(trial)) => {
                 let variants = [*variant];
-                if let (true, Some(notice)) = (trial.outcome.done, trial.outcome.uncertain) {
-                    driven::report_uncertain("goal", notice, Some(trial.outcome.claimed[0]));
-                }
+                let end = trial.outcome.end.clone();
+                let blocks = ([vec![*trial]], []);
                 let (report, files) =
-                    posture::publish(context, &variants, &variants, &[vec![*trial]])?;
+                    posture::publish(context, &variants, &variants, (&blocks.0, &blocks.1))?;
                 let text = posture::table(&report.rows, &variants);
+                let text = format!("{text}{}", driven::lines(&end, "goal"));
                 (text, serde_json::to_value(report), files)
             }
             (Self::Path(course, path_mode), Outcome::Path(outcome, moments)) => {
                 let (text, report, files) =
-                    follow::publish(context, course, *path_mode, (&outcome, ended), &moments)?;
+                    follow::publish(context, course, *path_mode, &outcome, &moments)?;
                 (text, serde_json::to_value(report), files)
             }
-            (Self::Script { lines, .. }, Outcome::Script(driven)) => {
-                return driven::publish(context, lines, &driven);
+            (Self::Script { .. }, Outcome::Script(driven)) => {
+                return driven::publish(context, &driven);
             }
             _ => return Err(Error::Failure("another task's outcome".to_owned())),
         };

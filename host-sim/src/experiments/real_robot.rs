@@ -8,7 +8,8 @@ use crate::experiments::arguments::{Place as Boards, RobotArgs};
 use crate::experiments::driven;
 use crate::experiments::mission::{Mission, Outcome, Plan};
 use crate::experiments::recorder::{self, Stage};
-use crate::recording::LogArgs;
+use crate::recording::{LogArgs, csv};
+use crate::run::end::{Ended, RunEnd};
 use crate::run::final_error::FinalError;
 use crate::run::recovery::Status;
 use crate::run::robot::Robot;
@@ -26,20 +27,16 @@ use std::path::Path;
 struct Report {
     /// Build of the front board's image.
     build: String,
-    /// True if the robot reported its task done.
-    reached: bool,
-    /// Why the run ended before its task, if so.
-    ended: Option<String>,
-    /// Time from the beginning of the task to its end, s.
+    /// End of the run.
+    end: RunEnd,
+    /// Why the robot did not confirm that it stopped, if so.
+    restless: Option<String>,
+    /// Time of all steps, s.
     duration_s: f64,
-    /// Estimated posture of the midpoint at the end: m, m, rad.
-    estimate: [f64; 3],
     /// Distance of the estimated midpoint from the goal, m.
     e_estimated_m: f64,
     /// Estimated heading less that of the goal, rad.
     heading_estimated_rad: f64,
-    /// Claimed 95 % errors: half axis of the position (m), half the interval of the heading (rad).
-    claimed: [f64; 2],
     /// Largest distance of the estimated midpoint from the path, m.
     max_cross_track_m: Option<f64>,
     /// Bus frames that the front board reported, and those that it had no room for.
@@ -101,10 +98,27 @@ pub fn run(
     // Time is the computer's.
     stage.real_time = false;
     let record = log.any().then_some((&scenario, others));
-    let mut robot = SerialRobot::open(connect, mission.is_placed().then_some(place), record)?;
+    let opened = SerialRobot::open(connect, mission.is_placed().then_some(place), record);
+    let mut robot = match opened {
+        Err(Error::NoAnswer(why)) => return no_answer(context, why),
+        opened => opened?,
+    };
     let driven = stage.run(&mut robot, |robot| mission.drive(robot, &scenario))?;
     let report = report(&robot, &driven, goal);
     publish(context, &report, &driven, goal)
+}
+
+/// Result of a robot that never answered.
+fn no_answer(context: &Context, why: String) -> Result<(), Error> {
+    #[derive(Serialize)]
+    struct Report<'a> {
+        end: &'a RunEnd,
+    }
+    let end = RunEnd::no_answer(why);
+    let mut files = context.output()?;
+    files.csv("ends.csv", csv::of_ends([&end]));
+    let text = format!("end: {}\n", end.text());
+    context.finish(&text, &Report { end: &end }, files, &[], end.failure())
 }
 
 fn publish(
@@ -115,9 +129,19 @@ fn publish(
 ) -> Result<(), Error> {
     let mut files = context.output()?;
     let outcome = &driven.outcome;
-    let failed = report.ended.clone().or_else(|| outcome.failure());
-    let end = (failed.is_none(), goal);
+    let restless = report.restless.clone();
+    let failed = outcome.failure().or(restless);
+    let commanded = match outcome {
+        Outcome::Script(driven) => driven.goal(),
+        _ => Some(goal),
+    };
+    let end = (&report.end, commanded);
     let rows = driven::summary(&report.steps);
+    let ends = match report.steps.is_empty() {
+        true => csv::of_ends([&report.end]),
+        false => driven::csv_of(&report.steps),
+    };
+    files.csv("ends.csv", ends);
     driven::draw(
         context,
         &mut files,
@@ -140,18 +164,16 @@ fn report(robot: &SerialRobot, driven: &recorder::Driven<Outcome>, goal: [f64; 3
         Outcome::Path(outcome, _) => Some(outcome.estimate.max_cross_track_m),
     };
     let steps = match outcome {
-        Outcome::Script(driven) => driven.ends.clone(),
+        Outcome::Script(driven) => driven.steps.clone(),
         _ => Vec::new(),
     };
     Report {
         build: robot.build().to_owned(),
-        reached: outcome.done(),
-        ended: driven.ended.clone(),
+        end: outcome.end(),
+        restless: driven.restless.clone(),
         duration_s: outcome.duration_s(),
-        estimate,
         e_estimated_m: error.e_m,
         heading_estimated_rad: error.heading_rad,
-        claimed: fused.half_axes_95().map(f64::from),
         max_cross_track_m: path,
         frames: robot.bus().sent,
         lost: robot.lost(),
@@ -167,12 +189,7 @@ fn table(report: &Report) -> String {
         table.row([name.to_owned(), value]);
     };
     row("build", report.build.clone());
-    let end = match (&report.ended, report.reached) {
-        (Some(_), _) => "stopped by a fault",
-        (None, true) => "task carried out",
-        (None, false) => "task NOT carried out",
-    };
-    row("end", format!("{end} after {:.1} s", report.duration_s));
+    row("end", report.end.text());
     if report.e_estimated_m.is_finite() {
         row(
             "estimate less goal",
@@ -183,11 +200,9 @@ fn table(report: &Report) -> String {
             ),
         );
     }
-    let [position, heading] = report.claimed;
-    row(
-        "95 % error of the estimate",
-        format!("{:.1} cm, {:.2}°", 100.0 * position, heading.to_degrees()),
-    );
+    if !report.end.notices.is_empty() {
+        row("notices", report.end.notice_names().join(", "));
+    }
     if let Some(distance) = report.max_cross_track_m {
         row(
             "largest estimated distance from the path",

@@ -3,6 +3,7 @@
 use crate::base::error::Error;
 use crate::experiments::Context;
 use crate::recording::{About, LogArgs, Session};
+use crate::run::end::Ended;
 use crate::run::keyboard::Keyboard;
 use crate::run::real_time::RealTimeLimiter;
 use crate::run::robot::{Observer, Robot, Span};
@@ -67,8 +68,8 @@ pub struct Driven<T> {
     pub recorded: Vec<PathBuf>,
     /// Time from the first tick to the last, s.
     pub wall_s: f64,
-    /// Why the run ended early, if it did, or why the robot did not stop.
-    pub ended: Option<String>,
+    /// Why the robot did not stop after the run, if so.
+    pub restless: Option<String>,
 }
 
 impl<'a> Stage<'a> {
@@ -126,7 +127,7 @@ impl<'a> Stage<'a> {
     }
 
     /// Has a robot carry out its task, and ends the recording.
-    pub fn run<R: Robot, T>(
+    pub fn run<R: Robot, T: Ended>(
         &self,
         robot: &mut R,
         drive: impl FnOnce(&mut R) -> Result<T, Error>,
@@ -152,28 +153,25 @@ impl<'a> Stage<'a> {
         let start = Instant::now();
         let outcome = drive(robot)?;
         let wall_s = start.elapsed().as_secs_f64();
-        let mut why = robot.failure();
-        let interrupted = self.interrupt.load(Relaxed);
+        let end = outcome.end();
         // A simulated robot whose run is over is left where it is.
-        if interrupted || robot.plant().is_none() {
-            let error = robot.stop().err();
-            why = why.or(error.map(|error| error.to_string()));
-        }
-        let ended = why.as_deref().or(interrupted.then_some("interrupted"));
+        let stops = self.interrupt.load(Relaxed) || robot.plant().is_none();
+        let stopped = if stops { robot.stop() } else { Ok(()) };
+        let restless = stopped.err().map(|error| error.to_string());
         // Displays close.
         let observers = std::mem::take(&mut robot.control_mut().observers);
         for mut observer in observers {
-            observer.ended(ended.unwrap_or("The run is over"));
+            observer.ended(&end.text());
         }
         let recorded = match &self.session {
-            Some(session) => session.close(ended)?,
+            Some(session) => session.close(&end)?,
             None => Vec::new(),
         };
         Ok(Driven {
             outcome,
             recorded,
             wall_s,
-            ended: why,
+            restless,
         })
     }
 }

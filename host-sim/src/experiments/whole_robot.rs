@@ -10,6 +10,7 @@ use crate::experiments::posture::{self, PostureArgs, Variant};
 use crate::experiments::recorder::{self, Stage};
 use crate::experiments::{Context, real_robot};
 use crate::recording::LogArgs;
+use crate::run::end::{EndKind, Ended};
 use crate::run::final_error::FinalError;
 use crate::run::path_run::PathMode;
 use crate::run::real_time::RealTimeLimiter;
@@ -38,8 +39,6 @@ struct Report {
     e_m: f64,
     /// Heading less that of the goal at the end, rad.
     heading_rad: f64,
-    /// True if the robot came to rest on the goal.
-    reached: bool,
     /// Time from power on until all nodes were ready, s.
     boot_s: f64,
     /// Simulated time, boot included, s.
@@ -54,8 +53,6 @@ struct Report {
     nodes: Vec<Status>,
     /// Boards lost and restarted.
     events: Vec<Event>,
-    /// Why the run ended before its task, if so.
-    ended: Option<String>,
     /// Ticks that began more than a tick late, when pace was to be kept.
     late_ticks: Option<u32>,
 }
@@ -184,8 +181,11 @@ fn run(
         recorded,
         profiles,
     } = done;
-    let failed = judge(&report, outcome.failure(), args.plan.stop_after.is_some());
-    let (text, experiment, mut files) = mission.publish(context, outcome, &report.ended)?;
+    let undone = outcome.failure();
+    // A script that --stop-after ends need not take all its steps.
+    let undone = undone.filter(|_| outcome.end().kind != EndKind::Interrupted);
+    let failed = failure(&report, undone);
+    let (text, experiment, mut files) = mission.publish(context, outcome)?;
     report.experiment = experiment;
     board_log::put(&mut files, &logs);
     let mut text = format!("{text}\n{}", summary(&report));
@@ -245,7 +245,7 @@ impl Drive<'_> {
         let mut robot = VirtualRobot::new(scenario, images, context.seed, 0, options, logs)?;
         robot.plan(plan.failures.clone(), plan.restart_after);
         let driven = stage.run(&mut robot, |robot| mission.drive(robot, scenario))?;
-        let report = report(&mut robot, driven.outcome.done(), &goal, start);
+        let report = report(&mut robot, &goal, start);
         Ok(DriveOutcome {
             profiles: profile::of(&mut robot, &report.boards),
             outcome: driven.outcome,
@@ -255,13 +255,12 @@ impl Drive<'_> {
     }
 }
 
-fn report(robot: &mut VirtualRobot, reached: bool, goal: &[f64; 3], start: Instant) -> Report {
+fn report(robot: &mut VirtualRobot, goal: &[f64; 3], start: Instant) -> Report {
     let error = FinalError::of(robot.record().midpoint, *goal);
     Report {
         experiment: Value::Null,
         e_m: error.e_m,
         heading_rad: error.heading_rad,
-        reached,
         boot_s: robot.boot_s(),
         simulated_s: robot.boot_s() + robot.now() as f64 * 1e-6,
         wall_s: start.elapsed().as_secs_f64(),
@@ -269,23 +268,16 @@ fn report(robot: &mut VirtualRobot, reached: bool, goal: &[f64; 3], start: Insta
         boards: robot.reports(),
         nodes: robot.monitor().changes().to_vec(),
         events: robot.events().to_vec(),
-        ended: robot.failure(),
         late_ticks: robot.control().pace.as_ref().map(RealTimeLimiter::late),
     }
 }
 
-/// Failure of the run, if any; a run with an early end need not carry out its task.
-fn judge(report: &Report, undone: Option<String>, early: bool) -> Option<String> {
-    if let Some(why) = &report.ended {
-        return Some(format!(
-            "the run ended with the motors off before the task was done: {why}"
-        ));
-    }
+/// Failure of the run, if any: a task that was not carried out, or a problem of a board.
+fn failure(report: &Report, undone: Option<String>) -> Option<String> {
     let cut = !report.events.is_empty();
-    if let Some(why) = report.boards.iter().find_map(|board| board.problem(cut)) {
-        return Some(why);
-    }
-    undone.filter(|_| !early)
+    let problem = || report.boards.iter().find_map(|board| board.problem(cut));
+    let undone = undone.map(|why| format!("the task was not carried out: {why}"));
+    undone.or_else(problem)
 }
 
 /// Summary of the boards.

@@ -82,6 +82,15 @@ pub enum PathError {
         /// Its bound, rad/m.
         bound: f64,
     },
+    /// A path that begins too far from the robot.
+    FarFromStart {
+        /// Distance of the robot from the start, m.
+        start: f64,
+        /// Distance of the robot from the end, m.
+        end: f64,
+        /// Largest distance from the start, m.
+        most: f64,
+    },
 }
 
 impl fmt::Display for PathError {
@@ -92,6 +101,15 @@ impl fmt::Display for PathError {
                 value,
                 allowed,
             } => write!(f, "{name} = {value}: must be {allowed}"),
+            Self::FarFromStart { start, end, most } if start <= most => write!(
+                f,
+                "begins {start:.2} m from the robot and ends {end:.2} m from it: the robot must be nearer to the start"
+            ),
+            Self::FarFromStart { start, most, .. } => write!(
+                f,
+                "begins {start:.2} m from the robot: must be at most {most:.2} m \
+                 (robot.lead.course.max_deviation_m)"
+            ),
             Self::Row { line, problem } => write!(f, "line {line}: {problem}"),
             Self::Waypoint {
                 number,

@@ -1,6 +1,7 @@
 //! Log of one trial as a table, one row an epoch.
 
 use crate::base::output::{Cell, Csv};
+use crate::run::end::RunEnd;
 use crate::run::robot::Record;
 use core_algos::math::Posture;
 
@@ -25,6 +26,24 @@ impl<'a> Row<'a> {
         self.0.push((name, cell));
     }
 
+    /// Appends the end of a run: kind, code, notices, truth, estimate, 95 % error, time.
+    pub fn end(&mut self, end: &RunEnd) {
+        const UNKNOWN: f64 = f64::NAN;
+        let code = end.code().unwrap_or_default();
+        let notices = end.notice_names().join("; ");
+        self.put(
+            "end code notices",
+            &[end.kind.name(), code.as_str(), notices.as_str()],
+        );
+        self.put("reason", &[end.reason.as_deref().unwrap_or_default()]);
+        self.put("x_m y_m phi_rad", &end.truth.unwrap_or([UNKNOWN; 3]));
+        let estimate = end.estimate.unwrap_or([UNKNOWN; 3]);
+        self.put("x_est_m y_est_m phi_est_rad", &estimate);
+        let error = end.error_95.unwrap_or([UNKNOWN; 2]);
+        self.put("error_95_m error_95_rad", &error);
+        self.put("duration_s", &[end.duration_s]);
+    }
+
     /// The table of these rows.
     pub fn table(rows: impl IntoIterator<Item = Self>) -> Csv {
         let mut rows = rows.into_iter().peekable();
@@ -33,6 +52,15 @@ impl<'a> Row<'a> {
         rows.for_each(|Self(row)| csv.row(row.into_iter().map(|(_, cell)| cell)));
         csv
     }
+}
+
+/// Ends of runs, one a row.
+pub fn of_ends<'a>(ends: impl IntoIterator<Item = &'a RunEnd>) -> Csv {
+    Row::table(ends.into_iter().map(|end| {
+        let mut row = Row::default();
+        row.end(end);
+        row
+    }))
 }
 
 fn row(record: &Record) -> Row<'static> {

@@ -6,6 +6,7 @@ use super::topics::TOPICS;
 use super::{About, BUILD, Line, failed, standard};
 use crate::base::error::Error;
 use crate::bus::dbc;
+use crate::run::end::{EndKind, RunEnd};
 use crate::run::recovery::Status;
 use crate::run::robot::Record;
 use crate::targets::Report;
@@ -123,7 +124,7 @@ pub struct Mcap {
     estimate: Option<(u64, Posture)>,
     way_so_far: Vec<Pose>,
     epochs: u64,
-    ended: Option<String>,
+    end: RunEnd,
     whole: bool,
     /// Goal and path of the run, for viewers that connect later.
     planned_goal: Option<PoseInFrame>,
@@ -171,7 +172,10 @@ impl Mcap {
             estimate: None,
             way_so_far: Vec::new(),
             epochs: 0,
-            ended: Some("interrupted".to_owned()),
+            end: RunEnd {
+                kind: EndKind::Interrupted,
+                ..RunEnd::default()
+            },
             whole: false,
             planned_goal: None,
             planned_path: None,
@@ -404,18 +408,15 @@ impl Mcap {
             }
         }
         self.sink.metadata(ABOUT, &self.about);
-        let ended = self.ended.take().unwrap_or_default();
-        let end = [
-            ("whole", self.whole.to_string()),
-            ("ended", ended),
-            ("epochs", self.epochs.to_string()),
-        ];
+        let mut end = self.end.fields();
+        end.push(("whole".to_owned(), self.whole.to_string()));
+        end.push(("epochs".to_owned(), self.epochs.to_string()));
         self.sink.metadata(END, &end);
     }
 
-    /// Finishes the file of a run; `ended` says why one ended before its task.
-    pub fn close(&mut self, ended: Option<&str>) -> Result<(), Error> {
-        self.ended = ended.map(str::to_owned);
+    /// Finishes the file of a run.
+    pub fn close(&mut self, end: &RunEnd) -> Result<(), Error> {
+        self.end = end.clone();
         self.whole = true;
         self.metadata();
         let closed = self.sink.close();

@@ -25,6 +25,7 @@ mod writer;
 
 use crate::base::error::Error;
 use crate::base::output;
+use crate::run::end::RunEnd;
 use crate::run::robot::{Observer, Record, Robot};
 use crate::scenario::Scenario;
 use crate::targets::board_record::BoardEvent;
@@ -172,10 +173,10 @@ impl Session {
         }
     }
 
-    /// Ends the recording; gives the files. `ended` says why a run ended before its task.
-    pub fn close(&self, ended: Option<&str>) -> Result<Vec<PathBuf>, Error> {
+    /// Ends the recording; gives the files. `end` is the end of the run.
+    pub fn close(&self, end: &RunEnd) -> Result<Vec<PathBuf>, Error> {
         match self.writer().finish()? {
-            Some(files) => files.close(ended),
+            Some(files) => files.close(end),
             None => Ok(Vec::new()),
         }
     }

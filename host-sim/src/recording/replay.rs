@@ -429,6 +429,7 @@ impl Errors {
 mod tests {
     use super::*;
     use crate::recording::{About, LogArgs, Session, read};
+    use crate::run::end::RunEnd;
     use crate::run::robot::Robot;
     use crate::run::simulation::Simulation;
     use crate::scenario::Scenario;
@@ -476,7 +477,7 @@ mod tests {
             simulation.step().unwrap();
         }
         assert!(!path.exists(), "not before it is whole");
-        session.close(None).unwrap();
+        session.close(&RunEnd::default()).unwrap();
         fs::read(path).unwrap()
     }
 

@@ -146,9 +146,9 @@ impl Sink {
     }
 
     /// Writes a metadata record.
-    pub fn metadata(&self, name: &str, entries: &[(&str, String)]) {
+    pub fn metadata(&self, name: &str, entries: &[(impl ToString, String)]) {
         let entries = entries.iter();
-        let map = entries.map(|(key, value)| ((*key).to_owned(), value.clone()));
+        let map = entries.map(|(key, value)| (key.to_string(), value.clone()));
         if let Some(handle) = &self.handle {
             // Told at the end, as of all that is written.
             let _ = handle.write_metadata(name, map.collect());

@@ -5,6 +5,7 @@ use super::entry::AxleTick;
 use crate::base::error::Error;
 use crate::base::output::{Cell, Csv, OutputDir, write_file};
 use crate::recording::csv;
+use crate::run::end::RunEnd;
 use crate::run::robot::Record;
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::{CanFrame, layout};
@@ -125,8 +126,8 @@ impl Tables {
         ]);
     }
 
-    /// Writes the tables; gives where.
-    pub fn write(self) -> Result<Vec<PathBuf>, Error> {
+    /// Writes the tables of a run with its end; gives where.
+    pub fn write(self, end: &RunEnd) -> Result<Vec<PathBuf>, Error> {
         let epochs = csv::of_records(&self.records);
         match self.place {
             Place::File(path) => {
@@ -139,6 +140,7 @@ impl Tables {
                 files.csv("axles.csv", self.axles);
                 files.csv("beam.csv", self.beam);
                 files.csv("bus.csv", self.bus);
+                files.csv("end.csv", csv::of_ends([end]));
                 Ok(files.commit()?)
             }
         }

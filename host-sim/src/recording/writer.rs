@@ -4,6 +4,7 @@ use super::file::Mcap;
 use super::tables::Tables;
 use super::{Line, failed};
 use crate::base::error::Error;
+use crate::run::end::RunEnd;
 use crate::run::robot::Record;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -49,14 +50,14 @@ impl Files {
     }
 
     /// Ends the files; gives where they are.
-    pub fn close(self, ended: Option<&str>) -> Result<Vec<PathBuf>, Error> {
+    pub fn close(self, end: &RunEnd) -> Result<Vec<PathBuf>, Error> {
         let mut paths = Vec::new();
         if let Some(mut mcap) = self.mcap {
-            mcap.close(ended)?;
+            mcap.close(end)?;
             paths.extend(mcap.path());
         }
         if let Some(tables) = self.tables {
-            paths.extend(tables.write()?);
+            paths.extend(tables.write(end)?);
         }
         Ok(paths)
     }

@@ -1,6 +1,7 @@
 //! The run loop: a robot, wherever its boards run, carries out a task.
 
 use crate::base::error::Error;
+use crate::run::end::{Cause, RunEnd};
 use crate::run::robot::{Record, Robot};
 use crate::scenario::Scenario;
 use crate::targets::HostCommand;
@@ -14,9 +15,12 @@ pub enum Progress {
     Driving,
     /// The lead node takes it for done.
     Done,
-    /// Over: the lead node gave up, or the task itself has seen enough.
+    /// Carried out; the robot need not rest.
     Over,
 }
+
+/// Time from the task from which on a failure that the lead node reports is that of the task, µs.
+const FRESH: Micros = 5 * EPOCH;
 
 /// A task as the host gives and observes it.
 pub trait Errand<R: Robot> {
@@ -42,30 +46,23 @@ pub trait Errand<R: Robot> {
     fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress;
 }
 
-/// End of a run.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct End {
-    /// True if the lead node took the task for done, from then on to the end of the run.
-    pub done: bool,
-    /// Time from the task to its end, s.
-    pub duration_s: f64,
-}
-
-/// Has a robot settle, gives it a task, and goes on until it has rested at its end, the task is over, or `limit_s` have
-/// passed since the task was given.
+/// Has a robot settle, gives it a task, and goes on until it has rested at its end, the task is over or has failed, or
+/// `limit_s` have passed since the task was given.
 pub fn drive<R: Robot>(
     robot: &mut R,
     scenario: &Scenario,
     limit_s: f64,
     errand: &mut impl Errand<R>,
-) -> Result<End, Error> {
+) -> Result<RunEnd, Error> {
     let micros = |seconds: f64| (seconds * 1e6) as Micros;
     let settle = micros(scenario.mission.settle_s) / EPOCH * EPOCH;
     // A robot that has driven already has settled.
     let settle = settle.max(robot.now().next_multiple_of(EPOCH));
     let limit = settle.saturating_add(micros(limit_s));
     let rest = micros(scenario.mission.rest_s);
+    robot.control_mut().monitor.begin_task();
     let (mut began, mut done_at) = (None, None);
+    let mut cause = None;
     while robot.now() < limit {
         let now = robot.now();
         if now.is_multiple_of(EPOCH) {
@@ -79,17 +76,27 @@ pub fn drive<R: Robot>(
         if began.is_none() && now >= settle && robot.is_settled() {
             began = Some(now);
         }
-        robot.step()?;
+        match robot.step() {
+            Err(Error::NoAnswer(why)) => {
+                cause = Some(Cause::NoAnswer(why));
+                break;
+            }
+            stepped => stepped?,
+        }
         if now >= settle && errand.tick(robot) == Progress::Over {
             break;
         }
         if !robot.now().is_multiple_of(EPOCH) {
             continue;
         }
+        let record = robot.record();
         let since = began.map(|began| robot.now() - began);
-        match errand.epoch(robot, &robot.record(), since) {
+        match errand.epoch(robot, &record, since) {
             Progress::Driving => done_at = None,
-            Progress::Over => break,
+            Progress::Over => {
+                cause = Some(Cause::Done);
+                break;
+            }
             Progress::Done => {
                 let since = *done_at.get_or_insert(robot.now() - TICK);
                 if now - since >= rest && robot.watched_enough() {
@@ -97,13 +104,24 @@ pub fn drive<R: Robot>(
                 }
             }
         }
-        if errand.must_end(robot) {
+        let failed = record.lead.failed.is_some() && since >= Some(FRESH);
+        if failed || errand.must_end(robot) {
             break;
         }
     }
+    let interrupted = match () {
+        () if robot.is_interrupted() => Some(Cause::Interrupted(None)),
+        () if robot.is_out_of_time() => Some(Cause::Interrupted(Some("--stop-after"))),
+        () => None,
+    };
+    let done = done_at.filter(|_| robot.failure().is_none());
+    let done = done.map(|_| Cause::AtGoal);
+    let cause = cause.or(done).or(interrupted);
     let end = done_at.unwrap_or(robot.now());
-    Ok(End {
-        done: done_at.is_some(),
-        duration_s: end.saturating_sub(settle) as f64 * 1e-6,
-    })
+    let duration_s = end.saturating_sub(settle) as f64 * 1e-6;
+    Ok(RunEnd::of(
+        robot,
+        cause.unwrap_or(Cause::Unfinished),
+        duration_s,
+    ))
 }

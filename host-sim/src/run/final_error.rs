@@ -2,6 +2,9 @@
 
 use serde::Serialize;
 
+/// Distance (m) and heading error (rad) of a run of a campaign that ended near the goal: 3 cm and 3°.
+pub const NEAR: [f64; 2] = [0.03, 3.0 * std::f64::consts::PI / 180.0];
+
 /// True final errors of one trial.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct FinalError {
@@ -28,9 +31,9 @@ impl FinalError {
         }
     }
 
-    /// True within 3 cm and 3°.
+    /// True within [`NEAR`].
     pub fn is_near(&self) -> bool {
-        self.e_m <= 0.03 && self.heading_rad.abs() <= 3f64.to_radians()
+        self.e_m <= NEAR[0] && self.heading_rad.abs() <= NEAR[1]
     }
 }
 

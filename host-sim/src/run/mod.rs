@@ -5,6 +5,7 @@
 
 pub mod bit_compare;
 pub mod drive;
+pub mod end;
 pub mod final_error;
 pub mod keyboard;
 pub mod path_run;

@@ -6,10 +6,12 @@ use crate::paths::{
     Bounds, MAX_LENGTH_M, Path, PathError, SPACING_M, Sample, TimeLimits, Trajectory,
 };
 use crate::run::drive::{Errand, Progress, drive};
+use crate::run::end::RunEnd;
 use crate::run::robot::{Record, Robot};
 use crate::scenario::Scenario;
 use crate::targets::HostCommand;
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
+use core_algos::control::regulator::Tolerance;
 use core_algos::node::lead::Task;
 use core_algos::time::Micros;
 use serde::Serialize;
@@ -19,6 +21,8 @@ use serde::Serialize;
 const WINDOW_M: f64 = 0.1;
 /// A run ends without success after this many times its expected duration, and a while.
 const PATIENCE: (f64, f64) = (2.0, 30.0);
+/// Distance from the start of a path up to which the robot is at the start even if the end is nearer, m.
+const AT_START_M: f64 = 0.1;
 /// Share of the robot's speed limit that a trajectory may use; the rest is for catching up.
 const TIMED_SHARE: f64 = 0.9;
 
@@ -128,6 +132,18 @@ impl Route {
     /// Posture of the first point.
     pub fn start(&self) -> [f64; 3] {
         posture(&self.path.samples()[0])
+    }
+
+    /// Refuses a robot at a posture from which the path cannot be begun: too far from the start, or nearer to the end of
+    /// an open path.
+    pub fn check_start(&self, [x, y, _]: [f64; 3], scenario: &Scenario) -> Result<(), PathError> {
+        let most = f64::from(scenario.robot.lead.course.max_deviation_m);
+        let to = |[a, b, _]: [f64; 3]| (x - a).hypot(y - b);
+        let (start, end) = (to(self.start()), to(self.goal()));
+        match start > most || (start > AT_START_M && end < start) {
+            true => Err(PathError::FarFromStart { start, end, most }),
+            false => Ok(()),
+        }
     }
 
     /// Posture of the last point.
@@ -252,7 +268,7 @@ impl Sums {
 }
 
 /// Outcome of a run.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outcome {
     /// Errors of the true midpoint.
     pub truth: Errors,
@@ -260,16 +276,15 @@ pub struct Outcome {
     pub estimate: Errors,
     /// Largest true |curvature| of O's path, 1/m.
     pub max_curvature: f64,
-    /// True if the robot came to rest at the end.
-    pub done: bool,
-    /// Time from the beginning of the task to rest, s.
-    pub duration_s: f64,
+    /// End of the task.
+    pub end: RunEnd,
 }
 
 /// A route under way.
 struct Drive<'a, F> {
     route: &'a Route,
     path_mode: PathMode,
+    within: Tolerance,
     observe: F,
     stream: Stream,
     /// Arc lengths of the true and of the estimated midpoint, m.
@@ -282,9 +297,10 @@ struct Drive<'a, F> {
 
 impl<R: Robot, F: FnMut(&Moment)> Errand<R> for Drive<'_, F> {
     fn task(&self) -> Option<Task> {
+        let within = self.within;
         Some(match self.path_mode {
-            PathMode::Follow => Task::Follow,
-            PathMode::Track => Task::Track,
+            PathMode::Follow => Task::Follow { within },
+            PathMode::Track => Task::Track { within },
         })
     }
 
@@ -335,6 +351,7 @@ pub fn drive_on(
     let mut run = Drive {
         route,
         path_mode,
+        within: scenario.mission.within(),
         observe,
         stream: Stream::new(route, path_mode),
         places: [0.0; 2],
@@ -353,8 +370,7 @@ pub fn drive_on(
         truth: run.sums[0].errors(&at_rest[0]),
         estimate: run.sums[1].errors(&at_rest[1]),
         max_curvature: run.max_curvature,
-        done: ended.done,
-        duration_s: ended.duration_s,
+        end: ended,
     })
 }
 

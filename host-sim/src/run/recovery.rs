@@ -90,8 +90,9 @@ fn names<S: Serializer>(conditions: &Conditions, to: S) -> Result<S::Ok, S::Erro
 pub struct Monitor {
     latest: [Option<Status>; NODES.len()],
     changes: Vec<Status>,
+    /// First change that belongs to the present task.
+    first: usize,
     noticed: [Conditions; NODES.len()],
-    recent: Conditions,
     /// Latest result of a calibration, and the gauge to blame.
     pub calibrated: Option<(CalibrationResult, u8)>,
 }
@@ -109,9 +110,6 @@ impl Monitor {
         let place = status.node as usize;
         let noticed = &mut self.noticed[place];
         *noticed = noticed.union(status.notices);
-        if status.node == Node::Lead {
-            self.recent = self.recent.union(status.notices);
-        }
         let before = self.latest[place].replace(status);
         let same = |before: Status| (before.state, before.reason) == (status.state, status.reason);
         if !before.is_some_and(same) {
@@ -153,34 +151,42 @@ impl Monitor {
         (last.state == OperatingState::Fault).then_some((last.time_s * 1e3).round() as u64)
     }
 
-    /// Every notice and degradation of a node so far.
+    /// A task begins: what was noticed before does not count, nor do faults that were cleared.
+    pub fn begin_task(&mut self) {
+        self.noticed = Default::default();
+        let stopped = |status: &Status| is_stopped(status.state);
+        if !self.latest.iter().flatten().any(stopped) {
+            self.first = self.changes.len();
+        }
+    }
+
+    /// Every notice and degradation of a node since the task began.
     pub fn noticed(&self, node: Node) -> Conditions {
         let noticed = self.noticed.get(node as usize).copied();
         noticed.unwrap_or_default()
     }
 
-    /// Every notice and degradation of any node so far.
+    /// Every notice and degradation of any node since the task began.
     pub fn notices(&self) -> Conditions {
         let all = self.noticed.iter().copied();
         all.fold(Conditions::NONE, Conditions::union)
     }
 
-    /// Notices of the lead node since the last call.
-    pub fn take_recent(&mut self) -> Conditions {
-        std::mem::take(&mut self.recent)
-    }
-
-    /// The heartbeat that first told of a stop or a cut.
+    /// The heartbeat that first reported a stop or a cut since the task began, or that of a fault not yet cleared.
     pub fn first_fault(&self) -> Option<&Status> {
-        let stopped = |state| matches!(state, OperatingState::SafeStop | OperatingState::Fault);
-        let mut changes = self.changes.iter();
-        changes.find(|status| stopped(status.state) && status.reason.is_some())
+        let mut changes = self.changes.iter().skip(self.first);
+        changes.find(|status| is_stopped(status.state) && status.reason.is_some())
     }
 
     /// Forgets the changes so far; the latest heartbeats stay.
     pub fn forget_changes(&mut self) {
         self.changes.clear();
+        self.first = 0;
     }
+}
+
+fn is_stopped(state: OperatingState) -> bool {
+    matches!(state, OperatingState::SafeStop | OperatingState::Fault)
 }
 
 /// Time from a restart until the host looks at the nodes, ticks.

@@ -3,8 +3,7 @@
 use crate::base::error::Error;
 use crate::base::statistics::nees;
 use crate::run::drive::{Errand, Progress, drive};
-use crate::run::final_error::FinalError;
-use crate::run::recovery::{SENSORS, Status};
+use crate::run::end::{Ended, RunEnd};
 use crate::run::robot::{Record, Robot};
 use crate::run::simulation::Simulation;
 use crate::scenario::Scenario;
@@ -13,45 +12,22 @@ use core_algos::control::regulator::Phase;
 use core_algos::fusion::ekf::Verdict;
 use core_algos::node::lead::Task;
 use core_algos::node::robot::Geometry;
-use core_algos::safety::{Condition, Conditions};
 use core_algos::time::{EPOCH, Micros};
-use core_algos::topology::Node;
 use std::f64::consts::{PI, TAU};
-
-/// The notice under which a goal is reached, the inconsistent sensor first.
-pub fn uncertain(notices: Conditions) -> Option<Condition> {
-    let sensor = SENSORS.into_iter().find(|&one| notices.contains(one));
-    let uncertain = Condition::ReachedUncertain;
-    notices
-        .contains(uncertain)
-        .then(|| sensor.unwrap_or(uncertain))
-}
 
 /// Outcome of a trial.
 #[derive(Clone, Debug, Default)]
 pub struct Outcome {
     /// True posture of the midpoint at the end.
     pub midpoint: [f64; 3],
-    /// Estimated posture of the midpoint at the end.
-    pub estimate: [f64; 3],
-    /// Squared error of that over its claimed covariance; 3 on average if the claim is right.
+    /// End of the task.
+    pub end: RunEnd,
+    /// Squared error of the estimate over its claimed covariance; 3 on average if the claim is right.
     pub nees: f64,
-    /// True if the lead node reported the task done.
-    pub done: bool,
-    /// The notice under which the goal is reached: the inconsistent sensor, or *reached, uncertain*.
-    pub uncertain: Option<Condition>,
-    /// Notices and degradations of all nodes.
-    pub notices: Conditions,
     /// Share of the epochs with a new beam posture that the estimate used.
     pub beam_share: f64,
     /// True if the true posture is within the tolerance of the goal.
     pub within: bool,
-    /// Claimed 95 % errors: half axis of the position (m), half the interval of the heading (rad).
-    pub claimed: [f64; 2],
-    /// True if the regulator gave up.
-    pub gave_up: bool,
-    /// Time from the beginning of the task to its end, s.
-    pub duration_s: f64,
     /// Root mean square of the magnitude of the frame's force over the task, N.
     pub force_rms_n: f64,
     /// Largest true curvature the frame was bent to over the task, at rest too: paper eq. 5 of half
@@ -70,8 +46,12 @@ pub struct Outcome {
     pub plans: u32,
     /// Error of the estimated relative posture of the axles at the end: m, m, rad.
     pub relative_error: [f64; 3],
-    /// The heartbeat that first told of a stop or a cut, if one did.
-    pub fault: Option<Status>,
+}
+
+impl Ended for Outcome {
+    fn end(&self) -> RunEnd {
+        self.end.clone()
+    }
 }
 
 /// Speed below which the curvature of the driven path is not looked at, m/s.
@@ -161,7 +141,6 @@ struct Regulation<F> {
     /// Sum of the squares of the frame's force, N², and its ticks.
     force_square: f64,
     ticks: u64,
-    gave_up: bool,
 }
 
 impl<R: Robot, F: FnMut(&Record)> Errand<R> for Regulation<F> {
@@ -182,9 +161,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Regulation<F> {
         self.drive.observe(record);
         (self.observe)(record);
         let lead = &record.lead;
-        self.gave_up = lead.phase == Phase::GaveUp;
         match lead.phase {
-            Phase::GaveUp => Progress::Over,
             Phase::Done if lead.done && lead.mode == LeadMode::Hold => Progress::Done,
             _ => Progress::Driving,
         }
@@ -203,7 +180,6 @@ pub fn regulate_on(
         drive: Drive::new(robot),
         force_square: 0.0,
         ticks: 0,
-        gave_up: false,
     };
     let end = drive(
         robot,
@@ -213,28 +189,18 @@ pub fn regulate_on(
     )?;
     let record = robot.record();
     let fused = &record.lead.fused;
-    let center = fused.robot.posture;
     let seen = fused.front.posture.relative_to(fused.rear.posture);
     let seen = [seen.x, seen.y, seen.phi].map(f64::from);
     let geometry = &scenario.robot.completed().geometry;
     let curvature = |steering| curvature(geometry, steering);
     let drive = regulation.drive;
-    let notices = robot.monitor().noticed(Node::Lead);
     let mission = &scenario.mission;
-    let error = FinalError::of(record.midpoint, mission.goal);
     Ok(Outcome {
         midpoint: record.midpoint,
-        estimate: [center.x, center.y, center.phi].map(f64::from),
+        end,
         nees: nees(&fused.robot, record.midpoint),
-        done: end.done,
-        uncertain: uncertain(notices),
-        notices: robot.monitor().notices(),
         beam_share: f64::from(drive.beam_used) / f64::from(drive.epochs.max(1)),
-        within: error.e_m <= mission.tolerance_m
-            && error.heading_rad.abs() <= mission.tolerance_rad,
-        claimed: fused.robot.half_axes_95().map(f64::from),
-        gave_up: regulation.gave_up,
-        duration_s: end.duration_s,
+        within: mission.is_near(record.midpoint, mission.goal),
         force_rms_n: (regulation.force_square / regulation.ticks.max(1) as f64).sqrt(),
         max_curvature: curvature(drive.steering),
         max_path_curvature: drive.path_curvature,
@@ -243,7 +209,6 @@ pub fn regulate_on(
         cusps: drive.cusps,
         plans: drive.plans,
         relative_error: std::array::from_fn(|i| seen[i] - record.relative[i]),
-        fault: robot.monitor().first_fault().copied(),
     })
 }
 
@@ -257,33 +222,4 @@ pub fn curvature(geometry: &Geometry, steering: f64) -> f64 {
     };
     let chord = f64::from(length) * ratio + 2.0 * f64::from(rigid) * steering.cos();
     2.0 * steering.tan() / chord
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_uncertain_goal_names_the_inconsistent_sensor_first() {
-        let only = Conditions::only;
-        let uncertain_with = |other| only(Condition::ReachedUncertain).with(other, true);
-        assert_eq!(uncertain(Conditions::NONE), None);
-        assert_eq!(uncertain(only(Condition::WheelsInconsistent)), None);
-        for (notices, found) in [
-            (
-                only(Condition::ReachedUncertain),
-                Condition::ReachedUncertain,
-            ),
-            (
-                uncertain_with(Condition::TickLate),
-                Condition::ReachedUncertain,
-            ),
-            (
-                uncertain_with(Condition::GyrosInconsistent),
-                Condition::GyrosInconsistent,
-            ),
-        ] {
-            assert_eq!(uncertain(notices), Some(found));
-        }
-    }
 }

@@ -4,11 +4,11 @@
 
 use crate::base::error::Error;
 use crate::base::spelling;
-use crate::paths::{self, MAX_COORDINATE_M, Path};
+use crate::paths::{self, MAX_COORDINATE_M, Path, PathError};
 use crate::run::drive::{Errand, Progress, drive};
+use crate::run::end::{Cause, EndKind, RunEnd};
 use crate::run::keyboard::Keyboard;
 use crate::run::path_run::{self, PathMode, Route};
-use crate::run::regulate;
 use crate::run::robot::{Record, Robot};
 use crate::scenario::Scenario;
 use crate::targets::HostCommand;
@@ -18,7 +18,7 @@ use core_algos::control::regulator::Phase;
 use core_algos::link::protocol::Place;
 use core_algos::math::Posture;
 use core_algos::node::lead::{DEAD_MAN, Task};
-use core_algos::safety::{Condition, Conditions, OperatingState};
+use core_algos::safety::OperatingState;
 use core_algos::time::Micros;
 use core_algos::topology::Node;
 use serde::Serialize;
@@ -103,47 +103,10 @@ pub struct StepEnd {
     pub line: usize,
     /// The step.
     pub step: String,
-    /// True if the step was carried out.
-    pub done: bool,
-    /// Code of the condition that ended the step, or under which it is done.
-    pub code: Option<String>,
-    /// That condition.
-    #[serde(skip)]
-    pub condition: Option<Condition>,
-    /// Estimated posture at the end, m.
-    pub x: f64,
-    /// Estimated posture at the end, m.
-    pub y: f64,
-    /// Estimated heading at the end, rad.
-    pub phi: f64,
-    /// 95 % error of the position that the robot claims at a goal, m, where it is known.
-    pub claimed_m: Option<f64>,
-    /// True posture at the end, where it is known.
-    pub truth: Option<[f64; 3]>,
-    /// Duration, s.
-    pub duration_s: f64,
-}
-
-impl StepEnd {
-    /// The notice under which the robot is at its goal.
-    pub fn uncertain(&self) -> Option<Condition> {
-        self.condition
-            .filter(|_| self.done && self.claimed_m.is_some())
-    }
-
-    /// The end in words, with what the robot claims.
-    pub fn name(&self) -> String {
-        let end = match (self.done, self.claimed_m) {
-            (false, _) => return "NOT done".to_owned(),
-            (true, _) if self.uncertain().is_some() => "uncertain",
-            (true, None) => "done",
-            (true, Some(_)) => "reached",
-        };
-        let claim = self
-            .claimed_m
-            .map(|claim| format!(" ±{:.1} cm", 100.0 * claim));
-        format!("{end}{}", claim.unwrap_or_default())
-    }
+    /// Goal of the step, or the end of its path: m, m, rad.
+    pub goal: Option<[f64; 3]>,
+    /// The end.
+    pub end: RunEnd,
 }
 
 /// The drive by hand.
@@ -184,6 +147,47 @@ pub fn parse(text: &str, scenario: &Scenario) -> Result<Vec<Line>, Error> {
         true => Err(Error::input("the script has no step")),
         false => Ok(lines),
     }
+}
+
+/// Refuses a path that begins too far from where the steps before leave the robot, as far as that is known. `at` is the
+/// posture at the start.
+pub fn check_starts(
+    lines: &[Line],
+    mut at: Option<[f64; 3]>,
+    scenario: &Scenario,
+) -> Result<(), Error> {
+    for line in lines {
+        at = match (&line.step, at) {
+            (Step::Goto(goal) | Step::Pose(goal), _) => Some(*goal),
+            (Step::Follow(..), Some(from)) => {
+                let route = route(&line.step, from, scenario).map_err(|error| {
+                    Error::input(format!("line {}: {}: {error}", line.number, line.text))
+                })?;
+                route.map(|route| route.goal())
+            }
+            (Step::Follow(path, laps, false), None) => {
+                let route = Route::new(path, *laps, scenario);
+                route.ok().map(|route| route.goal())
+            }
+            (Step::Stop | Step::Clear | Step::Wait(_) | Step::Zero, at) => at,
+            _ => None,
+        };
+    }
+    Ok(())
+}
+
+/// Route of a step along a path for a robot at a posture; `None` of another step.
+fn route(step: &Step, at: [f64; 3], scenario: &Scenario) -> Result<Option<Route>, PathError> {
+    let Step::Follow(path, laps, here) = step else {
+        return Ok(None);
+    };
+    let path = match here {
+        true => path.placed(at),
+        false => Path::clone(path),
+    };
+    let route = Route::new(&path, *laps, scenario)?;
+    route.check_start(at, scenario)?;
+    Ok(Some(route))
 }
 
 fn step(text: &str, scenario: &Scenario) -> Result<Step, Error> {
@@ -268,67 +272,58 @@ pub fn carry_out(
 ) -> Result<(), Error> {
     for line in lines {
         let began = robot.now();
-        robot.control_mut().monitor.take_recent();
         let taken = take(robot, scenario, &line.step, &mut observe);
-        let done = matches!(taken, Ok(true));
-        let record = robot.record();
-        let at = record.lead.fused.robot.posture;
-        let [x, y, phi] = [at.x, at.y, at.phi].map(f64::from);
-        let notices = robot.control_mut().monitor.take_recent();
-        let [claimed_m, _] = record.lead.fused.robot.half_axes_95().map(f64::from);
-        let at_goal = done && matches!(line.step, Step::Goto(_)) && claimed_m > 0.0;
-        let condition = condition(&record, (done, notices));
+        let mut goal = match line.step {
+            Step::Goto(goal) => Some(goal),
+            _ => None,
+        };
+        let (end, error) = match taken {
+            Ok((end, at)) => {
+                goal = goal.or(at);
+                (end, None)
+            }
+            Err(error) => {
+                let seconds = (robot.now() - began) as f64 * 1e-6;
+                let mut end = RunEnd::of(robot, Cause::Unfinished, seconds);
+                end.kind = EndKind::Stopped;
+                end.reason = Some(error.to_string());
+                (end, Some(error))
+            }
+        };
+        let carried_out = end.is_success();
         ends.push(StepEnd {
             line: line.number,
             step: line.text.clone(),
-            done,
-            code: condition.map(|it| format!("{:#04x}", it.code())),
-            condition,
-            x,
-            y,
-            phi,
-            claimed_m: at_goal.then_some(claimed_m),
-            truth: (!record.midpoint[0].is_nan()).then_some(record.midpoint),
-            duration_s: (robot.now() - began) as f64 * 1e-6,
+            goal,
+            end,
         });
-        if !taken? || robot.must_end() {
-            break;
+        match error {
+            Some(error) => return Err(error),
+            None if !carried_out || robot.must_end() => break,
+            None => {}
         }
     }
     Ok(())
 }
 
-/// Condition that ended a step, or the notice under which it is done.
-fn condition(record: &Record, (done, notices): (bool, Conditions)) -> Option<Condition> {
-    let notice = |condition| notices.contains(condition).then_some(condition);
-    match done {
-        true => notice(Condition::CommanderSilent).or(regulate::uncertain(notices)),
-        false => record
-            .lead
-            .supervision
-            .reason
-            .or_else(|| notice(Condition::GaveUp)),
-    }
-}
-
-/// Takes a step; true if it was carried out.
+/// Takes a step: its end, and the end of its path.
 fn take(
     robot: &mut impl Robot,
     scenario: &Scenario,
     step: &Step,
     observe: &mut impl FnMut(&Record),
-) -> Result<bool, Error> {
-    if let Step::Follow(path, laps, here) = step {
+) -> Result<(RunEnd, Option<[f64; 3]>), Error> {
+    if matches!(step, Step::Follow(..)) {
         // The lead node knows where it is once the robot has settled.
         take(robot, scenario, &Step::Wait(0.0), observe)?;
         let at = robot.record().lead.fused.robot.posture;
-        let path = match here {
-            true => path.placed([at.x, at.y, at.phi].map(f64::from)),
-            false => Path::clone(path),
-        };
-        let route = Route::new(&path, *laps, scenario).map_err(|e| Error::input(e.to_string()))?;
-        let see = |moment: &path_run::Moment| observe(&moment.record);
-        return Ok(path_run::drive_on(robot, scenario, &route, PathMode::Follow, see)?.done);
+        let at = [at.x, at.y, at.phi].map(f64::from);
+        let route = route(step, at, scenario).map_err(|error| Error::input(error.to_string()))?;
+        if let Some(route) = route {
+            let see = |moment: &path_run::Moment| observe(&moment.record);
+            let outcome = path_run::drive_on(robot, scenario, &route, PathMode::Follow, see)?;
+            return Ok((outcome.end, Some(route.goal())));
+        }
     }
     let mut taking = Taking {
         step,
@@ -338,10 +333,9 @@ fn take(
         asked: false,
         // A robot whose motors are off needs no stop.
         stopped: robot.record().lead.mode == LeadMode::Idle,
-        finished: false,
     };
-    let end = drive(robot, scenario, step.limit_s(scenario), &mut taking)?;
-    Ok(taking.finished || end.done)
+    let limit_s = step.limit_s(scenario);
+    Ok((drive(robot, scenario, limit_s, &mut taking)?, None))
 }
 
 /// Step under way.
@@ -355,8 +349,6 @@ struct Taking<'a, F> {
     asked: bool,
     /// A robot that is driven by hand needs no further stop.
     stopped: bool,
-    /// The step was carried out and the robot need not rest.
-    finished: bool,
 }
 
 impl<F> Taking<'_, F> {
@@ -375,14 +367,13 @@ impl<F> Taking<'_, F> {
         };
         keyboard.take_task().or(task)
     }
+}
 
-    /// The end of the step, if it has come.
-    fn finish(&mut self, finished: bool) -> Progress {
-        self.finished = finished;
-        match finished {
-            true => Progress::Over,
-            false => Progress::Driving,
-        }
+/// The end of a step, if it has come.
+fn over(finished: bool) -> Progress {
+    match finished {
+        true => Progress::Over,
+        false => Progress::Driving,
     }
 }
 
@@ -456,24 +447,23 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
         let passed = |seconds: f64| since as f64 * 1e-6 >= seconds;
         match *self.step {
             Step::Goto(_) => match lead.phase {
-                Phase::GaveUp => Progress::Over,
                 Phase::Done if lead.done && lead.mode == LeadMode::Hold => Progress::Done,
                 _ => Progress::Driving,
             },
-            Step::Speed(_, _, seconds) | Step::Wait(seconds) => self.finish(passed(seconds)),
-            Step::Stop => self.finish(passed(0.05) && lead.motion.v.abs() < REST_M_S),
-            Step::Clear => self.finish(passed(0.05) && is_clear(robot)),
+            Step::Speed(_, _, seconds) | Step::Wait(seconds) => over(passed(seconds)),
+            Step::Stop => over(passed(0.05) && lead.motion.v.abs() < REST_M_S),
+            Step::Clear => over(passed(0.05) && is_clear(robot)),
             Step::Pose([x, y, _]) => {
                 let at = lead.fused.robot.posture;
                 let off = (f64::from(at.x) - x).hypot(f64::from(at.y) - y);
-                self.finish(self.asked && robot.is_settled() && off < 1e-3)
+                over(self.asked && robot.is_settled() && off < 1e-3)
             }
             Step::Zero => {
                 let result = robot.monitor().calibrated.map(|(result, _)| result);
-                self.finish(self.asked && result == Some(CalibrationResult::Stored))
+                over(self.asked && result == Some(CalibrationResult::Stored))
             }
             Step::Follow(..) => Progress::Over,
-            Step::Hand(ref keyboard) => self.finish(keyboard.is_ended()),
+            Step::Hand(ref keyboard) => over(keyboard.is_ended()),
         }
     }
 }
@@ -570,8 +560,9 @@ mod tests {
         carry_out(&mut robot, &scenario, &lines, |_| (), &mut ends).unwrap();
         let numbers: Vec<usize> = ends.iter().map(|end| end.line).collect();
         assert_eq!(numbers, [1, 3, 4, 5, 6, 7, 8, 9]);
-        assert!(ends.iter().all(|end| end.done), "{ends:?}");
-        let truth = |n: usize| ends[n].truth.unwrap();
+        assert!(ends.iter().all(|step| step.end.is_success()), "{ends:?}");
+        let truth = |n: usize| ends[n].end.truth.unwrap();
+        let seen = |n: usize| ends[n].end.estimate.unwrap();
         let near = |at: [f64; 3], x: f64, y: f64| {
             let off = (at[0] - x).hypot(at[1] - y);
             assert!(off < 0.05, "{at:?}, expected {x}, {y}");
@@ -586,10 +577,16 @@ mod tests {
         );
         // The posture that was told shifts all that follows; the robot stands where it stood.
         near(truth(4), truth(3)[0], truth(3)[1]);
-        assert!((ends[4].x - 5.0).hypot(ends[4].y - 5.0) < 1e-3, "{ends:?}");
+        assert!(
+            (seen(4)[0] - 5.0).hypot(seen(4)[1] - 5.0) < 1e-3,
+            "{ends:?}"
+        );
         let moved = (truth(5)[0] - truth(4)[0]).hypot(truth(5)[1] - truth(4)[1]);
         assert!((moved - 0.5).abs() < 0.03, "{moved}");
-        assert!((ends[7].x - 6.0).hypot(ends[7].y - 5.0) < 0.01, "{ends:?}");
+        assert!(
+            (seen(7)[0] - 6.0).hypot(seen(7)[1] - 5.0) < 0.01,
+            "{ends:?}"
+        );
     }
     /// A user who ends a run leaves a robot at rest with its motors off, in simulation too; a run has an end by hand, too.
     #[test]

@@ -348,10 +348,17 @@ impl SerialRobot {
     fn reconnect(&mut self, until: Instant) -> Result<(), Error> {
         let now = self.clock();
         if now.saturating_sub(self.heard) > PATIENCE {
-            return Err(Error::Failure(format!(
-                "front board: no report at its serial port for {} s, so the robot stopped by itself: {}",
-                PATIENCE / 1_000_000,
-                self.unanswered
+            let seconds = PATIENCE / 1_000_000;
+            let never = self.link.build().is_empty();
+            let what = match never {
+                true => "no robot answered at the serial port of the front board",
+                false => {
+                    "the front board does not report any more; a robot without a host stops by itself"
+                }
+            };
+            let unanswered = &self.unanswered;
+            return Err(Error::NoAnswer(format!(
+                "{what} within {seconds} s: {unanswered}"
             )));
         }
         thread::sleep(until.saturating_duration_since(Instant::now()));
@@ -485,7 +492,7 @@ impl Robot for SerialRobot {
         // A speed that is no longer given has this notice, too.
         let ends_itself = matches!(
             self.task,
-            Task::Regulate { .. } | Task::Follow | Task::Track
+            Task::Regulate { .. } | Task::Follow { .. } | Task::Track { .. }
         );
         let lead = self.control.monitor.latest(Node::Lead);
         let lost = lead.is_some_and(|lead| lead.notices.contains(Condition::CommanderSilent));

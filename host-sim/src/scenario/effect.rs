@@ -94,7 +94,7 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
     "robot.lead.regulator":
         |_, used| matches!(used, Use::Path | Use::VirtualPath) => "along a path; vary robot.lead.course";
     "mission.tolerance_m mission.tolerance_rad":
-        |_, used| !matches!(used, Use::Regulate | Use::Virtual) => "without a goal";
+        |_, used| matches!(used, Use::Calibrate | Use::Replay) => "without a goal";
     "bus":
         |_, used| matches!(used, Use::Virtual | Use::VirtualPath) =>
             "on virtual boards, whose bus has its own times and losses";

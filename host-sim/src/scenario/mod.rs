@@ -39,7 +39,7 @@ pub struct Mission {
     pub time_limit_s: f64,
     /// Time the robot is watched after it reports that it is done, s.
     pub rest_s: f64,
-    /// Tolerance of the goal: position, m.
+    /// Tolerance of the goal or of the end of the path: position, m.
     pub tolerance_m: f64,
     /// The same of the heading, rad.
     pub tolerance_rad: f64,
@@ -65,10 +65,22 @@ impl Mission {
     pub fn regulate(&self, goal: [f64; 3]) -> Task {
         Task::Regulate {
             goal: Posture::from(goal.map(|value| value as f32)),
-            within: Tolerance {
-                position_m: self.tolerance_m as f32,
-                heading_rad: self.tolerance_rad as f32,
-            },
+            within: self.within(),
+        }
+    }
+
+    /// True if a posture is within the tolerance of a goal.
+    pub fn is_near(&self, at: [f64; 3], goal: [f64; 3]) -> bool {
+        let turn = libm::remainder(at[2] - goal[2], std::f64::consts::TAU);
+        (at[0] - goal[0]).hypot(at[1] - goal[1]) <= self.tolerance_m
+            && turn.abs() <= self.tolerance_rad
+    }
+
+    /// Tolerance of the goal, and of the end of a path.
+    pub fn within(&self) -> Tolerance {
+        Tolerance {
+            position_m: self.tolerance_m as f32,
+            heading_rad: self.tolerance_rad as f32,
         }
     }
 }

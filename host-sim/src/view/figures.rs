@@ -2,11 +2,12 @@
 //!
 //! Postures are (x, y, heading) in metres and radians.
 
+use crate::run::end::Verdict;
 use crate::run::final_error::FinalError;
 use crate::run::robot::Record;
 use crate::view::plot::{Figure, Height, Panel, extent};
 use crate::view::style::{
-    BODY, ESTIMATE, End, FRAME, GOAL_MARK, Mark, OTHERS, REFERENCE, Rgb, Shape, TRUTH, WHEELS,
+    BODY, ESTIMATE, FRAME, GOAL_MARK, Mark, OTHERS, REFERENCE, Rgb, Shape, TRUTH, WHEELS,
     color_scale,
 };
 use crate::world::body::Body;
@@ -52,10 +53,12 @@ pub struct PathsPanel {
     pub wheels: Vec<Vec<[f64; 2]>>,
     /// The robot at some instants of that trial.
     pub snapshots: Vec<Snapshot>,
-    /// Posture that O is to reach.
-    pub goal: [f64; 3],
-    /// End and true final posture of O in every trial.
-    pub ends: Vec<(End, [f64; 3])>,
+    /// Posture that O is to reach, if there is one.
+    pub goal: Option<[f64; 3]>,
+    /// Tolerance of the goal: m, rad.
+    pub tolerance: [f64; 2],
+    /// Verdict and final posture of O in every trial.
+    pub ends: Vec<(Verdict, [f64; 3])>,
 }
 
 /// Robot paths during posture regulation (paper figure 7): one panel for each configuration on
@@ -69,7 +72,8 @@ pub fn paths(title: &str, body: &Body, panels: &[PathsPanel]) -> Figure {
         greatest: 520.0,
     };
     let figure = Figure::new(title).row(height, maps);
-    if panels.iter().all(|panel| panel.ends.is_empty()) {
+    let shown = |panel: &PathsPanel| panel.goal.is_some() && !panel.ends.is_empty();
+    if !panels.iter().any(shown) {
         return figure;
     }
     let ends: Vec<Panel> = panels.iter().map(end_map).collect();
@@ -102,7 +106,9 @@ fn path_map(body: &Body, data: &PathsPanel) -> Panel {
         false => "O, median trial",
     };
     panel.line(name, data.path.iter().copied(), TRUTH.stroke);
-    goal(&mut panel, data.goal);
+    if let Some(at) = data.goal {
+        goal(&mut panel, at);
+    }
     panel
 }
 
@@ -114,12 +120,19 @@ fn end_map(data: &PathsPanel) -> Panel {
             trials => format!("final O and heading, {trials} trials"),
         })
         .equal_axes();
-    let (sin, cos) = data.goal[2].sin_cos();
-    for (end, posture) in &data.ends {
-        let (dx, dy) = (posture[0] - data.goal[0], posture[1] - data.goal[1]);
+    let radius = 100.0 * data.tolerance[0];
+    let circle = (0..=72).map(|k| {
+        let (sin, cos) = f64::from(5 * k).to_radians().sin_cos();
+        [radius * cos, radius * sin]
+    });
+    panel.line("tolerance", circle, REFERENCE.stroke);
+    let [x, y, phi] = data.goal.unwrap_or_default();
+    let (sin, cos) = phi.sin_cos();
+    for (verdict, posture) in &data.ends {
+        let (dx, dy) = (posture[0] - x, posture[1] - y);
         let at = [100.0 * (cos * dx + sin * dy), 100.0 * (cos * dy - sin * dx)];
-        let mark = end.mark(3.0).heading(posture[2] - data.goal[2]);
-        panel.mark(end.label(), at, mark);
+        let mark = verdict.mark(3.0).heading(posture[2] - phi);
+        panel.mark(verdict.label(data.tolerance), at, mark);
     }
     goal(&mut panel, [0.0; 3]);
     panel
@@ -368,13 +381,13 @@ pub struct StartMark {
     pub posture: [f64; 3],
     /// Value shown by colour if the run ended within the tolerance.
     pub value: f64,
-    /// End of the run.
-    pub end: End,
+    /// Verdict on the run.
+    pub end: Verdict,
 }
 
 /// Limits of the colours of runs that ended within the tolerance: up to the 98th percentile.
 fn color_limits<'a>(starts: impl Iterator<Item = &'a StartMark>) -> [f64; 2] {
-    let within = starts.filter(|start| start.end == End::Within);
+    let within = starts.filter(|start| start.end == Verdict::Within);
     let values = within
         .map(|start| start.value)
         .filter(|value| value.is_finite());
@@ -389,21 +402,26 @@ fn color_limits<'a>(starts: impl Iterator<Item = &'a StartMark>) -> [f64; 2] {
 /// Colour of a start: by its value within the tolerance, else by its end.
 fn color_of(start: &StartMark, [low, high]: [f64; 2]) -> Rgb {
     match start.end {
-        End::Within => color_scale((start.value - low) / (high - low)),
+        Verdict::Within => color_scale((start.value - low) / (high - low)),
         end => end.stroke().color,
     }
 }
 
-fn count_of(starts: &[StartMark], end: End) -> usize {
+fn count_of(starts: &[StartMark], end: Verdict) -> usize {
     starts.iter().filter(|start| start.end == end).count()
 }
 
 /// Starts: place, heading, end, and value by colour; `room` is for all marks.
-fn starts_panel(starts: &[StartMark], limits: [f64; 2], room: f64, goal_at: [f64; 3]) -> Panel {
+fn starts_panel(
+    starts: &[StartMark],
+    limits: [f64; 2],
+    room: f64,
+    (goal_at, tolerance): ([f64; 3], [f64; 2]),
+) -> Panel {
     // Marks shrink so that thousands of them leave some white.
     let radius = (room / (starts.len() as f64).max(1.0).sqrt()).clamp(0.9, 3.5);
     let mut panel = Panel::new("x (m)", "y (m)").equal_axes();
-    for end in End::ALL {
+    for end in Verdict::ALL {
         for start in starts.iter().filter(|start| start.end == end) {
             let [x, y, heading] = start.posture;
             let color = color_of(start, limits);
@@ -411,7 +429,7 @@ fn starts_panel(starts: &[StartMark], limits: [f64; 2], room: f64, goal_at: [f64
                 color,
                 ..end.mark(radius)
             };
-            panel.mark(end.label(), [x, y], mark.heading(heading));
+            panel.mark(end.label(tolerance), [x, y], mark.heading(heading));
         }
     }
     let halo = Mark::new(Shape::Disc, 9.0, Rgb(255, 255, 255));
@@ -420,24 +438,25 @@ fn starts_panel(starts: &[StartMark], limits: [f64; 2], room: f64, goal_at: [f64
     panel
 }
 
-/// Maps of random starts beside each other, each with its label, on one scale of colours.
+/// Maps of random starts to a goal with a tolerance (m, rad), beside each other, each with its label, on one scale of
+/// colours.
 pub fn maps(
     title: &str,
     value_label: &str,
     maps: &[(String, Vec<StartMark>)],
-    goal_at: [f64; 3],
+    (goal_at, tolerance): ([f64; 3], [f64; 2]),
 ) -> Figure {
     let limits = color_limits(maps.iter().flat_map(|(_, starts)| starts));
     let columns = maps.len().clamp(1, 2);
     let panels = maps.iter().map(|(label, starts)| {
         let room = 75.0 / columns as f64;
-        let within = count_of(starts, End::Within);
-        starts_panel(starts, limits, room, goal_at)
+        let within = count_of(starts, Verdict::Within);
+        starts_panel(starts, limits, room, (goal_at, tolerance))
             .title(label.clone())
             .caption(format!(
                 "{within} of {} {}",
                 starts.len(),
-                End::Within.label()
+                Verdict::Within.label(tolerance)
             ))
             .color_bar(value_label, limits)
     });

@@ -5,6 +5,7 @@
 
 use crate::base::output::OutputDir;
 use crate::recording::BUILD;
+use crate::run::end::{EndKind, RunEnd};
 use crate::run::final_error::wrap;
 use crate::run::robot::Record;
 use crate::scenario::Scenario;
@@ -71,7 +72,9 @@ pub struct Run<'a> {
     pub errors: Vec<[Error; 2]>,
     /// Name of the distance.
     pub distance: &'static str,
-    /// Rows of the summary.
+    /// End of the run; first in the summary.
+    pub end: &'a RunEnd,
+    /// Further rows of the summary.
     pub summary: Vec<(String, String)>,
     /// The scenario.
     pub scenario: &'a Scenario,
@@ -253,7 +256,8 @@ impl Run<'_> {
             "phase": each(&|record| json!(phase(record))),
             "spread": Rounded::<5>(spread),
             "plots": self.plots(&shown),
-            "summary": world.chain(self.summary.clone()).collect::<Vec<_>>(),
+            "summary": world.chain(self.end.summary()).chain(self.summary.clone()).collect::<Vec<_>>(),
+            "end": self.end,
             "configuration": configuration,
         })
     }
@@ -262,7 +266,7 @@ impl Run<'_> {
 fn phase(record: &Record) -> String {
     let lead = &record.lead;
     match (lead.done, lead.phase) {
-        (true, _) => "done".to_owned(),
+        (true, _) => EndKind::Done.name().to_owned(),
         (false, Phase::Stop) => format!("{:?}", lead.mode).to_lowercase(),
         (false, phase) => format!("{phase:?}").to_lowercase(),
     }
@@ -296,6 +300,7 @@ fn page(command: &str, seed: u64, body: &Body, runs: &[Run]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core_algos::safety::{Condition, Conditions};
 
     fn data(page: &str) -> serde_json::Value {
         let (_, rest) = page.split_once("id=\"data\">").unwrap();
@@ -313,6 +318,12 @@ mod tests {
                 ..Record::default()
             })
             .collect();
+        let end = RunEnd {
+            kind: EndKind::Uncertain,
+            notices: Conditions::only(Condition::EstimateVague),
+            error_95: Some([0.25, 0.0]),
+            ..RunEnd::default()
+        };
         let run = Run {
             title: "a </script> b".to_owned(),
             name: "one".to_owned(),
@@ -321,7 +332,8 @@ mod tests {
             errors: vec![[[0.25, 0.5]; 2]; records.len()],
             records: records.iter().collect(),
             distance: "Distance",
-            summary: vec![("end".to_owned(), "at rest".to_owned())],
+            end: &end,
+            summary: vec![("a".to_owned(), "b".to_owned())],
             scenario: &scenario,
         };
         let page = page("posture", 3, &Body::of(&scenario.world.plant), &[run]);
@@ -329,6 +341,9 @@ mod tests {
         let run = &data["runs"][0];
         assert_eq!(run["title"], "a </script> b");
         assert_eq!(run["summary"][0], json!(["world", "base"]));
+        let end = "uncertain after 0.0 s, 95 % error ±25.0 cm, ±0.0°";
+        assert_eq!(run["summary"][1], json!(["End", end]));
+        assert_eq!(run["summary"][2], json!(["Notices", "estimate vague"]));
         let times = run["t"].as_array().unwrap();
         // 50 a second, with the first and the last.
         assert!((500..=503).contains(&times.len()), "{}", times.len());

@@ -4,6 +4,8 @@
 //! of Okabe and Ito, which colour-blind readers tell apart. Dashes and shapes tell the kinds apart in
 //! grayscale.
 
+use crate::run::end::Verdict;
+
 /// A colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rgb(pub u8, pub u8, pub u8);
@@ -200,39 +202,7 @@ pub const INK: Rgb = BLACK;
 /// Mark of the goal.
 pub const GOAL_MARK: Mark = Mark::new(Shape::Target, 6.0, GOAL.stroke.color);
 
-/// End of a run, from best to worst.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum End {
-    /// At rest, within 3 cm and 3° of the goal.
-    Within,
-    /// At rest, but farther off.
-    Outside,
-    /// Stopped, given up, moving or out of time.
-    Failed,
-}
-
-impl End {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Within, Self::Outside, Self::Failed];
-
-    /// End of a run that the robot reported as done, or not, within the tolerance or not.
-    pub const fn of(done: bool, within: bool) -> Self {
-        match (done, within) {
-            (true, true) => Self::Within,
-            (true, false) => Self::Outside,
-            (false, _) => Self::Failed,
-        }
-    }
-
-    /// Words of the legend.
-    pub const fn label(self) -> &'static str {
-        match self {
-            Self::Within => "within 3 cm and 3°",
-            Self::Outside => "outside 3 cm or 3°",
-            Self::Failed => "stopped or not done",
-        }
-    }
-
+impl Verdict {
     /// Line of such a run.
     pub const fn stroke(self) -> Stroke {
         match self {

@@ -113,13 +113,8 @@ impl Bench {
                 "interrupted: nothing is saved".to_owned(),
             ));
         }
-        if let Some(why) = simulation.failure() {
+        if let Some(why) = outcome.end.failure() {
             return Err(Error::Failure(format!("the robot did not return: {why}")));
-        }
-        if !outcome.done {
-            return Err(Error::Failure(
-                "the robot did not return in time".to_owned(),
-            ));
         }
         let trace = simulation.take_trace().unwrap_or_default();
         trace.frames().for_each(|frame| seen.take(frame));

@@ -7,9 +7,11 @@ use super::report::{listed, numbers, short};
 use super::rows::Row;
 use super::study::{Starts, Study, Vary, number};
 use crate::base::statistics::percentile;
+use crate::run::end::Verdict;
+use crate::run::final_error::NEAR;
 use crate::view::figures::{self, StartMark};
 use crate::view::plot::{Figure, Height, Panel};
-use crate::view::style::{BAND, End, INK, Mark, Shape, Stroke, series, series_by};
+use crate::view::style::{BAND, INK, Mark, Shape, Stroke, series, series_by};
 
 /// Least error that has a place on a logarithmic axis, cm and degrees.
 const LEAST: f64 = 0.01;
@@ -174,9 +176,9 @@ pub fn map(study: &Study, rows: &[Row]) -> Figure {
     }
 }
 
-/// End of a run.
-fn end(row: &Row) -> End {
-    End::of(row.done, row.within)
+/// Verdict on a run: within 3 cm and 3°.
+fn end(row: &Row) -> Verdict {
+    Verdict::of(row.end, row.within)
 }
 
 /// Each start with the largest error, and the worst end, of any combination of the rest.
@@ -196,7 +198,7 @@ fn map_of_starts(study: &Study, maps: &[Group], goal: [f64; 3]) -> Figure {
         (group.label.clone(), starts.into_iter().flatten().collect())
     });
     let title = format!("{}: starts, with the largest final error", study.name);
-    figures::maps(&title, "e (cm)", &starts.collect::<Vec<_>>(), goal)
+    figures::maps(&title, "e (cm)", &starts.collect::<Vec<_>>(), (goal, NEAR))
 }
 
 fn map_of_ends(study: &Study, maps: &[Group], goal: [f64; 3]) -> Figure {
@@ -205,9 +207,9 @@ fn map_of_ends(study: &Study, maps: &[Group], goal: [f64; 3]) -> Figure {
             .title(group.label.clone())
             .equal_axes();
         for row in &group.rows {
-            let ([x, y, _], end) = (row.end, end(row));
+            let ([x, y, _], end) = (row.at, end(row));
             let at = [100.0 * (x - goal[0]), 100.0 * (y - goal[1])];
-            panel.mark(end.label(), at, end.mark(1.8));
+            panel.mark(end.label(NEAR), at, end.mark(1.8));
         }
         let circle = (0..=90).map(|k| {
             let (s, c) = (f64::from(k) * 4f64.to_radians()).sin_cos();

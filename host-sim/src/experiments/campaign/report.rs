@@ -4,6 +4,7 @@ use super::rows::Row;
 use super::study::{Study, Vary, number};
 use crate::base::statistics::{Summary, percentile};
 use crate::base::table::{Table, plus_minus};
+use crate::run::end::Ends;
 use serde::Serialize;
 
 /// Results of one combination.
@@ -25,10 +26,8 @@ pub struct Cell {
     pub within_3cm_3deg: f64,
     /// Wilson's interval of that share at 95 %.
     pub within_interval: [f64; 2],
-    /// Trials that the robot reported as done.
-    pub done: usize,
-    /// Trials that ended with a fault.
-    pub faults: usize,
+    /// Numbers of trials by end.
+    pub ends: Ends,
     /// Root mean square of the frame's force, N.
     pub force_rms_n: Summary,
     /// Time of a trial, s.
@@ -174,8 +173,7 @@ impl Report {
             "|heading| (°)",
             "3 cm, 3°",
             "(95 % interval)",
-            "done",
-            "faults",
+            "ends",
             "force (N)",
             "time (s)",
         ]);
@@ -197,8 +195,7 @@ impl Report {
                     percent(cell.within_interval[0]),
                     percent(cell.within_interval[1])
                 ),
-                format!("{} of {}", cell.done, cell.trials),
-                cell.faults.to_string(),
+                cell.ends.text(),
                 plus_minus(cell.force_rms_n.mean, cell.force_rms_n.sd, 2),
                 plus_minus(cell.duration_s.mean, cell.duration_s.sd, 1),
             ]);
@@ -247,8 +244,7 @@ fn cell(study: &Study, rows: &[Row]) -> Cell {
         heading_rad: Summary::of(&numbers(|row| row.heading_rad)),
         within_3cm_3deg: within as f64 / rows.len() as f64,
         within_interval: wilson(within, rows.len()),
-        done: count(|row| row.done),
-        faults: count(|row| row.fault_code != 0),
+        ends: Ends::of_labels(rows.iter().map(Row::end_label)),
         force_rms_n: Summary::of(&numbers(|row| row.force_rms_n)),
         duration_s: Summary::of(&numbers(|row| row.duration_s)),
     }

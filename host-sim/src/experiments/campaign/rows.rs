@@ -4,9 +4,11 @@ use super::study::{Run, Study, Vary, number};
 use crate::base::error::Error;
 use crate::base::output::{Cell, Csv};
 use crate::recording::csv;
+use crate::run::end::EndKind;
 use crate::run::final_error::FinalError;
 use crate::run::regulate::Outcome;
 use core_algos::link::framing::crc32c;
+use core_algos::safety::Condition;
 use serde::{Deserialize, Serialize};
 
 /// One run: what was varied, and how it ended.
@@ -31,14 +33,14 @@ pub struct Row {
     pub heading_rad: f64,
     /// True within 3 cm and 3°.
     pub within: bool,
-    /// True if the robot reported the task as done.
-    pub done: bool,
-    /// True if the regulator gave up.
-    pub gave_up: bool,
-    /// Code of the fault that stopped the robot; 0 if none did.
-    pub fault_code: u8,
+    /// End of the run.
+    pub end: EndKind,
+    /// Code of the condition that ended the run, or under which the goal is reached; 0 if there is none.
+    pub code: u8,
     /// True posture at the end: m, m, rad.
-    pub end: [f64; 3],
+    pub at: [f64; 3],
+    /// 95 % error of the estimated position at the end, m.
+    pub error_95_m: f64,
     /// Distance of the estimate from the true position at the end, m.
     pub estimate_error_m: f64,
     /// Error of the estimated position of one axle from the other at the end, m.
@@ -57,8 +59,9 @@ impl Row {
     /// Row of run number `run`.
     pub fn of(run: u64, of: Run, outcome: &Outcome) -> Self {
         let error = FinalError::of(outcome.midpoint, of.scenario.mission.goal);
-        let reason = outcome.fault.as_ref().and_then(|fault| fault.reason);
-        let ([x, y, _], [u, v, _]) = (outcome.midpoint, outcome.estimate);
+        let end = &outcome.end;
+        let unknown = [f64::NAN; 3];
+        let ([x, y, _], [u, v, _]) = (outcome.midpoint, end.estimate.unwrap_or(unknown));
         let [along, across, _] = outcome.relative_error;
         Self {
             run,
@@ -69,17 +72,27 @@ impl Row {
             e_m: error.e_m,
             heading_rad: error.heading_rad,
             within: error.is_near(),
-            done: outcome.done,
-            gave_up: outcome.gave_up,
-            fault_code: reason.map_or(0, |condition| condition.code()),
-            end: outcome.midpoint,
+            end: end.kind,
+            code: end.condition.map_or(0, Condition::code),
+            at: outcome.midpoint,
+            error_95_m: end.error_95.map_or(f64::NAN, |[position, _]| position),
             estimate_error_m: (u - x).hypot(v - y),
             drift_m: along.hypot(across),
             force_rms_n: outcome.force_rms_n,
             max_curvature: outcome.max_curvature,
-            duration_s: outcome.duration_s,
+            duration_s: outcome.end.duration_s,
             path_m: outcome.path_m,
         }
+    }
+
+    /// End, with the cause of a stop.
+    pub fn end_label(&self) -> String {
+        let mut label = self.end.name().to_owned();
+        let cause = Condition::from_code(self.code).filter(|_| self.end == EndKind::Stopped);
+        if let Some(condition) = cause {
+            label += &format!(", {}", condition.entry().name);
+        }
+        label
     }
 
     /// Row of the CSV file; `vary` are the varied quantities.
@@ -92,12 +105,14 @@ impl Row {
         }
         row.put("start_x_m start_y_m start_phi_rad", &self.start);
         row.put("e_m heading_rad", &[self.e_m, self.heading_rad]);
-        row.put(
-            "within_3cm_3deg done gave_up",
-            &[self.within, self.done, self.gave_up],
-        );
-        row.put("fault_code", &[u32::from(self.fault_code)]);
-        row.put("x_m y_m phi_rad", &self.end);
+        row.put("within_3cm_3deg", &[self.within]);
+        let code = match self.code {
+            0 => String::new(),
+            code => format!("{code:#04x}"),
+        };
+        row.put("end code", &[self.end.name(), code.as_str()]);
+        row.put("x_m y_m phi_rad", &self.at);
+        row.put("error_95_m", &[self.error_95_m]);
         let drift = [self.estimate_error_m, self.drift_m];
         row.put("estimate_error_m drift_m", &drift);
         let frame = [self.force_rms_n, self.max_curvature];
@@ -164,12 +179,12 @@ mod tests {
     use proptest::prelude::*;
 
     /// A block of rows with these results.
-    fn noted(results: &[(f64, u8, bool)]) -> Noted {
+    fn noted(results: &[(f64, u8, usize)]) -> Noted {
         let row = finished(&study(), 0).remove(0);
-        let rows = results.iter().map(|&(e_m, fault_code, done)| Row {
+        let rows = results.iter().map(|&(e_m, code, end)| Row {
             e_m,
-            fault_code,
-            done,
+            code,
+            end: EndKind::ALL[end],
             values: Vec::new(),
             ..row.clone()
         });
@@ -183,7 +198,7 @@ mod tests {
     properties! { cases 1024;
         #[test]
         fn rows_come_back_with_their_bits(
-            results in prop::collection::vec((prop::num::f64::NORMAL, any::<u8>(), any::<bool>()), 0..60),
+            results in prop::collection::vec((prop::num::f64::NORMAL, any::<u8>(), 0..EndKind::ALL.len()), 0..60),
         ) {
             let block = noted(&results);
             let text = block.to_lines().unwrap();
@@ -192,7 +207,7 @@ mod tests {
 
         #[test]
         fn a_damaged_file_is_refused(place in 0usize..2000, to: u8, cut in 0usize..2000) {
-            let results = [1.5, 2.5].map(|e_m| (e_m, 0, true));
+            let results = [1.5, 2.5].map(|e_m| (e_m, 0, 0));
             let mut file = noted(&results).to_lines().unwrap().into_bytes();
             let n = file.len();
             prop_assume!(file[place % n] != to);

@@ -3,6 +3,7 @@ use super::pictures::{distributions, map, sensitivity};
 use super::report::{Report, rank_correlation, wilson};
 use super::rows::{self, Row};
 use super::study::Study;
+use crate::run::end::{EndKind, RunEnd};
 use crate::run::regulate::Outcome;
 use crate::view::plot::tests::check_figure;
 
@@ -100,7 +101,10 @@ pub(super) fn finished(study: &Study, block: u64) -> Vec<Row> {
     let row = |index| {
         let outcome = Outcome {
             midpoint: [0.001 * index as f64, 0.0, 0.0],
-            done: true,
+            end: RunEnd {
+                kind: EndKind::Reached,
+                ..RunEnd::default()
+            },
             ..Outcome::default()
         };
         Row::of(index, study.run(index).unwrap(), &outcome)

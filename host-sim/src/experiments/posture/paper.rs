@@ -3,7 +3,7 @@
 use super::report::Row;
 use super::variant::Variant;
 use crate::base::error::Error;
-use crate::base::table::Table;
+use crate::base::table::{Table, plus_minus};
 use crate::scenario::Scenario;
 use core_algos::control::regulator::Strategy;
 
@@ -15,6 +15,10 @@ pub const TABLE_1: [[[f64; 2]; 3]; 2] = [
     [[10.6, 3.4], [-31.7, 9.4], [-45.4, 12.2]],
     [[9.5, 2.1], [-13.3, 14.2], [-21.6, 14.9]],
 ];
+
+/// Note below the table of the paper's robot.
+pub const FIXED: &str = "This table is the paper's experiment with the trials and the seed of the command: from \
+                         -1.342,-1.342,0 in world paper. --from, --world, --scenario and --set do not change it.";
 
 /// The paper's algorithms in the world `paper`, in the order of [`ROWS`].
 pub fn scenarios() -> Result<[Scenario; 2], Error> {
@@ -37,23 +41,25 @@ pub fn figures(row: &Row) -> [[f64; 2]; 3] {
 pub fn table(rows: &[Row]) -> String {
     let mut table = Table::new([
         "the paper's robot",
-        "e (cm)",
+        "goal error e (cm)",
         "θ (°)",
         "α (°)",
         "x, y (cm)",
         "φ (°)",
+        "ends",
     ]);
     for ((variant, measured), row) in ROWS.iter().zip(TABLE_1).zip(rows) {
-        let label = variant.label();
-        let name = label.split(',').next().unwrap_or_default();
-        for (whose, figures) in [("measured", measured), ("simulated", figures(row))] {
+        let name = variant.sensors();
+        let simulated = ("simulated", figures(row), row.ends.text());
+        for (whose, figures, ends) in [("measured", measured, String::new()), simulated] {
             let [[e, _], [theta, _], [alpha, _]] = figures;
             let (sin, cos) = theta.to_radians().sin_cos();
             let mut cells = vec![format!("{name}, {whose}")];
-            cells.extend(figures.map(|[mean, sd]| format!("{mean:.1} ±{sd:.1}")));
+            cells.extend(figures.map(|[mean, sd]| plus_minus(mean, sd, 1)));
             // The mean posture, from the means of its polar errors.
             cells.push(format!("{:.1}, {:.1}", -e * cos, -e * sin));
             cells.push(format!("{:.1}", theta - alpha));
+            cells.push(ends);
             table.row(cells);
         }
     }

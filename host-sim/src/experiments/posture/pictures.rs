@@ -2,12 +2,12 @@
 
 use crate::base::table::plus_minus;
 use crate::experiments::posture::{Row, Trial, Variant};
+use crate::run::end::Verdict;
 use crate::run::final_error::FinalError;
 use crate::run::robot::Record;
 use crate::scenario::Scenario;
 use crate::view::figures::{ErrorsColumn, PathsPanel, Snapshot};
 use crate::view::page;
-use crate::view::style::End;
 
 /// Index of the trial with the median final position error e: of an even number of trials, the lower
 /// of the middle two. An error that is not a number counts as the largest.
@@ -60,18 +60,19 @@ impl<'a> Picture<'a> {
         let trial = &self.trials[self.shown];
         let others = self.trials.iter().enumerate();
         let others = others.filter(|(n, trial)| *n != self.shown && !trial.path.is_empty());
-        let end = |trial: &Trial| {
-            let outcome = &trial.outcome;
-            let error = FinalError::of(outcome.midpoint, self.goal());
-            (End::of(outcome.done, error.is_near()), outcome.midpoint)
+        let end = |Trial { outcome, .. }: &Trial| {
+            let verdict = Verdict::of(outcome.end.kind, outcome.within);
+            (verdict, outcome.midpoint)
         };
+        let mission = &self.scenario.mission;
         PathsPanel {
             title: self.title(),
             others: others.map(|(_, trial)| trial.path.clone()).collect(),
             path: trial.path.clone(),
             wheels: wheel_paths(&trial.records, half_track_m),
             snapshots: snapshots(&trial.records),
-            goal: self.goal(),
+            goal: Some(self.goal()),
+            tolerance: [mission.tolerance_m, mission.tolerance_rad],
             ends: self.trials.iter().map(end).collect(),
         }
     }
@@ -97,18 +98,9 @@ impl<'a> Picture<'a> {
             outcome, records, ..
         } = &trials[self.shown];
         let last = FinalError::of(outcome.midpoint, goal);
-        let at_rest = if outcome.done {
-            "at rest"
-        } else {
-            "NOT at rest"
-        };
         let [e_mm, heading] = [1e3 * last.e_m, last.heading_rad.to_degrees()];
         let mut summary = vec![
-            ("Error at the end", format!("{e_mm:.2} mm, {heading:.2}°")),
-            (
-                "Time",
-                format!("{at_rest} on the goal after {:.1} s", outcome.duration_s),
-            ),
+            ("Goal error", format!("{e_mm:.2} mm, {heading:.2}°")),
             (
                 "Way",
                 format!("{:.2} m, {} cusps", outcome.path_m, outcome.cusps),
@@ -118,11 +110,12 @@ impl<'a> Picture<'a> {
                 format!("{:.2} N", outcome.force_rms_n),
             ),
         ];
-        let all = format!("Error of all {} trials", trials.len());
+        let all = format!("Goal error of all {} trials", trials.len());
         if trials.len() > 1 {
             let [mean, sd] = [row.heading_rad.mean, row.heading_rad.sd].map(f64::to_degrees);
             let e_mm = plus_minus(1e3 * row.e_m.mean, 1e3 * row.e_m.sd, 2);
             summary.push((&all, format!("{e_mm} mm, {}°", plus_minus(mean, sd, 2))));
+            summary.push(("Ends of all trials", row.ends.text()));
         }
         let summary = summary.into_iter();
         page::Run {
@@ -136,6 +129,7 @@ impl<'a> Picture<'a> {
                 .collect(),
             records: records.iter().collect(),
             distance: "Distance to the goal",
+            end: &outcome.end,
             summary: summary
                 .map(|(name, text)| (name.to_owned(), text))
                 .collect(),

@@ -9,6 +9,41 @@ use crate::recording::LogArgs;
 use crate::scenario::Scenario;
 use crate::scenario::effect::{Run, Taken, Use};
 
+impl PostureArgs {
+    /// Rows with the sensors that the options leave: `--no-rps` keeps those without gauges, `--imu` adds the inertial
+    /// sensors to all. A run that is shown has one row.
+    fn variants(&self, selection: RowSelection) -> Result<Vec<Variant>, Error> {
+        let sensors = &self.sensors;
+        let rows = match selection {
+            RowSelection::Main => &Variant::MAIN[..],
+            RowSelection::All => &Variant::ALL,
+            RowSelection::Pair => &Variant::PAIR,
+            RowSelection::Joint => &Variant::JOINT,
+        };
+        let shown = match self.log.is_watched() {
+            true if sensors.no_rps => &Variant::PAIR[..1],
+            true => &Variant::PAIR[1..],
+            false => rows,
+        };
+        let mut kept: Vec<Variant> = Vec::new();
+        for row in shown.iter().filter(|row| !(sensors.no_rps && row.rps)) {
+            let row = Variant {
+                imu: row.imu || sensors.imu,
+                ..*row
+            };
+            if !kept.contains(&row) {
+                kept.push(row);
+            }
+        }
+        match kept.is_empty() {
+            true => Err(Error::input(
+                "--no-rps: no row is left; every row of --rows joint has gauges",
+            )),
+            false => Ok(kept),
+        }
+    }
+}
+
 /// Number of trials a row.
 const TRIALS: u32 = 50;
 
@@ -19,7 +54,7 @@ pub struct Plan<'a> {
     /// Recording and display of the first trial with the sensor.
     pub log: &'a LogArgs,
     /// Rows of the table.
-    pub variants: &'static [Variant],
+    pub variants: Vec<Variant>,
     /// Scenario of each row, then those of the rows of the paper's robot, if there are any.
     pub scenarios: Vec<Scenario>,
     /// Trials of each row.
@@ -32,20 +67,8 @@ impl<'a> Plan<'a> {
         let mut context = Context::new(&args.common, "posture")?;
         place(args, &mut context)?;
         args.robot.refuse_without_boards()?;
-        if args.sensors.imu || args.sensors.no_rps {
-            return Err(Error::input(
-                "--imu, --no-rps: only with --on virtual; here each row sets the sensors, see --rows",
-            ));
-        }
         let selection = args.rows.unwrap_or(RowSelection::Main);
-        let variants: &[Variant] = match selection {
-            // One run is shown.
-            _ if args.log.is_watched() => &Variant::PAIR[1..],
-            RowSelection::Main => &Variant::MAIN,
-            RowSelection::All => &Variant::ALL,
-            RowSelection::Pair => &Variant::PAIR,
-            RowSelection::Joint => &Variant::JOINT,
-        };
+        let variants = args.variants(selection)?;
         let apply = |variant: &Variant| variant.apply(&context.scenario);
         let mut scenarios: Vec<Scenario> = variants.iter().map(apply).collect();
         let runs: Vec<Run> = scenarios.iter().map(|row| (row, Use::Regulate)).collect();

@@ -1,10 +1,11 @@
 //! Tables, pictures and files of trials.
 
 use super::pictures::Picture;
-use super::trials::Trials;
+use super::trials::{Trials, pictured};
 use super::{Report, Row, Trial, Variant, paper, report, summarize};
 use crate::base::error::Error;
 use crate::base::output::OutputDir;
+use crate::base::terminal::wrapped;
 use crate::experiments::Context;
 use crate::recording::csv;
 use crate::scenario::Scenario;
@@ -13,28 +14,25 @@ use crate::view::{figures, page};
 impl Trials {
     /// Writes and prints the result.
     pub fn publish(mut self) -> Result<(), Error> {
-        let (context, variants) = (&self.context, self.variants);
+        let (context, variants) = (&self.context, &self.variants);
         let of_paper = self.blocks.split_off(variants.len());
-        let (mut report, files) = publish(context, variants, &Variant::PAIR, &self.blocks)?;
-        let goal = context.scenario.mission.goal;
-        for (variant, block) in paper::ROWS.iter().zip(&of_paper) {
-            report.paper.push(summarize(variant, block, goal));
-        }
+        let blocks = (self.blocks.as_slice(), of_paper.as_slice());
+        let (report, files) = publish(context, variants, &pictured(variants), blocks)?;
         let text = screen(context, &report, variants);
         context.finish(&text, &report, files, &self.recorded, failure(&report))
     }
 }
 
-/// Result and files of trials, a block of each variant; pictures and logs are those of the variants
-/// that are `shown`.
-pub fn publish(
+/// Result and files of trials: a block of each variant, and one of each row of the paper's robot. Pictures and logs are
+/// those of the variants that are `shown`.
+pub fn publish<'a>(
     context: &Context,
     variants: &[Variant],
     shown: &[Variant],
-    blocks: &[Vec<Trial>],
+    (blocks, of_paper): (&'a [Vec<Trial>], &'a [Vec<Trial>]),
 ) -> Result<(Report, OutputDir), Error> {
     let goal = context.scenario.mission.goal;
-    if blocks.iter().any(Vec::is_empty) {
+    if blocks.iter().chain(of_paper).any(Vec::is_empty) {
         let text = "interrupted before each row had a trial: nothing is written";
         return Err(Error::Interrupted(text.to_owned()));
     }
@@ -66,11 +64,20 @@ pub fn publish(
     let figure = figures::errors("Posture errors", &columns);
     files.text("errors.svg", figure.svg());
     files.bytes("errors.png", figure.png());
-    files.csv("trials.csv", report::trials_csv(variants, blocks, goal));
+    let named = |table: &'static str| {
+        move |(variant, block): (_, &'a Vec<Trial>)| (table, variant, block.as_slice())
+    };
+    let all = variants.iter().zip(blocks).map(named("main"));
+    let all = all.chain(paper::ROWS.iter().zip(of_paper).map(named("paper")));
+    files.csv("trials.csv", report::trials_csv(all, goal));
     let report = Report {
         trials: blocks.iter().map(Vec::len).max().unwrap_or(0) as u32,
         rows,
-        paper: Vec::new(),
+        paper: paper::ROWS
+            .iter()
+            .zip(of_paper)
+            .map(|(variant, block)| summarize(variant, block, goal))
+            .collect(),
     };
     Ok((report, files))
 }
@@ -79,15 +86,16 @@ pub fn publish(
 fn screen(context: &Context, report: &Report, variants: &[Variant]) -> String {
     let world = context.scenario.world.label();
     let mut text = format!(
-        "Posture regulation, {} trials a row, seed {}, world {world}; true errors\n\n{}",
+        "Posture regulation, {} trials a row, seed {}, world {world}\n\n{}",
         report.trials,
         context.seed,
         report::table(&report.rows, variants)
     );
     if !report.paper.is_empty() {
         text += &format!(
-            "\nThe paper's algorithms in world paper (constants fitted, see docs/worlds.md)\n\n{}",
-            paper::table(&report.paper)
+            "\nThe paper's algorithms in world paper (constants fitted, see docs/worlds.md)\n\n{}{}",
+            paper::table(&report.paper),
+            wrapped(paper::FIXED)
         );
     }
     let folder = context.folder().display();
@@ -100,10 +108,9 @@ fn screen(context: &Context, report: &Report, variants: &[Variant]) -> String {
 /// Reason if no trial of a row ended as commanded.
 fn failure(report: &Report) -> Option<String> {
     let row = report.rows.iter().find(|row| row.done == 0.0)?;
-    let ends: Vec<&str> = row.ends.keys().map(String::as_str).collect();
     Some(format!(
-        "no trial of row {} reached its goal: {}",
+        "no trial of row {} was carried out: {}",
         row.fusion,
-        ends.join(", ")
+        row.ends.text()
     ))
 }

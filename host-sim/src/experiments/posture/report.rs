@@ -5,11 +5,12 @@ use super::variant::Variant;
 use crate::base::output::Csv;
 use crate::base::statistics::{self, Summary};
 use crate::base::table::Table;
+use crate::base::terminal::wrapped;
 use crate::recording::csv;
+use crate::run::end::{EndKind, Ends, RunEnd};
 use crate::run::final_error::FinalError;
 use crate::run::regulate::Outcome;
 use serde::Serialize;
-use std::collections::BTreeMap;
 
 /// Of three degrees of freedom, 99 %.
 pub const CHI_SQUARE_99: f64 = 11.345;
@@ -33,25 +34,26 @@ pub struct Row {
     pub theta_rad: Summary,
     /// α of the paper.
     pub alpha_rad: Summary,
-    /// Share of trials within 3 cm and 3°.
-    pub within_3cm_3deg: f64,
-    /// Share of trials the robot itself reported as done.
+    /// Share of trials within the tolerance of the goal.
+    pub within_tolerance: f64,
+    /// Share of trials whose task was carried out.
     pub done: f64,
-    /// Mean of the squared error of the estimate of O over its claimed covariance; 3 if the claim is right.
+    /// Mean of the squared error of the estimate of O over its covariance; 3 if the covariance is right.
     pub nees: f64,
+    /// True if the 95 % error of the estimate is an upper bound.
+    pub error_95_is_bound: bool,
     /// Share of trials whose error of the estimate of O lies in the claimed 99 % ellipsoid.
     pub inside_share: f64,
-    /// Ends of trials with their counts: `reached`, `reached, uncertain`, the code of the first stop, or
-    /// `time limit`.
-    pub ends: BTreeMap<String, u32>,
+    /// Numbers of trials by end.
+    pub ends: Ends,
     /// End of each trial.
-    pub runs: Vec<String>,
+    pub runs: Vec<RunEnd>,
     /// Trials reported as reached that were not within the tolerance of the goal.
     pub false_successes: u32,
     /// Half axis of the ellipse in which the robot claims to be with 95 %.
-    pub claimed_m: Summary,
+    pub error_95_m: Summary,
     /// Half the interval in which it claims its heading to be with 95 %.
-    pub claimed_rad: Summary,
+    pub error_95_rad: Summary,
     /// Error of the estimated position of the front axle as seen from the rear axle.
     pub drift_m: Summary,
     /// Root mean square of the frame's force in a trial.
@@ -85,14 +87,13 @@ pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Row {
     let e_m: Vec<f64> = errors.iter().map(|error| error.e_m).collect();
     let outcome =
         |pick: fn(&Outcome) -> f64| -> Vec<f64> { outcomes.iter().copied().map(pick).collect() };
-    let near = errors.iter().filter(|error| error.is_near()).count();
-    let runs: Vec<String> = outcomes.iter().copied().map(end_of).collect();
-    let mut ends = BTreeMap::new();
-    for end in &runs {
-        *ends.entry(end.clone()).or_default() += 1;
-    }
-    let falsely = |o: &&&Outcome| o.done && o.uncertain.is_none() && !o.within;
-    let false_successes = outcomes.iter().filter(falsely).count();
+    let runs: Vec<RunEnd> = outcomes.iter().map(|outcome| outcome.end.clone()).collect();
+    let count = |is: fn(&Outcome) -> bool| outcomes.iter().filter(|outcome| is(outcome)).count();
+    let share = |is: fn(&Outcome) -> bool| count(is) as f64 / outcomes.len().max(1) as f64;
+    let error_95 = |k: usize| {
+        let known = runs.iter().filter_map(|end| end.error_95);
+        Summary::of(&known.map(|error| error[k]).collect::<Vec<_>>())
+    };
     Row {
         rps: variant.rps,
         imu: variant.imu,
@@ -102,97 +103,87 @@ pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Row {
         heading_rad: angle(|error| error.heading_rad),
         theta_rad: angle(|error| error.theta_rad),
         alpha_rad: angle(|error| error.alpha_rad),
-        within_3cm_3deg: near as f64 / errors.len().max(1) as f64,
-        done: statistics::share(&outcome(|o| f64::from(u8::from(o.done))), |v| v > 0.5),
+        within_tolerance: share(|outcome| outcome.within),
+        done: share(|outcome| outcome.end.is_success()),
         nees: Summary::of(&outcome(|o| o.nees)).mean,
         inside_share: statistics::share(&outcome(|o| o.nees), |nees| nees <= CHI_SQUARE_99),
-        ends,
+        error_95_is_bound: variant.is_bound(),
+        ends: Ends::of(&runs),
+        false_successes: count(|o| o.end.kind == EndKind::Reached && !o.within) as u32,
+        error_95_m: error_95(0),
+        error_95_rad: error_95(1),
         runs,
-        false_successes: false_successes as u32,
-        claimed_m: Summary::of(&outcome(|o| o.claimed[0])),
-        claimed_rad: Summary::of(&outcome(|o| o.claimed[1])),
         drift_m: Summary::of(&outcome(|o| o.relative_error[0].hypot(o.relative_error[1]))),
         force_rms_n: Summary::of(&outcome(|o| o.force_rms_n)),
-        duration_s: Summary::of(&outcome(|o| o.duration_s)),
-    }
-}
-
-/// End of a trial, in a word.
-fn end_of(outcome: &Outcome) -> String {
-    match (&outcome.fault, outcome.done) {
-        (Some(status), _) => status.reason.map_or_else(
-            || status.state.name().to_owned(),
-            |code| code.entry().name.to_owned(),
-        ),
-        (None, true) => outcome
-            .uncertain
-            .map_or("reached", |notice| notice.entry().name)
-            .to_owned(),
-        (None, false) if outcome.gave_up => "gave up".to_owned(),
-        (None, false) => "time limit".to_owned(),
+        duration_s: Summary::of(&outcome(|o| o.end.duration_s)),
     }
 }
 
 /// The rows as a table for the screen.
 pub fn table(rows: &[Row], variants: &[Variant]) -> String {
     let mut table = Table::new([
-        "sensors, fusion",
-        "e (cm)",
-        "e 95 % (cm)",
-        "heading (°)",
-        "claim (cm)",
+        "sensors",
+        "fusion",
+        "goal error (cm)",
+        "heading error (°)",
+        "95 % error (cm)",
         "ends",
     ]);
     for (row, variant) in rows.iter().zip(variants) {
-        let ends: Vec<String> = row
-            .ends
-            .iter()
-            .map(|(end, count)| format!("{count} {}", end.trim_start_matches("reached, ")))
-            .collect();
         table.row([
-            variant.label(),
+            variant.sensors().to_owned(),
+            variant.fusion().to_owned(),
             format!("{:.1}", 100.0 * row.e_m.mean),
-            format!("{:.1}", 100.0 * row.e_95_m),
             format!("{:.2}", row.heading_rad.mean_abs.to_degrees()),
-            format!("{:.1}", 100.0 * row.claimed_m.mean),
-            ends.join(", "),
+            row.error_95_text(),
+            row.ends.text(),
         ]);
     }
-    table.to_string()
+    let mut text = table.to_string();
+    text += &wrapped(
+        "goal error, heading error: true midpoint against the goal, means over all trials whatever their end; \
+         95 % error: of the estimated position, as the robot states it, mean",
+    );
+    if rows.iter().any(|row| row.error_95_is_bound) {
+        text += &wrapped(
+            "≤: an upper bound, since without gauges and gyros the friction of the tyres is not known",
+        );
+    }
+    text
 }
 
-/// End of each trial.
-pub fn trials_csv(variants: &[Variant], blocks: &[Vec<Trial>], goal: [f64; 3]) -> Csv {
-    let trials = variants.iter().zip(blocks).flat_map(|(variant, block)| {
+impl Row {
+    /// Mean 95 % error of the position, cm.
+    fn error_95_text(&self) -> String {
+        let bound = if self.error_95_is_bound { "≤ " } else { "" };
+        format!("{bound}{:.1}", 100.0 * self.error_95_m.mean)
+    }
+}
+
+/// End of each trial. `table` names the table of the rows.
+pub fn trials_csv<'a>(
+    blocks: impl IntoIterator<Item = (&'a str, &'a Variant, &'a [Trial])>,
+    goal: [f64; 3],
+) -> Csv {
+    let trials = blocks.into_iter().flat_map(|(table, variant, block)| {
         let numbered = block.iter().enumerate();
-        numbered.map(move |(trial, Trial { outcome, .. })| (variant, trial, outcome))
+        numbered.map(move |(trial, Trial { outcome, .. })| (table, variant, trial, outcome))
     });
-    csv::Row::table(trials.map(|(variant, trial, outcome)| {
+    csv::Row::table(trials.map(|(table, variant, trial, outcome)| {
         let error = FinalError::of(outcome.midpoint, goal);
         let [dx, dy, _] = outcome.relative_error;
         let mut row = csv::Row::default();
+        row.put("table", &[table]);
         row.put("rps imu", &[variant.rps, variant.imu]);
         row.put("fusion", &[variant.fusion()]);
         row.put("trial", &[trial]);
-        row.put("x_m y_m phi_rad", &outcome.midpoint);
+        row.end(&outcome.end);
         row.put("e_m heading_rad", &[error.e_m, error.heading_rad]);
         row.put("theta_rad alpha_rad", &[error.theta_rad, error.alpha_rad]);
-        row.put(
-            "force_rms_n duration_s",
-            &[outcome.force_rms_n, outcome.duration_s],
-        );
-        row.put("done", &[outcome.done]);
-        row.put("end", &[end_of(outcome).as_str()]);
-        let notices = outcome.notices.iter().map(|notice| notice.entry().name);
-        row.put(
-            "notices",
-            &[notices.collect::<Vec<_>>().join("; ").as_str()],
-        );
+        row.put("within_tolerance", &[outcome.within]);
+        row.put("force_rms_n", &[outcome.force_rms_n]);
         row.put("beam_share", &[outcome.beam_share]);
-        row.put(
-            "nees drift_m claimed_m",
-            &[outcome.nees, dx.hypot(dy), outcome.claimed[0]],
-        );
+        row.put("nees drift_m", &[outcome.nees, dx.hypot(dy)]);
         row
     }))
 }

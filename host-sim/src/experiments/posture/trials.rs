@@ -40,7 +40,7 @@ pub struct Trials {
     /// Scenario, threads and output.
     pub context: Context,
     /// Rows of the table.
-    pub variants: &'static [Variant],
+    pub variants: Vec<Variant>,
     /// Trials of each row, then those of the rows of the paper's robot, if there are any.
     pub blocks: Vec<Vec<Trial>>,
     /// Files that were recorded.
@@ -71,12 +71,9 @@ impl Plan<'_> {
 
     /// Trials of each scenario.
     fn all(&self) -> Result<Vec<Vec<Trial>>, Error> {
-        let (shown, goal) = (Variant::PAIR, self.context.scenario.mission.goal);
-        let is_shown = |row: usize| {
-            self.variants
-                .get(row)
-                .is_some_and(|row| shown.contains(row))
-        };
+        let goal = self.context.scenario.mission.goal;
+        let shown = pictured(&self.variants);
+        let is_shown = |row: usize| self.variants.get(row).is_some_and(|it| shown.contains(it));
         let rows = (self.scenarios.len(), self.count);
         let mut blocks = self.context.run_rows("trials", rows, |row, trial| {
             let keep = is_shown(row) && trial < PICTURED;
@@ -106,9 +103,11 @@ impl Plan<'_> {
         Ok(blocks)
     }
 
-    /// The first trial with the sensor, recorded and shown as asked for, and the files.
+    /// The first trial of the last row in the pictures, recorded and shown as asked for, and the files.
     fn first(&self) -> Result<(Trial, Vec<PathBuf>), Error> {
-        let scenario = Variant::PAIR[1].apply(&self.context.scenario);
+        let shown = pictured(&self.variants);
+        let variant = shown.last().copied().unwrap_or(Variant::PAIR[1]);
+        let scenario = variant.apply(&self.context.scenario);
         let goal = (scenario.mission.goal, &[][..]);
         let stage = Stage::begin(self.log, &self.context, &scenario, goal)?;
         let mut simulation = stage.simulation()?;
@@ -119,6 +118,21 @@ impl Plan<'_> {
         trial.outcome = driven.outcome;
         Ok((trial, driven.recorded))
     }
+}
+
+/// Rows in the pictures: encoders alone and the joint filter, with the inertial sensors that the rows have; else the
+/// first row.
+pub fn pictured(variants: &[Variant]) -> Vec<Variant> {
+    let pair = |imu| Variant::PAIR.map(|row| Variant { imu, ..row });
+    let pair = [true, false].map(pair).into_iter();
+    let kept = pair.map(|pair| {
+        pair.into_iter()
+            .filter(|row| variants.contains(row))
+            .collect()
+    });
+    let found = kept.max_by_key(|rows: &Vec<Variant>| rows.len());
+    let found = found.filter(|rows| !rows.is_empty());
+    found.unwrap_or_else(|| variants.iter().take(1).copied().collect())
 }
 
 /// Epochs since the start of the simulation.

@@ -57,27 +57,33 @@ impl Variant {
         scenario
     }
 
-    /// Short name of the fusion, as in the JSON result.
+    /// Name of the fusion, as in `robot.lead.fusion.mode`.
     pub fn fusion(&self) -> &'static str {
         match self.mode {
             Mode::Odometry => "odometry",
-            Mode::Intersection => "ci",
-            Mode::IntersectionIpec => "ci+ipec",
+            Mode::Intersection => "intersection",
+            Mode::IntersectionIpec => "intersection-ipec",
             Mode::Joint => "joint",
         }
     }
 
-    /// The configuration in words.
-    pub fn label(&self) -> String {
-        let name = match self.mode {
-            Mode::Odometry => "encoders",
-            Mode::Intersection => "gauges, intersection",
-            Mode::IntersectionIpec => "gauges, paper's fusion",
-            Mode::Joint => "gauges, joint filter",
-        };
-        match self.imu {
-            true => format!("{name}, IMU"),
-            false => name.to_owned(),
+    /// Sensors beside the encoders, or those.
+    pub fn sensors(&self) -> &'static str {
+        match (self.rps, self.imu) {
+            (false, false) => "encoders",
+            (false, true) => "IMU",
+            (true, false) => "gauges",
+            (true, true) => "gauges, IMU",
         }
+    }
+
+    /// Sensors and fusion.
+    pub fn label(&self) -> String {
+        format!("{}: {}", self.sensors(), self.fusion())
+    }
+
+    /// True if the 95 % error of the estimate is an upper bound: without gauges and gyros the prior of the tyres decides.
+    pub fn is_bound(&self) -> bool {
+        !self.rps && !self.imu
     }
 }

@@ -13,11 +13,11 @@ pub mod command;
 use crate::base::error::Error;
 use crate::base::statistics::{self, nees};
 use crate::run::drive::{Errand, Progress, drive};
+use crate::run::end::EndKind;
 use crate::run::robot::{Record, Robot};
 use crate::scenario::Scenario;
 use crate::targets::HostCommand;
 use crate::world::random::{Stream, generator};
-use core_algos::control::regulator::Phase;
 use core_algos::fusion::ekf::Verdict;
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
@@ -305,12 +305,12 @@ impl Soak<'_> {
             return;
         }
         let lead = &record.lead;
-        let (done, gave_up) = (lead.done, lead.phase == Phase::GaveUp);
+        let (done, failed) = (lead.done, lead.failed.is_some());
         let monitor = robot.monitor();
         let reason = monitor
             .fault_since(Node::Lead)
             .and_then(|_| monitor.first_fault()?.reason);
-        if reason.is_none() && !done && !gave_up && tick - since < PATIENCE {
+        if reason.is_none() && !done && !failed && tick - since < PATIENCE {
             return;
         }
         let (estimate, truth) = (lead.fused.robot, record.midpoint);
@@ -420,7 +420,10 @@ pub fn run(
         innovations: Vec::new(),
         faults: BTreeMap::new(),
     };
-    drive(robot, scenario, seconds(ticks), &mut soak)?;
+    let end = drive(robot, scenario, seconds(ticks), &mut soak)?;
+    if end.kind == EndKind::NoAnswer {
+        return Err(Error::Failure(end.text()));
+    }
     Ok(Report {
         ticks: robot.now() / TICK,
         windows: soak.reported,

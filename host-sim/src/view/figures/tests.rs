@@ -1,6 +1,7 @@
 //! Tests of the figures.
 
 use super::*;
+use crate::run::end::EndKind;
 use crate::view::plot::tests::{check_figure, png_size};
 
 const BODY: Body = Body {
@@ -28,10 +29,11 @@ fn panel(title: &str, spread: f64) -> PathsPanel {
             frame: vec![[-1.522, -1.342], [-1.162, -1.342]],
             time_s: 0.0,
         }],
-        goal: [0.0; 3],
+        goal: Some([0.0; 3]),
+        tolerance: [0.03, 0.05236],
         ends: (0..20)
             .map(|k| [0.0, spread * f64::from(k).sin(), 0.02])
-            .map(|end| (End::of(true, end[1].abs() < 0.03), end))
+            .map(|end| (Verdict::of(EndKind::Reached, end[1].abs() < 0.03), end))
             .collect(),
     }
 }
@@ -61,7 +63,7 @@ fn starts(count: u32) -> Vec<StartMark> {
         .map(|k| StartMark {
             posture: [2.0 * (1.3 * k).sin(), 2.0 * (1.7 * k).cos(), k],
             value: 5.0 + (0.3 * k).sin(),
-            end: End::ALL[if k < 3.0 { k as usize } else { 0 }],
+            end: Verdict::ALL[if k < 3.0 { k as usize } else { 0 }],
         })
         .collect()
 }
@@ -94,7 +96,7 @@ fn every_figure_is_whole_and_on_the_page() {
             "Starts",
             "time (s)",
             &[("a".to_owned(), starts(200))],
-            [0.0; 3],
+            ([0.0; 3], [0.1, 0.1]),
         ),
     ] {
         check_figure(&figure);
@@ -121,7 +123,7 @@ fn empty_results_still_give_figures() {
     for figure in [
         paths("", &BODY, &[empty]),
         errors("", &[no_errors]),
-        maps("", "", &[], [0.0; 3]),
+        maps("", "", &[], ([0.0; 3], [0.1, 0.1])),
     ] {
         check_figure(&figure);
     }
@@ -154,17 +156,24 @@ fn angles_are_not_drawn_within_5_cm_of_the_goal() {
 
 #[test]
 fn map_of_starts_tells_ends_apart() {
-    let map = |starts: Vec<StartMark>| maps("", "time (s)", &[("a".to_owned(), starts)], [0.0; 3]);
+    let map = |starts: Vec<StartMark>| {
+        maps(
+            "",
+            "time (s)",
+            &[("a".to_owned(), starts)],
+            ([0.0; 3], [0.03, 0.05236]),
+        )
+    };
     let svg = map(starts(200)).svg();
     for text in [
         "198 of 200 within 3 cm and 3°",
         "outside 3 cm or 3°",
-        "stopped or not done",
+        "task not carried out",
     ] {
         assert!(svg.contains(text), "{text}");
     }
     let svg = map(starts(1)).svg();
-    assert!(!svg.contains("outside") && !svg.contains("stopped"));
+    assert!(!svg.contains("outside") && !svg.contains("not carried"));
 }
 
 #[test]
@@ -178,9 +187,10 @@ fn an_angle_that_wraps_is_not_joined_across_the_panel() {
 #[test]
 fn ends_are_shown_in_the_frame_of_the_goal() {
     let data = PathsPanel {
-        goal: [1.0, 1.0, std::f64::consts::FRAC_PI_2],
+        goal: Some([1.0, 1.0, std::f64::consts::FRAC_PI_2]),
+        tolerance: [0.005, 0.1],
         // One centimetre ahead, two to the right.
-        ends: vec![(End::Within, [1.02, 1.01, 1.0])],
+        ends: vec![(Verdict::Within, [1.02, 1.01, 1.0])],
         ..panel("", 0.0)
     };
     let [x, y] = end_map(&data).extent().unwrap();

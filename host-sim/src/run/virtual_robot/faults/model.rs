@@ -229,7 +229,7 @@ pub fn run_on(
         stopped: None,
         wrong: None,
     };
-    let done = drive(simulation, scenario, mission.time_limit_s, &mut watch)?.done;
+    let done = drive(simulation, scenario, mission.time_limit_s, &mut watch)?.is_success();
     let first = simulation.monitor().first_fault().copied();
     let reason = first.and_then(|status| status.reason);
     let since = |at: Micros| at.saturating_sub(watch.from) as f64 * 1e-6;

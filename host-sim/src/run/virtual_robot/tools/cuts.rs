@@ -2,7 +2,6 @@
 
 use crate::run::virtual_robot::VirtualRobot;
 use crate::targets::{Event, Failure, Losses};
-use core_algos::node::lead::Task;
 use core_algos::topology::Role;
 
 /// Planned and past power cuts of the boards.
@@ -60,7 +59,7 @@ impl VirtualRobot {
                 restarted.push(role);
                 if role == Role::Front {
                     self.tools.moved = true;
-                    let path = matches!(self.task, Task::Follow | Task::Track);
+                    let path = self.task.is_on_path();
                     self.failure = path.then(|| {
                         "the front board was restarted: its path and its posture are lost"
                             .to_owned()

@@ -1,0 +1,389 @@
+//! End of a run or of a step: one type for every command, table, file and page.
+//!
+//! [`RunEnd::of`] makes it from the robot and from what ended the run loop. All words of ends stand here.
+
+use crate::run::recovery::SENSORS;
+use crate::run::robot::Robot;
+use core_algos::node::lead;
+use core_algos::safety::{Condition, Conditions};
+use serde::{Deserialize, Serialize, Serializer};
+use serde_json::Value;
+
+/// Kind of an end.
+#[derive(
+    Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize,
+)]
+#[serde(rename_all = "kebab-case")]
+pub enum EndKind {
+    /// At rest at the goal or the end of the path; distance and 95 % error are within the tolerance.
+    Reached,
+    /// At rest at the goal or the end of the path, but the 95 % error exceeds the tolerance or a sensor is inconsistent.
+    Uncertain,
+    /// A step without a goal was carried out.
+    Done,
+    /// The robot stopped with a fault.
+    Stopped,
+    /// The robot is at rest away from its goal after the last attempt.
+    GaveUp,
+    /// The robot was to move and did not.
+    NoProgress,
+    /// The time of the run was over.
+    #[default]
+    TimeLimit,
+    /// The robot does not answer.
+    NoAnswer,
+    /// The user ended the run.
+    Interrupted,
+}
+
+impl EndKind {
+    /// Every kind.
+    pub const ALL: [Self; 9] = [
+        Self::Reached,
+        Self::Uncertain,
+        Self::Done,
+        Self::Stopped,
+        Self::GaveUp,
+        Self::NoProgress,
+        Self::TimeLimit,
+        Self::NoAnswer,
+        Self::Interrupted,
+    ];
+
+    /// Name in tables and files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Reached => "reached",
+            Self::Uncertain => "uncertain",
+            Self::Done => "done",
+            Self::Stopped => "stopped",
+            Self::GaveUp => "gave up",
+            Self::NoProgress => "no progress",
+            Self::TimeLimit => "time limit",
+            Self::NoAnswer => "no answer",
+            Self::Interrupted => "interrupted",
+        }
+    }
+
+    /// True if the task was carried out.
+    pub const fn is_success(self) -> bool {
+        matches!(self, Self::Reached | Self::Uncertain | Self::Done)
+    }
+}
+
+/// What ended the run loop.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Cause {
+    /// The lead node took a task with a goal for done.
+    AtGoal,
+    /// A task without a goal was carried out.
+    Done,
+    /// The lead node failed, the robot cannot go on, or the time limit has passed.
+    Unfinished,
+    /// The user ended the run; the option that did, if it was one.
+    Interrupted(Option<&'static str>),
+    /// The robot does not answer, and why.
+    NoAnswer(String),
+}
+
+/// End of a run or of a step.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RunEnd {
+    /// Kind.
+    pub kind: EndKind,
+    /// Condition that ended the run, or under which the goal is reached.
+    pub condition: Option<Condition>,
+    /// More about the cause.
+    pub reason: Option<String>,
+    /// Notices and degradations of all nodes since the beginning of the task.
+    pub notices: Conditions,
+    /// Estimated posture of O: m, m, rad; none if the robot has no estimate.
+    pub estimate: Option<[f64; 3]>,
+    /// 95 % error of the estimate: half axis of the position (m), half the interval of the heading (rad).
+    pub error_95: Option<[f64; 2]>,
+    /// True posture of O, if there is one: m, m, rad.
+    pub truth: Option<[f64; 3]>,
+    /// Time from the task to its end, s.
+    pub duration_s: f64,
+}
+
+/// A result that has an end.
+pub trait Ended {
+    /// The end.
+    fn end(&self) -> RunEnd;
+}
+
+impl RunEnd {
+    /// End of a robot's task after `duration_s`.
+    pub fn of(robot: &impl Robot, cause: Cause, duration_s: f64) -> Self {
+        let record = robot.record();
+        let (lead, monitor) = (&record.lead, robot.monitor());
+        let notices = monitor.notices();
+        let (kind, condition, reason) = match cause {
+            Cause::Done => (EndKind::Done, silence(notices), None),
+            Cause::AtGoal => match notices.contains(Condition::ReachedUncertain) {
+                true => (EndKind::Uncertain, Some(Condition::ReachedUncertain), None),
+                false => (EndKind::Reached, silence(notices), None),
+            },
+            Cause::NoAnswer(reason) => (EndKind::NoAnswer, None, Some(reason)),
+            Cause::Interrupted(option) => {
+                let reason = option.map(|option| format!("by {option}"));
+                (EndKind::Interrupted, None, reason)
+            }
+            Cause::Unfinished => unfinished(robot, lead),
+        };
+        let known = lead.fused.robot.covariance[0][0] > 0.0;
+        let at = lead.fused.robot.posture;
+        Self {
+            kind,
+            condition,
+            reason,
+            notices,
+            estimate: known.then(|| [at.x, at.y, at.phi].map(f64::from)),
+            error_95: known.then(|| lead.fused.robot.half_axes_95().map(f64::from)),
+            truth: (!record.midpoint[0].is_nan()).then_some(record.midpoint),
+            duration_s,
+        }
+    }
+
+    /// End of a robot that never answered.
+    pub fn no_answer(reason: String) -> Self {
+        Self {
+            kind: EndKind::NoAnswer,
+            reason: Some(reason),
+            ..Self::default()
+        }
+    }
+
+    /// The fields as text: as in JSON, words without quotes.
+    pub fn fields(&self) -> Vec<(String, String)> {
+        let fields = serde_json::to_value(self).unwrap_or_default();
+        let fields = fields.as_object().into_iter().flatten();
+        let text = |value: &Value| match value {
+            Value::String(text) => text.clone(),
+            Value::Null => String::new(),
+            value => value.to_string(),
+        };
+        fields
+            .map(|(name, value)| (name.clone(), text(value)))
+            .collect()
+    }
+
+    /// True if the task was carried out.
+    pub fn is_success(&self) -> bool {
+        self.kind.is_success()
+    }
+
+    /// Sensors that the robot found inconsistent or lost.
+    pub fn suspects(&self) -> impl Iterator<Item = Condition> {
+        let notices = self.notices;
+        SENSORS.into_iter().filter(move |&it| notices.contains(it))
+    }
+
+    /// Code of the condition as in docs/codes.md.
+    pub fn code(&self) -> Option<String> {
+        let code = self.condition.map(Condition::code);
+        code.map(|code| format!("{code:#04x}"))
+    }
+
+    /// Names of the notices.
+    pub fn notice_names(&self) -> Vec<&'static str> {
+        let names = self.notices.iter().map(|notice| notice.entry().name);
+        names.collect()
+    }
+
+    /// Kind, cause of a stop, and the sensors at fault: equal for runs that ended alike.
+    pub fn label(&self) -> String {
+        let mut label = self.kind.name().to_owned();
+        let cause = self.condition.filter(|_| self.kind == EndKind::Stopped);
+        for condition in cause.into_iter().chain(self.suspects()) {
+            label += &format!(", {}", condition.entry().name);
+        }
+        label
+    }
+
+    /// The 95 % error in words.
+    pub fn error_text(&self) -> Option<String> {
+        let [position, heading] = self.error_95?;
+        Some(format!(
+            "±{:.1} cm, ±{:.1}°",
+            100.0 * position,
+            heading.to_degrees()
+        ))
+    }
+
+    /// The end in a line: kind, code, time, 95 % error.
+    pub fn text(&self) -> String {
+        let code = self
+            .code()
+            .map_or(String::new(), |code| format!(" ({code})"));
+        let error = self
+            .error_text()
+            .filter(|_| !matches!(self.kind, EndKind::Done));
+        let error = error.map_or(String::new(), |error| format!(", 95 % error {error}"));
+        let name = self.label();
+        format!("{name}{code} after {:.1} s{error}", self.duration_s)
+    }
+
+    /// The notices in a line, if there are any.
+    pub fn notices_text(&self) -> Option<String> {
+        let names = self.notice_names();
+        (!names.is_empty()).then(|| format!("notices: {}", names.join(", ")))
+    }
+
+    /// Rows of a summary: end and notices.
+    pub fn summary(&self) -> Vec<(String, String)> {
+        let mut rows = vec![("End".to_owned(), self.text())];
+        if let Some(reason) = &self.reason {
+            rows.push(("Reason".to_owned(), reason.clone()));
+        }
+        if !self.notices.is_empty() {
+            rows.push(("Notices".to_owned(), self.notice_names().join(", ")));
+        }
+        rows
+    }
+
+    /// Warning about a goal that is reached without certainty, with the remedy.
+    pub fn warning(&self) -> Option<String> {
+        let suspect = self.suspects().next();
+        let remedy = suspect.or(self.condition)?.entry().remedy;
+        (self.kind == EndKind::Uncertain).then(|| format!("{}; {remedy}", self.text()))
+    }
+
+    /// Reason for a failure of the command: a task that was not carried out and that no user ended.
+    pub fn failure(&self) -> Option<String> {
+        if self.is_success() || self.kind == EndKind::Interrupted {
+            return None;
+        }
+        let remedy = self.condition.map(|condition| condition.entry().remedy);
+        let cause = self.reason.as_deref().or(remedy);
+        let cause = cause.map_or(String::new(), |cause| format!(": {cause}"));
+        Some(format!("{}{cause}", self.text()))
+    }
+}
+
+/// The notice of a robot whose host fell silent.
+fn silence(notices: Conditions) -> Option<Condition> {
+    let silent = Condition::CommanderSilent;
+    notices.contains(silent).then_some(silent)
+}
+
+/// Kind, condition and reason of a task that was not carried out.
+fn unfinished(
+    robot: &impl Robot,
+    lead: &lead::Output,
+) -> (EndKind, Option<Condition>, Option<String>) {
+    let fault = robot.monitor().first_fault().and_then(|first| first.reason);
+    let fault = fault.or(lead.supervision.reason);
+    let why = robot.failure().or_else(|| robot.monitor().why_stopped());
+    match (why, lead.failed) {
+        (Some(why), _) => (EndKind::Stopped, fault, Some(why)),
+        (None, _) if fault.is_some() => (EndKind::Stopped, fault, None),
+        (None, Some(Condition::NoProgress)) => (EndKind::NoProgress, lead.failed, None),
+        (None, Some(_)) => (EndKind::GaveUp, lead.failed, None),
+        (None, None) => (EndKind::TimeLimit, None, None),
+    }
+}
+
+impl Serialize for RunEnd {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        #[derive(Serialize)]
+        struct Fields<'a> {
+            kind: EndKind,
+            code: Option<String>,
+            condition: Option<&'static str>,
+            reason: Option<&'a str>,
+            notices: Vec<&'static str>,
+            estimate: Option<[f64; 3]>,
+            error_95: Option<[f64; 2]>,
+            truth: Option<[f64; 3]>,
+            duration_s: f64,
+        }
+        let fields = Fields {
+            kind: self.kind,
+            code: self.code(),
+            condition: self.condition.map(|condition| condition.entry().name),
+            reason: self.reason.as_deref(),
+            notices: self.notice_names(),
+            estimate: self.estimate,
+            error_95: self.error_95,
+            truth: self.truth,
+            duration_s: self.duration_s,
+        };
+        fields.serialize(to)
+    }
+}
+
+/// Verdict on a final posture, for pictures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Verdict {
+    /// Task carried out, within the tolerance of the goal.
+    Within,
+    /// Task carried out, outside the tolerance.
+    Outside,
+    /// Task not carried out.
+    Failed,
+}
+
+impl Verdict {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Within, Self::Outside, Self::Failed];
+
+    /// Verdict on an end whose final posture is within the tolerance or not.
+    pub const fn of(kind: EndKind, within: bool) -> Self {
+        match (kind.is_success(), within) {
+            (true, true) => Self::Within,
+            (true, false) => Self::Outside,
+            (false, _) => Self::Failed,
+        }
+    }
+
+    /// Words of the legend, with the tolerance of position (m) and heading (rad).
+    pub fn label(self, [position, heading]: [f64; 2]) -> String {
+        // A tolerance of 0.0873 rad is one of 5°.
+        let degrees = (10.0 * heading.to_degrees()).round() / 10.0;
+        let cm = (1e3 * position).round() / 10.0;
+        match self {
+            Self::Within => format!("within {cm} cm and {degrees}°"),
+            Self::Outside => format!("outside {cm} cm or {degrees}°"),
+            Self::Failed => "task not carried out".to_owned(),
+        }
+    }
+}
+
+/// Numbers of runs by label, most frequent first.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Ends(Vec<(String, u32)>);
+
+impl Ends {
+    /// The ends of several runs.
+    pub fn of<'a>(ends: impl IntoIterator<Item = &'a RunEnd>) -> Self {
+        Self::of_labels(ends.into_iter().map(RunEnd::label))
+    }
+
+    /// Counts equal labels.
+    pub fn of_labels(labels: impl IntoIterator<Item = String>) -> Self {
+        let mut counts: Vec<(String, u32)> = Vec::new();
+        for label in labels {
+            match counts.iter_mut().find(|(known, _)| *known == label) {
+                Some((_, count)) => *count += 1,
+                None => counts.push((label, 1)),
+            }
+        }
+        counts.sort_by(|(a, m), (b, n)| n.cmp(m).then_with(|| a.cmp(b)));
+        Self(counts)
+    }
+
+    /// The labels and their numbers in words.
+    pub fn text(&self) -> String {
+        let counts = self.0.iter();
+        let texts = counts.map(|(label, count)| format!("{count} {label}"));
+        texts.collect::<Vec<_>>().join("; ")
+    }
+}
+
+impl Serialize for Ends {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        to.collect_map(self.0.iter().map(|(label, count)| (label, count)))
+    }
+}
