@@ -8,7 +8,7 @@ use syn::spanned::Spanned;
 use syn::visit::{self, Visit};
 
 /// Largest number of lines of all Rust files.
-const TOTAL: usize = 128_989;
+const TOTAL: usize = 129_200;
 /// Largest number of lines of a file, test modules excluded.
 const FILE: usize = 600;
 /// Largest number of lines of a function.

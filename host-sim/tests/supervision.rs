@@ -3,7 +3,7 @@
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::topology::{Node, Role};
 use host_sim::run::end::EndKind;
-use host_sim::run::recovery::Status;
+use host_sim::run::recovery::{SENSORS, Status};
 use host_sim::run::regulate::{Outcome, regulate_on};
 use host_sim::run::robot::{Record, Robot as _};
 use host_sim::run::simulation::Simulation;
@@ -170,6 +170,42 @@ fn a_fault_beyond_ten_standard_deviations_is_named() {
             "{fault}: {:?}",
             run.outcome.end.notices
         );
+    }
+}
+
+/// Noise of each sensor at 3 and at 10 times the world's figure. The encoders have none. The robot measures the noise of its
+/// bridges, and the filter of an axle has room for that of its inertial sensors.
+#[test]
+fn noise_of_a_sensor_names_no_sound_sensor() {
+    let sensors = &Scenario::default().world.sensors;
+    let (bridge, gyro) = (sensors.bridge.noise_strain, sensors.gyro.noise_density);
+    for (key, figure, imu) in [
+        ("bridge.noise_strain", bridge, false),
+        ("bridge.noise_strain", bridge, true),
+        ("gyro.noise_density", gyro, true),
+        (
+            "accelerometer.noise_density",
+            sensors.accelerometer.noise_density,
+            true,
+        ),
+    ] {
+        for (factor, trial) in [3.0, 10.0].into_iter().flat_map(|by| [(by, 0), (by, 1)]) {
+            let changes = [
+                format!("sensors.{key}={:e}", factor * figure),
+                format!("sensors.gyro.fitted={imu}"),
+                format!("sensors.accelerometer.fitted={imu}"),
+            ];
+            let scenario = Scenario::parse(None, "", "test", &changes).unwrap();
+            let mut simulation = Simulation::new(&scenario, 1, trial).unwrap();
+            let outcome = regulate_on(&mut simulation, &scenario, |_| ()).unwrap();
+            let named = SENSORS.into_iter();
+            let named: Vec<_> = named.filter(|&one| outcome.notices.contains(one)).collect();
+            let noisy = key.starts_with("bridge") && factor > 5.0;
+            let gauges = [Condition::GaugesInconsistent];
+            let faulty = &gauges[..usize::from(noisy)];
+            assert_eq!(named, faulty, "{changes:?}, trial {trial}");
+            assert!(outcome.done && outcome.within, "{changes:?}, trial {trial}");
+        }
     }
 }
 

@@ -35,6 +35,8 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
+mod period;
+
 use super::calibration::{self, Calibration, Conversion};
 use super::elastica::{FINISH_EFFORT, Fit, MAX_EVALUATIONS, Search, Solver, Start, Wrench};
 use super::health::{self, Fault, Monitor};
@@ -42,6 +44,7 @@ use super::polynomial::{Interpolant, Quadrature, piecewise, quadrature};
 use super::strip::{self, GaugeMask, MAX_GAUGES, RelativePosture, Strip};
 use crate::config::{ConfigError, config, in_range};
 use crate::math::matrix::scale;
+use period::Period;
 
 /// Shapes computed for a fit that only looks for the gauge to blame.
 const SEARCH_BUDGET: u8 = 16;
@@ -55,6 +58,12 @@ const BEGIN_EFFORT: u8 = TICK_BUDGET - FINISH_EFFORT;
 /// Weighted sum of squared residuals over degrees of freedom up to which the stated uncertainties explain it. With
 /// five gauges of those uncertainties a fit exceeds it with probability 0.02.
 const EXPLAINED: f32 = 4.0;
+
+/// Measured over configured standard deviation of a gauge's noise from which on the gauge is inconsistent. Sound bridges
+/// have half the default.
+const NOISY: f32 = 3.0;
+/// Periods over which the noise is measured.
+const NOISE_PERIODS: u32 = 64;
 
 /// Method that turns strains into a posture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -236,42 +245,6 @@ pub struct RelativePositionSensor {
     monitor: Monitor,
 }
 
-/// Samples of one gauge since the last estimate.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Period {
-    /// Conversions seen, good or not: the index of the next one.
-    seen: u16,
-    /// Sums over the good samples of the count, the index, its square, and count times index.
-    sum: i64,
-    index_sum: i64,
-    index_square_sum: i64,
-    product_sum: i64,
-    good: u16,
-    saturated: u16,
-    missing: u16,
-}
-
-impl Period {
-    /// The count of a gauge by its good samples, of which there is at least one: on the line fitted
-    /// to them, `ahead` samples after the last conversion; without `ahead` their mean.
-    fn count(&self, ahead: Option<f32>) -> f32 {
-        let n = f32::from(self.good);
-        let mean = self.sum as f32 / n;
-        let good = i64::from(self.good);
-        // In integers, so that nothing cancels: n Σk² − (Σk)² and n Σkc − Σk Σc.
-        let spread = good * self.index_square_sum - self.index_sum * self.index_sum;
-        match ahead {
-            Some(ahead) if spread > 0 => {
-                let slope =
-                    (good * self.product_sum - self.index_sum * self.sum) as f32 / spread as f32;
-                let last = f32::from(self.seen) - 1.0;
-                mean + slope * (last + ahead - self.index_sum as f32 / n)
-            }
-            _ => mean,
-        }
-    }
-}
-
 /// All that changes in the sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
@@ -282,6 +255,8 @@ pub struct State {
     /// Last strains and the gauges they are good for.
     strain: [f32; MAX_GAUGES],
     good: GaugeMask,
+    /// Measured variance of the noise of each gauge's strain, strain².
+    noise: [f32; MAX_GAUGES],
     /// Work left by the last estimate, with the start of the next one.
     work: Option<Work>,
     start: Option<Start>,
@@ -292,6 +267,7 @@ pub struct State {
 struct Work {
     curvature: [f32; MAX_GAUGES],
     used: GaugeMask,
+    /// Variance of walk and excess noise, strain².
     drift: f32,
     purpose: Purpose,
     /// `None` before it has begun.
@@ -327,8 +303,8 @@ pub struct Estimate {
     pub method: Method,
     /// Weighted sum of squared residuals of the elastica, where it was fitted.
     pub chi_square: Option<f32>,
-    /// True if the stated uncertainties of zeros and gains explain the residual of the readings. A larger one
-    /// enlarges the covariance, and the gauge to blame is searched.
+    /// True if the stated uncertainties of zeros and gains explain the residual of the readings, and no gauge has several
+    /// times its stated noise. More of either enlarges the covariance; with a residual the gauge to blame is searched.
     pub consistent: bool,
 }
 
@@ -358,13 +334,7 @@ impl RelativePositionSensor {
             let period = &mut state.periods[i];
             match self.calibration.judge(counts[i]) {
                 Conversion::Good => {
-                    period.good = period.good.saturating_add(1);
-                    let (count, index) = (i64::from(counts[i]), i64::from(period.seen));
-                    // 2^24 counts times 2^16 samples, squared indices: all far below 2^63.
-                    period.sum = period.sum.saturating_add(count);
-                    period.index_sum = period.index_sum.saturating_add(index);
-                    period.index_square_sum = period.index_square_sum.saturating_add(index * index);
-                    period.product_sum = period.product_sum.saturating_add(count * index);
+                    period.put(counts[i]);
                     state.health.see(i, counts[i]);
                 }
                 Conversion::Saturated => period.saturated = period.saturated.saturating_add(1),
@@ -382,8 +352,8 @@ impl RelativePositionSensor {
         let strip = self.strip();
         let gauges = strip.gauges();
         let drift = self.drift(state);
-        state.age = state.age.saturating_add(1);
         let (strain, verdicts) = self.close_period(state);
+        state.age = state.age.saturating_add(1);
         self.monitor
             .close_period(&mut state.health, gauges, &verdicts);
         let latched = state.health.latched();
@@ -393,6 +363,8 @@ impl RelativePositionSensor {
                 good = good.with(i);
             }
         }
+        let (excess, quiet) = self.excess_noise(state, good);
+        let drift = drift + excess;
         let watched = self.monitor.config.watch_consistency;
         let curvature = strip.curvature(&strain);
         let used = strip.usable(&curvature, good);
@@ -425,7 +397,8 @@ impl RelativePositionSensor {
         let within = |limit: f32| fit.is_none_or(|fit| !watched || fit.chi_square <= limit);
         let degrees = fit.map_or(1.0, |fit| fit.degrees_of_freedom.max(1.0));
         let contradictory = !within(self.monitor.config.max_chi_square);
-        let mut relative = solution.map(|solution| solution.relative);
+        let mut relative =
+            solution.map(|solution| strip.with_excess_noise(solution.relative, excess));
         if let (Some(relative), Some(fit), true) = (&mut relative, &fit, contradictory) {
             let factor = fit.chi_square / degrees;
             for covariance in [&mut relative.covariance, &mut relative.noise] {
@@ -443,13 +416,28 @@ impl RelativePositionSensor {
             faults: state.health.faults(),
             method: solution.map_or(self.posture.method, |solution| solution.method),
             chi_square: fit.map(|fit| fit.chi_square),
-            consistent: within(EXPLAINED * degrees),
+            consistent: within(EXPLAINED * degrees) && quiet,
         }
     }
 
     /// Variance that the walk of the zeros has added to each gauge, strain².
     fn drift(&self, state: &State) -> f32 {
         self.drift * state.age as f32
+    }
+
+    /// Mean measured noise of the gauges `good` beyond the configured one, strain²; true if none of them is noisy.
+    fn excess_noise(&self, state: &State, good: GaugeMask) -> (f32, bool) {
+        let sigma = self.strip().uncertainty.noise_strain;
+        let configured = sigma * sigma;
+        let (mut sum, mut quiet) = (0.0, true);
+        for i in good.iter() {
+            let noise = state.noise[i];
+            sum += noise;
+            quiet &= noise <= NOISY * NOISY * configured;
+        }
+        // Without gauges not a number, of which the maximum makes 0.
+        let excess = (sum / good.count() as f32 - configured).max(0.0);
+        (excess, quiet)
     }
 
     /// Strain and fault of each gauge by its samples; starts a new period.
@@ -465,7 +453,13 @@ impl RelativePositionSensor {
             } else if period.good == 0 || period.missing > period.good {
                 verdicts[i] = Fault::Missing;
             } else {
-                counts[i] = period.count(self.extrapolation_samples);
+                let ahead = self.extrapolation_samples;
+                counts[i] = period.count(ahead);
+                if let Some(variance) = period.variance(ahead) {
+                    let resolution = self.calibration.resolution();
+                    let share = 1.0 / (state.age.min(NOISE_PERIODS - 1) + 1) as f32;
+                    state.noise[i] += share * (variance * resolution * resolution - state.noise[i]);
+                }
             }
         }
         state.periods = [Period::default(); MAX_GAUGES];

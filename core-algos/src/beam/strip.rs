@@ -2,7 +2,7 @@
 
 use crate::config::{Allowed, ConfigError, config, in_range, require};
 use crate::math::Posture;
-use crate::math::matrix::Mat3;
+use crate::math::matrix::{self, Mat3};
 use crate::math::trig::sqrt;
 
 /// The most gauges a strip can carry.
@@ -457,6 +457,24 @@ impl Strip {
         covariance[1][1] += position;
         covariance[2][2] += self.uncertainty.heading_rad * self.uncertainty.heading_rad;
         covariance
+    }
+
+    /// Adds to the covariances of a posture by how much the noise of the readings exceeds the configured one, strain².
+    pub(super) fn with_excess_noise(
+        &self,
+        mut relative: RelativePosture,
+        excess: f32,
+    ) -> RelativePosture {
+        let sigma = self.uncertainty.noise_strain;
+        let ratio = excess / (sigma * sigma);
+        let unseen = self.with_unseen_error([[0.0; 3]; 3]);
+        let of_readings = matrix::subtract(&relative.noise, &unseen);
+        let more = matrix::scale(&of_readings, ratio);
+        if excess > 0.0 && matrix::is_finite(&more) {
+            relative.covariance = matrix::add(&relative.covariance, &more);
+            relative.noise = matrix::add(&relative.noise, &more);
+        }
+        relative
     }
 
     /// Derivative of [`Self::with_rigid_ends`] with respect to the heading of the tip: what it

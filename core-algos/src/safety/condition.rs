@@ -132,7 +132,7 @@ conditions! {
     WheelsInconsistent = 0x11 bit 35 "wheels inconsistent" 1000 ms:
         "the other sensors say that wheels or tyres are not as configured"; "measure wheels and track; check for a loose wheel or a slippery floor".
     GaugesInconsistent = 0x12 bit 40 "gauges inconsistent" 1000 ms:
-        "the other sensors, or the gauges among themselves, say that zeros or gains of the strain gauges are not as calibrated"; "calibrate the gauges; check the clamps of the strip".
+        "the other sensors, or the gauges among themselves, say that zeros or gains of the strain gauges are not as calibrated, or a gauge is noisy"; "calibrate the gauges; check the clamps of the strip and the wires of the bridges".
     GyrosInconsistent = 0x13 bit 41 "gyros inconsistent" 1000 ms:
         "the other sensors say that bias or scale of a gyro is not as calibrated"; "calibrate the inertial sensors; check that they are fixed".
     BeamInconsistent = 0x14 bit 42 "beam inconsistent" 1000 ms:

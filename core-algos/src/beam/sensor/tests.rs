@@ -214,6 +214,60 @@ fn each_failed_gauge_is_found_and_the_estimate_goes_on() {
 }
 
 /// Without the consistency watch, flatness alone finds a stuck gauge on a strip of three.
+/// Variance of the heading over the claimed one, and consistency, of a still strip whose gauges have noise of so many
+/// counts, all alike: only the last periods count.
+fn scatter(config: &Config, sigma: [f64; 5]) -> (f64, bool) {
+    let sensor = config.build().unwrap();
+    let (mut random, mut state, mut claimed) = (Random(5), State::default(), 0.0);
+    let (mut sum, mut square_sum, mut consistent) = (0.0, 0.0, false);
+    for period in 0..1100 {
+        for _ in 0..10 {
+            let mut counts = [0; MAX_GAUGES];
+            for i in 0..5 {
+                counts[i] = (2300.0 + sigma[i] * random.normal()).round() as i32;
+            }
+            sensor.sample(&mut state, &counts);
+        }
+        let estimate = sensor.estimate(&mut state);
+        let relative = estimate.relative.unwrap();
+        consistent = estimate.consistent;
+        if period >= 100 {
+            let phi = f64::from(relative.posture.phi);
+            (sum, square_sum) = (sum + phi, square_sum + phi * phi);
+            claimed += f64::from(relative.noise[2][2]);
+        }
+    }
+    let variance = square_sum - sum * sum / 1000.0;
+    (variance / claimed, consistent)
+}
+
+#[test]
+fn noise_beyond_the_configured_is_claimed_and_named() {
+    for (method, extrapolate) in [
+        (Method::Elastica, true),
+        (Method::Elastica, false),
+        (Method::Quadrature, true),
+    ] {
+        let mut config = Config {
+            method,
+            extrapolate,
+            ..Config::default()
+        };
+        config.strip.uncertainty.heading_rad = 1e-6;
+        config.strip.uncertainty.interpolation = 0.0;
+        for (sigma, sound) in [(1.8, true), (8.0, false), (30.0, false)] {
+            let (ratio, consistent) = scatter(&config, [sigma; 5]);
+            assert_eq!(consistent, sound, "{method:?} {sigma}");
+            assert!((0.8..1.25).contains(&ratio), "{method:?} {sigma}: {ratio}");
+        }
+        // The middle gauge weighs most; the claim is that of the mean noise.
+        let (ratio, consistent) = scatter(&config, [0.3, 0.3, 8.0, 0.3, 0.3]);
+        assert!(!consistent && ratio < 2.5, "{method:?}: {ratio}");
+    }
+    let (ratio, consistent) = scatter(&Config::default(), [0.3; 5]);
+    assert!(consistent && ratio < 1.0, "{ratio}");
+}
+
 #[test]
 fn a_flat_gauge_among_three_is_dead() {
     let mut config = Config::default();

@@ -1,0 +1,76 @@
+//! Samples of one gauge in a period: their line, and their scatter about it.
+
+/// Samples of one gauge since the last estimate.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Period {
+    /// Conversions seen, good or not: the index of the next one.
+    pub(super) seen: u16,
+    /// Sums over the good samples of the count, the index, its square, and count times index.
+    sum: i64,
+    index_sum: i64,
+    index_square_sum: i64,
+    product_sum: i64,
+    /// First good count, and sum of the squared differences from it.
+    first: i32,
+    square_sum: i64,
+    pub(super) good: u16,
+    pub(super) saturated: u16,
+    pub(super) missing: u16,
+}
+
+impl Period {
+    /// Takes in a good count.
+    pub(super) fn put(&mut self, count: i32) {
+        if self.good == 0 {
+            self.first = count;
+        }
+        self.good = self.good.saturating_add(1);
+        let (count, index) = (i64::from(count), i64::from(self.seen));
+        let difference = count - i64::from(self.first);
+        // 2^24 counts times 2^16 samples, squared indices: all far below 2^63.
+        self.sum = self.sum.saturating_add(count);
+        self.index_sum = self.index_sum.saturating_add(index);
+        self.index_square_sum = self.index_square_sum.saturating_add(index * index);
+        self.product_sum = self.product_sum.saturating_add(count * index);
+        self.square_sum = self.square_sum.saturating_add(difference * difference);
+    }
+
+    /// Number of good samples times the sum of squared differences of their indices from the mean, and slope of
+    /// their line, counts a sample; `None` with fewer than two.
+    fn line(&self) -> Option<(f32, f32)> {
+        let good = i64::from(self.good);
+        // In integers, so that nothing cancels: n Σk² − (Σk)² and n Σkc − Σk Σc.
+        let spread = good * self.index_square_sum - self.index_sum * self.index_sum;
+        let product = good * self.product_sum - self.index_sum * self.sum;
+        (spread > 0).then_some((spread as f32, product as f32 / spread as f32))
+    }
+
+    /// Samples from the mean index to `ahead` samples after the last conversion.
+    fn lead(&self, ahead: f32) -> f32 {
+        let last = f32::from(self.seen) - 1.0;
+        last + ahead - self.index_sum as f32 / f32::from(self.good)
+    }
+
+    /// The count of a gauge by its good samples, of which there is at least one: on the line fitted
+    /// to them, `ahead` samples after the last conversion; without `ahead` their mean.
+    pub(super) fn count(&self, ahead: Option<f32>) -> f32 {
+        let mean = self.sum as f32 / f32::from(self.good);
+        match (ahead, self.line()) {
+            (Some(ahead), Some((_, slope))) => mean + slope * self.lead(ahead),
+            _ => mean,
+        }
+    }
+
+    /// Variance of [`Self::count`] by white noise, counts², from the scatter of the samples about their line. `None`
+    /// with fewer than three good samples.
+    pub(super) fn variance(&self, ahead: Option<f32>) -> Option<f32> {
+        let (spread, slope) = self.line().filter(|_| self.good > 2)?;
+        let (n, good) = (f32::from(self.good), i64::from(self.good));
+        let sum = self.sum - good * i64::from(self.first);
+        let squares = good.saturating_mul(self.square_sum);
+        let total = squares.saturating_sub(sum.saturating_mul(sum)) as f32;
+        let scatter = (total - slope * slope * spread).max(0.0) / (n * (n - 2.0));
+        let lead = ahead.map_or(0.0, |ahead| self.lead(ahead));
+        Some(scatter * (1.0 / n + lead * lead * n / spread))
+    }
+}
