@@ -114,6 +114,11 @@ const ELSEWHERE: &[(Condition, &str)] = &[
         "tests/real_robot.rs: a loose cable",
     ),
     (Condition::GaveUp, "no fault: a goal that is missed"),
+    (
+        Condition::NoProgress,
+        "core-algos: node/lead/tests/drives.rs",
+    ),
+    (Condition::PathLost, "core-algos: node/lead/tests/drives.rs"),
     (Condition::ReachedUncertain, "no fault: a goal that is far"),
     (
         Condition::ConversionsLost,

@@ -105,6 +105,7 @@ robot.lead.regulator.release_factor=1.1 | posture || mission.rest_s=20 sensors.b
 robot.lead.regulator.leave_factor=1 | posture || mission.start=[-1.0,0.6,2.0] robot.lead.regulator.leave_slack_rad=0
 robot.lead.regulator.leave_slack_rad=0 | posture || mission.start=[-1.0,0.6,2.0] robot.lead.regulator.leave_factor=1
 robot.lead.course.law.denominator_floor=1 | follow ||
+robot.lead.course.max_deviation_m=0.001 | follow ||
 robot.lead.course.path.search_window_m=0.001 | follow ||
 robot.lead.course.path.max_steering_acceleration_rad_s2=0.05 | follow ||
 robot.lead.course.path.min_speed_m_s=0.15 | follow || robot.lead.course.path.max_steering_rate_rad_s=0.05

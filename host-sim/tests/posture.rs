@@ -71,8 +71,9 @@ fn every_variant_stops_by_itself() {
         let scenario = variant.apply(&Scenario::default());
         for (outcome, _) in trials(&scenario, 1) {
             assert!(outcome.end.is_success(), "{}", variant.label());
-            let [dx, dy, _]: [f64; 3] =
-                std::array::from_fn(|i| outcome.end.estimate.unwrap()[i] - scenario.mission.goal[i]);
+            let [dx, dy, _]: [f64; 3] = std::array::from_fn(|i| {
+                outcome.end.estimate.unwrap()[i] - scenario.mission.goal[i]
+            });
             assert!(dx.hypot(dy) < 0.05, "{}: {outcome:?}", variant.label());
         }
     }

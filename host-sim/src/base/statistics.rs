@@ -7,6 +7,10 @@ use core_algos::fusion::Estimate;
 use serde::{Deserialize, Serialize};
 use statrs::function::gamma::gamma_lr;
 
+/// Expected mean of the beam's normalised innovation squared (NIS). It is below its three degrees of freedom, because the
+/// beam board states the covariance of the worst posture.
+pub const NIS_EXPECTED: &str = "0.1 to 0.5";
+
 /// Mean, spread and mean magnitude of a sample; NaN where the sample is too small.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {

@@ -8,12 +8,15 @@
 use crate::base::error::Error;
 use crate::base::numbers::whole;
 use crate::base::output::Csv;
-use crate::base::statistics::{self, chi_square_quantile, error, mean_square_band, nees};
+use crate::base::statistics::{
+    self, NIS_EXPECTED, chi_square_quantile, error, mean_square_band, nees,
+};
 use crate::base::table::Table;
 use crate::experiments::Context;
 use crate::experiments::arguments::Common;
 use crate::experiments::posture::{ROWS, Variant};
 use crate::recording::csv;
+use crate::run::end::{Ends, RunEnd};
 use crate::run::regulate::regulate;
 use crate::run::robot::Record;
 use crate::scenario::Scenario;
@@ -31,10 +34,9 @@ pub enum Fusion {
     /// Odometry alone, without the relative position sensor
     Odometry,
     /// Covariance intersection
-    Ci,
+    Intersection,
     /// Covariance intersection and internal posture error correction
-    #[value(name = "ci+ipec")]
-    CiIpec,
+    IntersectionIpec,
     /// Joint filter of both axles
     Joint,
 }
@@ -87,6 +89,7 @@ struct Run {
     path: Vec<[Check; 3]>,
     end: [Check; 3],
     beam_nis: Vec<f64>,
+    ended: RunEnd,
 }
 
 /// Follows a run. An estimate speaks of the beginning of the epoch in which it was made, one
@@ -264,6 +267,8 @@ pub struct Row {
     pub fusion: &'static str,
     /// Consistency.
     pub statement: Statement,
+    /// Numbers of runs by end; every run counts, whatever its end.
+    pub ends: Ends,
     /// At the end of the runs, wherever that is in time: `time_s` is its mean.
     pub end: Instant,
     /// Means of the NEES of front, rear and O over the path.
@@ -304,9 +309,9 @@ pub fn measure(context: &Context, variants: &[Variant], runs: u32) -> Result<Rep
     let blocks = context.run_rows("runs", (variants.len(), count), |row, trial| {
         let scenario = &scenarios[row];
         let mut observer = Observer::new(scenario.mission.settle_s);
-        regulate(scenario, context.seed, trial as u64, |record: &Record| {
-            observer.observe(record);
-        })?;
+        let see = |record: &Record| observer.observe(record);
+        let outcome = regulate(scenario, context.seed, trial as u64, see)?;
+        observer.run.ended = outcome.end;
         let duration_s = observer.epochs as f64 * 0.01;
         Ok((observer.run, duration_s))
     })?;
@@ -365,6 +370,7 @@ fn summarize(variant: &Variant, block: &[(Run, f64)], band: [f64; 2], quantile: 
         fusion: variant.fusion(),
         statement: Statement::of([end.front.band, end.rear.band]),
         end,
+        ends: Ends::of(block.iter().map(|(run, _)| &run.ended)),
         path_mean: [0, 1, 2].map(|which| statistics::mean(&over(which))),
         path_above: statistics::mean(&above),
         beam_nis: (!nis.is_empty()).then(|| statistics::mean(&nis)),
@@ -419,13 +425,8 @@ fn csv(report: &Report) -> Csv {
     csv::Row::table(rows)
 }
 
-/// Fusions of the picture, and their words in its legend.
-const FUSIONS: [(&str, &str); 4] = [
-    ("joint", "joint filter"),
-    ("odometry", "without RPS"),
-    ("ci", "intersection"),
-    ("ci+ipec", "with IPEC"),
-];
+/// Fusions of the picture, in the order of their colours.
+const FUSIONS: [&str; 4] = ["joint", "odometry", "intersection", "intersection-ipec"];
 
 /// NEES over time: the axles above each other, without inertial sensors left and with them right.
 fn figure(report: &Report) -> Figure {
@@ -454,10 +455,9 @@ fn figure(report: &Report) -> Figure {
                     let nees = instant.bodies()[which].nees;
                     [instant.time_s, nees.max(1e-9)]
                 });
-                let known = FUSIONS.iter().position(|(fusion, _)| *fusion == row.fusion);
-                let n = known.unwrap_or(FUSIONS.len());
-                let name = known.map_or(row.fusion, |n| FUSIONS[n].1);
-                panel.line(name, points, series(n).stroke);
+                let known = FUSIONS.iter().position(|fusion| *fusion == row.fusion);
+                let color = series(known.unwrap_or(FUSIONS.len()));
+                panel.line(row.fusion, points, color.stroke);
             }
             panel
         });
@@ -478,6 +478,7 @@ fn table(report: &Report, variants: &[Variant]) -> String {
         "path front",
         "path rear",
         "beam NIS",
+        "ends",
     ]);
     for (row, variant) in report.rows.iter().zip(variants) {
         let mut cells = vec![variant.label(), row.statement.words().into()];
@@ -486,15 +487,16 @@ fn table(report: &Report, variants: &[Variant]) -> String {
         cells.push(format!("{:.0} %", 100.0 * within));
         cells.extend(row.path_mean[..2].iter().map(|&nees| figure_of(nees)));
         cells.push(row.beam_nis.map_or(String::new(), figure_of));
+        cells.push(row.ends.text());
         table.row(cells);
     }
     format!(
         "NEES of the estimated postures (3 degrees of freedom), {} runs a row; consistent: {low:.2} \
          to {high:.2}\n\n{table}\n\
-         claims are: NEES of both axles against the 95 % band. front, rear, O: mean over the runs at \
-         their end.\nbelow 7.81: share of runs within the 95 % ellipsoid (the worse axle). path: \
+         claims are: NEES of both axles against the 95 % band. front, rear, O: mean over all runs at \
+         their end, expected 3.\nbelow 7.81: share of runs within the 95 % ellipsoid (the worse axle). path: \
          mean over the runs and every\nhalf second. beam NIS: normalised innovation squared of the \
-         beam; 3 if all correlations are modelled.\n",
+         beam, expected {NIS_EXPECTED}.\n",
         report.runs
     )
 }

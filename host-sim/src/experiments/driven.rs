@@ -8,6 +8,7 @@ use crate::base::thinned::Thinned;
 use crate::experiments::Context;
 use crate::experiments::follow::MOST_ROWS;
 use crate::experiments::posture::pictures;
+use crate::experiments::result::warn;
 use crate::recording::csv;
 use crate::run::end::{RunEnd, Verdict};
 use crate::run::robot::{Record, Robot};
@@ -112,20 +113,6 @@ pub fn publish(
         warn(&step.end, &format!("line {}", step.line));
     }
     Ok((table(&driven.steps), report, files))
-}
-
-/// Names a goal that is reached without certainty on standard error, with the remedy.
-fn warn(end: &RunEnd, what: &str) {
-    if let Some(warning) = end.warning() {
-        eprintln!("cfmmr: {what}: {warning}");
-    }
-}
-
-/// Lines below the table of a run: its end and notices. Standard error names an uncertain end.
-pub fn lines(end: &RunEnd, what: &str) -> String {
-    warn(end, what);
-    let notices = end.notices_text().map(|text| wrapped(&text));
-    format!("end: {}\n{}", end.text(), notices.unwrap_or_default())
 }
 
 /// Ends of the steps as CSV.

@@ -6,8 +6,8 @@ use crate::base::output::{Csv, OutputDir};
 use crate::base::table::Table;
 use crate::experiments::Context;
 use crate::experiments::arguments::{Common, RobotArgs, SensorArgs, parse_posture};
-use crate::experiments::driven;
 use crate::experiments::posture::Variant;
+use crate::experiments::result::end_lines;
 use crate::paths::{self, Path};
 use crate::recording::{LogArgs, csv};
 use crate::run::end::RunEnd;
@@ -389,7 +389,7 @@ fn table(heading: &str, report: &Report, outcome: &Outcome) -> String {
             format!("{:.2}", errors.final_heading_rad.to_degrees()),
         ]);
     }
-    let end = driven::lines(&report.end, "end of the path");
+    let end = end_lines(&report.end, "end of the path");
     format!(
         "{heading}\n{:.2} m at up to {} m/s\n\n{table}\n\
          curvature: path {:.2}, true {:.2}, bound of the frame {:.2} 1/m\n{end}",

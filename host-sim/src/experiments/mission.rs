@@ -9,6 +9,7 @@ use crate::experiments::driven::{self, Driven};
 use crate::experiments::follow::{self, Course, MOST_ROWS};
 use crate::experiments::posture::{self, Trial, Variant};
 use crate::experiments::recorder::Stage;
+use crate::experiments::result::end_lines;
 use crate::recording::LogArgs;
 use crate::run::end::{Ended, RunEnd};
 use crate::run::path_run::{self, Moment, PathMode};
@@ -180,7 +181,7 @@ impl Mission {
                 let (report, files) =
                     posture::publish(context, &variants, &variants, (&blocks.0, &blocks.1))?;
                 let text = posture::table(&report.rows, &variants);
-                let text = format!("{text}{}", driven::lines(&end, "goal"));
+                let text = format!("{text}{}", end_lines(&end, "goal"));
                 (text, serde_json::to_value(report), files)
             }
             (Self::Path(course, path_mode), Outcome::Path(outcome, moments)) => {

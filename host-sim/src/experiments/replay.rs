@@ -2,6 +2,7 @@
 
 use crate::base::error::Error;
 use crate::base::input;
+use crate::base::statistics::NIS_EXPECTED;
 use crate::base::table::Table;
 use crate::base::toml_file;
 use crate::experiments::result::{JsonArgs, Provenance};
@@ -228,8 +229,8 @@ fn table(report: &Report) -> String {
     }
     format!(
         "\nEstimated less true state of the midpoint O, {} estimates\n\n{table}\n\
-         NEES, NIS: normalised squares of the error of O and of the innovation of the beam; 3 on average\n\
-         if the covariances are right. rejected: innovations beyond the gate.\n",
+         NEES: normalised square of the error of O, expected 3; NIS: of the innovation of the beam, expected\n\
+         {NIS_EXPECTED}. rejected: innovations beyond the gate.\n",
         report.recorded.count
     )
 }

@@ -3,7 +3,9 @@
 use crate::base::error::Error;
 use crate::base::output;
 use crate::base::terminal;
+use crate::base::terminal::wrapped;
 use crate::recording::BUILD;
+use crate::run::end::RunEnd;
 use crate::scenario::Scenario;
 use clap::Args;
 use serde::Serialize;
@@ -95,6 +97,20 @@ fn command_line(arguments: impl Iterator<Item = String>) -> String {
         }
     }
     words.join(" ")
+}
+
+/// Names a goal that is reached without certainty on standard error, with the remedy.
+pub fn warn(end: &RunEnd, what: &str) {
+    if let Some(warning) = end.warning() {
+        eprintln!("cfmmr: {what}: {warning}");
+    }
+}
+
+/// Lines below the table of a run: its end and notices. Standard error names an uncertain end.
+pub fn end_lines(end: &RunEnd, what: &str) -> String {
+    warn(end, what);
+    let notices = end.notices_text().map(|text| wrapped(&text));
+    format!("end: {}\n{}", end.text(), notices.unwrap_or_default())
 }
 
 /// Destination of the result as JSON.

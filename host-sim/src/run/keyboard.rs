@@ -72,6 +72,8 @@ struct Keys {
     /// Largest speed (m/s) and curvature (1/m) of a drive by hand.
     limits: Option<[f64; 2]>,
     pressed: Instant,
+    /// The robot was stopped because no key was pressed.
+    idled: bool,
 }
 
 /// Keys that the dashboard reads and the run obeys; clones share them.
@@ -94,6 +96,7 @@ impl Default for Keyboard {
             hand: Hand::default(),
             limits: None,
             pressed: Instant::now(),
+            idled: false,
         })))
     }
 }
@@ -113,7 +116,7 @@ impl Keyboard {
     /// A key was pressed.
     pub fn press(&self, key: Key) {
         let mut keys = self.keys();
-        keys.pressed = Instant::now();
+        (keys.pressed, keys.idled) = (Instant::now(), false);
         let limits = keys.limits.unwrap_or_default();
         let add = |value: f64, limit: f64, steps: f64| {
             let raised = ((value / limit * STEPS).round() + steps) / STEPS;
@@ -166,10 +169,19 @@ impl Keyboard {
     /// The command of the hand. A robot whose driver pressed no key for five seconds stops.
     pub fn hand(&self) -> Hand {
         let mut keys = self.keys();
-        if keys.pressed.elapsed() > HANDS_OFF {
+        if keys.pressed.elapsed() > HANDS_OFF && keys.hand.speed_m_s != 0.0 {
             keys.hand.speed_m_s = 0.0;
+            keys.idled = true;
         }
         keys.hand
+    }
+
+    /// Reason why the robot stopped, if it was that no key was pressed.
+    pub fn idle_stop(&self) -> Option<String> {
+        let seconds = HANDS_OFF.as_secs();
+        let text =
+            || format!("no key for {seconds} s, so the robot stopped: press a key to drive on");
+        self.keys().idled.then(text)
     }
 
     /// Takes the task that comes first.
@@ -206,6 +218,20 @@ mod tests {
         let watcher = Keyboard::default();
         watcher.press(Key::Forward);
         assert_eq!(watcher.hand(), Hand::default());
+    }
+
+    #[test]
+    fn idle_driver_stops_a_moving_robot_until_the_next_key() {
+        let keyboard = Keyboard::of_driver([0.4, 2.0]);
+        let idle = || {
+            keyboard.keys().pressed -= HANDS_OFF + Duration::from_millis(1);
+            (keyboard.hand().speed_m_s, keyboard.idle_stop().is_some())
+        };
+        assert_eq!(idle(), (0.0, false), "at rest anyway");
+        keyboard.press(Key::Forward);
+        assert_eq!(idle(), (0.0, true));
+        keyboard.press(Key::Forward);
+        assert!(keyboard.idle_stop().is_none());
     }
 
     #[test]

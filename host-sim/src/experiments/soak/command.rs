@@ -4,6 +4,7 @@ use crate::base::error::Error;
 use crate::base::interrupt::watch_for_interrupt;
 use crate::base::numbers::whole;
 use crate::base::progress::Progress;
+use crate::base::statistics::NIS_EXPECTED;
 use crate::experiments::arguments::{Place, WorldChoice, place};
 use crate::experiments::result::{JsonArgs, Provenance};
 use crate::experiments::soak::{self, Drift, MEMORY_KIB, PAIR_M, PAIR_RAD, Report, Window};
@@ -98,8 +99,8 @@ fn markdown(measured: &Measured, scenario: &Scenario) -> String {
          (world: {}). {boards}. Position is by dead reckoning only.\n\n\
          - *σ*: largest estimated standard deviation of position and heading.\n\
          - *error*: position error at the goals, rms. *pair*: error of the relative posture of the axles, rms.\n\
-         - *NEES*, *NIS*: normalised squares of the error and of the beam's innovation; 3 for a consistent\n\
-           estimator. Successive values are correlated.\n\
+         - *NEES*: normalised square of the error, expected 3. *NIS*: of the beam's innovation, expected {NIS_EXPECTED}.\n\
+           Successive values are correlated.\n\
          - *memory*: resident memory of the process.\n\n\
          | ticks | NIS | gated | NEES | error (cm) | σ (cm) | σ (°) | pair (mm) | pair (mrad) | goals reached | missed | memory (KiB) |\n\
          |---|---|---|---|---|---|---|---|---|---|---|---|\n",

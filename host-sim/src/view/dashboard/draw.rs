@@ -4,6 +4,7 @@
 
 use super::map;
 use super::view::View;
+use crate::base::statistics::NIS_EXPECTED;
 use crate::run::final_error::FinalError;
 use crate::run::keyboard::Hand;
 use crate::run::recovery::{NODES, Status};
@@ -121,7 +122,7 @@ fn draw_rest(
     section(frame, links, "Links", link_lines(view));
     let nis = view.seen.lead.fused.beam.nis;
     let title = match nis > 0.0 {
-        true => format!("Estimate, NIS {nis:.2} (mean 3)"),
+        true => format!("Estimate, NIS {nis:.2} (expected {NIS_EXPECTED})"),
         false => "Estimate".to_owned(),
     };
     section(frame, estimate, &title, estimate_lines(view));
@@ -315,7 +316,9 @@ fn strains(view: &View, width: u16) -> String {
 /// Faults so far with their remedies, as far as the room allows: the first fault first, notices and
 /// degradations last.
 fn fault_lines(view: &View, width: usize, height: usize) -> Vec<Line<'static>> {
-    let mut texts: Vec<(String, Style)> = view.faults.iter().map(|f| fault(view, f)).collect();
+    let idle = view.idle_stop.iter().map(|text| (text.clone(), CAUTION));
+    let faults = view.faults.iter().map(|f| fault(view, f));
+    let mut texts: Vec<(String, Style)> = faults.chain(idle).collect();
     texts.extend(notices(view));
     if texts.is_empty() {
         return vec![Line::styled("none", GOOD)];
@@ -534,6 +537,15 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn idle_driver_is_the_reason_of_a_stop() {
+        let mut view = view();
+        view.noticed = Default::default();
+        view.idle_stop = Some("no key for 5 s, so the robot stopped".to_owned());
+        let text = words(&picture(&view, (80, 24)));
+        assert!(text.contains("no key for 5 s, so the robot stopped") && !text.contains("none"));
     }
 
     #[test]

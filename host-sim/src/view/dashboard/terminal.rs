@@ -97,6 +97,7 @@ impl Shared {
             // A paused run shows nothing new, but keys act.
             view.pace = view.pace.map(|_| self.keyboard.pace());
             view.hand = self.keyboard.drives().then(|| self.keyboard.hand());
+            view.idle_stop = self.keyboard.idle_stop();
             let drawn = terminal.draw(|frame| draw(frame, &view)).map(|_| ());
             // Without a terminal nobody sees the run.
             if drawn.and_then(|()| self.listen(next)).is_err() {

@@ -41,6 +41,8 @@ pub struct View {
     pub pace: Option<(bool, f64)>,
     /// Command of a drive by hand.
     pub hand: Option<Hand>,
+    /// Reason why a robot that is driven by hand stopped, if its driver was idle.
+    pub idle_stop: Option<String>,
     /// End of the run, once it is over.
     pub end: Option<String>,
 }
