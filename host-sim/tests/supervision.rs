@@ -199,12 +199,17 @@ fn noise_of_a_sensor_names_no_sound_sensor() {
             let mut simulation = Simulation::new(&scenario, 1, trial).unwrap();
             let outcome = regulate_on(&mut simulation, &scenario, |_| ()).unwrap();
             let named = SENSORS.into_iter();
-            let named: Vec<_> = named.filter(|&one| outcome.notices.contains(one)).collect();
+            let named: Vec<_> = named
+                .filter(|&one| outcome.end.notices.contains(one))
+                .collect();
             let noisy = key.starts_with("bridge") && factor > 5.0;
             let gauges = [Condition::GaugesInconsistent];
             let faulty = &gauges[..usize::from(noisy)];
             assert_eq!(named, faulty, "{changes:?}, trial {trial}");
-            assert!(outcome.done && outcome.within, "{changes:?}, trial {trial}");
+            assert!(
+                outcome.end.is_success() && outcome.within,
+                "{changes:?}, trial {trial}"
+            );
         }
     }
 }
