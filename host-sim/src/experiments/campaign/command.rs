@@ -149,14 +149,18 @@ fn shard(args: &CampaignArgs) -> Result<(), Error> {
         });
         directory.write(block, rows?)?;
     }
+    let next = match shard.count {
+        1 => "next",
+        _ => "next, after all parts",
+    };
     print(&format!(
-        "{}: part {} of {}: {} runs now, {} were there; in {}\n",
+        "{}: part {} of {}: {} runs now, {} were there; in {out}\n{next}: cfmmr campaign merge {out}\n",
         study.name,
         shard.index,
         shard.count,
         count(&to_do),
         count(&mine) - count(&to_do),
-        out.display()
+        out = out.display()
     ))
 }
 
@@ -285,9 +289,10 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
         ("distributions", pictures::distributions(study, &runs)),
         ("map", pictures::map(study, &runs)),
     ];
-    if let Some(figure) = pictures::sensitivity(study, &runs) {
-        pictures.push(("sensitivity", figure));
-    }
+    let sensitivity = pictures::sensitivity(study, &runs);
+    pictures.extend(sensitivity.map(|figure| ("sensitivity", figure)));
+    let correlations = pictures::correlations(study, &report);
+    pictures.extend(correlations.map(|figure| ("correlations", figure)));
     for (name, figure) in pictures {
         files.text(&format!("{name}.svg"), figure.svg());
         files.bytes(&format!("{name}.png"), figure.png());

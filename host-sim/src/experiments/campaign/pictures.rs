@@ -3,7 +3,7 @@
 //! Each is split by every listed quantity that is not a number: into panels, or into series where no
 //! listed number needs their colours.
 
-use super::report::{listed, numbers, short};
+use super::report::{Influence, Report, listed, numbers, short};
 use super::rows::Row;
 use super::study::{Starts, Study, Vary, number};
 use crate::base::statistics::percentile;
@@ -13,6 +13,8 @@ use crate::view::style::{BAND, End, INK, Mark, Shape, Stroke, series, series_by}
 
 /// Least error that has a place on a logarithmic axis, cm and degrees.
 const LEAST: f64 = 0.01;
+/// Shapes of the marks of series, for grayscale.
+const SHAPES: [Shape; 4] = [Shape::Disc, Shape::Ring, Shape::Cross, Shape::Target];
 /// Maps beside each other.
 const MAPS: usize = 2;
 
@@ -257,19 +259,110 @@ fn e_cm(row: &Row) -> f64 {
     on_decades(100.0 * row.e_m)
 }
 
+/// Rank correlation of each drawn quantity with the final errors in each combination: over the last listed number, or
+/// else over the index of the combination; a series for each combination of the other lists. `None` without a
+/// correlation.
+pub fn correlations(study: &Study, report: &Report) -> Option<Figure> {
+    let all = &report.influences;
+    let bounds: Vec<f64> = all.iter().filter_map(|of| of.significance).collect();
+    let [r_e, r_heading]: [fn(&Influence) -> Option<f64>; 2] =
+        [|of| of.rank_correlation_e, |of| of.rank_correlation_heading];
+    let values = all.iter().flat_map(|of| [r_e(of), r_heading(of)]).flatten();
+    let most = bounds
+        .iter()
+        .copied()
+        .chain(values.map(f64::abs))
+        .reduce(f64::max)?;
+    let numeric = listed(study).filter(|(_, vary)| vary.is_numeric());
+    let across = numeric.last().map(|(_, vary)| vary.key.as_str());
+    let x = |of: &Influence| {
+        let value = of
+            .values
+            .iter()
+            .find(|(key, _)| Some(key.as_str()) == across);
+        value.map_or(Some(of.cell as f64), |(_, value)| value.parse().ok())
+    };
+    let name = |of: &Influence| {
+        let others = of
+            .values
+            .iter()
+            .filter(|(key, _)| Some(key.as_str()) != across);
+        let others = others.map(|(key, value)| format!("{} = {value}", short(key)));
+        others.collect::<Vec<_>>().join(", ")
+    };
+    let mut names: Vec<String> = Vec::new();
+    for name in all.iter().map(name) {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let (x_limits, logarithmic) = axis(&all.iter().filter_map(x).collect::<Vec<_>>(), false);
+    let panel = |of_key: &[Influence], label: &str, r: fn(&Influence) -> Option<f64>| {
+        let runs = of_key.iter().map(|of| of.trials);
+        let [least, most_runs] = [runs.clone().min(), runs.max()].map(Option::unwrap_or_default);
+        let runs = match least == most_runs {
+            true => format!("{least} runs each"),
+            false => format!("{least} to {most_runs} runs each"),
+        };
+        let mut panel = Panel::new(
+            across.map_or("cell of runs.csv", short),
+            format!("rank correlation with {label}"),
+        )
+        .title(short(&of_key[0].key))
+        .caption(runs)
+        .logarithmic([logarithmic, false])
+        .x_limits(x_limits)
+        .y_limits([-1.1 * most, 1.1 * most]);
+        let points = || of_key.iter().filter_map(|of| Some((of, x(of)?, r(of)?)));
+        for (of, x, _) in points() {
+            let ends = [-1.0, 1.0].map(|sign| [x, sign * of.significance.unwrap_or(0.0)]);
+            let stroke = Stroke {
+                width: 8.0,
+                ..BAND.stroke
+            };
+            panel.line("chance: 19 of 20 studies", ends, stroke);
+        }
+        for (of, x, r) in points() {
+            let name = name(of);
+            let n = names.iter().position(|other| *other == name).unwrap_or(0);
+            panel.mark(
+                name,
+                [x, r],
+                Mark::new(SHAPES[n % 4], 3.0, series(n).stroke.color),
+            );
+        }
+        panel
+    };
+    let of_keys = all.chunk_by(|a, b| a.key == b.key);
+    let panels = of_keys.flat_map(|of_key| {
+        [
+            panel(of_key, "e", r_e),
+            panel(of_key, "|heading error|", r_heading),
+        ]
+    });
+    let title = format!(
+        "{}: rank correlation of the drawn quantities with the errors",
+        study.name
+    );
+    Some(Figure::new(title).rows_of(2, Height::Fixed(220.0), &panels.collect::<Vec<_>>()))
+}
+
+/// Limits of the axis of a quantity with these values, and true for a logarithmic axis.
+fn axis(all: &[f64], even: bool) -> ([f64; 2], bool) {
+    let [low, high] = [f64::min, f64::max].map(|pick| all.iter().copied().fold(all[0], pick));
+    // What lies at the ends is not cut by the axes.
+    if !even && low > 0.0 && high >= 10.0 * low {
+        let room = (high / low).powf(0.04);
+        return ([low / room, high * room], true);
+    }
+    let room = if high > low { 0.04 * (high - low) } else { 0.5 };
+    ([low - room, high + room], false)
+}
+
 /// Error over one quantity, which has these values in all runs.
 fn influence(vary: &Vary, place: usize, all: &[f64], groups: &[Group]) -> Panel {
-    let [low, high] = [f64::min, f64::max].map(|pick| all.iter().copied().fold(all[0], pick));
     let even = vary.uniform.is_some() || vary.normal.is_some();
-    let logarithmic = !even && low > 0.0 && high >= 10.0 * low;
-    // What lies at the ends is not cut by the axes.
-    let limits = if logarithmic {
-        let room = (high / low).powf(0.04);
-        [low / room, high * room]
-    } else {
-        let room = 0.04 * (high - low);
-        [low - room, high + room]
-    };
+    let (limits, logarithmic) = axis(all, even);
     let mut panel = Panel::new(short(&vary.key), "e (cm)")
         .logarithmic([logarithmic, true])
         .x_limits(limits);
@@ -281,9 +374,7 @@ fn influence(vary: &Vary, place: usize, all: &[f64], groups: &[Group]) -> Panel 
         let points = group.rows.iter();
         let points = points.filter_map(|row| Some([number(&row.values[place])?, e_cm(row)]));
         let points: Vec<[f64; 2]> = points.collect();
-        // The shapes differ for grayscale.
-        let shape = [Shape::Disc, Shape::Ring, Shape::Cross, Shape::Target][n % 4];
-        let mark = |radius| Mark::new(shape, radius, stroke.color);
+        let mark = |radius| Mark::new(SHAPES[n % 4], radius, stroke.color);
         if vary.values.is_none() {
             let name = match group.label.as_str() {
                 "" => "one run".to_owned(),

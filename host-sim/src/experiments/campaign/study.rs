@@ -130,7 +130,7 @@ impl Vary {
         match (&self.values, self.uniform, self.log_uniform, self.normal) {
             (Some(values), None, None, None) if !values.is_empty() => Ok(Kind::Values(values)),
             (Some(_), None, None, None) => {
-                wrong("values = []: must have at least one value value".into())
+                wrong("values = []: must have at least one value".into())
             }
             (None, Some(range), None, None) => {
                 ordered("uniform", range, f64::NEG_INFINITY, Draw::Uniform(range))
@@ -234,23 +234,28 @@ impl Study {
 
     /// Checks that every combination makes a robot, and that each varied key has an effect in one of them.
     fn check_cells(&self, cells: u64) -> Result<(), Error> {
-        let taken: effect::Taken = match self.starts {
-            Starts::Scenario => &[],
-            Starts::Random => &[("mission.start", "with starts = \"random\"")],
-        };
         let mut idle: Vec<Option<String>> = vec![Some(String::new()); self.vary.len()];
         for cell in 0..cells {
-            let run = self.run(cell * u64::from(self.trials))?;
-            for (vary, idle) in self.vary.iter().zip(&mut idle) {
-                if idle.is_some() {
-                    *idle = effect::text(&vary.key, taken, &[(&run.scenario, Use::Regulate)]);
-                }
+            for (idle, here) in idle.iter_mut().zip(self.idle(cell)?) {
+                *idle = idle.take().and(here);
             }
         }
         match idle.into_iter().flatten().next() {
             Some(text) => Err(Error::input(format!("vary {text}"))),
             None => Ok(()),
         }
+    }
+
+    /// Of each varied key without effect in a combination: key and reason.
+    pub(super) fn idle(&self, cell: u64) -> Result<Vec<Option<String>>, Error> {
+        let taken: effect::Taken = match self.starts {
+            Starts::Scenario => &[],
+            Starts::Random => &[("mission.start", "with starts = \"random\"")],
+        };
+        let run = self.run(cell * u64::from(self.trials))?;
+        let runs = [(&run.scenario, Use::Regulate)];
+        let keys = self.vary.iter().map(|vary| &vary.key);
+        Ok(keys.map(|key| effect::text(key, taken, &runs)).collect())
     }
 
     /// Number of combinations; `None` if it is beyond counting.

@@ -1,8 +1,9 @@
 use super::directory::{Block, Directory};
-use super::pictures::{distributions, map, sensitivity};
+use super::pictures::{correlations, distributions, map, sensitivity};
 use super::report::{Report, rank_correlation, wilson};
 use super::rows::{self, Row};
 use super::study::Study;
+use super::study::number;
 use crate::run::regulate::Outcome;
 use crate::view::plot::tests::check_figure;
 
@@ -170,7 +171,7 @@ fn the_report_counts_what_is_there() {
         report.cells[1].values[1],
         ("mission.rps".to_owned(), "false".to_owned())
     );
-    assert_eq!(report.influences.len(), 1);
+    assert_eq!(report.influences.len(), 4);
     // Of a part of the runs, each combination has its own.
     let part = Report::of(&study, &all[2..]);
     let trials: Vec<_> = part.cells.iter().map(|cell| cell.trials).collect();
@@ -198,6 +199,9 @@ fn pictures_are_whole_whatever_a_study_varies() {
             for figure in [&shares, &map(&study, &runs), &influences] {
                 check_figure(figure);
             }
+            let correlations = correlations(&study, &Report::of(&study, &runs));
+            assert_eq!(correlations.is_some(), study.trials > 1);
+            correlations.iter().for_each(check_figure);
             // Errors of 0 to 15 mm: an axis has the numbers of its ends.
             assert!(influences.svg().contains(">0.01<"));
             lines.push(shares.svg().matches("stroke-width=\"1.8\"").count());
@@ -224,6 +228,7 @@ key = "mission.rps""#;
             distributions(&study, &runs),
             map(&study, &runs),
             sensitivity(&study, &runs).unwrap(),
+            correlations(&study, &Report::of(&study, &runs)).unwrap(),
         ] {
             check_figure(&figure);
             let svg = figure.svg();
@@ -250,9 +255,121 @@ fn intervals_and_correlations_are_the_textbook_ones() {
         106.0, 100.0, 86.0, 101.0, 99.0, 103.0, 97.0, 113.0, 112.0, 110.0,
     ];
     let hours = [7.0, 27.0, 2.0, 50.0, 28.0, 29.0, 20.0, 12.0, 6.0, 17.0];
-    assert!((rank_correlation(&iq, &hours) + 29.0 / 165.0).abs() < 1e-12);
+    let correlation = |a: &[f64], b: &[f64]| rank_correlation(a, b).unwrap();
+    assert!((correlation(&iq, &hours) + 29.0 / 165.0).abs() < 1e-12);
     // Equal values share a rank.
-    assert!((rank_correlation(&[1.0, 1.0, 2.0, 3.0], &[1.0, 1.0, 2.0, 3.0]) - 1.0).abs() < 1e-12);
+    assert!((correlation(&[1.0, 1.0, 2.0, 3.0], &[1.0, 1.0, 2.0, 3.0]) - 1.0).abs() < 1e-12);
+    assert_eq!(rank_correlation(&[1.0, 2.0], &[3.0, 3.0]), None);
+}
+
+/// A study of two switches with 5 trials. With the sensor e rises with the drawn value and |heading| has the ranks
+/// 1 2 4 3 5 (Σd² = 2, ρ = 1 − 12/120 = 0.9); without it e has the ranks 2 5 3 1 4 (Σd² = 20, ρ = 0) and |heading|
+/// is constant.
+fn one_armed(text: &str) -> Report {
+    let study = Study::parse(text, "test").unwrap();
+    let mut rows = all_runs(&study);
+    for arm in rows.chunk_by_mut(|a, b| a.cell == b.cell) {
+        let drawn = study.vary.iter().position(|vary| vary.uniform.is_some());
+        let drawn = |row: &Row| number(&row.values[drawn.unwrap()]).unwrap();
+        arm.sort_by(|a, b| drawn(a).total_cmp(&drawn(b)));
+        let sensor = arm[0]
+            .values
+            .iter()
+            .any(|value| value.as_bool() == Some(true));
+        let (e, heading) = match sensor {
+            true => ([0.1, 0.2, 0.3, 0.4, 0.5], [-1.0, 2.0, -4.0, 3.0, 5.0]),
+            false => ([2.0, 5.0, 3.0, 1.0, 4.0], [-1.0, 1.0, -1.0, 1.0, 1.0]),
+        };
+        for (n, row) in arm.iter_mut().enumerate() {
+            (row.e_m, row.heading_rad) = (e[n], heading[n]);
+        }
+        arm.sort_by_key(|row| row.trial);
+    }
+    Report::of(&study, &rows)
+}
+
+#[test]
+fn drawn_quantity_acting_in_one_arm_correlates_there_alone() {
+    let text = TEXT.replace("trials = 4", "trials = 5");
+    let report = one_armed(&text);
+    assert_eq!(report.influences.len(), 4);
+    let near = |value: Option<f64>, wanted: f64| (value.unwrap() - wanted).abs() < 1e-12;
+    for (n, influence) in report.influences.iter().enumerate() {
+        assert_eq!((influence.cell, influence.trials), (n as u64, 5));
+        assert!(near(influence.significance, 1.96 / 2.0));
+        let [(_, creep), (_, rps)] = &influence.values[..] else {
+            panic!("{influence:?}");
+        };
+        assert_eq!(creep, ["0.003", "0.01"][n / 2]);
+        if rps == "true" {
+            assert!(near(influence.rank_correlation_e, 1.0), "{influence:?}");
+            assert!(near(influence.rank_correlation_heading, 0.9));
+            assert_eq!(influence.note, None);
+        } else {
+            assert!(near(influence.rank_correlation_e, 0.0), "{influence:?}");
+            assert_eq!(influence.rank_correlation_heading, None);
+            let note = influence.note.as_deref();
+            assert_eq!(note, Some("|heading| does not vary"));
+        }
+    }
+    // The drawn quantity first, the values of both lists reversed.
+    let blocks: Vec<&str> = text.split("[[vary]]").collect();
+    let (drawn, scenario) = blocks[3].split_once("[scenario").unwrap();
+    let vary = [blocks[0], drawn, blocks[2], blocks[1]].join("[[vary]]");
+    let other = format!("{vary}[scenario{scenario}")
+        .replace("[true, false]", "[false, true]")
+        .replace("[0.003, 0.01]", "[0.01, 0.003]");
+    let other = one_armed(&other);
+    assert_eq!(other.influences.len(), 4);
+    for mut influence in other.influences {
+        influence.values.reverse();
+        let same = report
+            .influences
+            .iter()
+            .find(|of| of.values == influence.values);
+        let cell = same.unwrap().cell;
+        assert_eq!(same, Some(&super::report::Influence { cell, ..influence }));
+    }
+}
+
+#[test]
+fn drawn_key_without_effect_in_an_arm_has_no_correlation_there() {
+    let key = "sensors.bridge.noise_strain";
+    let text = TEXT.replace("sensors.geometry.wheel_radius_sigma", key);
+    let report = one_armed(&text.replace("trials = 4", "trials = 5"));
+    let with = report.influences[0].rank_correlation_e;
+    assert!((with.unwrap() - 1.0).abs() < 1e-12);
+    let without = serde_json::to_value(&report.influences[1]).unwrap();
+    for field in [
+        "rank_correlation_e",
+        "rank_correlation_heading",
+        "significance",
+    ] {
+        assert!(without[field].is_null(), "{without}");
+    }
+    let note = format!("{key}: no effect with mission.rps = false");
+    assert_eq!(without["note"], note.as_str());
+    assert_eq!(report.text().matches(&note).count(), 1, "{}", report.text());
+    let one = Report::of(&study(), &all_runs(&study())[..1]);
+    let note = one.influences[0].note.as_deref();
+    assert_eq!(note, Some("one run has no correlation"));
+}
+
+#[test]
+fn tables_of_the_report_fit_80_columns_with_whole_figures() {
+    let report = one_armed(&TEXT.replace("trials = 4", "trials = 5"));
+    let text = report.text();
+    let widest = text.lines().map(|line| line.chars().count()).max();
+    assert!(widest <= Some(80), "{text}");
+    // 0.1 to 0.5 m, and 1 to 5 m.
+    for (figure, count) in [
+        ("30.00 ± 15.81", 2),
+        ("300.00 ± 158.11", 2),
+        ("100 % (57 to 100)", 4),
+        ("+0.90", 2),
+    ] {
+        assert_eq!(text.matches(figure).count(), count, "{text}");
+    }
 }
 
 #[test]
