@@ -291,7 +291,7 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
     ];
     let sensitivity = pictures::sensitivity(study, &runs);
     pictures.extend(sensitivity.map(|figure| ("sensitivity", figure)));
-    let correlations = pictures::correlations(study, &report);
+    let correlations = pictures::correlations(study, &runs, &report.influences);
     pictures.extend(correlations.map(|figure| ("correlations", figure)));
     for (name, figure) in pictures {
         files.text(&format!("{name}.svg"), figure.svg());

@@ -3,7 +3,7 @@
 //! Each is split by every listed quantity that is not a number: into panels, or into series where no
 //! listed number needs their colours.
 
-use super::report::{Influence, Report, listed, numbers, short};
+use super::report::{Influence, listed, numbers, short};
 use super::rows::Row;
 use super::study::{Starts, Study, Vary, number};
 use crate::base::statistics::percentile;
@@ -262,89 +262,60 @@ fn e_cm(row: &Row) -> f64 {
 /// Rank correlation of each drawn quantity with the final errors in each combination: over the last listed number, or
 /// else over the index of the combination; a series for each combination of the other lists. `None` without a
 /// correlation.
-pub fn correlations(study: &Study, report: &Report) -> Option<Figure> {
-    let all = &report.influences;
-    let bounds: Vec<f64> = all.iter().filter_map(|of| of.significance).collect();
-    let [r_e, r_heading]: [fn(&Influence) -> Option<f64>; 2] =
-        [|of| of.rank_correlation_e, |of| of.rank_correlation_heading];
-    let values = all.iter().flat_map(|of| [r_e(of), r_heading(of)]).flatten();
-    let most = bounds
+pub fn correlations(study: &Study, rows: &[Row], influences: &[Influence]) -> Option<Figure> {
+    let of_keys = influences.chunk_by(|a, b| a.key == b.key);
+    let values = |of: &Influence| [of.rank_correlation_e, of.rank_correlation_heading];
+    let most = influences
         .iter()
-        .copied()
-        .chain(values.map(f64::abs))
-        .reduce(f64::max)?;
-    let numeric = listed(study).filter(|(_, vary)| vary.is_numeric());
-    let across = numeric.last().map(|(_, vary)| vary.key.as_str());
-    let x = |of: &Influence| {
-        let value = of
-            .values
-            .iter()
-            .find(|(key, _)| Some(key.as_str()) == across);
-        value.map_or(Some(of.cell as f64), |(_, value)| value.parse().ok())
+        .flat_map(|of| [values(of), [of.significance; 2]]);
+    let most = most.flatten().flatten().map(f64::abs).reduce(f64::max)?;
+    let lists = Listed::all(study, rows);
+    let across = lists.iter().rposition(|list| list.vary.is_numeric());
+    let others = lists.iter().enumerate().filter(|(n, _)| Some(*n) != across);
+    let groups = split(all(rows), &others.map(|(_, list)| list).collect::<Vec<_>>());
+    let x = |row: &Row| match across {
+        Some(n) => number(&row.values[lists[n].place]).unwrap_or(f64::NAN),
+        None => row.cell as f64,
     };
-    let name = |of: &Influence| {
-        let others = of
-            .values
-            .iter()
-            .filter(|(key, _)| Some(key.as_str()) != across);
-        let others = others.map(|(key, value)| format!("{} = {value}", short(key)));
-        others.collect::<Vec<_>>().join(", ")
-    };
-    let mut names: Vec<String> = Vec::new();
-    for name in all.iter().map(name) {
-        if !names.contains(&name) {
-            names.push(name);
-        }
-    }
-    let (x_limits, logarithmic) = axis(&all.iter().filter_map(x).collect::<Vec<_>>(), false);
-    let panel = |of_key: &[Influence], label: &str, r: fn(&Influence) -> Option<f64>| {
+    let x_label = across.map_or("cell of runs.csv", |n| short(&lists[n].vary.key));
+    let (x_limits, logarithmic) = axis(&rows.iter().map(x).collect::<Vec<_>>(), false);
+    let panel = |of_key: &[Influence], error: usize| {
         let runs = of_key.iter().map(|of| of.trials);
-        let [least, most_runs] = [runs.clone().min(), runs.max()].map(Option::unwrap_or_default);
-        let runs = match least == most_runs {
-            true => format!("{least} runs each"),
-            false => format!("{least} to {most_runs} runs each"),
-        };
-        let mut panel = Panel::new(
-            across.map_or("cell of runs.csv", short),
-            format!("rank correlation with {label}"),
-        )
-        .title(short(&of_key[0].key))
-        .caption(runs)
-        .logarithmic([logarithmic, false])
-        .x_limits(x_limits)
-        .y_limits([-1.1 * most, 1.1 * most]);
-        let points = || of_key.iter().filter_map(|of| Some((of, x(of)?, r(of)?)));
-        for (of, x, _) in points() {
-            let ends = [-1.0, 1.0].map(|sign| [x, sign * of.significance.unwrap_or(0.0)]);
-            let stroke = Stroke {
-                width: 8.0,
-                ..BAND.stroke
-            };
-            panel.line("chance: 19 of 20 studies", ends, stroke);
+        let runs = [runs.clone().min(), runs.max()].map(Option::unwrap_or_default);
+        let mut panel = Panel::new(x_label, ["with e", "with |heading error|"][error])
+            .title(short(&of_key[0].key))
+            .caption(match runs {
+                [least, most] if least < most => format!("{least} to {most} runs each"),
+                [runs, _] => format!("{runs} runs each"),
+            })
+            .logarithmic([logarithmic, false])
+            .x_limits(x_limits)
+            .y_limits([-1.1 * most, 1.1 * most]);
+        let mut marks = Vec::new();
+        for (n, group) in groups.iter().enumerate() {
+            for rows in group.rows.chunk_by(|a, b| a.cell == b.cell) {
+                let mut of_cell = of_key.iter().filter(|of| of.cell == rows[0].cell);
+                let found = of_cell.find_map(|of| Some((values(of)[error]?, of.significance?)));
+                let Some((value, bound)) = found else {
+                    continue;
+                };
+                let (x, (color, width)) = (x(rows[0]), (BAND.stroke.color, 8.0));
+                let dash = BAND.stroke.dash;
+                let stroke = Stroke { color, width, dash };
+                panel.line("19 of 20 by chance", [[x, -bound], [x, bound]], stroke);
+                let mark = Mark::new(SHAPES[n % 4], 3.0, series(n).stroke.color);
+                marks.push((group.label.clone(), [x, value], mark));
+            }
         }
-        for (of, x, r) in points() {
-            let name = name(of);
-            let n = names.iter().position(|other| *other == name).unwrap_or(0);
-            panel.mark(
-                name,
-                [x, r],
-                Mark::new(SHAPES[n % 4], 3.0, series(n).stroke.color),
-            );
+        for (label, at, mark) in marks {
+            panel.mark(label, at, mark);
         }
         panel
     };
-    let of_keys = all.chunk_by(|a, b| a.key == b.key);
-    let panels = of_keys.flat_map(|of_key| {
-        [
-            panel(of_key, "e", r_e),
-            panel(of_key, "|heading error|", r_heading),
-        ]
-    });
-    let title = format!(
-        "{}: rank correlation of the drawn quantities with the errors",
-        study.name
-    );
-    Some(Figure::new(title).rows_of(2, Height::Fixed(220.0), &panels.collect::<Vec<_>>()))
+    let panels = of_keys.flat_map(|of_key| [panel(of_key, 0), panel(of_key, 1)]);
+    let title = format!("{}: rank correlation of drawn quantities", study.name);
+    let figure = Figure::new(title);
+    Some(figure.rows_of(2, Height::Fixed(220.0), &panels.collect::<Vec<_>>()))
 }
 
 /// Limits of the axis of a quantity with these values, and true for a logarithmic axis.

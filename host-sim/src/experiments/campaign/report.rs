@@ -213,38 +213,32 @@ impl Report {
         if self.influences.is_empty() {
             return String::new();
         }
-        let header = [
-            "drawn",
-            "combination",
-            "runs",
-            "with e",
-            "with |heading|",
-            "by chance",
-        ];
-        let mut table = Table::new(header);
+        let header = "drawn;combination;runs;with e;with |heading|;by chance";
+        let mut table = Table::new(header.split(';'));
         let mut notes: Vec<String> = Vec::new();
-        for (n, of_key) in self.influences.chunk_by(|a, b| a.key == b.key).enumerate() {
-            if n > 0 {
+        let mut last = "";
+        for influence in &self.influences {
+            let key = influence.key.as_str();
+            if last != key && !last.is_empty() {
                 table.rule();
             }
-            for (n, influence) in of_key.iter().enumerate() {
-                let cell =
-                    |value: Option<f64>| value.map_or_else(String::new, |x| format!("{x:+.2}"));
-                let bound = influence.significance.map(|bound| format!("±{bound:.2}"));
-                table.row([
-                    if n == 0 { short(&influence.key) } else { "" }.to_owned(),
-                    label(&influence.values),
-                    influence.trials.to_string(),
-                    cell(influence.rank_correlation_e),
-                    cell(influence.rank_correlation_heading),
-                    bound.unwrap_or_default(),
-                ]);
-                let note = influence
-                    .note
-                    .iter()
-                    .map(|note| format!("Empty: {note}.\n"));
-                notes.extend(note);
-            }
+            let signed = |value: f64| format!("{value:+.2}");
+            let bound = |value: f64| format!("±{value:.2}");
+            table.row([
+                if last == key { "" } else { short(key) }.to_owned(),
+                label(&influence.values),
+                influence.trials.to_string(),
+                influence
+                    .rank_correlation_e
+                    .map_or_else(String::new, signed),
+                influence
+                    .rank_correlation_heading
+                    .map_or_else(String::new, signed),
+                influence.significance.map_or_else(String::new, bound),
+            ]);
+            let note = influence.note.as_ref();
+            notes.extend(note.map(|note| format!("Empty: {note}.\n")));
+            last = key;
         }
         notes.sort();
         notes.dedup();
