@@ -88,16 +88,11 @@ fn split<'a>(group: Group<'a>, lists: &[&Listed]) -> Vec<Group<'a>> {
 
 /// The lists that are not numbers, or else the first list if it has few values.
 fn splitting<'a>(lists: &'a [Listed<'a>]) -> Vec<&'a Listed<'a>> {
-    let words: Vec<&Listed> = lists
-        .iter()
-        .filter(|list| !list.vary.is_numeric())
-        .collect();
+    let words = lists.iter().filter(|list| !list.vary.is_numeric());
+    let words: Vec<&Listed> = words.collect();
+    let first = lists.iter().take(1);
     match words.is_empty() {
-        true => lists
-            .iter()
-            .take(1)
-            .filter(|list| list.values.len() <= 2 * MAPS)
-            .collect(),
+        true => first.filter(|list| list.values.len() <= 2 * MAPS).collect(),
         false => words,
     }
 }
@@ -233,24 +228,17 @@ pub fn sensitivity(study: &Study, rows: &[Row]) -> Option<Figure> {
     let limits = decades(rows.iter().map(e_cm));
     let lists = Listed::all(study, rows);
     let splitting = splitting(&lists);
-    let panels: Vec<Panel> = study
-        .vary
-        .iter()
-        .enumerate()
-        .filter(|(_, vary)| vary.is_numeric() && !rows.is_empty())
-        .map(|(place, vary)| {
-            let others = splitting
-                .iter()
-                .copied()
-                .filter(|list| list.vary.key != vary.key);
-            let groups = split(all(rows), &others.collect::<Vec<_>>());
-            influence(vary, place, &numbers(place, rows), &groups).y_limits(limits)
-        })
-        .collect();
-    let figure = Figure::new(format!(
-        "{}: error against the varied quantities",
-        study.name
-    ));
+    let varied = study.vary.iter().enumerate();
+    let numeric = varied.filter(|(_, vary)| vary.is_numeric() && !rows.is_empty());
+    let panels = numeric.map(|(place, vary)| {
+        let others = splitting.iter().copied();
+        let others = others.filter(|list| list.vary.key != vary.key);
+        let groups = split(all(rows), &others.collect::<Vec<_>>());
+        influence(vary, place, &numbers(place, rows), &groups).y_limits(limits)
+    });
+    let panels: Vec<Panel> = panels.collect();
+    let title = format!("{}: error against the varied quantities", study.name);
+    let figure = Figure::new(title);
     (!panels.is_empty()).then(|| figure.rows_of(3, Height::Fixed(260.0), &panels))
 }
 
@@ -377,16 +365,9 @@ fn medians(panel: &mut Panel, label: &str, points: &[[f64; 2]], stroke: Stroke, 
     let mut medians = Vec::new();
     for &x in &values {
         let range = [0.05, 0.95].map(|share| [x, of(x, share)]);
-        let (color, width) = (stroke.color.lighter(0.5), 2.4);
-        panel.line(
-            name("5 to 95 %"),
-            range,
-            Stroke {
-                color,
-                width,
-                ..stroke
-            },
-        );
+        let (color, width, dash) = (stroke.color.lighter(0.5), 2.4, stroke.dash);
+        let bar = Stroke { color, width, dash };
+        panel.line(name("5 to 95 %"), range, bar);
         medians.push([x, of(x, 0.5)]);
         panel.mark("", [x, of(x, 0.5)], mark);
     }

@@ -151,11 +151,10 @@ impl Report {
             };
             cells.iter().map(of)
         });
+        let first = study.run(0);
         Self {
             name: study.name.clone(),
-            world: study
-                .run(0)
-                .map_or_else(|_| String::new(), |run| run.scenario.world.label()),
+            world: first.map_or_else(|_| String::new(), |run| run.scenario.world.label()),
             seed: study.seed,
             runs: rows.len(),
             influences: influences.collect(),
@@ -165,28 +164,22 @@ impl Report {
 
     /// The tables.
     pub fn text(&self) -> String {
-        let names: Vec<&str> = match self.cells.first() {
-            Some(cell) => cell.values.iter().map(|(key, _)| short(key)).collect(),
-            None => Vec::new(),
-        };
+        let names = self.cells.iter().take(1).flat_map(|cell| &cell.values);
+        let names = names.map(|(key, _)| short(key)).collect::<Vec<_>>();
         let names = names.join(", ");
         let errors = [&names, "e (cm)", "median", "95 %", "within 3 cm, 3°"];
         let mut errors = Table::new(errors);
         let more = ["|heading| (°)", "done", "faults", "force (N)", "time (s)"];
         let mut more = Table::new([&[names.as_str()], &more[..]].concat());
         for cell in &self.cells {
-            let percent = |share: f64| format!("{:.0}", 100.0 * share);
+            let share = 100.0 * cell.within_3cm_3deg;
+            let [low, high] = cell.within_interval.map(|share| 100.0 * share);
             errors.row([
                 label(&cell.values),
                 plus_minus(100.0 * cell.e_m.mean, 100.0 * cell.e_m.sd, 2),
                 format!("{:.2}", 100.0 * cell.e_median_m),
                 format!("{:.2}", 100.0 * cell.e_p95_m),
-                format!(
-                    "{} % ({} to {})",
-                    percent(cell.within_3cm_3deg),
-                    percent(cell.within_interval[0]),
-                    percent(cell.within_interval[1])
-                ),
+                format!("{share:.0} % ({low:.0} to {high:.0})"),
             ]);
             more.row([
                 label(&cell.values),
@@ -222,19 +215,16 @@ impl Report {
             if last != key && !last.is_empty() {
                 table.rule();
             }
-            let signed = |value: f64| format!("{value:+.2}");
-            let bound = |value: f64| format!("±{value:.2}");
+            let signed =
+                |value: Option<f64>| value.map_or_else(String::new, |r| format!("{r:+.2}"));
+            let bound = influence.significance.map(|bound| format!("±{bound:.2}"));
             table.row([
                 if last == key { "" } else { short(key) }.to_owned(),
                 label(&influence.values),
                 influence.trials.to_string(),
-                influence
-                    .rank_correlation_e
-                    .map_or_else(String::new, signed),
-                influence
-                    .rank_correlation_heading
-                    .map_or_else(String::new, signed),
-                influence.significance.map_or_else(String::new, bound),
+                signed(influence.rank_correlation_e),
+                signed(influence.rank_correlation_heading),
+                bound.unwrap_or_default(),
             ]);
             let note = influence.note.as_ref();
             notes.extend(note.map(|note| format!("Empty: {note}.\n")));
@@ -268,13 +258,8 @@ fn influence(study: &Study, place: usize, rows: &[Row], idle: Option<String>) ->
         Some(_) => None,
     };
     let (e, heading) = (with(|row| row.e_m), with(|row| row.heading_rad.abs()));
-    let constant = || match (rows.len(), e, heading) {
-        (1, ..) => Some("one run has no correlation"),
-        (_, None, None) => Some("e and |heading| do not vary"),
-        (_, None, _) => Some("e does not vary"),
-        (_, _, None) => Some("|heading| does not vary"),
-        _ => None,
-    };
+    let constant = e.is_none() || heading.is_none();
+    let constant = constant.then(|| "the error is the same in all runs".to_owned());
     // Of few runs the normal approximation exceeds the greatest correlation.
     let bound = (1.96 / (rows.len() as f64 - 1.0).sqrt()).min(1.0);
     Influence {
@@ -285,7 +270,7 @@ fn influence(study: &Study, place: usize, rows: &[Row], idle: Option<String>) ->
         rank_correlation_e: e,
         rank_correlation_heading: heading,
         significance: e.or(heading).map(|_| bound),
-        note: idle.clone().or_else(|| constant().map(str::to_owned)),
+        note: idle.clone().or(constant),
     }
 }
 

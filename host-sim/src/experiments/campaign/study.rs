@@ -212,10 +212,9 @@ impl Study {
         within("trials", self.trials.into(), MAX_RUNS)?;
         within("block", self.block.into(), 100_000)?;
         if self.vary.len() > MAX_VARIED {
-            return Err(Error::input(format!(
-                "vary: {} quantities: must be at most {MAX_VARIED}",
-                self.vary.len()
-            )));
+            let count = self.vary.len();
+            let text = format!("vary: {count} quantities: must be at most {MAX_VARIED}");
+            return Err(Error::input(text));
         }
         for (i, vary) in self.vary.iter().enumerate() {
             vary.kind()?;
@@ -224,11 +223,8 @@ impl Study {
             }
         }
         let cells = self.cells().unwrap_or(u64::MAX);
-        within(
-            "runs (combinations times trials)",
-            cells.saturating_mul(self.trials.into()),
-            MAX_RUNS,
-        )?;
+        let runs = cells.saturating_mul(self.trials.into());
+        within("runs (combinations times trials)", runs, MAX_RUNS)?;
         self.check_cells(cells)
     }
 
@@ -260,9 +256,8 @@ impl Study {
 
     /// Number of combinations; `None` if it is beyond counting.
     fn cells(&self) -> Option<u64> {
-        self.vary
-            .iter()
-            .try_fold(1u64, |product, vary| product.checked_mul(vary.count()))
+        let mut counts = self.vary.iter().map(Vary::count);
+        counts.try_fold(1, u64::checked_mul)
     }
 
     /// Number of runs.
@@ -326,14 +321,11 @@ impl Study {
 
     /// Scenario of a trial with these values of the varied quantities.
     fn scenario(&self, trial: u32, values: &[toml::Value]) -> Result<Scenario, Error> {
-        let changes: Vec<String> = self
-            .vary
-            .iter()
-            .zip(values)
-            .map(|(vary, value)| format!("{}={value}", vary.key))
-            .collect();
-        let base =
-            toml::to_string(&self.scenario).map_err(|error| Error::Failure(error.to_string()))?;
+        let changes = self.vary.iter().zip(values);
+        let changes = changes.map(|(vary, value)| format!("{}={value}", vary.key));
+        let changes: Vec<String> = changes.collect();
+        let base = toml::to_string(&self.scenario);
+        let base = base.map_err(|error| Error::Failure(error.to_string()))?;
         let mut scenario = Scenario::parse(None, &base, "scenario", &changes)?;
         if self.starts == Starts::Random {
             let [x, y, phi] = random_start(self.seed, trial.into());
