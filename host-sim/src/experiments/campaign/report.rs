@@ -206,21 +206,20 @@ impl Report {
         if self.influences.is_empty() {
             return String::new();
         }
-        let header = "drawn;combination;runs;with e;with |heading|;by chance";
+        let header = "drawn, in combination;runs;with e;with |heading|;by chance";
         let mut table = Table::new(header.split(';'));
         let mut notes: Vec<String> = Vec::new();
         let mut last = "";
         for influence in &self.influences {
             let key = influence.key.as_str();
-            if last != key && !last.is_empty() {
-                table.rule();
+            if last != key {
+                table.row([short(key)]);
             }
             let signed =
                 |value: Option<f64>| value.map_or_else(String::new, |r| format!("{r:+.2}"));
             let bound = influence.significance.map(|bound| format!("±{bound:.2}"));
             table.row([
-                if last == key { "" } else { short(key) }.to_owned(),
-                label(&influence.values),
+                format!("  {}", label(&influence.values)),
                 influence.trials.to_string(),
                 signed(influence.rank_correlation_e),
                 signed(influence.rank_correlation_heading),
