@@ -63,7 +63,7 @@ impl Table {
             for row in self.rows.iter().chain([&self.header]) {
                 widths.resize(widths.len().max(row.len()), 0);
                 for (width, cell) in widths.iter_mut().zip(row) {
-                    let parts = cell.split_inclusive(separators);
+                    let parts = pieces(cell, separators).into_iter();
                     let part = parts.map(|part| part.trim_end().chars().count()).max();
                     *width = part.unwrap_or(0).max(*width);
                 }
@@ -87,13 +87,35 @@ impl Table {
 /// Characters after which a name may be divided.
 const PARTS: [char; 4] = [' ', '.', '_', '/'];
 
+/// The text divided after each separator, except within a figure such as `18.50 ± 2.10`.
+fn pieces<'a>(text: &'a str, separators: &[char]) -> Vec<&'a str> {
+    let mut pieces = Vec::new();
+    let mut rest = text;
+    for (place, separator) in text.match_indices(separators) {
+        let end = place + separator.len();
+        let after = text[end..].chars().next();
+        let in_figure = match separator {
+            "." => after.is_some_and(|next| next.is_ascii_digit()),
+            _ => after == Some('±') || text[..place].ends_with('±'),
+        };
+        if !in_figure {
+            let (piece, others) = rest.split_at(end - (text.len() - rest.len()));
+            pieces.push(piece);
+            rest = others;
+        }
+    }
+    pieces.extend((!rest.is_empty()).then_some(rest));
+    pieces
+}
+
 /// Lines of a cell that is `width` characters wide.
 fn lines(cell: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     let fits = |word: &str| word.trim_end().chars().count() <= width;
-    let words = cell.split_inclusive(' ').flat_map(|word| match fits(word) {
+    let words = pieces(cell, &[' ']).into_iter();
+    let words = words.flat_map(|word| match fits(word) {
         true => vec![word],
-        false => word.split_inclusive(PARTS).collect(),
+        false => pieces(word, &PARTS),
     });
     for word in words {
         let line = lines.last_mut().expect("at least one line");
@@ -175,6 +197,15 @@ mod tests {
             lines("robot.limits.max_speed_m_s", 12),
             ["robot.", "limits.max_", "speed_m_s"]
         );
+    }
+
+    #[test]
+    fn table_wider_than_its_limit_keeps_figures_whole() {
+        assert_eq!(lines("18.50 ± 2.10 cm", 4), ["18.50 ± 2.10", "cm"]);
+        assert_eq!(lines("v.1.25", 2), ["v.1.25"]);
+        let mut table = Table::new(["plant.slip_stiffness", "e (cm)"]);
+        table.row(["8.0", "18.50 ± 2.10"]);
+        assert_eq!(table.widths(10), [9, 12]);
     }
 
     #[test]

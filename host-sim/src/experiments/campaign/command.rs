@@ -119,44 +119,39 @@ fn shard(args: &CampaignArgs) -> Result<(), Error> {
     });
     let directory = Directory::open_for(study, &out)?;
     let study = directory.study();
-    let mine: Vec<u64> = (0..study.blocks())
-        .filter(|&block| shard.has(block))
-        .collect();
+    let mine = (0..study.blocks()).filter(|&block| shard.has(block));
+    let mine: Vec<u64> = mine.collect();
     let to_do = missing(&directory, &mine)?;
     let pool = pool(args.threads)?;
-    let count = |blocks: &[u64]| -> u64 {
-        blocks
-            .iter()
-            .map(|&block| study.block_runs(block).count() as u64)
-            .sum()
-    };
+    let runs_of = |&block: &u64| study.block_runs(block).count() as u64;
+    let count = |blocks: &[u64]| -> u64 { blocks.iter().map(runs_of).sum() };
     let progress = Progress::new(count(&to_do) as usize, "runs");
     let interrupt = watch_for_interrupt()?;
     for (n, &block) in to_do.iter().enumerate() {
         if interrupt.load(Relaxed) {
             return Err(interrupted(count(&to_do[..n]), count(&to_do)));
         }
-        let rows: Result<Vec<Row>, Error> = pool.install(|| {
-            let range = study.block_runs(block);
-            range
-                .into_par_iter()
-                .map(|index| {
-                    let finished = one(study, index);
-                    progress.advance();
-                    finished
-                })
-                .collect()
-        });
+        let run = |index| {
+            let finished = one(study, index);
+            progress.advance();
+            finished
+        };
+        let range = study.block_runs(block).into_par_iter();
+        let rows: Result<Vec<Row>, Error> = pool.install(|| range.map(run).collect());
         directory.write(block, rows?)?;
     }
+    let next = match shard.count {
+        1 => "next",
+        _ => "next, after all parts",
+    };
     print(&format!(
-        "{}: part {} of {}: {} runs now, {} were there; in {}\n",
+        "{}: part {} of {}: {} runs now, {} were there; in {out}\n{next}: cfmmr campaign merge {out}\n",
         study.name,
         shard.index,
         shard.count,
         count(&to_do),
         count(&mine) - count(&to_do),
-        out.display()
+        out = out.display()
     ))
 }
 
@@ -223,13 +218,10 @@ fn look(directory: &Directory) -> Result<(Status, Vec<Row>), Error> {
 fn status(args: &CampaignStatus) -> Result<(), Error> {
     let directory = Directory::open(&args.directory)?;
     let (status, _) = look(&directory)?;
+    let blocks = status.blocks as usize - status.missing.len() - status.spoiled.len();
     let mut text = format!(
-        "{}: {} of {} runs in {} of {} blocks\n",
-        status.name,
-        status.runs_done,
-        status.runs,
-        status.blocks as usize - status.missing.len() - status.spoiled.len(),
-        status.blocks
+        "{}: {} of {} runs in {blocks} of {} blocks\n",
+        status.name, status.runs_done, status.runs, status.blocks
     );
     for why in &status.spoiled {
         text += &format!("{why}\n");
@@ -237,11 +229,8 @@ fn status(args: &CampaignStatus) -> Result<(), Error> {
     if args.missing {
         for &block in &status.missing {
             let runs = directory.study().block_runs(block);
-            text += &format!(
-                "missing: block {block}, runs {} to {}\n",
-                runs.start,
-                runs.end - 1
-            );
+            let (first, last) = (runs.start, runs.end - 1);
+            text += &format!("missing: block {block}, runs {first} to {last}\n");
         }
     }
     args.json.write(&Provenance::default(), &status)?;
@@ -252,16 +241,14 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
     let directory = Directory::open(&args.directory)?;
     let (status, runs) = look(&directory)?;
     if status.runs_done != status.runs || !status.spoiled.is_empty() {
+        let spoiled: String = status
+            .spoiled
+            .iter()
+            .map(|why| format!("{why}\n"))
+            .collect();
         let left_out = format!(
-            "{}{}: {} of {} runs are complete",
-            status
-                .spoiled
-                .iter()
-                .map(|why| format!("{why}\n"))
-                .collect::<String>(),
-            status.name,
-            status.runs_done,
-            status.runs
+            "{spoiled}{}: {} of {} runs are complete",
+            status.name, status.runs_done, status.runs
         );
         if !args.partial || status.runs_done == 0 {
             return Err(Error::Failure(format!(
@@ -285,9 +272,10 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
         ("distributions", pictures::distributions(study, &runs)),
         ("map", pictures::map(study, &runs)),
     ];
-    if let Some(figure) = pictures::sensitivity(study, &runs) {
-        pictures.push(("sensitivity", figure));
-    }
+    let sensitivity = pictures::sensitivity(study, &runs);
+    pictures.extend(sensitivity.map(|figure| ("sensitivity", figure)));
+    let correlations = pictures::correlations(study, &runs, &report.influences);
+    pictures.extend(correlations.map(|figure| ("correlations", figure)));
     for (name, figure) in pictures {
         files.text(&format!("{name}.svg"), figure.svg());
         files.bytes(&format!("{name}.png"), figure.png());
@@ -296,10 +284,10 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
     files.text("result.json", run.json(&report));
     args.json.write(&run, &report)?;
     let written = files.commit()?;
-    let lines: Vec<String> = written
+    let lines = written
         .iter()
-        .map(|path| format!("wrote {}", path.display()))
-        .collect();
+        .map(|path| format!("wrote {}", path.display()));
+    let lines: Vec<String> = lines.collect();
     args.json.print(&format!(
         "{}\nCRC-32C of runs.csv: {hash:08x}\n{}\n",
         report.text(),

@@ -48,8 +48,8 @@ impl Directory {
                 )));
             }
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-                fs::create_dir_all(path)
-                    .map_err(|error| Error::Failure(format!("{}: {error}", path.display())))?;
+                let failure = |error| Error::Failure(format!("{}: {error}", path.display()));
+                fs::create_dir_all(path).map_err(failure)?;
                 output::write_file(&copy, &canonical)?;
             }
             Err(error) => return Err(Error::input(format!("{}: {error}", copy.display()))),

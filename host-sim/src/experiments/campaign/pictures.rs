@@ -3,7 +3,7 @@
 //! Each is split by every listed quantity that is not a number: into panels, or into series where no
 //! listed number needs their colours.
 
-use super::report::{listed, numbers, short};
+use super::report::{Influence, listed, numbers, short};
 use super::rows::Row;
 use super::study::{Starts, Study, Vary, number};
 use crate::base::statistics::percentile;
@@ -15,6 +15,8 @@ use crate::view::style::{BAND, INK, Mark, Shape, Stroke, series, series_by};
 
 /// Least error that has a place on a logarithmic axis, cm and degrees.
 const LEAST: f64 = 0.01;
+/// Shapes of the marks of series, for grayscale.
+const SHAPES: [Shape; 4] = [Shape::Disc, Shape::Ring, Shape::Cross, Shape::Target];
 /// Maps beside each other.
 const MAPS: usize = 2;
 
@@ -88,16 +90,11 @@ fn split<'a>(group: Group<'a>, lists: &[&Listed]) -> Vec<Group<'a>> {
 
 /// The lists that are not numbers, or else the first list if it has few values.
 fn splitting<'a>(lists: &'a [Listed<'a>]) -> Vec<&'a Listed<'a>> {
-    let words: Vec<&Listed> = lists
-        .iter()
-        .filter(|list| !list.vary.is_numeric())
-        .collect();
+    let words = lists.iter().filter(|list| !list.vary.is_numeric());
+    let words: Vec<&Listed> = words.collect();
+    let first = lists.iter().take(1);
     match words.is_empty() {
-        true => lists
-            .iter()
-            .take(1)
-            .filter(|list| list.values.len() <= 2 * MAPS)
-            .collect(),
+        true => first.filter(|list| list.values.len() <= 2 * MAPS).collect(),
         false => words,
     }
 }
@@ -233,24 +230,17 @@ pub fn sensitivity(study: &Study, rows: &[Row]) -> Option<Figure> {
     let limits = decades(rows.iter().map(e_cm));
     let lists = Listed::all(study, rows);
     let splitting = splitting(&lists);
-    let panels: Vec<Panel> = study
-        .vary
-        .iter()
-        .enumerate()
-        .filter(|(_, vary)| vary.is_numeric() && !rows.is_empty())
-        .map(|(place, vary)| {
-            let others = splitting
-                .iter()
-                .copied()
-                .filter(|list| list.vary.key != vary.key);
-            let groups = split(all(rows), &others.collect::<Vec<_>>());
-            influence(vary, place, &numbers(place, rows), &groups).y_limits(limits)
-        })
-        .collect();
-    let figure = Figure::new(format!(
-        "{}: error against the varied quantities",
-        study.name
-    ));
+    let varied = study.vary.iter().enumerate();
+    let numeric = varied.filter(|(_, vary)| vary.is_numeric() && !rows.is_empty());
+    let panels = numeric.map(|(place, vary)| {
+        let others = splitting.iter().copied();
+        let others = others.filter(|list| list.vary.key != vary.key);
+        let groups = split(all(rows), &others.collect::<Vec<_>>());
+        influence(vary, place, &numbers(place, rows), &groups).y_limits(limits)
+    });
+    let panels: Vec<Panel> = panels.collect();
+    let title = format!("{}: error against the varied quantities", study.name);
+    let figure = Figure::new(title);
     (!panels.is_empty()).then(|| figure.rows_of(3, Height::Fixed(260.0), &panels))
 }
 
@@ -259,19 +249,81 @@ fn e_cm(row: &Row) -> f64 {
     on_decades(100.0 * row.e_m)
 }
 
+/// Rank correlation of each drawn quantity with the final errors in each combination: over the last listed number, or
+/// else over the index of the combination; a series for each combination of the other lists. `None` without a
+/// correlation.
+pub fn correlations(study: &Study, rows: &[Row], influences: &[Influence]) -> Option<Figure> {
+    let of_keys = influences.chunk_by(|a, b| a.key == b.key);
+    let values = |of: &Influence| [of.rank_correlation_e, of.rank_correlation_heading];
+    let most = influences
+        .iter()
+        .flat_map(|of| [values(of), [of.significance; 2]]);
+    let most = most.flatten().flatten().map(f64::abs).reduce(f64::max)?;
+    let lists = Listed::all(study, rows);
+    let across = lists.iter().rposition(|list| list.vary.is_numeric());
+    let others = lists.iter().enumerate().filter(|(n, _)| Some(*n) != across);
+    let groups = split(all(rows), &others.map(|(_, list)| list).collect::<Vec<_>>());
+    let x = |row: &Row| match across {
+        Some(n) => number(&row.values[lists[n].place]).unwrap_or(f64::NAN),
+        None => row.cell as f64,
+    };
+    let x_label = across.map_or("cell of runs.csv", |n| short(&lists[n].vary.key));
+    let (x_limits, logarithmic) = axis(&rows.iter().map(x).collect::<Vec<_>>(), false);
+    let panel = |of_key: &[Influence], error: usize| {
+        let runs = of_key.iter().map(|of| of.trials);
+        let runs = [runs.clone().min(), runs.max()].map(Option::unwrap_or_default);
+        let mut panel = Panel::new(x_label, ["with e", "with |heading error|"][error])
+            .title(short(&of_key[0].key))
+            .caption(match runs {
+                [least, most] if least < most => format!("{least} to {most} runs each"),
+                [runs, _] => format!("{runs} runs each"),
+            })
+            .logarithmic([logarithmic, false])
+            .x_limits(x_limits)
+            .y_limits([-1.1 * most, 1.1 * most]);
+        let mut marks = Vec::new();
+        for (n, group) in groups.iter().enumerate() {
+            for rows in group.rows.chunk_by(|a, b| a.cell == b.cell) {
+                let mut of_cell = of_key.iter().filter(|of| of.cell == rows[0].cell);
+                let found = of_cell.find_map(|of| Some((values(of)[error]?, of.significance?)));
+                let Some((value, bound)) = found else {
+                    continue;
+                };
+                let (x, (color, width)) = (x(rows[0]), (BAND.stroke.color, 8.0));
+                let dash = BAND.stroke.dash;
+                let stroke = Stroke { color, width, dash };
+                panel.line("19 of 20 by chance", [[x, -bound], [x, bound]], stroke);
+                let mark = Mark::new(SHAPES[n % 4], 3.0, series(n).stroke.color);
+                marks.push((group.label.clone(), [x, value], mark));
+            }
+        }
+        for (label, at, mark) in marks {
+            panel.mark(label, at, mark);
+        }
+        panel
+    };
+    let panels = of_keys.flat_map(|of_key| [panel(of_key, 0), panel(of_key, 1)]);
+    let title = format!("{}: rank correlation of drawn quantities", study.name);
+    let figure = Figure::new(title);
+    Some(figure.rows_of(2, Height::Fixed(220.0), &panels.collect::<Vec<_>>()))
+}
+
+/// Limits of the axis of a quantity with these values, and true for a logarithmic axis.
+fn axis(all: &[f64], even: bool) -> ([f64; 2], bool) {
+    let [low, high] = [f64::min, f64::max].map(|pick| all.iter().copied().fold(all[0], pick));
+    // What lies at the ends is not cut by the axes.
+    if !even && low > 0.0 && high >= 10.0 * low {
+        let room = (high / low).powf(0.04);
+        return ([low / room, high * room], true);
+    }
+    let room = if high > low { 0.04 * (high - low) } else { 0.5 };
+    ([low - room, high + room], false)
+}
+
 /// Error over one quantity, which has these values in all runs.
 fn influence(vary: &Vary, place: usize, all: &[f64], groups: &[Group]) -> Panel {
-    let [low, high] = [f64::min, f64::max].map(|pick| all.iter().copied().fold(all[0], pick));
     let even = vary.uniform.is_some() || vary.normal.is_some();
-    let logarithmic = !even && low > 0.0 && high >= 10.0 * low;
-    // What lies at the ends is not cut by the axes.
-    let limits = if logarithmic {
-        let room = (high / low).powf(0.04);
-        [low / room, high * room]
-    } else {
-        let room = 0.04 * (high - low);
-        [low - room, high + room]
-    };
+    let (limits, logarithmic) = axis(all, even);
     let mut panel = Panel::new(short(&vary.key), "e (cm)")
         .logarithmic([logarithmic, true])
         .x_limits(limits);
@@ -283,9 +335,7 @@ fn influence(vary: &Vary, place: usize, all: &[f64], groups: &[Group]) -> Panel 
         let points = group.rows.iter();
         let points = points.filter_map(|row| Some([number(&row.values[place])?, e_cm(row)]));
         let points: Vec<[f64; 2]> = points.collect();
-        // The shapes differ for grayscale.
-        let shape = [Shape::Disc, Shape::Ring, Shape::Cross, Shape::Target][n % 4];
-        let mark = |radius| Mark::new(shape, radius, stroke.color);
+        let mark = |radius| Mark::new(SHAPES[n % 4], radius, stroke.color);
         if vary.values.is_none() {
             let name = match group.label.as_str() {
                 "" => "one run".to_owned(),
@@ -317,16 +367,9 @@ fn medians(panel: &mut Panel, label: &str, points: &[[f64; 2]], stroke: Stroke, 
     let mut medians = Vec::new();
     for &x in &values {
         let range = [0.05, 0.95].map(|share| [x, of(x, share)]);
-        let (color, width) = (stroke.color.lighter(0.5), 2.4);
-        panel.line(
-            name("5 to 95 %"),
-            range,
-            Stroke {
-                color,
-                width,
-                ..stroke
-            },
-        );
+        let (color, width, dash) = (stroke.color.lighter(0.5), 2.4, stroke.dash);
+        let bar = Stroke { color, width, dash };
+        panel.line(name("5 to 95 %"), range, bar);
         medians.push([x, of(x, 0.5)]);
         panel.mark("", [x, of(x, 0.5)], mark);
     }

@@ -34,17 +34,25 @@ pub struct Cell {
     pub duration_s: Summary,
 }
 
-/// Correlation of a drawn quantity with the results.
+/// Correlation of a drawn quantity with the final errors in one combination.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Influence {
-    /// The quantity.
+    /// Drawn key.
     pub key: String,
+    /// Index of the combination, as in `runs.csv`.
+    pub cell: u64,
+    /// The listed quantities and their values.
+    pub values: Vec<(String, String)>,
+    /// Trials.
+    pub trials: usize,
     /// Spearman's rank correlation with the distance from the goal.
-    pub rank_correlation_e: f64,
-    /// The same with the magnitude of the heading error.
-    pub rank_correlation_heading: f64,
-    /// Magnitude that chance alone exceeds in one of twenty studies.
-    pub significance: f64,
+    pub rank_correlation_e: Option<f64>,
+    /// Spearman's rank correlation with the magnitude of the heading error.
+    pub rank_correlation_heading: Option<f64>,
+    /// Magnitude that chance alone exceeds in one of twenty studies, if there is a correlation.
+    pub significance: Option<f64>,
+    /// Reason of a missing correlation.
+    pub note: Option<String>,
 }
 
 /// All that came out.
@@ -60,7 +68,7 @@ pub struct Report {
     pub runs: usize,
     /// The combinations, in the order of the file.
     pub cells: Vec<Cell>,
-    /// The drawn quantities.
+    /// The drawn quantities, each in every combination.
     pub influences: Vec<Influence>,
 }
 
@@ -93,8 +101,8 @@ fn ranks(values: &[f64]) -> Vec<f64> {
     ranks
 }
 
-/// Spearman's rank correlation; NaN where one of the two does not vary.
-pub fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
+/// Spearman's rank correlation; `None` if one of the two does not vary.
+pub fn rank_correlation(a: &[f64], b: &[f64]) -> Option<f64> {
     let (a, b) = (ranks(a), ranks(b));
     let middle = 0.5 * (a.len() as f64 + 1.0);
     let product = |x: &[f64], y: &[f64]| -> f64 {
@@ -103,7 +111,8 @@ pub fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
             .map(|(x, y)| (x - middle) * (y - middle))
             .sum()
     };
-    product(&a, &b) / (product(&a, &a) * product(&b, &b)).sqrt()
+    let scale = (product(&a, &a) * product(&b, &b)).sqrt();
+    (scale > 0.0).then(|| product(&a, &b) / scale)
 }
 
 /// The listed quantities and their places among the varied ones.
@@ -131,99 +140,144 @@ impl Report {
     /// Of all runs of a study, in their order.
     pub fn of(study: &Study, rows: &[Row]) -> Self {
         let cells = rows.chunk_by(|a, b| a.cell == b.cell);
-        let e_m: Vec<f64> = rows.iter().map(|row| row.e_m).collect();
-        let heading: Vec<f64> = rows.iter().map(|row| row.heading_rad.abs()).collect();
-        let drawn = study.vary.iter().enumerate();
-        let drawn = drawn.filter(|(_, vary)| vary.values.is_none());
-        let influences = drawn.map(|(place, vary)| {
-            let values = numbers(place, rows);
-            Influence {
-                key: vary.key.clone(),
-                rank_correlation_e: rank_correlation(&values, &e_m),
-                rank_correlation_heading: rank_correlation(&values, &heading),
-                significance: 1.96 / (rows.len() as f64 - 1.0).max(1.0).sqrt(),
-            }
+        let idle = |rows: &[Row]| study.idle(rows[0].cell).unwrap_or_default();
+        let cells: Vec<_> = cells.map(|rows| (rows, idle(rows))).collect();
+        let places = 0..study.vary.len();
+        let drawn = places.filter(|&place| study.vary[place].values.is_none());
+        let influences = drawn.flat_map(|place| {
+            let of = move |(rows, idle): &(&[Row], Vec<Option<String>>)| {
+                influence(study, place, rows, idle.get(place).cloned().flatten())
+            };
+            cells.iter().map(of)
         });
+        let first = study.run(0);
         Self {
             name: study.name.clone(),
-            world: study
-                .run(0)
-                .map_or_else(|_| String::new(), |run| run.scenario.world.label()),
+            world: first.map_or_else(|_| String::new(), |run| run.scenario.world.label()),
             seed: study.seed,
             runs: rows.len(),
-            cells: cells.map(|rows| cell(study, rows)).collect(),
             influences: influences.collect(),
+            cells: cells.iter().map(|(rows, _)| cell(study, rows)).collect(),
         }
     }
 
-    /// The table.
+    /// The tables.
     pub fn text(&self) -> String {
-        let keys: Vec<&str> = match self.cells.first() {
-            Some(cell) => cell.values.iter().map(|(key, _)| short(key)).collect(),
-            None => Vec::new(),
-        };
-        let mut header = keys;
-        if header.is_empty() {
-            header.push("");
-        }
-        header.extend([
-            "e (cm)",
-            "median",
-            "95 %",
-            "|heading| (°)",
-            "3 cm, 3°",
-            "(95 % interval)",
-            "ends",
-            "force (N)",
-            "time (s)",
-        ]);
-        let mut table = Table::new(header);
+        let names = self.cells.iter().take(1).flat_map(|cell| &cell.values);
+        let names = names.map(|(key, _)| short(key)).collect::<Vec<_>>();
+        let names = names.join(", ");
+        let errors = [&names, "e (cm)", "median", "95 %", "within 3 cm, 3°"];
+        let mut errors = Table::new(errors);
+        let more = ["|heading| (°)", "ends", "force (N)", "time (s)"];
+        let mut more = Table::new([&[names.as_str()], &more[..]].concat());
         for cell in &self.cells {
-            let mut row: Vec<String> = cell.values.iter().map(|(_, v)| v.clone()).collect();
-            if row.is_empty() {
-                row.push("all".to_owned());
-            }
-            let percent = |share: f64| format!("{:.0}", 100.0 * share);
-            row.extend([
+            let share = 100.0 * cell.within_3cm_3deg;
+            let [low, high] = cell.within_interval.map(|share| 100.0 * share);
+            errors.row([
+                label(&cell.values),
                 plus_minus(100.0 * cell.e_m.mean, 100.0 * cell.e_m.sd, 2),
                 format!("{:.2}", 100.0 * cell.e_median_m),
                 format!("{:.2}", 100.0 * cell.e_p95_m),
+                format!("{share:.0} % ({low:.0} to {high:.0})"),
+            ]);
+            more.row([
+                label(&cell.values),
                 format!("{:.2}", cell.heading_rad.mean_abs.to_degrees()),
-                format!("{} %", percent(cell.within_3cm_3deg)),
-                format!(
-                    "{} to {} %",
-                    percent(cell.within_interval[0]),
-                    percent(cell.within_interval[1])
-                ),
                 cell.ends.text(),
                 plus_minus(cell.force_rms_n.mean, cell.force_rms_n.sd, 2),
                 plus_minus(cell.duration_s.mean, cell.duration_s.sd, 1),
             ]);
-            table.row(row);
         }
-        let mut text = format!(
-            "{}: {} runs, seed {}, world {}; true final posture errors\n\n{table}",
-            self.name, self.runs, self.seed, self.world
-        );
-        if !self.influences.is_empty() {
-            let mut table = Table::new([
-                "drawn",
-                "rank correlation with e",
-                "with |heading|",
-                "by chance",
-            ]);
-            for influence in &self.influences {
-                table.row([
-                    influence.key.clone(),
-                    format!("{:+.2}", influence.rank_correlation_e),
-                    format!("{:+.2}", influence.rank_correlation_heading),
-                    format!("within ±{:.2}", influence.significance),
-                ]);
-            }
-            text += &format!("\n{table}");
-        }
-        text
+        format!(
+            "{}: {} runs, seed {}, world {}; true final posture errors\n\n\
+             {errors}In parentheses: 95 % interval of the share.\n\n{more}{}",
+            self.name,
+            self.runs,
+            self.seed,
+            self.world,
+            self.correlations()
+        )
     }
+
+    /// Table of the rank correlations.
+    fn correlations(&self) -> String {
+        if self.influences.is_empty() {
+            return String::new();
+        }
+        let header = "drawn, in combination;runs;with e;with |heading|;by chance";
+        let mut table = Table::new(header.split(';'));
+        let mut notes: Vec<String> = Vec::new();
+        let mut last = "";
+        for influence in &self.influences {
+            let key = influence.key.as_str();
+            if last != key {
+                table.row([short(key)]);
+            }
+            let signed =
+                |value: Option<f64>| value.map_or_else(String::new, |r| format!("{r:+.2}"));
+            let bound = influence.significance.map(|bound| format!("±{bound:.2}"));
+            table.row([
+                format!("  {}", label(&influence.values)),
+                influence.trials.to_string(),
+                signed(influence.rank_correlation_e),
+                signed(influence.rank_correlation_heading),
+                bound.unwrap_or_default(),
+            ]);
+            let note = influence.note.as_ref();
+            notes.extend(note.map(|note| format!("Empty: {note}.\n")));
+            last = key;
+        }
+        notes.sort();
+        notes.dedup();
+        format!(
+            "\nRank correlation of the drawn quantities with the final errors, by combination\n\n\
+             {table}By chance: exceeded in 1 of 20 studies if the quantity has no effect.\n{}",
+            notes.concat()
+        )
+    }
+}
+
+/// Values of a combination.
+fn label(values: &[(String, String)]) -> String {
+    let values: Vec<&str> = values.iter().map(|(_, value)| value.as_str()).collect();
+    match values.is_empty() {
+        true => "all".to_owned(),
+        false => values.join(", "),
+    }
+}
+
+/// Correlations of the drawn quantity at `place` in the runs of one combination; `idle`: key and reason if the key has
+/// no effect there.
+fn influence(study: &Study, place: usize, rows: &[Row], idle: Option<String>) -> Influence {
+    let drawn = numbers(place, rows);
+    let with = |error: fn(&Row) -> f64| match idle {
+        None => rank_correlation(&drawn, &rows.iter().map(error).collect::<Vec<_>>()),
+        Some(_) => None,
+    };
+    let (e, heading) = (with(|row| row.e_m), with(|row| row.heading_rad.abs()));
+    let constant = e.is_none() || heading.is_none();
+    let constant = constant.then(|| "the error is the same in all runs".to_owned());
+    // Of few runs the normal approximation exceeds the greatest correlation.
+    let bound = (1.96 / (rows.len() as f64 - 1.0).sqrt()).min(1.0);
+    Influence {
+        key: study.vary[place].key.clone(),
+        cell: rows[0].cell,
+        values: values(study, &rows[0]),
+        trials: rows.len(),
+        rank_correlation_e: e,
+        rank_correlation_heading: heading,
+        significance: e.or(heading).map(|_| bound),
+        note: idle.clone().or(constant),
+    }
+}
+
+/// The listed quantities and their values in a run.
+fn values(study: &Study, row: &Row) -> Vec<(String, String)> {
+    let value = |(place, vary): (usize, &Vary)| {
+        let value = vary.cell(&row.values[place]);
+        (vary.key.clone(), value.to_string())
+    };
+    listed(study).map(value).collect()
 }
 
 fn cell(study: &Study, rows: &[Row]) -> Cell {
@@ -231,12 +285,8 @@ fn cell(study: &Study, rows: &[Row]) -> Cell {
     let count = |is: fn(&&Row) -> bool| rows.iter().filter(is).count();
     let e_m = numbers(|row| row.e_m);
     let within = count(|row| row.within);
-    let value = |(place, vary): (usize, &Vary)| {
-        let value = vary.cell(&rows[0].values[place]);
-        (vary.key.clone(), value.to_string())
-    };
     Cell {
-        values: listed(study).map(value).collect(),
+        values: values(study, &rows[0]),
         trials: rows.len(),
         e_median_m: percentile(&e_m, 0.5),
         e_p95_m: percentile(&e_m, 0.95),

@@ -130,7 +130,7 @@ impl Vary {
         match (&self.values, self.uniform, self.log_uniform, self.normal) {
             (Some(values), None, None, None) if !values.is_empty() => Ok(Kind::Values(values)),
             (Some(_), None, None, None) => {
-                wrong("values = []: must have at least one value value".into())
+                wrong("values = []: must have at least one value".into())
             }
             (None, Some(range), None, None) => {
                 ordered("uniform", range, f64::NEG_INFINITY, Draw::Uniform(range))
@@ -212,10 +212,9 @@ impl Study {
         within("trials", self.trials.into(), MAX_RUNS)?;
         within("block", self.block.into(), 100_000)?;
         if self.vary.len() > MAX_VARIED {
-            return Err(Error::input(format!(
-                "vary: {} quantities: must be at most {MAX_VARIED}",
-                self.vary.len()
-            )));
+            let count = self.vary.len();
+            let text = format!("vary: {count} quantities: must be at most {MAX_VARIED}");
+            return Err(Error::input(text));
         }
         for (i, vary) in self.vary.iter().enumerate() {
             vary.kind()?;
@@ -224,27 +223,17 @@ impl Study {
             }
         }
         let cells = self.cells().unwrap_or(u64::MAX);
-        within(
-            "runs (combinations times trials)",
-            cells.saturating_mul(self.trials.into()),
-            MAX_RUNS,
-        )?;
+        let runs = cells.saturating_mul(self.trials.into());
+        within("runs (combinations times trials)", runs, MAX_RUNS)?;
         self.check_cells(cells)
     }
 
     /// Checks that every combination makes a robot, and that each varied key has an effect in one of them.
     fn check_cells(&self, cells: u64) -> Result<(), Error> {
-        let taken: effect::Taken = match self.starts {
-            Starts::Scenario => &[],
-            Starts::Random => &[("mission.start", "with starts = \"random\"")],
-        };
         let mut idle: Vec<Option<String>> = vec![Some(String::new()); self.vary.len()];
         for cell in 0..cells {
-            let run = self.run(cell * u64::from(self.trials))?;
-            for (vary, idle) in self.vary.iter().zip(&mut idle) {
-                if idle.is_some() {
-                    *idle = effect::text(&vary.key, taken, &[(&run.scenario, Use::Regulate)]);
-                }
+            for (idle, here) in idle.iter_mut().zip(self.idle(cell)?) {
+                *idle = idle.take().and(here);
             }
         }
         match idle.into_iter().flatten().next() {
@@ -253,11 +242,22 @@ impl Study {
         }
     }
 
+    /// Of each varied key without effect in a combination: key and reason.
+    pub(super) fn idle(&self, cell: u64) -> Result<Vec<Option<String>>, Error> {
+        let taken: effect::Taken = match self.starts {
+            Starts::Scenario => &[],
+            Starts::Random => &[("mission.start", "with starts = \"random\"")],
+        };
+        let run = self.run(cell * u64::from(self.trials))?;
+        let runs = [(&run.scenario, Use::Regulate)];
+        let keys = self.vary.iter().map(|vary| &vary.key);
+        Ok(keys.map(|key| effect::text(key, taken, &runs)).collect())
+    }
+
     /// Number of combinations; `None` if it is beyond counting.
     fn cells(&self) -> Option<u64> {
-        self.vary
-            .iter()
-            .try_fold(1u64, |product, vary| product.checked_mul(vary.count()))
+        let mut counts = self.vary.iter().map(Vary::count);
+        counts.try_fold(1, u64::checked_mul)
     }
 
     /// Number of runs.
@@ -321,14 +321,11 @@ impl Study {
 
     /// Scenario of a trial with these values of the varied quantities.
     fn scenario(&self, trial: u32, values: &[toml::Value]) -> Result<Scenario, Error> {
-        let changes: Vec<String> = self
-            .vary
-            .iter()
-            .zip(values)
-            .map(|(vary, value)| format!("{}={value}", vary.key))
-            .collect();
-        let base =
-            toml::to_string(&self.scenario).map_err(|error| Error::Failure(error.to_string()))?;
+        let changes = self.vary.iter().zip(values);
+        let changes = changes.map(|(vary, value)| format!("{}={value}", vary.key));
+        let changes: Vec<String> = changes.collect();
+        let base = toml::to_string(&self.scenario);
+        let base = base.map_err(|error| Error::Failure(error.to_string()))?;
         let mut scenario = Scenario::parse(None, &base, "scenario", &changes)?;
         if self.starts == Starts::Random {
             let [x, y, phi] = random_start(self.seed, trial.into());

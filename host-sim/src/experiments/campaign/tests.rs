@@ -1,8 +1,8 @@
 use super::directory::{Block, Directory};
-use super::pictures::{distributions, map, sensitivity};
+use super::pictures::{correlations, distributions, map, sensitivity};
 use super::report::{Report, rank_correlation, wilson};
 use super::rows::{self, Row};
-use super::study::Study;
+use super::study::{Run, Study, number};
 use crate::run::end::{EndKind, RunEnd};
 use crate::run::regulate::Outcome;
 use crate::view::plot::tests::check_figure;
@@ -41,6 +41,7 @@ fn every_combination_has_the_same_trials() {
     let study = study();
     assert_eq!((study.runs(), study.blocks()), (16, 6));
     let runs: Vec<_> = (0..16).map(|i| study.run(i).unwrap()).collect();
+    let drawn = |run: &Run| run.scenario.world.sensors.geometry.wheel_radius_sigma;
     for (i, run) in runs.iter().enumerate() {
         assert_eq!((run.cell, run.trial), (i as u64 / 4, i as u32 % 4));
         let [creep, rps] = [[0.003, 0.01][i / 8], [1.0, 0.0][i / 4 % 2]];
@@ -48,21 +49,10 @@ fn every_combination_has_the_same_trials() {
         assert_eq!(f64::from(u8::from(run.scenario.mission.rps)), rps);
         assert_eq!(run.scenario.mission.start[0], -0.5);
         // What is drawn belongs to the trial.
-        let drawn = run.scenario.world.sensors.geometry.wheel_radius_sigma;
-        assert!((0.0..0.002).contains(&drawn));
-        assert_eq!(
-            drawn,
-            runs[i % 4]
-                .scenario
-                .world
-                .sensors
-                .geometry
-                .wheel_radius_sigma
-        );
+        assert!((0.0..0.002).contains(&drawn(run)));
+        assert_eq!(drawn(run), drawn(&runs[i % 4]));
     }
-    let drawn: Vec<f64> = (0..4)
-        .map(|i| runs[i].scenario.world.sensors.geometry.wheel_radius_sigma)
-        .collect();
+    let drawn: Vec<f64> = runs[..4].iter().map(drawn).collect();
     assert!(drawn.windows(2).all(|pair| pair[0] != pair[1]), "{drawn:?}");
 }
 
@@ -123,12 +113,10 @@ fn blocks_are_kept_and_spoiled_ones_noticed() {
     };
     let places: Vec<_> = rows.iter().map(|row| (row.cell, row.trial)).collect();
     assert_eq!(places, [(1, 2), (1, 3), (2, 0)]);
-    let of = |row: &Row| (row.run, row.e_m, row.values[1].as_bool().unwrap());
+    let of = |row: &Row| (row.run, row.e_m, row.values[1].as_bool() == Some(true));
     let found: Vec<_> = rows.iter().map(of).collect();
-    assert_eq!(
-        found,
-        [(6, 0.006, false), (7, 0.007, false), (8, 0.008, true)]
-    );
+    let wanted = [(6, 0.006, false), (7, 0.007, false), (8, 0.008, true)];
+    assert_eq!(found, wanted);
     // JSON has no word for what is not a number.
     let mut bad = finished(&study(), 1);
     bad[0].path_m = f64::NAN;
@@ -168,13 +156,14 @@ fn the_report_counts_what_is_there() {
     assert!(seventh.starts_with("6,1,2,0.003,false,0.00"), "{seventh}");
     assert_eq!((csv.lines().count(), seventh.split(',').count()), (17, 24));
     // Runs 4 to 7 end 4 to 7 mm away.
-    assert!((report.cells[1].e_m.mean - 0.0055).abs() < 1e-12);
-    assert_eq!(report.cells[1].within_3cm_3deg, 1.0);
+    let second = &report.cells[1];
+    assert!((second.e_m.mean - 0.0055).abs() < 1e-12);
+    assert_eq!(second.within_3cm_3deg, 1.0);
     assert_eq!(
-        report.cells[1].values[1],
+        second.values[1],
         ("mission.rps".to_owned(), "false".to_owned())
     );
-    assert_eq!(report.influences.len(), 1);
+    assert_eq!(report.influences.len(), 4);
     // Of a part of the runs, each combination has its own.
     let part = Report::of(&study, &all[2..]);
     let trials: Vec<_> = part.cells.iter().map(|cell| cell.trials).collect();
@@ -202,6 +191,10 @@ fn pictures_are_whole_whatever_a_study_varies() {
             for figure in [&shares, &map(&study, &runs), &influences] {
                 check_figure(figure);
             }
+            let of = Report::of(&study, &runs).influences;
+            let correlations = correlations(&study, &runs, &of);
+            assert_eq!(correlations.is_some(), study.trials > 1);
+            correlations.iter().for_each(check_figure);
             // Errors of 0 to 15 mm: an axis has the numbers of its ends.
             assert!(influences.svg().contains(">0.01<"));
             lines.push(shares.svg().matches("stroke-width=\"1.8\"").count());
@@ -228,6 +221,7 @@ key = "mission.rps""#;
             distributions(&study, &runs),
             map(&study, &runs),
             sensitivity(&study, &runs).unwrap(),
+            correlations(&study, &runs, &Report::of(&study, &runs).influences).unwrap(),
         ] {
             check_figure(&figure);
             let svg = figure.svg();
@@ -244,19 +238,109 @@ key = "mission.rps""#;
 #[test]
 fn intervals_and_correlations_are_the_textbook_ones() {
     // Wilson's interval of 8 of 10, as tabulated.
-    let [low, high] = wilson(8, 10);
-    assert!(
-        (low - 0.4902).abs() < 1e-4 && (high - 0.9433).abs() < 1e-4,
-        "{low} {high}"
-    );
+    let interval = wilson(8, 10).map(|share| (1e4 * share).round());
+    assert_eq!(interval, [4902.0, 9433.0]);
     // Spearman's example with d² summing to 194 over 10 pairs: 1 − 6·194/990.
     let iq = [
         106.0, 100.0, 86.0, 101.0, 99.0, 103.0, 97.0, 113.0, 112.0, 110.0,
     ];
     let hours = [7.0, 27.0, 2.0, 50.0, 28.0, 29.0, 20.0, 12.0, 6.0, 17.0];
-    assert!((rank_correlation(&iq, &hours) + 29.0 / 165.0).abs() < 1e-12);
+    let correlation = |a: &[f64], b: &[f64]| rank_correlation(a, b).unwrap();
+    assert!((correlation(&iq, &hours) + 29.0 / 165.0).abs() < 1e-12);
     // Equal values share a rank.
-    assert!((rank_correlation(&[1.0, 1.0, 2.0, 3.0], &[1.0, 1.0, 2.0, 3.0]) - 1.0).abs() < 1e-12);
+    assert!((correlation(&[1.0, 1.0, 2.0, 3.0], &[1.0, 1.0, 2.0, 3.0]) - 1.0).abs() < 1e-12);
+    assert_eq!(rank_correlation(&[1.0, 2.0], &[3.0, 3.0]), None);
+}
+
+/// Report of 5 trials. With the sensor e rises with the drawn value, and |heading| has the ranks 1 2 4 3 5 (Σd² = 2,
+/// ρ = 1 − 12/120); without it e has the ranks 2 5 3 1 4 (Σd² = 20, ρ = 0), and |heading| is constant.
+fn one_armed(text: &str) -> Report {
+    let study = Study::parse(&text.replace("trials = 4", "trials = 5"), "test").unwrap();
+    let mut rows = all_runs(&study);
+    let drawn = study.vary.iter().position(|vary| vary.uniform.is_some());
+    for arm in rows.chunk_by_mut(|a, b| a.cell == b.cell) {
+        arm.sort_by_key(|row| (1e9 * number(&row.values[drawn.unwrap()]).unwrap()) as u64);
+        let sensor = arm[0].values.contains(&true.into());
+        let (e, heading) = match sensor {
+            true => ([0.1, 0.2, 0.3, 0.4, 0.5], [-1.0, 2.0, -4.0, 3.0, 5.0]),
+            false => ([2.0, 5.0, 3.0, 1.0, 4.0], [-1.0, 1.0, -1.0, 1.0, 1.0]),
+        };
+        for (n, row) in arm.iter_mut().enumerate() {
+            (row.e_m, row.heading_rad) = (e[n], heading[n]);
+        }
+        arm.sort_by_key(|row| row.trial);
+    }
+    Report::of(&study, &rows)
+}
+
+#[test]
+fn drawn_quantity_acting_in_one_arm_correlates_there_alone() {
+    let mut blocks: Vec<&str> = TEXT.split("\n\n").collect();
+    let report = one_armed(TEXT);
+    // The drawn quantity first, then the lists in the other order with their values reversed.
+    blocks[1..4].reverse();
+    let text = blocks
+        .join("\n\n")
+        .replace("[true, false]", "[false, true]");
+    let other = one_armed(&text.replace("[0.003, 0.01]", "[0.01, 0.003]"));
+    for creep in ["0.003", "0.01"] {
+        for (rps, e, heading, note) in [
+            ("true", 1.0, Some(0.9), None),
+            (
+                "false",
+                0.0,
+                None,
+                Some("the error is the same in all runs"),
+            ),
+        ] {
+            for report in [&report, &other] {
+                assert_eq!(report.influences.len(), 4);
+                let mut found = report.influences.iter();
+                let has = |(_, value): &(String, String)| value == creep || value == rps;
+                let of = found.find(|of| of.values.iter().all(has)).unwrap();
+                let rounded = |value: f64| (1e12 * value).round() / 1e12;
+                assert_eq!(of.rank_correlation_e.map(rounded), Some(e), "{of:?}");
+                assert_eq!(of.rank_correlation_heading.map(rounded), heading);
+                assert_eq!((of.trials, of.significance), (5, Some(1.96 / 2.0)));
+                assert_eq!(of.note.as_deref(), note);
+                assert_eq!(report.cells[of.cell as usize].values, of.values);
+            }
+        }
+    }
+}
+
+#[test]
+fn drawn_key_without_effect_in_an_arm_has_no_correlation_there() {
+    let key = "sensors.bridge.noise_strain";
+    let report = one_armed(&TEXT.replace("sensors.geometry.wheel_radius_sigma", key));
+    assert!(report.influences[0].rank_correlation_e > Some(0.999));
+    let without = serde_json::to_value(&report.influences[1]).unwrap();
+    for field in [
+        "rank_correlation_e",
+        "rank_correlation_heading",
+        "significance",
+    ] {
+        assert!(without[field].is_null(), "{without}");
+    }
+    let note = format!("{key}: no effect with mission.rps = false");
+    assert_eq!(without["note"], note.as_str());
+    assert_eq!(report.text().matches(&note).count(), 1, "{}", report.text());
+    let one = Report::of(&study(), &all_runs(&study())[..1]);
+    let note = one.influences[0].note.as_deref();
+    assert_eq!(note, Some("the error is the same in all runs"));
+}
+
+#[test]
+fn tables_of_the_report_fit_80_columns_with_whole_figures() {
+    let text = one_armed(TEXT).text();
+    assert!(
+        text.lines().all(|line| line.chars().count() <= 80),
+        "{text}"
+    );
+    // 0.1 to 0.5 m, and 1 to 5 m.
+    for figure in ["30.00 ± 15.81", "300.00 ± 158.11", "+0.90"] {
+        assert_eq!(text.matches(figure).count(), 2, "{text}");
+    }
 }
 
 #[test]
