@@ -575,3 +575,21 @@ fn gauges_of_a_robot_at_a_serial_port_are_zeroed() {
         .fold(0.0, f64::max);
     assert!(largest < 600.0, "{before:?} {after:?}");
 }
+
+/// The other end of the port is open, but nothing is attached to it.
+#[test]
+fn a_port_without_a_robot_ends_with_no_answer() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_master, path) = pseudo_terminal();
+    let arguments = format!("posture --on serial:front={} --out out", path.display());
+    let run = program::cfmmr(folder.path(), &arguments).ends_with(1);
+    assert!(
+        run.error.contains("no answer") && run.error.contains("no robot answered"),
+        "{}",
+        run.error
+    );
+    assert!(!run.error.contains("stopped by itself"), "{}", run.error);
+    let end = program::json_file(folder.path(), "out/result.json")["end"].clone();
+    assert_eq!(end["kind"], "no-answer", "{end}");
+    assert!(end["estimate"].is_null() && folder.path().join("out/ends.csv").exists());
+}

@@ -6,6 +6,7 @@ mod consistency;
 #[path = "docs/main.rs"]
 mod docs;
 mod drive;
+mod ends;
 mod faults;
 mod first_steps;
 mod follow;

@@ -73,7 +73,7 @@ fn a_rear_board_that_loses_its_power_stops_the_robot() {
     let run = posture(folder.path(), "--kill rear@1.2 --out .").ends_with(1);
     let (said, told) = (run.error, run.out);
     assert!(
-        said.contains("motors off") && told.contains("FrontAxle: Fault, neighbour"),
+        said.contains("the rear board was lost") && told.contains("FrontAxle: Fault, neighbour"),
         "{said}"
     );
     let result = json_file(folder.path(), "result.json");

@@ -93,7 +93,7 @@ def main():
             trials = drive(args.program, settings, args.trials, Path(folder))
             used = statistics.median(float(trial["beam_share"]) for trial in trials)
             notices = [one for trial in trials for one in trial["notices"].split("; ") if one and one not in USUAL]
-            arrived = [float(trial["e_m"]) for trial in trials if trial["done"] in ("1", "true")]
+            arrived = [float(trial["e_m"]) for trial in trials if trial["end"] in ("reached", "uncertain")]
             error = f"{100 * statistics.mean(arrived):.1f}" if arrived else ""
             false = sum(map(falsely, trials))
             wrong += false

@@ -105,6 +105,10 @@ ROWS = [
 ]
 
 
+SENSORS = ("gauge lost", "inertial sensor lost", "wheels inconsistent", "gauges inconsistent", "gyros inconsistent",
+           "beam inconsistent")
+
+
 def trials(program, settings, count, folder):
     """Trials with these settings, by `imu`: lists of (covered, end)."""
     command = [program, "posture", "--rows", "joint", "--world", "ordinary", "--seed", "7071"]
@@ -116,9 +120,11 @@ def trials(program, settings, count, folder):
         return done.stderr.strip().splitlines()[0]
     result = {"0": [], "1": []}
     for row in csv.DictReader(open(folder / "trials.csv")):
-        coded = row["end"] not in ("reached", "reached, uncertain", "time limit")
+        named = [notice for notice in row["notices"].split("; ") if notice in SENSORS]
+        end = ", ".join([row["end"], *named])
+        coded = bool(named) or row["end"] not in ("reached", "uncertain", "time limit")
         inside = row["nees"] != "" and float(row["nees"]) <= INSIDE
-        result[row["imu"]].append((inside or coded, row["end"], float(row["e_m"])))
+        result[row["imu"]].append((inside or coded, end, float(row["e_m"])))
     return result
 
 
@@ -145,7 +151,7 @@ def main():
                     cells.append("refused")
                 else:
                     shares = [sum(covered for covered, _, _ in result[imu]) / len(result[imu]) for imu in "01"]
-                    codes.update(end for imu in "01" for _, end, _ in result[imu] if not end.startswith("reached"))
+                    codes.update(end for imu in "01" for _, end, _ in result[imu] if end not in ("reached", "uncertain"))
                     cells.append(" / ".join(f"{100 * share:.0f}" for share in shares))
                     low |= min(shares) < ENOUGH
             if low:

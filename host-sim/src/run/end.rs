@@ -174,10 +174,11 @@ impl RunEnd {
         self.kind.is_success()
     }
 
-    /// Sensors that the robot found inconsistent or lost.
+    /// Sensors that the robot found inconsistent, or a lost gauge. A robot without inertial sensors always misses those.
     pub fn suspects(&self) -> impl Iterator<Item = Condition> {
         let notices = self.notices;
-        SENSORS.into_iter().filter(move |&it| notices.contains(it))
+        let named = move |it: &Condition| *it != Condition::InertialLost && notices.contains(*it);
+        SENSORS.into_iter().filter(named)
     }
 
     /// Code of the condition as in docs/codes.md.

@@ -1,6 +1,7 @@
 //! Conditions that the lead node watches, and its requests to the supervisor.
 
 use super::{ARMING, BEAM_PATIENCE, LATE, LeadNode, NIS_LIMIT, STILL, Task, track};
+use crate::fusion::Estimate;
 use crate::fusion::ekf::Verdict;
 use crate::fusion::joint::Doubt;
 use crate::fusion::robot;
@@ -56,6 +57,18 @@ impl LeadNode {
             && fused.is_some_and(|fused| fused.beam.verdict != Verdict::Gated)
     }
 
+    /// True if the 95 % ellipse around an estimate lies within the tolerance of the goal or target. Beyond the range of the
+    /// linearised filter no covariance shows that.
+    fn is_certain(&self, robot: &Estimate) -> bool {
+        let state = &self.state;
+        let [position, heading] = robot.half_axes_95();
+        let at = robot.posture;
+        let [x, y, turn] = at.minus(state.aim.unwrap_or(at));
+        let off = sqrt(x * x + y * y);
+        let errors = [off + position, turn.abs() + heading];
+        !self.with.limits.is_vague(robot) && state.task.within().holds(errors)
+    }
+
     /// Conditions present at this step; `fused` is `None` without the axles' reports.
     pub(super) fn watch(&self, now: Micros, fused: Option<&robot::Output>) -> Conditions {
         let state = &self.state;
@@ -98,22 +111,15 @@ impl LeadNode {
         // Wheels may slip while a swinging frame is brought to rest, before the drive.
         let driving = state.supervisor.operating() == OperatingState::Active;
         let refused = driving && fused.is_some_and(|fused| fused.beam.verdict == Verdict::Gated);
-        // Beyond the range of the linearised filter the covariance is no claim.
-        let certain = |fused: &robot::Output| {
-            let [position, heading] = fused.robot.half_axes_95();
-            let at = fused.robot.posture;
-            let [x, y, turn] = at.minus(state.aim.unwrap_or(at));
-            let off = sqrt(x * x + y * y);
-            let within = state.task.within();
-            !vague && within.holds([off + position, turn.abs() + heading])
-        };
         let doubt = state
             .fusion
             .as_ref()
             .and_then(|fusion| self.with.fusion.doubt(fusion));
         let beam_doubt = !(state.nis <= NIS_LIMIT);
         let doubtful = state.done
-            && (doubt.is_some() || beam_doubt || fused.is_some_and(|fused| !certain(fused)));
+            && (doubt.is_some()
+                || beam_doubt
+                || fused.is_some_and(|fused| !self.is_certain(&fused.robot)));
         let failed = state.failed;
         Conditions::NONE
             .with(
