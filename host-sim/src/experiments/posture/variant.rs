@@ -79,7 +79,7 @@ impl Variant {
 
     /// Sensors and fusion.
     pub fn label(&self) -> String {
-        format!("{}: {}", self.sensors(), self.fusion())
+        format!("{}, {}", self.sensors(), self.fusion())
     }
 
     /// True if the 95 % error of the estimate is an upper bound: without gauges and gyros the prior of the tyres decides.
