@@ -61,6 +61,8 @@ pub fn drive<R: Robot>(
     let limit = settle.saturating_add(micros(limit_s));
     let rest = micros(scenario.mission.rest_s);
     robot.control_mut().monitor.begin_task();
+    // Other tasks, and their failures, are those of the errand.
+    let given = errand.task().is_some();
     let (mut began, mut done_at) = (None, None);
     let mut cause = None;
     while robot.now() < limit {
@@ -104,7 +106,7 @@ pub fn drive<R: Robot>(
                 }
             }
         }
-        let failed = record.lead.failed.is_some() && since >= Some(FRESH);
+        let failed = given && record.lead.failed.is_some() && since >= Some(FRESH);
         if failed || errand.must_end(robot) {
             break;
         }
