@@ -581,7 +581,7 @@ fn gauges_of_a_robot_at_a_serial_port_are_zeroed() {
 fn a_port_without_a_robot_ends_with_no_answer() {
     let folder = tempfile::tempdir().unwrap();
     let (_master, path) = pseudo_terminal();
-    let arguments = format!("posture --on serial:front={} --out out", path.display());
+    let arguments = format!("posture --on serial:front={path} --out out");
     let run = program::cfmmr(folder.path(), &arguments).ends_with(1);
     assert!(
         run.error.contains("no answer") && run.error.contains("no robot answered"),

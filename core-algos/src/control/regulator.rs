@@ -118,6 +118,8 @@ const DOUBT_S: f32 = 0.1;
 const STALL_S: f32 = 1.0;
 /// Time without motion after which a robot under way is stuck, s.
 const STUCK_S: f32 = 2.0;
+/// Part of that time with a commanded speed from which something holds the robot, s.
+const PUSHED_S: f32 = 1.0;
 /// Factor by which each attempt widens what counts as reached.
 const WIDENING: f32 = 1.6;
 /// Remainder of a segment that counts as driven, m.
@@ -149,9 +151,10 @@ impl Regulator {
         self.accept_goal(state, input);
         state.elapsed += self.config.tick_s;
         if self.is_stuck(state, input) {
-            // Within the tolerance the robot may rest, or try once more.
+            // A robot within the tolerance may rest, and one that waits for its steering may try once more.
             let near = input.within.is_near(input.posture, input.goal);
-            state.blocked = !(near || self.reached(state, input, 1.0));
+            let pushed = state.pushed >= PUSHED_S;
+            state.blocked = pushed && !(near || self.reached(state, input, 1.0));
             state.enter(match state.blocked {
                 true => Phase::GaveUp,
                 false => Phase::Hold,
@@ -196,9 +199,13 @@ impl Regulator {
     /// speed, or a motor less than there should be, asks of the wheels.
     fn is_stuck(&self, state: &mut State, input: &Input) -> bool {
         let under_way = matches!(state.phase, Phase::Segment | Phase::Approach);
-        let still = state
-            .stuck
-            .step(under_way, input.posture, self.config.tick_s);
+        let dt = self.config.tick_s;
+        let still = state.stuck.step(under_way, input.posture, dt);
+        state.pushed = match still > 0.0 {
+            true if !self.at_rest(input) => state.pushed + dt,
+            true => state.pushed,
+            false => 0.0,
+        };
         still >= STUCK_S
     }
 

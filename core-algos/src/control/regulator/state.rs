@@ -54,6 +54,8 @@ pub struct State {
     pub(super) last: Posture,
     /// Time without motion while under way.
     pub(super) stuck: Stuck,
+    /// Part of that time with a commanded speed, s.
+    pub(super) pushed: f32,
     /// The robot gave up because it cannot move.
     pub(super) blocked: bool,
     /// Distance driven along the present segment, m.
