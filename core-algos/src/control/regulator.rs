@@ -36,6 +36,7 @@ pub use state::{Phase, State};
 use super::funnel;
 use super::kinematic::{Command, Direction, Law, Limits, PolarError, curvature_of_steering};
 use super::planner::{self, Plan, Planner, Progress};
+use super::stuck::STUCK_S;
 use crate::math::trig::{clamp, cos, sin, sin_cos, sqrt};
 use crate::math::{Posture, Steering};
 
@@ -116,10 +117,8 @@ const NEW_GOAL: (f32, f32) = (0.01, 0.02);
 /// Time (s) outside the funnel, or without demand to move, that counts.
 const DOUBT_S: f32 = 0.1;
 const STALL_S: f32 = 1.0;
-/// Time without motion after which a robot under way is stuck, s.
-const STUCK_S: f32 = 2.0;
-/// Part of that time with a commanded speed from which something holds the robot, s.
-const PUSHED_S: f32 = 1.0;
+/// Distance up to which a robot is stuck in the same place, m.
+const SAME_PLACE_M: f32 = 0.01;
 /// Factor by which each attempt widens what counts as reached.
 const WIDENING: f32 = 1.6;
 /// Remainder of a segment that counts as driven, m.
@@ -151,10 +150,7 @@ impl Regulator {
         self.accept_goal(state, input);
         state.elapsed += self.config.tick_s;
         if self.is_stuck(state, input) {
-            // A robot within the tolerance may rest, and one that waits for its steering may try once more.
-            let near = input.within.is_near(input.posture, input.goal);
-            let pushed = state.pushed >= PUSHED_S;
-            state.blocked = pushed && !(near || self.reached(state, input, 1.0));
+            state.blocked = self.is_blocked(state, input);
             state.enter(match state.blocked {
                 true => Phase::GaveUp,
                 false => Phase::Hold,
@@ -189,6 +185,7 @@ impl Regulator {
             *state = State {
                 goal: Some(goal),
                 last: input.posture,
+                stuck_at: Some(input.posture),
                 kappa,
                 ..State::default()
             };
@@ -200,13 +197,16 @@ impl Regulator {
     fn is_stuck(&self, state: &mut State, input: &Input) -> bool {
         let under_way = matches!(state.phase, Phase::Segment | Phase::Approach);
         let dt = self.config.tick_s;
-        let still = state.stuck.step(under_way, input.posture, dt);
-        state.pushed = match still > 0.0 {
-            true if !self.at_rest(input) => state.pushed + dt,
-            true => state.pushed,
-            false => 0.0,
-        };
-        still >= STUCK_S
+        state.stuck.step(under_way, input.posture, dt) >= STUCK_S
+    }
+
+    /// True if a stuck robot outside the tolerance has not moved since it was stuck before, or since the task began: what
+    /// holds it stays.
+    fn is_blocked(&self, state: &mut State, input: &Input) -> bool {
+        let before = state.stuck_at.replace(input.posture);
+        let again = before.is_some_and(|at| input.posture.distance(at) <= SAME_PLACE_M);
+        let near = input.within.is_near(input.posture, input.goal);
+        again && !(near || self.reached(state, input, 1.0))
     }
 
     /// Output at standstill with the steering held.

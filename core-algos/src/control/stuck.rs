@@ -2,6 +2,8 @@
 
 use crate::math::Posture;
 
+/// Time without motion after which a robot is stuck, s.
+pub const STUCK_S: f32 = 2.0;
 /// Distance that counts as motion, m.
 const MOVED_M: f32 = 1e-3;
 

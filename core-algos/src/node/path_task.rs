@@ -42,7 +42,7 @@ use crate::control::path::{
     TrajectoryPoint,
 };
 use crate::control::regulator::Tolerance;
-use crate::control::stuck::Stuck;
+use crate::control::stuck::{STUCK_S, Stuck};
 use crate::math::{Posture, Transform};
 use crate::time::{EPOCH, Micros, seconds};
 
@@ -54,9 +54,7 @@ pub const TRAJECTORY_POINTS: usize = 128;
 
 /// Time without motion after which a robot within the tolerance of the end rests, s.
 const REST_S: f32 = 1.0;
-/// Time without motion after which a robot makes no progress, s.
-const STUCK_S: f32 = 2.0;
-/// Reference speed from which the robot is to move while more of its path is to come, m/s.
+/// Reference speed from which the robot is to move before the end is known or the time is over, m/s.
 const MOVING_M_S: f32 = 5e-3;
 
 config! {
@@ -230,12 +228,10 @@ pub struct PathTask {
 struct Course {
     /// Reached the end of the path, or of the time of the trajectory.
     finished: bool,
-    /// The end is known.
-    complete: bool,
-    /// The last posture that is known.
-    end: Posture,
-    /// Reference speed, m/s.
-    speed: f32,
+    /// The end if it is known and the robot is before it: along the path, or as the time of the trajectory is over.
+    end: Option<Posture>,
+    /// The robot is to move.
+    asked: bool,
 }
 
 impl PathTask {
@@ -260,11 +256,13 @@ impl PathTask {
             return Step::default();
         }
         let wish = self.follower.wish(center, &reference);
+        let complete = state.path.is_complete();
+        // A loop ends where it begins: the way along it counts.
+        let last = complete && state.path.end() - progress.s <= within.position_m;
         let course = Course {
             finished: progress.finished,
-            complete: state.path.is_complete(),
-            end: state.path.last_posture(),
-            speed: reference.reference.v,
+            end: last.then(|| state.path.last_posture()),
+            asked: complete || reference.reference.v > MOVING_M_S,
         };
         let step = self.conclude(state, &course, (center.posture, within), wish, motion);
         Step {
@@ -299,11 +297,11 @@ impl PathTask {
             return Step::default();
         }
         let wish = self.tracker.wish(center, &reference);
+        let finished = reference.finished && state.trajectory.is_complete();
         let course = Course {
-            finished: reference.finished && state.trajectory.is_complete(),
-            complete: state.trajectory.is_complete(),
-            end: state.trajectory.last_posture(),
-            speed: reference.reference.v,
+            finished,
+            end: finished.then(|| state.trajectory.last_posture()),
+            asked: finished || reference.reference.v > MOVING_M_S,
         };
         let step = self.conclude(state, &course, (center.posture, within), wish, motion);
         Step {
@@ -329,11 +327,9 @@ impl PathTask {
         motion: &Motion,
     ) -> Step {
         let faded = wish.v.abs().max(motion.v.abs()) <= self.rest_speed;
-        let asked = course.complete || course.speed > MOVING_M_S;
-        let still = state
-            .stuck
-            .step(asked && !state.resting, center, seconds(EPOCH));
-        let near = course.complete && within.is_near(center, course.end);
+        let asked = course.asked && !state.resting;
+        let still = state.stuck.step(asked, center, seconds(EPOCH));
+        let near = course.end.is_some_and(|end| within.is_near(center, end));
         state.resting |= (course.finished && faded) || (near && still >= REST_S);
         Step {
             wish: (!state.resting).then_some(wish),

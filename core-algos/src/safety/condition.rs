@@ -121,14 +121,14 @@ conditions! {
         "a tick ended after its deadline"; "reduce the load of the board".
     ConversionsLost = 0x0c "conversions lost" 0 ms:
         "samples of the strain bridges were lost; the scan was restarted"; "if it repeats, check for a faulty converter or an overload".
-    ReachedUncertain = 0x0d "reached, uncertain" 0 ms:
+    ReachedUncertain = 0x0d "goal uncertain" 0 ms:
         "the robot is at its goal, but distance and 95 % error exceed the tolerance, or a sensor is inconsistent"; "set placement accuracy and floor drift, calibrate, or drive a shorter path".
     EstimateVague = 0x0e bit 38 "estimate vague" 200 ms:
         "the standard deviation of the robot's posture exceeds its bound"; "set the pose, or drive a shorter path".
     CommanderSilent = 0x0f bit 39 "commander silent" 0 ms:
         "no speed command for 200 ms, or nothing from the commanding host for 1 s; the robot stops"; "check the cable to the computer".
     GaveUp = 0x10 bit 3 "gave up" 0 ms:
-        "the robot did not reach its goal in the allowed attempts"; "calibrate, set the pose, or choose a nearer goal".
+        "the robot did not reach its goal in the allowed attempts, or missed the end of its path"; "calibrate, set the pose, or choose a nearer goal or a shorter path".
     WheelsInconsistent = 0x11 bit 35 "wheels inconsistent" 1000 ms:
         "the other sensors say that wheels or tyres are not as configured"; "measure wheels and track; check for a loose wheel or a slippery floor".
     GaugesInconsistent = 0x12 bit 40 "gauges inconsistent" 1000 ms:
@@ -138,7 +138,7 @@ conditions! {
     BeamInconsistent = 0x14 bit 42 "beam inconsistent" 1000 ms:
         "the squared normalised innovation of the beam is far above its mean of 0.1 to 0.5"; "check the clamps and the length of the strip".
     NoProgress = 0x15 bit 43 "no progress" 0 ms:
-        "the robot was to move and did not for 2 s"; "check for an obstacle, a slope or friction beyond the motors".
+        "the robot was to move and did not for 2 s"; "check for an obstacle, a slope, friction beyond the motors or a path too tight to enter".
     BeamLost = 0x40 bit 13 "relative position sensor lost" 50 ms:
         "no posture of the beam board was used for 0.1 s; the estimate continues from the encoders"; "check the beam board, its cable and the latency of the bus".
     EmergencyStop = 0x80 "emergency stop" 0 ms:

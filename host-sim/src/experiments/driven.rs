@@ -10,7 +10,7 @@ use crate::experiments::follow::MOST_ROWS;
 use crate::experiments::posture::pictures;
 use crate::experiments::result::warn;
 use crate::recording::csv;
-use crate::run::end::{RunEnd, Verdict};
+use crate::run::end::{EndKind, RunEnd, Verdict};
 use crate::run::robot::{Record, Robot};
 use crate::run::script::{self, Line, Step, StepEnd};
 use crate::scenario::Scenario;
@@ -58,12 +58,20 @@ impl Driven {
 
     /// End of that step.
     pub fn end(&self) -> RunEnd {
-        self.last().map(|step| step.end.clone()).unwrap_or_default()
+        let end = self.last().map(|step| step.end.clone());
+        let mut end = end.unwrap_or_default();
+        if end.is_success() && self.steps.len() < self.count {
+            // The user ended the run between two steps.
+            end.kind = EndKind::Interrupted;
+        }
+        end
     }
 
-    /// Goal of the last step that has one.
+    /// Goal of the last step that has one; none after a new pose, from which on goals are not in the frame of the truth.
     pub fn goal(&self) -> Option<[f64; 3]> {
-        self.steps.iter().rev().find_map(|step| step.goal)
+        let posed = self.steps.iter().any(|step| step.step.starts_with("pose"));
+        let mut last = self.steps.iter().rev();
+        last.find_map(|step| step.goal).filter(|_| !posed)
     }
 
     /// Why the steps were not taken to the last, if so.
@@ -94,7 +102,8 @@ pub fn publish(
     driven: &Driven,
 ) -> Result<(String, serde_json::Value, OutputDir), Error> {
     let mut files = context.output()?;
-    let title = format!("{} of {} steps", driven.steps.len(), driven.count);
+    let taken = driven.steps.iter().filter(|step| step.end.is_success());
+    let title = format!("{} of {} steps carried out", taken.count(), driven.count);
     let end = driven.end();
     draw(
         context,

@@ -11,7 +11,7 @@ use crate::experiments::result::end_lines;
 use crate::paths::{self, Path};
 use crate::recording::{LogArgs, csv};
 use crate::run::end::RunEnd;
-use crate::run::path_run::{Deviation, Errors, Moment, Outcome, PathMode, Route};
+use crate::run::path_run::{self, Deviation, Errors, Moment, Outcome, PathMode, Route};
 use crate::run::robot::Record;
 use crate::scenario::effect::{Taken, Use};
 use crate::view::figures::{self, FollowErrors, FollowRun, Snapshot};
@@ -160,8 +160,9 @@ pub fn prepare(args: &FollowArgs, context: &mut Context, purpose: Use) -> Result
         None => route.start(),
     };
     scenario.check()?;
+    let [planned, _] = path_run::start_distances(scenario);
     route
-        .check_start(scenario.mission.start, scenario)
+        .check_start(scenario.mission.start, planned)
         .map_err(|error| Error::input(format!("path {}: {error}", args.path)))?;
     context.check_keys(PATH, &[(&context.scenario, purpose)])?;
     context.output()?;

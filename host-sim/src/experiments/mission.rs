@@ -162,7 +162,7 @@ impl Mission {
         self.prepare(&mut stage);
         let mut simulation = stage.simulation()?;
         let driven = stage.run(&mut simulation, |robot| self.drive(robot, &scenario))?;
-        let failed = driven.outcome.failure();
+        let failed = driven.outcome.failure().or(driven.restless);
         let (text, report, files) = self.publish(context, driven.outcome)?;
         context.finish(&text, &report, files, &driven.recorded, failed)
     }

@@ -82,15 +82,19 @@ pub enum PathError {
         /// Its bound, rad/m.
         bound: f64,
     },
-    /// A path that begins too far from the robot.
-    FarFromStart {
-        /// Distance of the robot from the start, m.
-        start: f64,
-        /// Distance of the robot from the end, m.
-        end: f64,
-        /// Largest distance from the start, m.
-        most: f64,
-    },
+    /// A path that the robot cannot begin from where it stands.
+    Start(StartFault),
+}
+
+/// Reason why a robot cannot begin a path.
+#[derive(Clone, Debug, PartialEq)]
+pub enum StartFault {
+    /// Distance from the start, and the largest, m.
+    Distance(f64, f64),
+    /// Length of the path behind the robot, and the largest, m.
+    Along(f64, f64),
+    /// Heading of the robot less that of the path, rad.
+    Turn(f64),
 }
 
 impl fmt::Display for PathError {
@@ -101,14 +105,19 @@ impl fmt::Display for PathError {
                 value,
                 allowed,
             } => write!(f, "{name} = {value}: must be {allowed}"),
-            Self::FarFromStart { start, end, most } if start <= most => write!(
+            Self::Start(StartFault::Distance(distance, most)) => write!(
                 f,
-                "begins {start:.2} m from the robot and ends {end:.2} m from it: the robot must be nearer to the start"
-            ),
-            Self::FarFromStart { start, most, .. } => write!(
-                f,
-                "begins {start:.2} m from the robot: must be at most {most:.2} m \
+                "begins {distance:.2} m from the robot: must be at most {most:.2} m \
                  (robot.lead.course.max_deviation_m)"
+            ),
+            Self::Start(StartFault::Along(s, most)) => write!(
+                f,
+                "the robot has {s:.2} m of the path behind it: must be at most {most:.2} m"
+            ),
+            Self::Start(StartFault::Turn(turn)) => write!(
+                f,
+                "the robot is turned by {:.0}° from the start of the path: must be at most 90°",
+                turn.to_degrees()
             ),
             Self::Row { line, problem } => write!(f, "line {line}: {problem}"),
             Self::Waypoint {

@@ -16,7 +16,7 @@ mod trajectory;
 #[cfg(test)]
 mod tests;
 pub use curve::{Path, Sample};
-pub use limits::{Bounds, PathError, Place};
+pub use limits::{Bounds, PathError, Place, StartFault};
 pub use spline::{Waypoint, waypoints};
 pub use trajectory::{TimeLimits, Timed, Trajectory};
 

@@ -1,7 +1,7 @@
 //! The run loop: a robot, wherever its boards run, carries out a task.
 
 use crate::base::error::Error;
-use crate::run::end::{Cause, RunEnd};
+use crate::run::end::{Cause, EndKind, RunEnd};
 use crate::run::robot::{Record, Robot};
 use crate::scenario::Scenario;
 use crate::targets::HostCommand;
@@ -21,6 +21,9 @@ pub enum Progress {
 
 /// Time from the task from which on a failure that the lead node reports is that of the task, µs.
 const FRESH: Micros = 5 * EPOCH;
+
+/// Time at rest after which the notices of the lead node are those of the end, µs.
+const CONFIRMED: Micros = 10 * EPOCH;
 
 /// A task as the host gives and observes it.
 pub trait Errand<R: Robot> {
@@ -59,13 +62,14 @@ pub fn drive<R: Robot>(
     // A robot that has driven already has settled.
     let settle = settle.max(robot.now().next_multiple_of(EPOCH));
     let limit = settle.saturating_add(micros(limit_s));
-    let rest = micros(scenario.mission.rest_s);
+    let rest = micros(scenario.mission.rest_s).max(CONFIRMED);
     robot.control_mut().monitor.begin_task();
     // Other tasks, and their failures, are those of the errand.
     let given = errand.task().is_some();
-    let (mut began, mut done_at) = (None, None);
+    let (mut began, mut done_at): (Option<Micros>, Option<Micros>) = (None, None);
     let mut cause = None;
-    while robot.now() < limit {
+    // A task that is done at the time limit is watched until its end is confirmed.
+    while robot.now() < limit || done_at.is_some_and(|at| robot.now() < at + CONFIRMED) {
         let now = robot.now();
         if now.is_multiple_of(EPOCH) {
             errand.feed(robot)?;
@@ -119,11 +123,11 @@ pub fn drive<R: Robot>(
     let done = done_at.filter(|_| robot.failure().is_none());
     let done = done.map(|_| Cause::AtGoal);
     let cause = cause.or(done).or(interrupted);
-    let end = done_at.unwrap_or(robot.now());
-    let duration_s = end.saturating_sub(settle) as f64 * 1e-6;
-    Ok(RunEnd::of(
-        robot,
-        cause.unwrap_or(Cause::Unfinished),
-        duration_s,
-    ))
+    let seconds = |at: Micros| at.saturating_sub(settle) as f64 * 1e-6;
+    let duration_s = seconds(done_at.unwrap_or(robot.now()));
+    let mut end = RunEnd::of(robot, cause.unwrap_or(Cause::Unfinished), duration_s);
+    if let (EndKind::Stopped, Some(fault)) = (end.kind, robot.monitor().first_fault()) {
+        end.duration_s = seconds(micros(fault.time_s));
+    }
+    Ok(end)
 }

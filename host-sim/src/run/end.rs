@@ -2,10 +2,11 @@
 //!
 //! [`RunEnd::of`] makes it from the robot and from what ended the run loop. All words of ends stand here.
 
-use crate::run::recovery::SENSORS;
+use crate::run::recovery::{NODES, SENSORS};
 use crate::run::robot::Robot;
 use core_algos::node::lead;
-use core_algos::safety::{Condition, Conditions};
+use core_algos::safety::{Condition, Conditions, OperatingState};
+use core_algos::topology::Node;
 use serde::{Deserialize, Serialize, Serializer};
 use serde_json::Value;
 
@@ -24,13 +25,17 @@ pub enum EndKind {
     /// The robot stopped with a fault.
     Stopped,
     /// The robot is at rest away from its goal after the last attempt.
+    #[serde(rename = "gave up")]
     GaveUp,
     /// The robot was to move and did not.
+    #[serde(rename = "no progress")]
     NoProgress,
     /// The time of the run was over.
     #[default]
+    #[serde(rename = "time limit")]
     TimeLimit,
     /// The robot does not answer.
+    #[serde(rename = "no answer")]
     NoAnswer,
     /// The user ended the run.
     Interrupted,
@@ -70,6 +75,14 @@ impl EndKind {
         matches!(self, Self::Reached | Self::Uncertain | Self::Done)
     }
 }
+
+/// Notices of an inconsistent sensor.
+const INCONSISTENT: [Condition; 4] = [
+    Condition::WheelsInconsistent,
+    Condition::GaugesInconsistent,
+    Condition::GyrosInconsistent,
+    Condition::BeamInconsistent,
+];
 
 /// What ended the run loop.
 #[derive(Clone, Debug, PartialEq)]
@@ -121,9 +134,9 @@ impl RunEnd {
         let notices = monitor.notices();
         let (kind, condition, reason) = match cause {
             Cause::Done => (EndKind::Done, silence(notices), None),
-            Cause::AtGoal => match notices.contains(Condition::ReachedUncertain) {
-                true => (EndKind::Uncertain, Some(Condition::ReachedUncertain), None),
-                false => (EndKind::Reached, silence(notices), None),
+            Cause::AtGoal => match uncertain(robot) {
+                Some(condition) => (EndKind::Uncertain, Some(condition), None),
+                None => (EndKind::Reached, silence(notices), None),
             },
             Cause::NoAnswer(reason) => (EndKind::NoAnswer, None, Some(reason)),
             Cause::Interrupted(option) => {
@@ -195,12 +208,14 @@ impl RunEnd {
 
     /// Kind, cause of a stop, and the sensors at fault: equal for runs that ended alike.
     pub fn label(&self) -> String {
-        let mut label = self.kind.name().to_owned();
-        let cause = self.condition.filter(|_| self.kind == EndKind::Stopped);
-        for condition in cause.into_iter().chain(self.suspects()) {
-            label += &format!(", {}", condition.entry().name);
-        }
-        label
+        format!("{}{}", self.kind.name(), self.causes())
+    }
+
+    /// The condition of a stop and the sensors at fault, each after a comma.
+    fn causes(&self) -> String {
+        let stop = self.condition.filter(|_| self.kind == EndKind::Stopped);
+        let causes = stop.into_iter().chain(self.suspects());
+        causes.map(|it| format!(", {}", it.entry().name)).collect()
     }
 
     /// The 95 % error in words.
@@ -218,12 +233,14 @@ impl RunEnd {
         let code = self
             .code()
             .map_or(String::new(), |code| format!(" ({code})"));
-        let error = self
-            .error_text()
-            .filter(|_| !matches!(self.kind, EndKind::Done));
+        let error = self.error_text().filter(|_| self.kind != EndKind::Done);
         let error = error.map_or(String::new(), |error| format!(", 95 % error {error}"));
-        let name = self.label();
-        format!("{name}{code} after {:.1} s{error}", self.duration_s)
+        let user = self.reason.as_ref();
+        let user = user.filter(|_| self.kind == EndKind::Interrupted);
+        let user = user.map_or(String::new(), |option| format!(" {option}"));
+        let (name, causes) = (self.kind.name(), self.causes());
+        let time = self.duration_s;
+        format!("{name}{user}{code}{causes} after {time:.1} s{error}")
     }
 
     /// The notices in a line, if there are any.
@@ -263,6 +280,19 @@ impl RunEnd {
     }
 }
 
+/// The condition under which a robot is at its goal, by the latest heartbeats: the lead node's, or a sensor that another
+/// node found inconsistent.
+fn uncertain(robot: &impl Robot) -> Option<Condition> {
+    let notices = |node| robot.monitor().latest(node).map(|latest| latest.notices);
+    let lead = notices(Node::Lead).unwrap_or_default();
+    if lead.contains(Condition::ReachedUncertain) {
+        return Some(Condition::ReachedUncertain);
+    }
+    let all = NODES.into_iter().filter_map(notices);
+    let all = all.fold(Conditions::NONE, Conditions::union);
+    INCONSISTENT.into_iter().find(|&it| all.contains(it))
+}
+
 /// The notice of a robot whose host fell silent.
 fn silence(notices: Conditions) -> Option<Condition> {
     let silent = Condition::CommanderSilent;
@@ -275,7 +305,11 @@ fn unfinished(
     lead: &lead::Output,
 ) -> (EndKind, Option<Condition>, Option<String>) {
     let fault = robot.monitor().first_fault().and_then(|first| first.reason);
-    let fault = fault.or(lead.supervision.reason);
+    let stopped = matches!(
+        lead.supervision.state,
+        OperatingState::SafeStop | OperatingState::Fault
+    );
+    let fault = fault.or(lead.supervision.reason.filter(|_| stopped));
     let why = robot.failure().or_else(|| robot.monitor().why_stopped());
     match (why, lead.failed) {
         (Some(why), _) => (EndKind::Stopped, fault, Some(why)),

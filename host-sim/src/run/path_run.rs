@@ -3,7 +3,7 @@
 
 use crate::base::error::Error;
 use crate::paths::{
-    Bounds, MAX_LENGTH_M, Path, PathError, SPACING_M, Sample, TimeLimits, Trajectory,
+    Bounds, MAX_LENGTH_M, Path, PathError, SPACING_M, Sample, StartFault, TimeLimits, Trajectory,
 };
 use crate::run::drive::{Errand, Progress, drive};
 use crate::run::end::RunEnd;
@@ -21,8 +21,12 @@ use serde::Serialize;
 const WINDOW_M: f64 = 0.1;
 /// A run ends without success after this many times its expected duration, and a while.
 const PATIENCE: (f64, f64) = (2.0, 30.0);
-/// Distance from the start of a path up to which the robot is at the start even if the end is nearer, m.
-const AT_START_M: f64 = 0.1;
+/// Share of the largest deviation that a robot may have at the start of its path; the rest is for the placement.
+const START_SHARE: f64 = 0.8;
+/// Length of the path that the robot may have behind it at the start, m.
+const ALONG_M: f64 = 0.2;
+/// Heading from that of the path at the start up to which a robot gets onto it, rad: paths are driven forward.
+const TURN_RAD: f64 = std::f64::consts::FRAC_PI_2;
 /// Share of the robot's speed limit that a trajectory may use; the rest is for catching up.
 const TIMED_SHARE: f64 = 0.9;
 
@@ -41,6 +45,12 @@ pub struct Route {
     path: Path,
     trajectory: Trajectory,
     max_curvature: f64,
+}
+
+/// Largest distances from the start of a path, m: of a robot whose place is planned, and of one on the floor.
+pub fn start_distances(scenario: &Scenario) -> [f64; 2] {
+    let most = f64::from(scenario.robot.lead.course.max_deviation_m);
+    [START_SHARE * most, most]
 }
 
 /// Bounds of the frame of a scenario's robot.
@@ -134,15 +144,19 @@ impl Route {
         posture(&self.path.samples()[0])
     }
 
-    /// Refuses a robot at a posture from which the path cannot be begun: too far from the start, or nearer to the end of
-    /// an open path.
-    pub fn check_start(&self, [x, y, _]: [f64; 3], scenario: &Scenario) -> Result<(), PathError> {
-        let most = f64::from(scenario.robot.lead.course.max_deviation_m);
-        let to = |[a, b, _]: [f64; 3]| (x - a).hypot(y - b);
-        let (start, end) = (to(self.start()), to(self.goal()));
-        match start > most || (start > AT_START_M && end < start) {
-            true => Err(PathError::FarFromStart { start, end, most }),
-            false => Ok(()),
+    /// Refuses a robot at a posture from which the path cannot be begun: farther than `most` from its start, along it, or
+    /// turned away from it.
+    pub fn check_start(&self, at: [f64; 3], most: f64) -> Result<(), PathError> {
+        let [x, y, _] = at;
+        let s = self.path.nearest(x, y, 0.0, most.max(ALONG_M));
+        let off = Deviation::of(at, &self.path.at(0.0));
+        let (distance, turn) = (off.distance_m, off.heading_rad);
+        let refuse = |what: StartFault| Err(PathError::Start(what));
+        match () {
+            () if distance > most => refuse(StartFault::Distance(distance, most)),
+            () if s > ALONG_M => refuse(StartFault::Along(s, ALONG_M)),
+            () if turn.abs() > TURN_RAD => refuse(StartFault::Turn(turn)),
+            () => Ok(()),
         }
     }
 

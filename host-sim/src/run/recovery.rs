@@ -92,6 +92,8 @@ pub struct Monitor {
     changes: Vec<Status>,
     /// First change that belongs to the present task.
     first: usize,
+    /// Nodes whose next heartbeat still holds notices from before the task.
+    stale: [bool; NODES.len()],
     noticed: [Conditions; NODES.len()],
     /// Latest result of a calibration, and the gauge to blame.
     pub calibrated: Option<(CalibrationResult, u8)>,
@@ -108,8 +110,10 @@ impl Monitor {
             return;
         };
         let place = status.node as usize;
-        let noticed = &mut self.noticed[place];
-        *noticed = noticed.union(status.notices);
+        if !std::mem::take(&mut self.stale[place]) {
+            let noticed = &mut self.noticed[place];
+            *noticed = noticed.union(status.notices);
+        }
         let before = self.latest[place].replace(status);
         let same = |before: Status| (before.state, before.reason) == (status.state, status.reason);
         if !before.is_some_and(same) {
@@ -154,6 +158,7 @@ impl Monitor {
     /// A task begins: what was noticed before does not count, nor do faults that were cleared.
     pub fn begin_task(&mut self) {
         self.noticed = Default::default();
+        self.stale = self.latest.map(|latest| latest.is_some());
         let stopped = |status: &Status| is_stopped(status.state);
         if !self.latest.iter().flatten().any(stopped) {
             self.first = self.changes.len();

@@ -18,7 +18,7 @@ use core_algos::control::regulator::Phase;
 use core_algos::link::protocol::Place;
 use core_algos::math::Posture;
 use core_algos::node::lead::{DEAD_MAN, Task};
-use core_algos::safety::OperatingState;
+use core_algos::safety::{Condition, OperatingState};
 use core_algos::time::Micros;
 use core_algos::topology::Node;
 use serde::Serialize;
@@ -160,7 +160,8 @@ pub fn check_starts(
         at = match (&line.step, at) {
             (Step::Goto(goal) | Step::Pose(goal), _) => Some(*goal),
             (Step::Follow(..), Some(from)) => {
-                let route = route(&line.step, from, scenario).map_err(|error| {
+                let [planned, _] = path_run::start_distances(scenario);
+                let route = route(&line.step, from, planned, scenario).map_err(|error| {
                     Error::input(format!("line {}: {}: {error}", line.number, line.text))
                 })?;
                 route.map(|route| route.goal())
@@ -176,8 +177,13 @@ pub fn check_starts(
     Ok(())
 }
 
-/// Route of a step along a path for a robot at a posture; `None` of another step.
-fn route(step: &Step, at: [f64; 3], scenario: &Scenario) -> Result<Option<Route>, PathError> {
+/// Route of a step along a path for a robot at a posture, at most so far from its start, m; `None` of another step.
+fn route(
+    step: &Step,
+    at: [f64; 3],
+    most: f64,
+    scenario: &Scenario,
+) -> Result<Option<Route>, PathError> {
     let Step::Follow(path, laps, here) = step else {
         return Ok(None);
     };
@@ -186,7 +192,7 @@ fn route(step: &Step, at: [f64; 3], scenario: &Scenario) -> Result<Option<Route>
         false => Path::clone(path),
     };
     let route = Route::new(&path, *laps, scenario)?;
-    route.check_start(at, scenario)?;
+    route.check_start(at, most)?;
     Ok(Some(route))
 }
 
@@ -286,6 +292,8 @@ pub fn carry_out(
                 let seconds = (robot.now() - began) as f64 * 1e-6;
                 let mut end = RunEnd::of(robot, Cause::Unfinished, seconds);
                 end.kind = EndKind::Stopped;
+                let refused = matches!((&line.step, &error), (Step::Follow(..), Error::Input(_)));
+                end.condition = refused.then_some(Condition::PathLost).or(end.condition);
                 end.reason = Some(error.to_string());
                 (end, Some(error))
             }
@@ -318,7 +326,9 @@ fn take(
         take(robot, scenario, &Step::Wait(0.0), observe)?;
         let at = robot.record().lead.fused.robot.posture;
         let at = [at.x, at.y, at.phi].map(f64::from);
-        let route = route(step, at, scenario).map_err(|error| Error::input(error.to_string()))?;
+        let [_, most] = path_run::start_distances(scenario);
+        let route = route(step, at, most, scenario);
+        let route = route.map_err(|error| Error::input(error.to_string()))?;
         if let Some(route) = route {
             let see = |moment: &path_run::Moment| observe(&moment.record);
             let outcome = path_run::drive_on(robot, scenario, &route, PathMode::Follow, see)?;

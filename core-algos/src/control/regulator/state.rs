@@ -54,8 +54,8 @@ pub struct State {
     pub(super) last: Posture,
     /// Time without motion while under way.
     pub(super) stuck: Stuck,
-    /// Part of that time with a commanded speed, s.
-    pub(super) pushed: f32,
+    /// Posture where the robot was stuck last, at first that of the beginning.
+    pub(super) stuck_at: Option<Posture>,
     /// The robot gave up because it cannot move.
     pub(super) blocked: bool,
     /// Distance driven along the present segment, m.

@@ -277,3 +277,46 @@ fn robot_half_a_metre_from_path_or_trajectory_is_lost_until_the_task_is_given_ag
         assert_eq!(state.is_lost(), lost, "{at:?}");
     }
 }
+
+/// Held at its start, a robot on a loop is as near to the end as it can be, and has not driven.
+#[test]
+fn robot_held_at_the_start_of_a_loop_is_stuck() {
+    let (task, mut state) = (task(), State::default());
+    for i in 0..=189 {
+        let turn = core::f32::consts::TAU * i as f32 / 189.0;
+        let (s, kappa) = (0.3 * turn, 1.0 / 0.3);
+        let posture = Posture::ORIGIN.advance(s, turn);
+        state
+            .push_path_point(PathPoint { posture, kappa, s })
+            .unwrap();
+    }
+    state.finish_path();
+    state.restart();
+    let mut step = Step::default();
+    for _ in 0..250 {
+        step = task.follow(&mut state, Posture::ORIGIN, &WITHIN, &moving(0.0));
+        assert!(!step.done && step.wish.is_some());
+    }
+    assert!(step.stuck);
+}
+
+/// A trajectory may stand still on its way; when it is over, the robot is to reach its end.
+#[test]
+fn trajectory_with_a_rest_is_no_lack_of_progress() {
+    let (task, mut state) = (task(), State::default());
+    for number in 0..100u16 {
+        let point = TrajectoryPoint {
+            time_s: f32::from(number) * 0.05,
+            v: 0.0,
+            point: on_line(1e-5 * f32::from(number)),
+        };
+        state.push_trajectory_point(point).unwrap();
+    }
+    state.finish_trajectory();
+    state.restart();
+    for epoch in 0..450u64 {
+        let now = 10_000 * epoch;
+        let step = task.track(&mut state, now, Posture::ORIGIN, &WITHIN, &moving(0.0));
+        assert!(!step.stuck, "{epoch}");
+    }
+}

@@ -294,7 +294,7 @@ fn cell(study: &Study, rows: &[Row]) -> Cell {
         heading_rad: Summary::of(&numbers(|row| row.heading_rad)),
         within_3cm_3deg: within as f64 / rows.len() as f64,
         within_interval: wilson(within, rows.len()),
-        ends: Ends::of_labels(rows.iter().map(Row::end_label)),
+        ends: Ends::of_labels(rows.iter().map(|row| row.label.clone())),
         force_rms_n: Summary::of(&numbers(|row| row.force_rms_n)),
         duration_s: Summary::of(&numbers(|row| row.duration_s)),
     }

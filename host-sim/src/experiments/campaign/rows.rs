@@ -35,6 +35,10 @@ pub struct Row {
     pub within: bool,
     /// End of the run.
     pub end: EndKind,
+    /// Kind of the end, with the cause of a stop and the sensors at fault.
+    pub label: String,
+    /// Notices of the run, separated by semicolons.
+    pub notices: String,
     /// Code of the condition that ended the run, or under which the goal is reached; 0 if there is none.
     pub code: u8,
     /// True posture at the end: m, m, rad.
@@ -73,6 +77,8 @@ impl Row {
             heading_rad: error.heading_rad,
             within: error.is_near(),
             end: end.kind,
+            label: end.label(),
+            notices: end.notice_names().join("; "),
             code: end.condition.map_or(0, Condition::code),
             at: outcome.midpoint,
             error_95_m: end.error_95.map_or(f64::NAN, |[position, _]| position),
@@ -83,16 +89,6 @@ impl Row {
             duration_s: outcome.end.duration_s,
             path_m: outcome.path_m,
         }
-    }
-
-    /// End, with the cause of a stop.
-    pub fn end_label(&self) -> String {
-        let mut label = self.end.name().to_owned();
-        let cause = Condition::from_code(self.code).filter(|_| self.end == EndKind::Stopped);
-        if let Some(condition) = cause {
-            label += &format!(", {}", condition.entry().name);
-        }
-        label
     }
 
     /// Row of the CSV file; `vary` are the varied quantities.
@@ -110,7 +106,10 @@ impl Row {
             0 => String::new(),
             code => format!("{code:#04x}"),
         };
-        row.put("end code", &[self.end.name(), code.as_str()]);
+        row.put(
+            "end code notices",
+            &[self.end.name(), code.as_str(), self.notices.as_str()],
+        );
         row.put("x_m y_m phi_rad", &self.at);
         row.put("error_95_m", &[self.error_95_m]);
         let drift = [self.estimate_error_m, self.drift_m];

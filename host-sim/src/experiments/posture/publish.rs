@@ -19,7 +19,13 @@ impl Trials {
         let blocks = (self.blocks.as_slice(), of_paper.as_slice());
         let (report, files) = publish(context, variants, &pictured(variants), blocks)?;
         let text = screen(context, &report, variants);
-        context.finish(&text, &report, files, &self.recorded, failure(&report))
+        context.finish(
+            &text,
+            &report,
+            files,
+            &self.recorded,
+            failure(&report, variants),
+        )
     }
 }
 
@@ -106,11 +112,12 @@ fn screen(context: &Context, report: &Report, variants: &[Variant]) -> String {
 }
 
 /// Reason if no trial of a row ended as commanded.
-fn failure(report: &Report) -> Option<String> {
-    let row = report.rows.iter().find(|row| row.done == 0.0)?;
+fn failure(report: &Report, variants: &[Variant]) -> Option<String> {
+    let row = report.rows.iter().position(|row| row.done == 0.0)?;
+    let (row, variant) = (&report.rows[row], &variants[row]);
     Some(format!(
         "no trial of row {} was carried out: {}",
-        row.fusion,
+        variant.label(),
         row.ends.text()
     ))
 }

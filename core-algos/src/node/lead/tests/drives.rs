@@ -233,7 +233,7 @@ fn blocked_robot_makes_no_progress_within_three_seconds_and_releases_its_motors(
     let goal = Task::regulate(Posture::new(1.0, 0.0, 0.0));
     for (world, held, most) in [
         (World::new(goal), 0.0, 3.3),
-        (World::new(goal), 3.0, 6.0),
+        (World::new(goal), 3.0, 8.5),
         (World::on_path(), 0.0, 3.3),
         (World::on_path(), 2.0, 5.0),
     ] {
