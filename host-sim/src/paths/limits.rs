@@ -117,7 +117,7 @@ impl fmt::Display for PathError {
             Self::Start(StartFault::Turn(turn)) => write!(
                 f,
                 "the robot is turned by {:.0}° from the start of the path: must be at most 90°",
-                turn.to_degrees()
+                turn.abs().to_degrees()
             ),
             Self::Row { line, problem } => write!(f, "line {line}: {problem}"),
             Self::Waypoint {
