@@ -251,7 +251,7 @@ fn simulation_is_paused_stepped_and_sped_up_by_keys() {
     session.press(b"p");
     session.press(b"++");
     session.expect_line(|words| words.windows(2).any(|pair| pair == ["speed", "4"]));
-    session.expect_line(|words| words.starts_with(&["The", "run", "is", "over;"]));
+    session.expect_line(|words| words.starts_with(&["reached", "after"]));
     session.press(b"q");
     assert_eq!(session.end().code(), Some(0), "{:?}", session.shown);
 }
