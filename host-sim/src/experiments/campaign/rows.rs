@@ -43,10 +43,10 @@ pub struct Row {
     pub code: u8,
     /// True posture at the end: m, m, rad.
     pub at: [f64; 3],
-    /// 95 % error of the estimated position at the end, m.
-    pub error_95_m: f64,
-    /// Distance of the estimate from the true position at the end, m.
-    pub estimate_error_m: f64,
+    /// 95 % error of the estimated position at the end, m, if the robot has an estimate.
+    pub error_95_m: Option<f64>,
+    /// Distance of the estimate from the true position at the end, m, if the robot has an estimate.
+    pub estimate_error_m: Option<f64>,
     /// Error of the estimated position of one axle from the other at the end, m.
     pub drift_m: f64,
     /// Root mean square of the frame's force, N.
@@ -64,8 +64,7 @@ impl Row {
     pub fn of(run: u64, of: Run, outcome: &Outcome) -> Self {
         let error = FinalError::of(outcome.midpoint, of.scenario.mission.goal);
         let end = &outcome.end;
-        let unknown = [f64::NAN; 3];
-        let ([x, y, _], [u, v, _]) = (outcome.midpoint, end.estimate.unwrap_or(unknown));
+        let [x, y, _] = outcome.midpoint;
         let [along, across, _] = outcome.relative_error;
         Self {
             run,
@@ -81,8 +80,8 @@ impl Row {
             notices: end.notice_names().join("; "),
             code: end.condition.map_or(0, Condition::code),
             at: outcome.midpoint,
-            error_95_m: end.error_95.map_or(f64::NAN, |[position, _]| position),
-            estimate_error_m: (u - x).hypot(v - y),
+            error_95_m: end.error_95.map(|[position, _]| position),
+            estimate_error_m: end.estimate.map(|[u, v, _]| (u - x).hypot(v - y)),
             drift_m: along.hypot(across),
             force_rms_n: outcome.force_rms_n,
             max_curvature: outcome.max_curvature,
@@ -111,8 +110,8 @@ impl Row {
             &[self.end.name(), code.as_str(), self.notices.as_str()],
         );
         row.put("x_m y_m phi_rad", &self.at);
-        row.put("error_95_m", &[self.error_95_m]);
-        let drift = [self.estimate_error_m, self.drift_m];
+        row.put("error_95_m", &[self.error_95_m.unwrap_or(f64::NAN)]);
+        let drift = [self.estimate_error_m.unwrap_or(f64::NAN), self.drift_m];
         row.put("estimate_error_m drift_m", &drift);
         let frame = [self.force_rms_n, self.max_curvature];
         row.put("force_rms_n max_curvature_1_m", &frame);

@@ -154,7 +154,7 @@ fn the_report_counts_what_is_there() {
     let csv = String::from_utf8(rows::csv(&study, &all).into_bytes()).unwrap();
     let seventh = csv.lines().nth(7).unwrap();
     assert!(seventh.starts_with("6,1,2,0.003,false,0.00"), "{seventh}");
-    assert_eq!((csv.lines().count(), seventh.split(',').count()), (17, 24));
+    assert_eq!((csv.lines().count(), seventh.split(',').count()), (17, 25));
     // Runs 4 to 7 end 4 to 7 mm away.
     let second = &report.cells[1];
     assert!((second.e_m.mean - 0.0055).abs() < 1e-12);
