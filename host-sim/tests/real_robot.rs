@@ -268,7 +268,7 @@ fn script_drives_a_robot_at_a_serial_port() {
     assert_eq!(run.code, Some(0), "{}", run.error);
     let report = result(folder.path(), "drive");
     assert!(
-        (report["steps"][0]["x"].as_f64().unwrap() - 1.3).abs() < 0.02,
+        (report["steps"][0]["end"]["estimate"][0].as_f64().unwrap() - 1.3).abs() < 0.02,
         "{report}"
     );
     let [true_x, true_y, heading] = bench.robot().record().midpoint;
@@ -590,6 +590,6 @@ fn a_port_without_a_robot_ends_with_no_answer() {
     );
     assert!(!run.error.contains("stopped by itself"), "{}", run.error);
     let end = program::json_file(folder.path(), "out/result.json")["end"].clone();
-    assert_eq!(end["kind"], "no-answer", "{end}");
+    assert_eq!(end["kind"], "no answer", "{end}");
     assert!(end["estimate"].is_null() && folder.path().join("out/ends.csv").exists());
 }
