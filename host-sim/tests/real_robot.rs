@@ -310,7 +310,7 @@ fn record_at_serial_ports_replays_identically() {
         assert_eq!(ticks.iter().filter(|ticks| **ticks > 2000).count(), boards);
     }
     let report = result(folder.path(), "drive");
-    let x = report["steps"][0]["x"].as_f64().unwrap();
+    let x = report["steps"][0]["end"]["estimate"][0].as_f64().unwrap();
     assert!((x - 0.6).abs() < 0.02, "{report}");
 }
 
