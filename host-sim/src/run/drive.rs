@@ -22,7 +22,7 @@ pub enum Progress {
 /// Time from the task from which on a failure that the lead node reports is that of the task, µs.
 const FRESH: Micros = 5 * EPOCH;
 
-/// Time at rest after which the notices of the lead node are those of the end, µs.
+/// Time at rest until the notices of the end have arrived, µs.
 const CONFIRMED: Micros = 10 * EPOCH;
 
 /// A task as the host gives and observes it.

@@ -76,15 +76,7 @@ impl EndKind {
     }
 }
 
-/// Notices of an inconsistent sensor.
-const INCONSISTENT: [Condition; 4] = [
-    Condition::WheelsInconsistent,
-    Condition::GaugesInconsistent,
-    Condition::GyrosInconsistent,
-    Condition::BeamInconsistent,
-];
-
-/// What ended the run loop.
+/// Cause of the end of the run loop.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cause {
     /// The lead node took a task with a goal for done.
@@ -290,7 +282,9 @@ fn uncertain(robot: &impl Robot) -> Option<Condition> {
     }
     let all = NODES.into_iter().filter_map(notices);
     let all = all.fold(Conditions::NONE, Conditions::union);
-    INCONSISTENT.into_iter().find(|&it| all.contains(it))
+    let lost = [Condition::GaugeLost, Condition::InertialLost];
+    let mut sensors = SENSORS.into_iter().filter(|it| !lost.contains(it));
+    sensors.find(|&it| all.contains(it))
 }
 
 /// The notice of a robot whose host fell silent.

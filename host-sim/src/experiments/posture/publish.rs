@@ -29,8 +29,8 @@ impl Trials {
     }
 }
 
-/// Result and files of trials: a block of each variant, and one of each row of the paper's robot. Pictures and logs are
-/// those of the variants that are `shown`.
+/// Result and files of trials: a block of each variant, and one of each row of the paper's robot. The variants in
+/// `shown` get pictures and logs.
 pub fn publish<'a>(
     context: &Context,
     variants: &[Variant],
