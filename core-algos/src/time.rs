@@ -10,8 +10,12 @@ pub type Micros = u64;
 
 /// Length of an axle or beam tick.
 pub const TICK: Micros = 1_000;
+/// [`TICK`] in seconds.
+pub const TICK_S: f32 = 1e-3;
 /// Length of an epoch: the period of reports, fusion and references.
 pub const EPOCH: Micros = 10_000;
+/// [`EPOCH`] in seconds.
+pub const EPOCH_S: f32 = 0.01;
 /// Share of an epoch that so many ticks take, at most 1.
 pub fn share_of_epoch(ticks: u8) -> f32 {
     (f32::from(ticks) / (EPOCH / TICK) as f32).min(1.0)
@@ -100,6 +104,12 @@ mod tests {
             }
         }
         assert_eq!(epoch_start(5_000, 250), 0, "before the first epoch");
+    }
+
+    #[test]
+    fn seconds_of_a_tick_and_of_an_epoch_are_their_microseconds() {
+        assert_eq!((TICK_S * 1e6).round() as Micros, TICK);
+        assert_eq!((EPOCH_S * 1e6).round() as Micros, EPOCH);
     }
 
     #[test]

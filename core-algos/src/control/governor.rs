@@ -26,12 +26,15 @@ use super::cascade::{Cascade, Motion};
 use crate::config::{Allowed, ConfigError, config, require};
 use crate::math::trig::sqrt;
 use crate::math::{Steering, bounded, greater, lag_gain, lesser};
+use crate::time::EPOCH_S;
 use core::hint::cold_path;
 
 /// Bends at which the speed limit is sampled when a governor is built.
 const SAMPLES: usize = 64;
 /// Interval of the lead node's steps, s; others are as good, but cost more.
-const USUAL_INTERVAL_S: f32 = 0.01;
+const USUAL_INTERVAL_S: f32 = EPOCH_S;
+/// Longest interval, s, by which one step moves the reference; a longer one counts as this.
+const MAX_INTERVAL_S: f32 = 2.0 * EPOCH_S;
 /// The lag towards a speed ends in a straight ramp at this share of the largest acceleration, so
 /// that it arrives.
 const FINAL_RAMP: f32 = 0.05;
@@ -66,8 +69,6 @@ config! {
         /// Half of the track of an axle (d), m.
         #[cfg_attr(feature = "serde", serde(skip))]
         pub half_track_m: f32 = 0.162, Positive;
-        /// Longest interval between steps, s; a longer one is taken as this.
-        pub max_interval_s: f32 = 0.02, Range(1e-4, 0.5);
     }
 }
 
@@ -93,7 +94,7 @@ impl Config {
             per_steering_tolerance: 1.0 / self.steering_tolerance_rad,
             twice_bending: 2.0 * self.max_steering_acceleration_rad_s2,
             longest_rest: 2.0 * self.reversal_hold_s + 1.0,
-            usual: StepGains::new(self, self.max_steering_rate_rad_s, self.max_interval_s),
+            usual: StepGains::new(self, self.max_steering_rate_rad_s, MAX_INTERVAL_S),
         };
         // The share of the wheels' speed that bending takes, at its largest.
         let bending = self.half_track_m + governor.largest_parting();
@@ -148,7 +149,7 @@ impl StepGains {
     fn new(config: &Config, max_steering_rate: f32, dt: f32) -> Self {
         let steering = lag_gain(config.steering_frequency_rad_s * dt);
         let strongest = config.max_steering_acceleration_rad_s2;
-        let lead = strongest * (0.5 * (dt + config.max_interval_s));
+        let lead = strongest * (0.5 * (dt + MAX_INTERVAL_S));
         let ramp = config.max_acceleration_m_s2 * dt;
         Self {
             dt,
@@ -343,7 +344,7 @@ impl Governor {
 
     #[cold]
     fn unusual(&self, dt: f32) -> StepGains {
-        let dt = lesser(dt, self.config.max_interval_s);
+        let dt = lesser(dt, MAX_INTERVAL_S);
         StepGains::new(&self.config, self.max_steering_rate, dt)
     }
 

@@ -39,6 +39,7 @@ use super::planner::{self, Plan, Planner, Progress};
 use super::stuck::STUCK_S;
 use crate::math::trig::{clamp, cos, sin, sin_cos, sqrt};
 use crate::math::{Posture, Steering};
+use crate::time::EPOCH_S;
 
 /// Input of the regulator at a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -142,13 +143,13 @@ pub struct Regulator {
 }
 
 impl Regulator {
-    /// One step, every `tick_s`.
+    /// One step, every epoch ([`EPOCH_S`]).
     pub fn tick(&self, state: &mut State, input: &Input) -> Output {
         if !(input.posture.is_finite() && input.goal.is_finite()) {
             return self.stand(state);
         }
         self.accept_goal(state, input);
-        state.elapsed += self.config.tick_s;
+        state.elapsed += EPOCH_S;
         if self.is_stuck(state, input) {
             state.blocked = self.is_blocked(state, input);
             state.enter(match state.blocked {
@@ -196,7 +197,7 @@ impl Regulator {
     /// speed, or a motor less than there should be, asks of the wheels.
     fn is_stuck(&self, state: &mut State, input: &Input) -> bool {
         let under_way = matches!(state.phase, Phase::Segment | Phase::Approach);
-        let dt = self.config.tick_s;
+        let dt = EPOCH_S;
         state.stuck.step(under_way, input.posture, dt) >= STUCK_S
     }
 
@@ -467,7 +468,7 @@ impl Regulator {
         let outside = !self.within_reach(seen);
         let idle = command.v.abs() < 0.5 * self.config.rest_speed_m_s;
         if outside || idle {
-            state.doubt += self.config.tick_s;
+            state.doubt += EPOCH_S;
         } else {
             state.doubt = 0.0;
         }
@@ -555,11 +556,7 @@ impl Regulator {
             Phase::GaveUp => return self.stand(state),
             Phase::Approach => {
                 let slow = command.v.abs() < self.config.stop_speed_m_s;
-                state.doubt = if slow {
-                    state.doubt + self.config.tick_s
-                } else {
-                    0.0
-                };
+                state.doubt = if slow { state.doubt + EPOCH_S } else { 0.0 };
                 if slow && error.distance_m < rest + margin {
                     state.enter(Phase::Hold);
                     return self.stand(state);

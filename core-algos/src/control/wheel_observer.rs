@@ -15,8 +15,9 @@
 //!
 //! [`Config::build`] validates; [`WheelObserver::step`] cannot fail.
 
-use crate::config::{Allowed, ConfigError, config, require};
+use crate::config::{ConfigError, config};
 use crate::math::trig::exp;
+use crate::time::TICK_S;
 use core::f32::consts::TAU;
 
 /// Most counts: up to it, single precision holds every whole number.
@@ -29,9 +30,7 @@ config! {
         #[cfg_attr(feature = "serde", serde(skip))]
         pub counts_per_revolution: u32 = 20_000, Range(4.0, MAX_COUNTS);
         /// Bandwidth of the observer (b), rad/s.
-        pub bandwidth_rad_s: f32 = 250.0, Positive;
-        /// Interval between samples, s.
-        pub interval_s: f32 = 1e-3, Range(1e-5, 0.1);
+        pub bandwidth_rad_s: f32 = 250.0, Range(1e-3, 2.0 / TICK_S);
         /// Largest speed the wheel can have, rad/s; a count further from the prediction than this
         /// speed reaches in one interval is not a motion of the wheel.
         pub max_speed_rad_s: f32 = 60.0, Positive;
@@ -42,23 +41,14 @@ impl Config {
     /// The ready-to-run form; the error names the field that is wrong.
     pub fn build(&self) -> Result<WheelObserver, ConfigError> {
         self.check_ranges()?;
-        let interval = self.interval_s;
-        let bandwidth = self.bandwidth_rad_s;
-        require(
-            bandwidth * interval <= 2.0,
-            "bandwidth_rad_s",
-            bandwidth,
-            Allowed::Condition("at most 2 divided by interval_s"),
-        )?;
         let radians_per_count = TAU / self.counts_per_revolution as f32;
-        let pole = exp(-bandwidth * interval);
+        let pole = exp(-self.bandwidth_rad_s * TICK_S);
         Ok(WheelObserver {
             radians_per_count,
-            interval,
             angle_gain: 1.0 - pole * pole,
-            speed_gain: (1.0 - pole) * (1.0 - pole) * radians_per_count / interval,
+            speed_gain: (1.0 - pole) * (1.0 - pole) * radians_per_count / TICK_S,
             // A count or two more: quantisation alone must never look like a jump.
-            largest_error: self.max_speed_rad_s * interval / radians_per_count + 2.0,
+            largest_error: self.max_speed_rad_s * TICK_S / radians_per_count + 2.0,
         })
     }
 }
@@ -85,7 +75,6 @@ pub struct State {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WheelObserver {
     radians_per_count: f32,
-    interval: f32,
     angle_gain: f32,
     /// rad/s per count of error.
     speed_gain: f32,
@@ -97,7 +86,7 @@ impl WheelObserver {
     /// One interval: takes in the encoder's count (which wraps as an `i32`), or none if it is
     /// missing, in which case the wheel goes on at its speed. The first count is the origin.
     pub fn step(&self, state: &State, count: Option<i32>) -> State {
-        let advance = state.speed_rad_s * self.interval / self.radians_per_count;
+        let advance = state.speed_rad_s * TICK_S / self.radians_per_count;
         let mut next = State {
             increment_rad: advance * self.radians_per_count,
             jumped: false,

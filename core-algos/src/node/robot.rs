@@ -167,6 +167,8 @@ impl RobotConfig {
         let (s, c) = sin_cos(max_steering_rad);
         self.lead.regulator.limits.frame_length_m =
             frame_length_m + 2.0 * rigid_end_m * max_steering_rad * c / s.max(1e-6);
+        self.lead.regulator.braking_m_s2 = self.lead.governor.max_acceleration_m_s2;
+        self.lead.regulator.speed_lag_s = 1.0 / self.lead.governor.speed_rate_per_s;
         self.lead.regulator.limits.max_speed_m_s = max_speed_m_s;
         self.lead.regulator.limits.max_steering_rad = max_steering_rad;
         let along = &mut self.lead.course.path;

@@ -3,8 +3,8 @@
 //! With an argument, a table of largest bend and force, and of the error against an explicit
 //! reference over this time, s: `cargo run -p plant --release --example drives -- 5`.
 
-use plant::PlantConfig;
 use plant::drive::{DRIVES, Drive};
+use plant::{PlantConfig, TICK_S};
 use std::time::Instant;
 
 const SECONDS: f64 = 20.0;
@@ -12,8 +12,8 @@ const SECONDS: f64 = 20.0;
 /// Real-time factor, largest bend (rad) and largest force (N).
 fn run(drive: &Drive, config: &PlantConfig) -> [f64; 3] {
     let mut plant = config.build().expect("a valid plant");
-    let count = (SECONDS / plant.step_s()).round() as usize;
-    let at = |k: usize| drive.torque(k as f64 * plant.step_s());
+    let count = (SECONDS / TICK_S).round() as usize;
+    let at = |k: usize| drive.torque(k as f64 * TICK_S);
     let torques: Vec<_> = (0..count).map(at).collect();
     let started = Instant::now();
     torques.iter().for_each(|torque| plant.step(*torque));

@@ -4,6 +4,9 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::RangeInclusive;
 
+/// Time by which [`Plant::step`](crate::Plant::step) advances, s: the tick of the robot's boards.
+pub const TICK_S: f64 = 1e-3;
+
 /// Law of the tyre's force over its slip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -53,8 +56,8 @@ constants! {
     /// Defaults: aluminium axles with a spring-steel strip of 50 × 1 mm; sensing fitted; tyres of
     /// constant creep and none of the other imperfections.
     pub struct PlantConfig {
-        /// Time step, s: 1e-5 to 5e-3.
-        step_s: f64 = 1e-3, 1e-5..=5e-3;
+        /// Equal steps into which a tick ([`TICK_S`]) is divided, 1 to 100.
+        substeps: u32 = 1, 1.0..=100.0;
         /// Velocity error of the lower-order solution beyond which a step is divided, m/s.
         tolerance_m_s: f64 = 6.5e-4, 1e-7..=1.0;
         /// Mass of each axle with its wheels, kg.
@@ -179,6 +182,12 @@ pub(super) fn check(field: &str, value: f64, low: f64, high: f64) -> Result<f64,
 /// A constant, or one for each axle or wheel.
 trait Constant {
     fn check(&self, field: &str, range: RangeInclusive<f64>) -> Result<(), PlantError>;
+}
+
+impl Constant for u32 {
+    fn check(&self, field: &str, range: RangeInclusive<f64>) -> Result<(), PlantError> {
+        f64::from(*self).check(field, range)
+    }
 }
 
 impl Constant for f64 {

@@ -1,7 +1,7 @@
 //! Open-loop drives on which speed and accuracy of the plant are measured: `examples/drives.rs`.
 
 use crate::reference::Reference;
-use crate::{PlantConfig, PlantError, Tyre};
+use crate::{PlantConfig, PlantError, TICK_S, Tyre};
 
 /// An open-loop drive: a plant and wheel torques over time.
 #[derive(Clone, Copy, Debug)]
@@ -94,18 +94,17 @@ impl Drive {
     /// frame's equilibrium.
     pub fn error(&self, config: &PlantConfig, seconds: f64) -> Result<[f64; 2], PlantError> {
         let mut plant = config.build()?;
-        let step = plant.step_s();
         let mut reference = Reference::new(config, plant.state().axle.map(|a| a.posture));
         let finest = match config.tyre {
             Tyre::Creep => 20e-6,
             Tyre::Brush => 8e-6,
         };
-        let fine = (step / finest).ceil() as usize;
+        let fine = (TICK_S / finest).ceil() as usize;
         let mut worst = [0.0f64; 2];
-        for k in 0..(seconds / step).round() as usize {
-            let torque = self.torque(k as f64 * step);
+        for k in 0..(seconds / TICK_S).round() as usize {
+            let torque = self.torque(k as f64 * TICK_S);
             plant.step(torque);
-            reference.advance(step, fine, torque);
+            reference.advance(TICK_S, fine, torque);
             for (axle, q) in plant.state().axle.iter().zip(reference.postures()) {
                 let p = axle.posture;
                 worst[0] = worst[0].max((p[0] - q[0]).hypot(p[1] - q[1]));

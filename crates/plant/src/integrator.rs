@@ -11,7 +11,7 @@
 //!
 //! No allocation and no failure in [`Plant::step`].
 
-use super::config::{PlantConfig, PlantError};
+use super::config::{PlantConfig, PlantError, TICK_S};
 use super::drivetrain::Drivetrain;
 use super::frame::{Column, Equilibrium, Strip};
 use super::geometry::{
@@ -47,6 +47,8 @@ pub struct Plant {
     wide: bool,
     bodies: [Body; 2],
     clamps: Clamps,
+    substeps: u32,
+    /// Length of a substep, s.
     step: f64,
     damping: f64,
     half_track: [f64; 2],
@@ -164,6 +166,7 @@ impl Plant {
             payload_kg: [0.0; 2],
             ..config.clone()
         };
+        let step = TICK_S / f64::from(config.substeps);
         let measured_at = Loads::new(&bare, &Body::both(&bare)).now;
         let mut plant = Self {
             wheels: Wheels::new(config, measured_at),
@@ -175,11 +178,12 @@ impl Plant {
                 [config.rigid_root_m, config.rigid_tip_m],
                 [config.clamp_angle_root_rad, config.clamp_angle_tip_rad],
             ),
-            step: config.step_s,
+            substeps: config.substeps,
+            step,
             damping: config.internal_damping_s,
             half_track: config.half_track_m,
             tolerance: config.tolerance_m_s,
-            current_share: 1.0 - libm::exp(-config.step_s / config.current_loop_time_s),
+            current_share: 1.0 - libm::exp(-step / config.current_loop_time_s),
             carpet: config.carpet_drift,
             state: PlantState::default(),
             conditions: Conditions::default(),
@@ -284,7 +288,7 @@ impl Plant {
         }
     }
 
-    /// Advances one time step under the commanded wheel torques (N m, `[axle][left, right]`, held;
+    /// Advances by a tick ([`TICK_S`]) under the commanded wheel torques (N m, `[axle][left, right]`, held;
     /// a command that is not finite counts as none).
     pub fn step(&mut self, torque: [[f64; 2]; 2]) {
         #[cfg(target_arch = "x86_64")]
@@ -304,6 +308,13 @@ impl Plant {
 
     #[inline(always)]
     fn step_in<V: Lanes>(&mut self, torque: [[f64; 2]; 2]) {
+        for _ in 0..self.substeps {
+            self.substep::<V>(torque);
+        }
+    }
+
+    #[inline(always)]
+    fn substep<V: Lanes>(&mut self, torque: [[f64; 2]; 2]) {
         for w in 0..4 {
             let wanted = torque[w / 2][w % 2];
             let wanted = if wanted.is_finite() { wanted } else { 0.0 };

@@ -25,7 +25,7 @@ mod sincos;
 mod state;
 mod wheel;
 
-pub use config::{PlantConfig, PlantError, Tyre};
+pub use config::{PlantConfig, PlantError, TICK_S, Tyre};
 pub use frame::Station;
 pub use integrator::{Outline, Plant};
 pub use state::{AxleState, Health, PlantState, Wrench};

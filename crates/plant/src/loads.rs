@@ -1,6 +1,6 @@
 //! Masses of the axles, and the weight that each wheel bears.
 
-use super::config::{PlantConfig, PlantError, check};
+use super::config::{PlantConfig, PlantError, TICK_S, check};
 use super::geometry::{Mat3, Vec3, inverse, times, turned};
 use super::state::AxleState;
 
@@ -121,7 +121,8 @@ impl Loads {
             half_track: config.half_track_m,
             mass: [bodies[0].mass, bodies[1].mass],
             height: config.center_of_mass_height_m,
-            share: 1.0 - libm::exp(-config.step_s / config.load_transfer_time_s),
+            share: 1.0
+                - libm::exp(-TICK_S / f64::from(config.substeps) / config.load_transfer_time_s),
             acceleration: [[0.0; 2]; 2],
             now: at_rest,
         }

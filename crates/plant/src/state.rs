@@ -48,7 +48,7 @@ pub struct Wrench {
 /// Counters of the solution of the frame since the robot was placed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Health {
-    /// Steps taken.
+    /// Substeps taken.
     pub steps: u64,
     /// Factorisations of the frame's equations.
     pub factorisations: u64,

@@ -31,15 +31,15 @@ fn postures_follow_the_explicit_reference() {
 #[test]
 fn error_falls_with_the_square_of_the_step() {
     let drive = NORMAL;
-    let error = |step: f64| {
+    let error = |substeps: u32| {
         let config = PlantConfig {
-            step_s: step,
+            substeps,
             tolerance_m_s: 1.0,
             ..config()
         };
         drive.error(&config, 0.7).unwrap()[0]
     };
-    let (coarse, fine) = (error(2e-3), error(1e-3));
+    let (coarse, fine) = (error(1), error(2));
     println!("{coarse} {fine}");
     assert!(coarse > 2.8 * fine, "{coarse} {fine}");
 }

@@ -10,6 +10,9 @@ const ALIKE: f64 = 0.75;
 /// Longest word that is compared, bytes.
 const LONGEST: usize = 100;
 
+/// Stands after the path of an unknown key.
+pub const UNKNOWN: &str = ": unknown key";
+
 /// Beginning of a suggestion.
 const MEANT: &str = "did you mean ";
 
@@ -52,6 +55,19 @@ pub fn with_sibling(text: String) -> String {
     }
 }
 
+/// Advice on an unknown key of a TOML file: the key that was meant, or the nearest ones of all tables; `defaults` is
+/// the whole file with all keys. Empty if no key is near.
+pub fn unknown_key(key: &str, defaults: &Table) -> String {
+    if let Some(path) = closest(key, defaults) {
+        return format!("; {MEANT}{path}?");
+    }
+    let near = nearest_keys(key, defaults);
+    match near.is_empty() {
+        true => String::new(),
+        false => format!("; nearest keys: {}", near.join(", ")),
+    }
+}
+
 /// Adds a suggestion to an error about a scenario; `defaults` is a whole scenario.
 pub fn on_scenario(error: Error, file: Option<&Path>, defaults: &Table) -> Error {
     let Error::Input(text) = error else {
@@ -66,28 +82,28 @@ pub fn on_scenario(error: Error, file: Option<&Path>, defaults: &Table) -> Error
             file.display()
         ));
     }
-    let mut text = in_plain_words(&text);
-    if let Some(key) = unknown(&text) {
-        let meant = closest(&key, defaults).map(|path| match path == key {
-            // A table of a scenario, given in another file.
-            true => format!("{key} belongs into a scenario file. "),
-            false => format!("{MEANT}{path}? "),
-        });
-        // With the path of the key, which a suggestion from its table alone lacks.
-        if let (Some(_), Some((before, _))) = (&meant, text.split_once(MEANT)) {
-            text = before.to_owned();
-        }
-        text = format!(
-            "{}\n{}`cfmmr config` prints all keys with their defaults",
-            text.trim_end(),
-            meant.unwrap_or_default()
-        );
+    if text.contains("counts_per_revolution: invalid value: integer `-") {
+        return Error::input(format!(
+            "{text}; if an encoder counts backwards, swap its wires A and B (docs/wiring.md)"
+        ));
     }
-    Error::Input(text)
+    let Some((before, _)) = text.split_once(UNKNOWN) else {
+        return Error::Input(text);
+    };
+    let key = before.rsplit(' ').next().unwrap_or_default();
+    let elsewhere = match closest(key, defaults) {
+        // A table of a scenario, given in another file.
+        Some(path) if path == key => format!("{key} belongs into a scenario file. "),
+        _ => String::new(),
+    };
+    Error::input(format!(
+        "{}\n{elsewhere}`cfmmr config` prints all keys with their defaults",
+        text.trim_end()
+    ))
 }
 
 /// Types as people call them.
-fn in_plain_words(text: &str) -> String {
+pub fn in_plain_words(text: &str) -> String {
     let mut parts = text.split("expected ");
     let mut plain = parts.next().unwrap_or_default().to_owned();
     for part in parts {
@@ -95,7 +111,8 @@ fn in_plain_words(text: &str) -> String {
         let (name, rest) = part.split_at(end.unwrap_or(part.len()));
         let word = match name {
             "f32" | "f64" => "a number",
-            "u8" | "u16" | "u32" | "u64" | "usize" | "i32" => "a whole number",
+            "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number of at least 0",
+            "i32" => "a whole number",
             other => other,
         };
         plain += &format!("expected {word}{rest}");
@@ -103,36 +120,80 @@ fn in_plain_words(text: &str) -> String {
     plain
 }
 
-/// The key that an error says is unknown.
-fn unknown(text: &str) -> Option<String> {
-    let (_, rest) = text.split_once("unknown field `")?;
-    rest.split('`').next().map(str::to_owned)
+/// The path of a key with a like name, in the table most like its own.
+fn closest(key: &str, defaults: &Table) -> Option<String> {
+    let last = |path: &str| path.rsplit('.').next().unwrap_or_default().to_owned();
+    let mut all = Vec::new();
+    paths("", defaults, true, &mut all);
+    let scored = all.into_iter().map(|path| {
+        let like = likeness(&last(key), &last(&path));
+        (like + 1e-3 * likeness(key, &path), path)
+    });
+    let alike = scored.filter(|(like, _)| *like >= ALIKE);
+    alike
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, path)| path)
 }
 
-/// The path of the key that is most like this one, anywhere in the scenario.
-fn closest(key: &str, defaults: &Table) -> Option<String> {
+/// Letters of a unit in a name, at most.
+const LONGEST_UNIT: usize = 2;
+
+/// Most keys of a suggestion.
+const MOST_NEAR: usize = 4;
+
+/// The paths that share most words with a key beyond the name of its table, the most like first.
+fn nearest_keys(key: &str, defaults: &Table) -> Vec<String> {
+    let words = |path: &str| -> Vec<String> {
+        let all = path.split(['.', '_']);
+        all.filter(|word| word.len() > LONGEST_UNIT)
+            .map(str::to_owned)
+            .collect()
+    };
+    let (table, rest) = key.split_once('.').unwrap_or(("", key));
     let mut all = Vec::new();
-    paths("", defaults, &mut all);
-    let mut best: Option<(f64, String)> = None;
+    paths("", defaults, false, &mut all);
+    let mut scored: Vec<(f64, String)> = Vec::new();
     for path in all {
-        let like = likeness(key, path.rsplit('.').next().unwrap_or(&path));
-        if like >= ALIKE && best.as_ref().is_none_or(|(most, _)| like > *most) {
-            best = Some((like, path));
+        let known = words(&path);
+        let best = |word: &String| {
+            let like = known.iter().map(|other| likeness(word, other));
+            like.fold(0.0, f64::max)
+        };
+        let shared: f64 = words(rest)
+            .iter()
+            .map(best)
+            .filter(|like| *like >= ALIKE)
+            .sum();
+        if shared > 0.0 {
+            let same_table = f64::from(u8::from(known.first().is_some_and(|first| first == table)));
+            // Of keys that share as many words, the shorter ones.
+            scored.push((shared + same_table - 0.01 * known.len() as f64, path));
         }
     }
-    best.map(|(_, path)| path)
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    scored
+        .into_iter()
+        .take(MOST_NEAR)
+        .map(|(_, path)| path)
+        .collect()
 }
 
-fn paths(above: &str, table: &Table, all: &mut Vec<String>) {
+/// Paths of all keys, with or without those of tables.
+fn paths(above: &str, table: &Table, tables: bool, all: &mut Vec<String>) {
     for (key, value) in table {
         let path = match above {
             "" => key.clone(),
             above => format!("{above}.{key}"),
         };
-        if let Value::Table(below) = value {
-            paths(&path, below, all);
+        match value {
+            Value::Table(below) => {
+                paths(&path, below, tables, all);
+                if tables {
+                    all.push(path);
+                }
+            }
+            _ => all.push(path),
         }
-        all.push(path);
     }
 }
 
@@ -149,16 +210,19 @@ mod tests {
     }
 
     #[test]
-    fn a_key_that_is_not_known_gets_the_one_that_was_meant() {
-        let text = advice("a.toml: unknown field `frictoin`, expected one of `mass_kg`\n\n");
-        assert!(text.contains("did you mean plant.friction?"), "{text}");
-        let text = advice("scenario: unknown field `los`");
-        assert!(text.contains("did you mean bus.loss?"), "{text}");
-        let text = advice("scenario: unknown field `gravity`");
+    fn an_unknown_key_gets_the_one_that_was_meant_or_the_nearest() {
+        let meant = |key| unknown_key(key, &defaults());
+        assert_eq!(meant("plant.frictoin"), "; did you mean plant.friction?");
+        assert_eq!(meant("los"), "; did you mean bus.loss?");
+        assert_eq!(meant("plant.axle.mass"), "; nearest keys: plant.mass_kg");
+        assert_eq!(meant("plant.gravity"), "");
+        let text = advice("scenario: plant.gravity: unknown key");
         assert!(
             !text.contains("mean") && text.contains("cfmmr config"),
             "{text}"
         );
+        let text = advice("own.toml: bus: unknown key");
+        assert!(text.contains("bus belongs into a scenario file"), "{text}");
     }
 
     #[test]
@@ -170,11 +234,15 @@ mod tests {
             ),
             (
                 "invalid type: float, expected u32 in it",
-                "expected a whole number in it",
+                "expected a whole number of at least 0 in it",
             ),
             ("expected u16ish", "expected u16ish"),
         ] {
-            assert!(advice(text).ends_with(plain), "{}", advice(text));
+            assert!(
+                in_plain_words(text).ends_with(plain),
+                "{}",
+                in_plain_words(text)
+            );
         }
         let failure = Error::Failure("unknown field `los`".to_owned());
         let same = on_scenario(failure, None, &defaults());

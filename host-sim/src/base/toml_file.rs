@@ -5,7 +5,7 @@
 
 use crate::base::error::Error;
 use crate::base::input;
-use crate::base::spelling;
+use crate::base::spelling::{self, UNKNOWN};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_path_to_error::{Path, Segment};
@@ -47,6 +47,7 @@ where
         apply(&mut given, change)?;
     }
     let mut table = Table::try_from(below).map_err(|error| Error::Failure(error.to_string()))?;
+    let written = given.clone();
     lay_over(&mut table, given);
     let built: T = serde_path_to_error::deserialize(Value::Table(table)).map_err(|error| {
         // An entry of the command line may stand over that of the text.
@@ -55,8 +56,18 @@ where
             _ => None,
         };
         let (line, path) = (line.unwrap_or_default(), error.path().to_string());
-        let text = format!("{name}: {line}{path}: {}", error.into_inner().message());
-        shown(text)
+        let message = error.into_inner().message().to_owned();
+        match message.starts_with("unknown field") {
+            true => {
+                let key = whole_key(path, &written);
+                let meant = Table::try_from(below).map(|known| spelling::unknown_key(&key, &known));
+                let meant = meant.unwrap_or_default();
+                Error::input(format!("{name}: {line}{key}{UNKNOWN}{meant}"))
+            }
+            false => shown(spelling::in_plain_words(&format!(
+                "{name}: {line}{path}: {message}"
+            ))),
+        }
     })?;
     // As it is stored: a number may be finite in the text and too large for its field.
     let stored = Value::try_from(&built).map_err(|error| Error::Failure(error.to_string()))?;
@@ -66,6 +77,18 @@ where
         ))),
         None => Ok(built),
     }
+}
+
+/// The key of an entry whose path ends at an unknown table: with what was written below.
+fn whole_key(mut path: String, written: &Table) -> String {
+    let mut value = path
+        .split('.')
+        .try_fold(written, |table, part| table.get(part)?.as_table());
+    while let Some((key, below)) = value.and_then(|table| table.iter().next()) {
+        path = format!("{path}.{key}");
+        value = below.as_table();
+    }
+    path.chars().take(LONGEST_LINE).collect()
 }
 
 /// Line of the text, from 1, with the entry at a path, or with what the text holds of it.
@@ -277,7 +300,15 @@ mod tests {
         assert_eq!(error.to_string(), "file.toml: line 3: recursion limit");
         let error = parse::<Outer>("[bus]\nlos = 1\n", "file.toml", &[]).unwrap_err();
         let text = error.to_string();
-        assert!(text.starts_with("file.toml: line 2: bus.los: unknown field `los`"));
+        assert_eq!(
+            text,
+            "file.toml: line 2: bus.los: unknown key; did you mean bus.loss?"
+        );
+        let error = parse::<Outer>("bus.wire.loss_kind = 1", "file.toml", &[]).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "file.toml: line 1: bus.wire.loss_kind: unknown key; nearest keys: bus.kind, bus.loss"
+        );
         let refused = |text: &str| {
             let read = parse::<Outer>(text, "file.toml", &[]);
             read.unwrap_err().to_string()

@@ -26,7 +26,7 @@ use crate::base::toml_file;
 use crate::bus::virtual_bus::BusConfig;
 use crate::plant::{Plant, PlantConfig, Station};
 use crate::world::drawn::Drawn;
-use crate::world::random::{Stream, generator, normal};
+use crate::world::random::{BOUND, Stream, generator, normal};
 use crate::world::sensors::SensorConfig;
 use crate::world::table::{at_least_0, table, up_to};
 use serde::{Deserialize, Serialize};
@@ -104,6 +104,31 @@ impl Default for World {
     }
 }
 
+/// Drawn constants of the plant, each with its standard deviation.
+const DRAWN: [(&str, &str); 9] = [
+    ("wheel_radius_m", "sensors.geometry.wheel_radius_sigma"),
+    ("half_track_m", "sensors.geometry.track_sigma"),
+    ("slip_stiffness", "spread.slip_stiffness"),
+    ("bending_stiffness_n_m2", "spread.bending_stiffness"),
+    ("strip_length_m", "spread.strip_length_m"),
+    ("side_slip", "spread.side_slip"),
+    ("carpet_drift", "spread.carpet_drift"),
+    ("backlash_rad", "spread.backlash_rad"),
+    ("radius_load_sensitivity", "spread.radius_load_sensitivity"),
+];
+
+/// Refusal of a world some of whose draws reach beyond the range of a constant.
+fn beyond(error: &str) -> Error {
+    let drawn = DRAWN.iter().find(|(field, _)| error.starts_with(field));
+    let sigma = drawn.map_or(
+        "the standard deviations in spread and sensors.geometry",
+        |d| d.1,
+    );
+    Error::input(format!(
+        "plant.{error}, also for a robot drawn {BOUND} standard deviations from the mean: lower {sigma}"
+    ))
+}
+
 /// The text of a world: a built-in one by its name, or a file. A name comes before a file of that name.
 pub fn text(name: &str) -> Result<String, Error> {
     if let Some((_, text)) = BUILT_IN.iter().find(|(known, _)| *known == name) {
@@ -154,6 +179,10 @@ impl World {
             .map_err(|error| Error::input(format!("plant.{error}")))?;
         self.spread.check()?;
         self.sensors.check()?;
+        for side in [-1.0, 1.0] {
+            let robot = self.plant_of(&self.extreme(side), true);
+            robot.build().map_err(|error| beyond(&error.to_string()))?;
+        }
         let length = self.plant.strip_length_m;
         let mut gauges = self.sensors.bridge.gauges_m.iter().enumerate();
         if let Some((i, place)) = gauges.find(|(_, place)| !(0.0..=length).contains(*place)) {
@@ -164,6 +193,17 @@ impl World {
         }
         self.told.check()?;
         self.bus.check().map_err(Error::Input)
+    }
+
+    /// The robot whose constants all lie at the lower (-1) or upper (1) bound of their draws.
+    fn extreme(&self, side: f64) -> Drawn {
+        let (wheel_radius_factor, track_factor) = self.sensors.geometry.extreme(side);
+        Drawn {
+            wheel_radius_factor,
+            track_factor,
+            plant: self.spread.extreme(side),
+            ..Drawn::none()
+        }
     }
 
     /// One robot: what differs from its means. The same numbers are drawn whatever the world; it only
@@ -262,6 +302,20 @@ mod tests {
                 ["gauges_m[1] = 0.4", "from 0 to"],
             ),
             ("[sensors.bridge]\ngauges_m = []", ["gauges_m", "1"]),
+            (
+                "[plant]\ntyre = 'brush'\nslip_stiffness = [[2.5, 2.5], [2.5, 2.5]]\n[spread]\nslip_stiffness = 0.3",
+                [
+                    "plant.slip_stiffness[0][0] = 0.557",
+                    "lower spread.slip_stiffness",
+                ],
+            ),
+            (
+                "[plant]\nbacklash_rad = [[0.15, 0.0], [0.0, 0.0]]\n[spread]\nbacklash_rad = 0.02",
+                [
+                    "plant.backlash_rad[0][0] = 0.25",
+                    "lower spread.backlash_rad",
+                ],
+            ),
         ] {
             let why = refuse(text);
             assert!(words.iter().all(|word| why.contains(word)), "{text}: {why}");

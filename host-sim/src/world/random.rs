@@ -76,6 +76,15 @@ pub(super) fn mix(state: u64) -> u64 {
     z ^ (z >> 31)
 }
 
+/// Bound of a constant's draw, standard deviations: one draw in two million lies beyond.
+pub const BOUND: f64 = 5.0;
+
+/// [`normal`], limited to [`BOUND`] standard deviations: for constants with an allowed range.
+pub fn bounded(generator: &mut Pcg64, sigma: f64) -> f64 {
+    let bound = BOUND * sigma;
+    normal(generator, sigma).clamp(-bound, bound)
+}
+
 /// A draw from the normal distribution of mean 0 and the given standard deviation.
 pub fn normal(generator: &mut Pcg64, sigma: f64) -> f64 {
     let draw: f64 = StandardNormal.sample(generator);

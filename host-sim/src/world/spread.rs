@@ -1,14 +1,14 @@
 //! How the plant's constants differ from robot to robot.
 
 use crate::plant::PlantConfig;
-use crate::world::random::normal;
+use crate::world::random::{BOUND, bounded};
 use crate::world::table::{table, up_to};
 use rand_pcg::Pcg64;
 use serde::Serialize;
 
 table! {
-    /// Standard deviations of the plant's constants about those of [`PlantConfig`], drawn a trial: a
-    /// draw of eight of them must leave a plant that can be.
+    /// Standard deviations of the plant's constants about those of [`PlantConfig`], drawn once a trial within
+    /// [`BOUND`] of them.
     pub struct Spread("spread") {
         /// Of the logarithm of each wheel's slip stiffness: 0.3 is ± 30 %.
         slip_stiffness: f64 = 0.0, up_to(0.35);
@@ -75,22 +75,31 @@ impl PlantErrors {
 impl Spread {
     /// One robot's errors; the same numbers whatever the spread.
     pub fn draw(&self, random: &mut Pcg64) -> PlantErrors {
+        self.errors(|sigma| bounded(random, sigma))
+    }
+
+    /// Errors of the robot whose draws all lie at the lower (-1) or upper (1) bound.
+    pub fn extreme(&self, side: f64) -> PlantErrors {
+        self.errors(|sigma| side * BOUND * sigma)
+    }
+
+    fn errors(&self, mut draw: impl FnMut(f64) -> f64) -> PlantErrors {
         let mut drawn = PlantErrors::none();
         for factor in drawn.slip_stiffness_factor.as_flattened_mut() {
-            *factor = normal(random, self.slip_stiffness).exp();
+            *factor = draw(self.slip_stiffness).exp();
         }
-        drawn.bending_stiffness_factor += normal(random, self.bending_stiffness);
-        drawn.strip_length_m = normal(random, self.strip_length_m);
+        drawn.bending_stiffness_factor += draw(self.bending_stiffness);
+        drawn.strip_length_m = draw(self.strip_length_m);
         for slip in &mut drawn.side_slip {
-            *slip = normal(random, self.side_slip);
+            *slip = draw(self.side_slip);
         }
         for drift in &mut drawn.carpet_drift {
-            *drift = normal(random, self.carpet_drift);
+            *drift = draw(self.carpet_drift);
         }
         for play in drawn.backlash_rad.as_flattened_mut() {
-            *play = normal(random, self.backlash_rad).abs();
+            *play = draw(self.backlash_rad).abs();
         }
-        drawn.radius_load_sensitivity = normal(random, self.radius_load_sensitivity).abs();
+        drawn.radius_load_sensitivity = draw(self.radius_load_sensitivity).abs();
         drawn
     }
 }

@@ -35,8 +35,6 @@ config! {
         };
         /// The planner.
         pub planner: planner::Config = planner::Config::default();
-        /// Interval of [`Regulator::tick`], s.
-        pub tick_s: f32 = 0.01, Positive;
         /// Candidate postures the planner looks at in a tick.
         pub planner_budget: u32 = 400, Positive;
         /// Steering error below which a segment is begun, rad.
@@ -47,8 +45,10 @@ config! {
         /// free.
         pub steering_wait_rad: f32 = 0.2;
         /// Deceleration of the governor, m/s².
+        #[cfg_attr(feature = "serde", serde(skip))]
         pub braking_m_s2: f32 = 0.4, Positive;
         /// Lag of the governor's speed where its deceleration is not at its limit, s.
+        #[cfg_attr(feature = "serde", serde(skip))]
         pub speed_lag_s: f32 = 1.0 / 6.0, Positive;
         /// Length over which deviations from a segment's path decay, m.
         pub path_length_constant_m: f32 = 0.2, Range(0.02, 10.0);

@@ -44,11 +44,6 @@ impl Plant {
         self.health.steps as f64 * self.step
     }
 
-    /// Time step, s.
-    pub fn step_s(&self) -> f64 {
-        self.step
-    }
-
     /// The axles.
     pub fn state(&self) -> &PlantState {
         &self.state

@@ -5,8 +5,8 @@ use crate::base::input;
 use crate::base::toml_file;
 use crate::scenario::Scenario;
 use crate::scenario::effect::{self, Use};
+use crate::world::random::{BOUND, bounded};
 use rand::RngExt;
-use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -15,6 +15,9 @@ use std::path::Path;
 pub const MAX_RUNS: u64 = 10_000_000;
 /// Quantities a study may vary.
 pub const MAX_VARIED: usize = 16;
+
+/// Drawn quantities up to which every combination of their bounds is checked.
+const MAX_CORNERED: usize = 4;
 
 /// Marks the stream of a study's draws: the sensors' and starts' are others.
 const DRAWS: u128 = 1 << 100;
@@ -78,7 +81,7 @@ pub struct Vary {
     /// Drawn in each trial between these, evenly over the logarithm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub log_uniform: Option<[f64; 2]>,
-    /// Drawn in each trial with this mean and standard deviation.
+    /// Drawn in each trial with this mean and standard deviation, within five of them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub normal: Option<[f64; 2]>,
 }
@@ -99,7 +102,7 @@ pub enum Draw {
     Uniform([f64; 2]),
     /// Between two positive numbers, evenly over the logarithm.
     LogUniform([f64; 2]),
-    /// Mean and standard deviation.
+    /// Mean and standard deviation; limited to [`BOUND`] of them.
     Normal([f64; 2]),
 }
 
@@ -232,6 +235,7 @@ impl Study {
     fn check_cells(&self, cells: u64) -> Result<(), Error> {
         let mut idle: Vec<Option<String>> = vec![Some(String::new()); self.vary.len()];
         for cell in 0..cells {
+            self.check_bounds(cell)?;
             for (idle, here) in idle.iter_mut().zip(self.idle(cell)?) {
                 *idle = idle.take().and(here);
             }
@@ -240,6 +244,48 @@ impl Study {
             Some(text) => Err(Error::input(format!("vary {text}"))),
             None => Ok(()),
         }
+    }
+
+    /// Checks that a combination makes a robot at the bounds of its draws: at every corner of a few drawn
+    /// quantities, else at each bound with the other quantities as in the first trial.
+    fn check_bounds(&self, cell: u64) -> Result<(), Error> {
+        let first = self.values(cell, 0)?;
+        let mut bounds = Vec::new();
+        for (i, vary) in self.vary.iter().enumerate() {
+            if let Kind::Drawn(draw) = vary.kind()? {
+                bounds.push((i, draw.bounds()));
+            }
+        }
+        let corners: Vec<Vec<(usize, f64)>> = match bounds.len() {
+            0 => return Ok(()),
+            count @ 1..=MAX_CORNERED => (0..1usize << count)
+                .map(|corner| {
+                    let numbered = bounds.iter().enumerate();
+                    let side =
+                        |(k, (i, bound)): (usize, &(usize, [f64; 2]))| (*i, bound[corner >> k & 1]);
+                    numbered.map(side).collect()
+                })
+                .collect(),
+            _ => {
+                let each = bounds.iter();
+                each.flat_map(|(i, bound)| bound.map(|value| vec![(*i, value)]))
+                    .collect()
+            }
+        };
+        for corner in corners {
+            let mut values = first.clone();
+            for (i, value) in &corner {
+                values[*i] = toml::Value::Float(*value);
+            }
+            self.scenario(0, &values).map_err(|error| {
+                let set = corner
+                    .iter()
+                    .map(|(i, value)| format!("{} = {value}", self.vary[*i].key));
+                let set = set.collect::<Vec<_>>().join(", ");
+                Error::input(format!("vary: draws reach {set}: {error}"))
+            })?;
+        }
+        Ok(())
     }
 
     /// Of each varied key without effect in a combination: key and reason.
@@ -313,7 +359,7 @@ impl Study {
             let place = cell / self.stride(i) % vary.count();
             Ok(match vary.kind()? {
                 Kind::Values(list) => list[place as usize].clone(),
-                Kind::Drawn(draw) => toml::Value::Float(draw.sample(&mut random)?),
+                Kind::Drawn(draw) => toml::Value::Float(draw.sample(&mut random)),
             })
         });
         values.collect()
@@ -349,16 +395,25 @@ pub fn random_start(seed: u64, index: u64) -> [f64; 3] {
 }
 
 impl Draw {
-    fn sample(self, random: &mut Pcg64) -> Result<f64, Error> {
-        Ok(match self {
+    /// Least and largest value.
+    fn bounds(self) -> [f64; 2] {
+        match self {
+            Self::Uniform(range) | Self::LogUniform(range) => range,
+            Self::Normal([mean, sigma]) => [mean - BOUND * sigma, mean + BOUND * sigma],
+        }
+    }
+
+    fn sample(self, random: &mut Pcg64) -> f64 {
+        let value = match self {
             Self::Uniform([low, high]) => low + (high - low) * random.random::<f64>(),
             Self::LogUniform([low, high]) => {
                 let share = random.random::<f64>();
                 libm::exp(libm::log(low) + (libm::log(high) - libm::log(low)) * share)
             }
-            Self::Normal([mean, sigma]) => Normal::new(mean, sigma)
-                .map_err(|error| Error::input(format!("normal: {error}")))?
-                .sample(random),
-        })
+            Self::Normal([mean, sigma]) => mean + bounded(random, sigma),
+        };
+        let [low, high] = self.bounds();
+        // Rounding must not leave the bounds either.
+        value.clamp(low, high)
     }
 }

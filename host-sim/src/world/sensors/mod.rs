@@ -20,7 +20,7 @@ pub use delay::MAX_DELAY_MS;
 pub use inertial::{Accelerometer, Gyro, InertialConfig};
 
 use crate::world::drawn::Drawn;
-use crate::world::random::{Stream, generator, mix, normal};
+use crate::world::random::{BOUND, Stream, bounded, generator, mix, normal};
 use crate::world::table::{above_0, at_least_0, small, table, whole};
 use bridge::Bridge;
 use core_algos::config::ConfigError;
@@ -85,6 +85,17 @@ table! {
     }
 }
 
+impl GeometryConfig {
+    /// Factors of wheel radius and track at the lower (-1) or upper (1) bound of their draws.
+    pub fn extreme(&self, side: f64) -> ([[f64; 2]; 2], [f64; 2]) {
+        let factor = |sigma: f64| 1.0 + side * BOUND * sigma;
+        (
+            [[factor(self.wheel_radius_sigma); 2]; 2],
+            [factor(self.track_sigma); 2],
+        )
+    }
+}
+
 impl SensorConfig {
     /// Checks every value; all that is built from the configuration relies on it.
     pub fn check(&self) -> Result<(), ConfigError> {
@@ -120,10 +131,10 @@ impl SensorConfig {
 
         let mut random = generator(seed, trial, Stream::Geometry);
         for factor in drawn.wheel_radius_factor.as_flattened_mut() {
-            *factor += normal(&mut random, self.geometry.wheel_radius_sigma);
+            *factor += bounded(&mut random, self.geometry.wheel_radius_sigma);
         }
         for factor in &mut drawn.track_factor {
-            *factor += normal(&mut random, self.geometry.track_sigma);
+            *factor += bounded(&mut random, self.geometry.track_sigma);
         }
 
         let mut random = generator(seed, trial, Stream::Placement);
