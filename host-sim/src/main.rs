@@ -15,8 +15,17 @@ fn posture(args: &PostureArgs) -> Result<(), Error> {
 }
 
 fn main() -> ExitCode {
-    let cli = Cli::read();
-    let result = match &cli.command {
+    match Cli::read().and_then(run) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("cfmmr: {error}");
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn run(cli: Cli) -> Result<(), Error> {
+    match &cli.command {
         None => posture(&cli.posture),
         Some(Command::Posture(args)) => posture(args),
         Some(Command::Follow(args)) => whole_robot::follow(args, PathMode::Follow),
@@ -40,12 +49,5 @@ fn main() -> ExitCode {
         Some(Command::Campaign(args)) => experiments::campaign::command::run(args),
         Some(Command::Doctor(args)) => cli::doctor::run(args),
         Some(Command::Completions(args)) => cli::completions::run(args),
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("cfmmr: {error}");
-            ExitCode::from(error.exit_code())
-        }
     }
 }

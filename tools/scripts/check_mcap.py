@@ -117,6 +117,10 @@ def table(path):
         return list(csv.DictReader(file))
 
 
+def frame_of(row):
+    return "#".join(row[name].removeprefix("0x") for name in ("identifier_hex", "data_hex"))
+
+
 def near(a, b, slack, where):
     a, b = float(a), float(b)
     assert a == b or abs(a - b) <= slack * max(1.0, abs(a), abs(b)), (where, a, b)
@@ -223,7 +227,7 @@ def compare_tables(log, folder):
             near(row["torque_right_nm"], m["torque_nm"][1], 1e-6, (board, row))
     beam = table(folder / "beam.csv")
     assert [int(row["bridge_1_counts"]) for row in beam] == [m["counts"][0] for _, m in log.messages["/boards/beam/tick"]]
-    frames = [f"{row['identifier_hex']}#{row['data_hex']}" for row in table(folder / "bus.csv")]
+    frames = [frame_of(row) for row in table(folder / "bus.csv")]
     assert frames == [frame["frame"] for _, m in log.messages["/bus"] for frame in m["frames"]]
 
 
@@ -249,7 +253,7 @@ def virtual(call, folder, database):
     compare_epochs(log, rows[1:], in_process=False)
     compare_epochs(log, table(tables / "epochs.csv")[1:], in_process=False)
     bus = table(tables / "bus.csv")
-    frames = [f"{row['identifier_hex']}#{row['data_hex']}" for row in bus]
+    frames = [frame_of(row) for row in bus]
     assert frames == [frame["frame"] for _, m in log.messages["/bus"] for frame in m["frames"]]
     assert {row["board"] for row in bus} == {"front", "rear", "beam"}
     assert len(table(tables / "axles.csv")) > 3000 and len(table(tables / "beam.csv")) > 1500

@@ -6,12 +6,16 @@ use std::path::Path;
 
 /// Largest size of a text that people write, bytes.
 const TEXT: u64 = 8 << 20;
-/// Largest size of a log, a block of a campaign or a board's flash, bytes.
-const DATA: u64 = 8 << 30;
+/// Largest size of a log, bytes.
+pub const LOG: u64 = 8 << 30;
+/// Largest size of an image of a board, of its flash or of a block of a campaign, bytes.
+pub const DATA: u64 = 256 << 20;
+/// Largest size of a file of waypoints, bytes.
+pub const WAYPOINTS: u64 = 32 << 20;
 
-/// Content of a file.
-pub fn bytes(path: &Path) -> io::Result<Vec<u8>> {
-    read(path, DATA)
+/// Content of a file of at most `limit` bytes.
+pub fn bytes(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
+    read(path, limit)
 }
 
 /// Content of a file in UTF-8, without a byte-order mark.
@@ -27,9 +31,15 @@ pub fn text(path: &Path) -> io::Result<String> {
 
 fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     let refuse = |what: String| Err(io::Error::new(ErrorKind::InvalidInput, what));
+    let too_large =
+        |size: u64| refuse(format!("{}: must be at most {}", shown(size), shown(limit)));
     // Asked before it is opened: a pipe opens only when somebody writes to it.
-    if !fs::metadata(path)?.is_file() {
+    let data = fs::metadata(path)?;
+    if !data.is_file() {
         return refuse("must be a regular file".to_owned());
+    }
+    if data.len() > limit {
+        return too_large(data.len());
     }
     let mut content = Vec::new();
     // A file of /proc has no size, and others may grow.
@@ -37,8 +47,17 @@ fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
         .take(limit + 1)
         .read_to_end(&mut content)?;
     match content.len() as u64 > limit {
-        true => refuse(format!("larger than {limit} bytes")),
+        true => too_large(limit + 1),
         false => Ok(content),
+    }
+}
+
+/// A size in words.
+fn shown(bytes: u64) -> String {
+    const MIB: u64 = 1 << 20;
+    match bytes {
+        ..MIB => format!("{bytes} bytes"),
+        _ => format!("{:.1} MiB", bytes as f64 / MIB as f64),
     }
 }
 
@@ -51,14 +70,19 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("text");
         let said = |read: io::Result<Vec<u8>>| read.unwrap_err().to_string();
-        assert_eq!(bytes(&path).unwrap_err().kind(), ErrorKind::NotFound);
+        assert_eq!(bytes(&path, DATA).unwrap_err().kind(), ErrorKind::NotFound);
         for other in [folder.path(), Path::new("/dev/zero")] {
-            assert_eq!(said(bytes(other)), "must be a regular file");
+            assert_eq!(said(bytes(other, DATA)), "must be a regular file");
         }
         fs::write(&path, "\u{feff}1234").unwrap();
         assert_eq!(text(&path).unwrap(), "1234");
         assert_eq!(read(&path, 7).unwrap().len(), 7);
-        assert_eq!(said(read(&path, 6)), "larger than 6 bytes");
+        assert_eq!(said(read(&path, 6)), "7 bytes: must be at most 6 bytes");
+        // A sparse file: its size alone is read.
+        let large = fs::File::create(folder.path().join("large")).unwrap();
+        large.set_len(3 << 30).unwrap();
+        let refused = said(bytes(&folder.path().join("large"), WAYPOINTS));
+        assert_eq!(refused, "3072.0 MiB: must be at most 32.0 MiB");
         fs::write(&path, b"ab\xff").unwrap();
         let error = text(&path).unwrap_err().to_string();
         assert_eq!(error, "not UTF-8 from byte 2 on");

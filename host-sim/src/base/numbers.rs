@@ -1,5 +1,6 @@
 //! Numbers on the command line, refused with what is allowed.
 
+use std::f64::consts::TAU;
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
@@ -29,6 +30,40 @@ pub fn number(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Reads an angle, rad: a number, or one in degrees that ends in `deg` or `°`.
+pub fn angle(text: &str) -> Result<f64, String> {
+    let degrees = text.strip_suffix("deg").or_else(|| text.strip_suffix('°'));
+    let (text, unit, scale) = match degrees {
+        Some(text) => (text.trim_end(), "°", 1.0_f64.to_radians()),
+        None => (text, "rad", 1.0),
+    };
+    let most = TAU / scale;
+    match text.parse::<f64>() {
+        Ok(value) if value.abs() <= most * (1.0 + f64::EPSILON) => Ok(match degrees {
+            Some(_) => value.to_radians(),
+            None => value,
+        }),
+        _ => Err(format!(
+            "must be a number from -{most:.5} to {most:.5} {unit} (degrees end in deg: 90deg)"
+        )),
+    }
+}
+
+/// Reads a posture from its three words: m, m, and an angle as [`angle`] reads it; `most` bounds the coordinates.
+pub fn posture([x, y, phi]: [&str; 3], most: f64) -> Result<[f64; 3], String> {
+    let coordinate = |name: &str, text: &str| match text.parse::<f64>() {
+        Ok(value) if value.abs() <= most => Ok(value),
+        _ => Err(format!(
+            "{name} = {text}: must be a number from -{most} to {most} m"
+        )),
+    };
+    Ok([
+        coordinate("X", x)?,
+        coordinate("Y", y)?,
+        angle(phi).map_err(|error| format!("PHI = {phi}: {error}"))?,
+    ])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -44,6 +79,28 @@ mod tests {
         assert_eq!(number("-0.25"), Ok(-0.25));
         for bad in ["20cm", "nan", "inf", "1,5", ""] {
             assert!(number(bad).unwrap_err().contains("plain number"), "{bad}");
+        }
+    }
+
+    #[test]
+    fn angle_is_in_radians_or_degrees() {
+        assert_eq!(angle("-0.5"), Ok(-0.5));
+        for degrees in ["90deg", "90 deg", "90°", "+9e1°"] {
+            let found = angle(degrees).unwrap();
+            assert!((found - TAU / 4.0).abs() < 1e-15, "{degrees}");
+        }
+        assert!(angle("360deg").is_ok() && angle("-360deg").is_ok());
+        for bad in [
+            "7",
+            "361deg",
+            "90degrees",
+            "deg",
+            "nan",
+            "inf°",
+            "",
+            "90 rad",
+        ] {
+            assert!(angle(bad).unwrap_err().contains("90deg"), "{bad}");
         }
     }
 }

@@ -10,11 +10,13 @@ pub mod dbc;
 pub mod doctor;
 mod doctor_boards;
 pub mod eval;
+mod outputs;
 pub mod parameters;
 pub mod serial;
 pub mod topics;
 pub mod world;
 
+use crate::base::error::Error;
 use crate::experiments::calibrate::command::CalibrateArgs;
 use crate::experiments::campaign::command::CampaignArgs;
 use crate::experiments::consistency::ConsistencyArgs;
@@ -52,16 +54,34 @@ pub struct Cli {
 }
 
 impl Cli {
-    /// The command line of this process; the process ends if it is wrong or asks for help.
-    pub fn read() -> Self {
-        // The parser of arguments takes -.4 for an option.
-        let whole = |word: OsString| match word.to_str().and_then(|text| text.strip_prefix("-.")) {
-            Some(digits) => format!("-0.{digits}").into(),
-            None => word,
-        };
-        let words = std::env::args_os().map(whole);
-        let cli = Self::from_arg_matches(&command().get_matches_from(words));
-        cli.unwrap_or_else(|error| error.exit())
+    /// The command line of this process; the process ends if it is malformed or asks for help. An error names an
+    /// output that cannot be written.
+    pub fn read() -> Result<Self, Error> {
+        let home = std::env::var("HOME").ok().filter(|home| !home.is_empty());
+        let words = std::env::args_os().map(|word| plain(word, home.as_deref()));
+        let matches = command().get_matches_from(words);
+        outputs::check(&matches)?;
+        Ok(Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit()))
+    }
+}
+
+/// A word as the parser of arguments needs it: it takes -.4 for an option, and shells leave ~ in --out=~/x.
+fn plain(word: OsString, home: Option<&str>) -> OsString {
+    let Some(text) = word.to_str() else {
+        return word;
+    };
+    if let Some(digits) = text.strip_prefix("-.") {
+        return format!("-0.{digits}").into();
+    }
+    let (option, value) = match text.split_once('=') {
+        Some((option, value)) if option.starts_with("--") => (&text[..=option.len()], value),
+        _ => ("", text),
+    };
+    match (value.strip_prefix('~'), home) {
+        (Some(rest), Some(home)) if rest.is_empty() || rest.starts_with('/') => {
+            format!("{option}{home}{rest}").into()
+        }
+        _ => word,
     }
 }
 
@@ -134,6 +154,25 @@ mod tests {
     #[test]
     fn command_line_is_well_formed() {
         command().debug_assert();
+    }
+
+    #[test]
+    fn words_are_read_as_a_shell_would_write_them() {
+        let read = |word: &str| plain(word.into(), Some("/home/me")).into_string().unwrap();
+        for (word, read_as) in [
+            ("~/x", "/home/me/x"),
+            ("--out=~/x", "/home/me/x"),
+            ("--out=~", "/home/me"),
+            ("~", "/home/me"),
+        ] {
+            assert!(read(word).ends_with(read_as), "{word}");
+        }
+        assert_eq!(read("--out=~/x"), "--out=/home/me/x");
+        assert_eq!(read("-.4"), "-0.4");
+        for word in ["./~", "~you/x", "a~/x", "--set=k=~/x", "posture"] {
+            assert_eq!(read(word), word);
+        }
+        assert_eq!(plain("~/x".into(), None), "~/x");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Arguments that several experiments take.
 
 use crate::base::error::Error;
-use crate::base::numbers::{number, whole};
+use crate::base::numbers::{number, posture, whole};
 use crate::base::{spelling, toml_file};
 use crate::experiments::result::JsonArgs;
 use crate::scenario::Scenario;
@@ -289,24 +289,7 @@ pub fn parse_posture(text: &str) -> Result<[f64; 3], String> {
             parts.len()
         ));
     };
-    let number = |name: &str, text: &str, limit: f64, unit: &str| match text.parse::<f64>() {
-        Ok(value) if value.abs() <= limit => Ok(value),
-        _ => Err(format!(
-            "--from: {name} = {text}: must be a number from -{limit:.5} to {limit:.5} {unit}, for \
-             example --from -1.5,0.2,90deg"
-        )),
-    };
-    let degrees = phi.strip_suffix("deg").or_else(|| phi.strip_suffix('°'));
-    let phi = match degrees {
-        Some(text) => number("PHI", text.trim(), 360.0, "degrees")?.to_radians(),
-        None => number(
-            "PHI",
-            phi,
-            std::f64::consts::TAU,
-            "rad (degrees end in deg)",
-        )?,
-    };
-    Ok([number("X", x, 50.0, "m")?, number("Y", y, 50.0, "m")?, phi])
+    posture([x, y, phi], 50.0).map_err(|error| format!("--from: {error}"))
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ use crate::run::script::{self, Line, Step};
 use crate::scenario::effect::{Taken, Use};
 use crate::view::dashboard::terminal::Terminal;
 use clap::Args;
+use std::fmt::Display;
 use std::path::PathBuf;
 
 /// Arguments of `drive`.
@@ -98,13 +99,16 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
 
 /// Steps of the script or the command line.
 fn lines_of(args: &DriveArgs, context: &Context) -> Result<Vec<Line>, Error> {
-    let text = match &args.script {
-        Some(file) => input::text(file)
-            .map_err(|error| Error::input(format!("--script {}: {error}", file.display())))?,
-        None => args.step.join(" "),
-    };
-    script::parse(&text, &context.scenario).map_err(|error| match &args.script {
-        Some(file) => Error::input(format!("--script {}: {error}", file.display())),
-        None => error,
-    })
+    let scenario = &context.scenario;
+    match (&args.script, args.step.as_slice()) {
+        (Some(file), _) => {
+            let named =
+                |error: &dyn Display| Error::input(format!("--script {}: {error}", file.display()));
+            let text = input::text(file).map_err(|error| named(&error))?;
+            script::parse(&text, scenario).map_err(|error| named(&error))
+        }
+        // A step in quotes.
+        (None, [line]) => script::parse(line, scenario),
+        (None, words) => Ok(vec![script::parse_words(words, 1, scenario)?]),
+    }
 }

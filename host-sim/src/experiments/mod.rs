@@ -31,8 +31,8 @@ use crate::base::progress::Progress;
 use crate::base::terminal::wrapped;
 use crate::experiments::arguments::Common;
 use crate::experiments::result::{JsonArgs, Provenance};
-use crate::scenario::Scenario;
 use crate::scenario::effect::{GivenKeys, Run, Taken};
+use crate::scenario::{Scenario, belief};
 use crate::world::body::Body;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -68,6 +68,9 @@ impl Context {
     pub fn new(common: &Common, name: &str) -> Result<Self, Error> {
         let scenario = common.scenario.load()?;
         let given = common.scenario.given()?;
+        for notice in belief::notices(&scenario) {
+            eprintln!("cfmmr: {notice}");
+        }
         let pool = pool(common.threads)?;
         let default = || PathBuf::from("out").join(name);
         let out = common.out.clone().unwrap_or_else(default);

@@ -79,7 +79,7 @@ pub struct Report {
 /// Runs the command.
 pub fn run(args: &ReplayArgs) -> Result<(), Error> {
     let name = args.log.display().to_string();
-    let bytes = input::bytes(&args.log).map_err(|error| {
+    let bytes = input::bytes(&args.log, input::LOG).map_err(|error| {
         Error::input(format!(
             "{name}: {error}: must be a log that `cfmmr posture --log FILE` wrote"
         ))

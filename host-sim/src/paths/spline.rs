@@ -42,8 +42,9 @@ pub fn waypoints(csv: &[u8]) -> Result<Vec<Waypoint>, PathError> {
             .collect();
         let &[x, y] = fields.as_slice() else {
             return Err(refuse(format!(
-                "{} field(s): must be 2, x and y",
-                fields.len()
+                "{} field(s): must be 2, x and y{}",
+                fields.len(),
+                separator(row)
             )));
         };
         let header = [x, y].map(str::to_ascii_lowercase);
@@ -53,7 +54,10 @@ pub fn waypoints(csv: &[u8]) -> Result<Vec<Waypoint>, PathError> {
         let number = |name: &str, text: &str| {
             text.parse::<f64>().map_err(|_| {
                 let shown: String = text.chars().take(40).collect();
-                refuse(format!("{name} = {shown:?}: must be a number"))
+                refuse(format!(
+                    "{name} = {shown:?}: must be a number{}",
+                    separator(row)
+                ))
             })
         };
         waypoints.push(Waypoint {
@@ -63,6 +67,25 @@ pub fn waypoints(csv: &[u8]) -> Result<Vec<Waypoint>, PathError> {
         });
     }
     Ok(waypoints)
+}
+
+/// The advice on a row with a separator other than the comma.
+fn separator(row: &str) -> &'static str {
+    let decimal_comma = row.contains(',');
+    match row {
+        _ if row.contains(';') && decimal_comma => {
+            "; found the separator ; and the decimal comma: write 0.5,1.25"
+        }
+        _ if row.contains(';') => "; found the separator ;: must be a comma",
+        _ if row.contains('\t') && decimal_comma => {
+            "; found the separator tab and the decimal comma: write 0.5,1.25"
+        }
+        _ if row.contains('\t') => "; found the separator tab: must be a comma",
+        _ if row.split_whitespace().count() == 2 && !decimal_comma => {
+            "; found the separator space: must be a comma"
+        }
+        _ => "",
+    }
 }
 
 impl Path {

@@ -158,6 +158,20 @@ fn bad_waypoints_are_named() {
         csv("0,0\n\n1,1,1\n"),
         "line 3: 3 field(s): must be 2, x and y"
     );
+    for (row, found) in [
+        ("1;2", "separator ;: must be a comma"),
+        ("1,5;2,5", "separator ; and the decimal comma"),
+        ("0,5;1", "separator ; and the decimal comma"),
+        ("1\t2", "separator tab: must be a comma"),
+        ("1,5\t2", "separator tab and the decimal comma"),
+        ("1 2", "separator space: must be a comma"),
+    ] {
+        let refused = csv(&format!("x,y\n0,0\n{row}\n"));
+        assert!(
+            refused.starts_with("line 3: ") && refused.contains(found),
+            "{refused}"
+        );
+    }
     assert!(csv("0,0\n1,NaN\n").starts_with("line 2, waypoint 2: y = NaN: must be"));
     assert!(csv("0,0\ninf,1\n").starts_with("line 2, waypoint 2: x = inf"));
     assert!(csv("0,0\n1,1\n1,1\n2,2\n").starts_with("line 3, waypoint 3: repeats waypoint 2"));

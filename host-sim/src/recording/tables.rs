@@ -120,9 +120,14 @@ impl Tables {
         self.bus.row::<Cell>([
             time,
             role.name().into(),
-            Cell::Text(format!("{:03x}", frame.id)),
+            Cell::Text(format!("{:#05x}", frame.id)),
             name.into(),
-            Cell::Text(data.map(|byte| format!("{byte:02x}")).collect()),
+            match frame.length {
+                0 => Cell::Empty,
+                _ => {
+                    Cell::Text(data.fold("0x".to_owned(), |text, byte| format!("{text}{byte:02x}")))
+                }
+            },
         ]);
     }
 

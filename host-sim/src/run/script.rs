@@ -3,7 +3,7 @@
 //! [`parse`] reads a script and refuses all of it if one line is wrong; [`carry_out`] has a robot take its steps.
 
 use crate::base::error::Error;
-use crate::base::spelling;
+use crate::base::{numbers, spelling};
 use crate::paths::{self, MAX_COORDINATE_M, Path, PathError};
 use crate::run::drive::{Errand, Progress, drive};
 use crate::run::end::{Cause, EndKind, RunEnd};
@@ -131,22 +131,30 @@ pub fn parse(text: &str, scenario: &Scenario) -> Result<Vec<Line>, Error> {
     // Some editors begin a file with a byte order mark.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     for (index, line) in text.lines().enumerate() {
-        let text = line.split('#').next().unwrap_or_default().trim();
-        if text.is_empty() {
-            continue;
-        }
         let number = index + 1;
-        let named = |error: Error| Error::input(format!("line {number}: {text}: {error}"));
-        lines.push(Line {
-            number,
-            text: text.to_owned(),
-            step: step(text, scenario).map_err(named)?,
-        });
+        let words = shlex::split(line.trim()).ok_or_else(|| {
+            let line = line.trim();
+            Error::input(format!(
+                "line {number}: {line}: a quotation mark has no partner"
+            ))
+        })?;
+        if !words.is_empty() {
+            lines.push(parse_words(&words, number, scenario)?);
+        }
     }
     match lines.is_empty() {
         true => Err(Error::input("the script has no step")),
         false => Ok(lines),
     }
+}
+
+/// The step in these words, as a line with this number. An error names the line.
+pub fn parse_words(words: &[String], number: usize, scenario: &Scenario) -> Result<Line, Error> {
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    let text = shlex::try_join(words.iter().copied()).unwrap_or_else(|_| words.join(" "));
+    let step = step(&words, scenario)
+        .map_err(|error| Error::input(format!("line {number}: {text}: {error}")))?;
+    Ok(Line { number, text, step })
 }
 
 /// Refuses a path that begins too far from where the steps before leave the robot, as far as that is known. `at` is the
@@ -196,10 +204,8 @@ fn route(
     Ok(Some(route))
 }
 
-fn step(text: &str, scenario: &Scenario) -> Result<Step, Error> {
-    let mut words = text.split_whitespace();
-    let name = words.next().unwrap_or_default();
-    let words: Vec<&str> = words.collect();
+fn step(words: &[&str], scenario: &Scenario) -> Result<Step, Error> {
+    let (&name, words) = words.split_first().unwrap_or((&"", &[]));
     let Some((_, usage)) = STEPS.iter().find(|(known, _)| *known == name) else {
         let hint = spelling::hint(name, STEPS.map(|(name, _)| name));
         let known = STEPS.map(|(name, _)| name).join(", ");
@@ -215,22 +221,17 @@ fn step(text: &str, scenario: &Scenario) -> Result<Step, Error> {
             ))),
         }
     };
-    let posture = || {
-        const TURN: f64 = std::f64::consts::TAU;
-        const FAR: f64 = MAX_COORDINATE_M;
-        Ok::<_, Error>([
-            number(0, "X (m)", -FAR, FAR)?,
-            number(1, "Y (m)", -FAR, FAR)?,
-            number(2, "PHI (rad)", -TURN, TURN)?,
-        ])
+    let posture = || match *words {
+        [x, y, phi] => numbers::posture([x, y, phi], MAX_COORDINATE_M).map_err(Error::Input),
+        _ => Err(count()),
     };
     let exactly = |expected: usize| match words.len() == expected {
         true => Ok(()),
         false => Err(count()),
     };
     match name {
-        "goto" => exactly(3).and_then(|()| posture()).map(Step::Goto),
-        "pose" => exactly(3).and_then(|()| posture()).map(Step::Pose),
+        "goto" => posture().map(Step::Goto),
+        "pose" => posture().map(Step::Pose),
         "wait" => exactly(1)
             .and_then(|()| number(0, "SECONDS", 0.0, LONGEST_S))
             .map(Step::Wait),
@@ -247,7 +248,12 @@ fn step(text: &str, scenario: &Scenario) -> Result<Step, Error> {
             if words.is_empty() || words.len() > 3 {
                 return Err(count());
             }
-            let size = (words.len() > 1).then(|| number(1, "SIZE (m)", 0.0, f64::MAX));
+            let size = words.get(1).map(|text| {
+                let read = numbers::number(text);
+                read.map_err(|_| {
+                    Error::input(format!("SIZE (m) = {text}: must be a number above 0"))
+                })
+            });
             let laps = (words.len() > 2).then(|| number(2, "LAPS", 1.0, 10_000.0));
             let laps = laps.transpose()?.unwrap_or(1.0);
             let path = paths::named(words[0], ("SIZE", size.transpose()?))?;
@@ -538,8 +544,14 @@ mod tests {
             ),
             ("gotto 1 2 3", "did you mean goto?"),
             ("goto 1 2", "line 1: goto 1 2: must be: goto X Y PHI"),
-            ("goto 1 x 2", "Y (m) = x: must be a number from -1000"),
-            ("goto 1 2 inf", "PHI (rad) = inf"),
+            ("goto 1 x 2", "Y = x: must be a number from -1000 to 1000 m"),
+            ("goto 1 2 inf", "PHI = inf: must be a number from"),
+            ("goto 1 2 400deg", "from -360.00000 to 360.00000 °"),
+            (
+                "follow line sp.csv",
+                "SIZE (m) = sp.csv: must be a number above 0",
+            ),
+            ("follow \"a b.csv", "a quotation mark has no partner"),
             ("speed 9 0 1", "V (m/s) = 9: must be a number from -"),
             (
                 "speed 0.1 50 1",
@@ -555,6 +567,30 @@ mod tests {
             let error = error(text);
             assert!(error.contains(expected), "{text}: {error}");
         }
+    }
+
+    #[test]
+    fn words_stay_whole_in_scripts_and_on_the_command_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("sp ace #1.csv");
+        std::fs::write(&file, "0,0\n1,0\n2,0.1\n").unwrap();
+        let file = file.display().to_string();
+        let scenario = Scenario::default();
+        let quoted = parse(&format!("follow \"{file}\" # comment"), &scenario).unwrap();
+        let words = ["follow".to_owned(), file];
+        let line = parse_words(&words, 1, &scenario).unwrap();
+        assert_eq!(quoted, [line.clone()]);
+        // The text of a line is a script that says the same.
+        assert_eq!(parse(&line.text, &scenario).unwrap(), [line]);
+        let turn = |text: &str| parse(text, &scenario).unwrap().remove(0).step;
+        assert_eq!(
+            turn("goto 1 2 180deg"),
+            Step::Goto([1.0, 2.0, std::f64::consts::PI])
+        );
+        assert_eq!(
+            turn("pose 1 2 -90°"),
+            Step::Pose([1.0, 2.0, -std::f64::consts::FRAC_PI_2])
+        );
     }
 
     /// Each step leaves the simulated robot where the step says, by the truth of the plant.

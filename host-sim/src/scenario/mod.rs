@@ -1,5 +1,6 @@
 //! A scenario: everything an experiment depends on, apart from the seed.
 
+pub mod belief;
 pub mod board_parameters;
 pub mod effect;
 

@@ -1,0 +1,170 @@
+//! Constants that stand in a scenario twice: the true one of the world, and the one that the robot believes.
+
+use crate::scenario::Scenario;
+
+/// A constant of the world and the parameter of the boards that states the same quantity.
+pub struct Pair {
+    /// Key of the true value.
+    pub truth: &'static str,
+    /// Key of the believed value.
+    pub belief: &'static str,
+    values: fn(&Scenario) -> (Vec<f64>, Vec<f64>),
+}
+
+/// Declares pairs: keys, true values, believed values.
+macro_rules! pairs {
+    ($($truth:literal, $belief:literal: |$scenario:ident| $true_values:expr, $believed:expr;)*) => {
+        &[$(Pair {
+            truth: $truth,
+            belief: $belief,
+            values: |$scenario| ($true_values, $believed.into_iter().map(f64::from).collect()),
+        }),*]
+    };
+}
+
+/// All pairs.
+pub const PAIRS: &[Pair] = pairs! {
+    "plant.strip_length_m", "robot.geometry.frame_length_m":
+        |it| vec![it.world.plant.strip_length_m], [it.robot.geometry.frame_length_m];
+    "plant.bending_stiffness_n_m2", "robot.geometry.bending_stiffness_n_m2":
+        |it| vec![it.world.plant.bending_stiffness_n_m2], [it.robot.geometry.bending_stiffness_n_m2];
+    "plant.rigid_root_m", "robot.geometry.rigid_end_m":
+        |it| vec![it.world.plant.rigid_root_m], [it.robot.geometry.rigid_end_m];
+    "plant.rigid_tip_m", "robot.geometry.rigid_end_m":
+        |it| vec![it.world.plant.rigid_tip_m], [it.robot.geometry.rigid_end_m];
+    "plant.half_track_m", "robot.geometry.half_track_m":
+        |it| it.world.plant.half_track_m.to_vec(), [it.robot.geometry.half_track_m];
+    "plant.wheel_radius_m", "robot.geometry.wheel_radius_m":
+        |it| it.world.plant.wheel_radius_m.as_flattened().to_vec(), [it.robot.geometry.wheel_radius_m];
+    "plant.mass_kg", "robot.axle.controller.mass_kg":
+        |it| it.world.plant.mass_kg.to_vec(), [it.robot.axle.controller.mass_kg];
+    "plant.yaw_inertia_kg_m2", "robot.axle.controller.yaw_inertia_kg_m2":
+        |it| it.world.plant.yaw_inertia_kg_m2.to_vec(), [it.robot.axle.controller.yaw_inertia_kg_m2];
+    "plant.wheel_inertia_kg_m2", "robot.axle.controller.wheel_inertia_kg_m2":
+        |it| vec![it.world.plant.wheel_inertia_kg_m2], [it.robot.axle.controller.wheel_inertia_kg_m2];
+    "sensors.encoder.counts_per_revolution", "robot.geometry.encoder_counts_per_revolution":
+        |it| vec![f64::from(it.world.sensors.encoder.counts_per_revolution)],
+        [it.robot.geometry.encoder_counts_per_revolution];
+    "sensors.bridge.half_thickness_m", "robot.geometry.half_thickness_m":
+        |it| vec![it.world.sensors.bridge.half_thickness_m], [it.robot.geometry.half_thickness_m];
+    "sensors.bridge.gauges_m", "robot.beam.strip.gauges_m":
+        |it| it.world.sensors.bridge.gauges_m.to_vec(), it.robot.beam.strip.gauges_m.iter();
+};
+
+/// Relative difference from which on two values count as different: single precision keeps seven digits.
+const SAME: f64 = 1e-6;
+
+impl Pair {
+    /// Notice that the robot believes another value than the true one; a single value stands for the mean of a list.
+    fn notice(&self, scenario: &Scenario) -> Option<String> {
+        let (truth, belief) = (self.values)(scenario);
+        let is_same = |a: &f64, b: &f64| (a - b).abs() <= SAME * a.abs().max(b.abs());
+        let agree = match belief.as_slice() {
+            [one] => is_same(&(truth.iter().sum::<f64>() / truth.len() as f64), one),
+            list => truth.len() == list.len() && truth.iter().zip(list).all(|(a, b)| is_same(a, b)),
+        };
+        let shown = |values: &[f64]| match values {
+            [one] => (*one as f32).to_string(),
+            list => format!(
+                "{:?}",
+                list.iter().map(|value| *value as f32).collect::<Vec<_>>()
+            ),
+        };
+        (!agree).then(|| {
+            format!(
+                "{} = {} is true, {} = {} is what the robot believes: set both, unless the robot is to be wrong",
+                self.truth,
+                shown(&truth),
+                self.belief,
+                shown(&belief)
+            )
+        })
+    }
+}
+
+/// A notice for each quantity of which the robot believes another value than the true one.
+pub fn notices(scenario: &Scenario) -> Vec<String> {
+    let used = |pair: &&Pair| scenario.mission.rps || !pair.truth.starts_with("sensors.bridge");
+    let pairs = PAIRS.iter().filter(used);
+    pairs.filter_map(|pair| pair.notice(scenario)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::NAMES;
+
+    #[test]
+    fn robots_of_built_in_worlds_believe_the_true_means() {
+        for name in NAMES {
+            let scenario = Scenario::in_world(Some(name)).unwrap();
+            assert_eq!(notices(&scenario), Vec::<String>::new(), "{name}");
+        }
+    }
+
+    #[test]
+    fn changing_one_key_of_a_pair_is_noticed_and_changing_both_is_not() {
+        for pair in PAIRS {
+            let mut scenario = Scenario::in_world(None).unwrap();
+            let table = toml::Table::try_from(&scenario).unwrap();
+            let at = |key: &str| {
+                let mut parts = key.split('.');
+                let first = &table[parts.next().unwrap()];
+                parts.fold(first, |value, part| &value[part]).clone()
+            };
+            // Places towards the middle of the strip.
+            fn inwards(value: &toml::Value) -> toml::Value {
+                match value {
+                    toml::Value::Float(value) => toml::Value::Float(value * 0.9 + 0.01),
+                    toml::Value::Array(list) => {
+                        toml::Value::Array(list.iter().map(inwards).collect())
+                    }
+                    other => other.clone(),
+                }
+            }
+            fn moved(value: &toml::Value) -> toml::Value {
+                match value {
+                    toml::Value::Float(0.0) => toml::Value::Float(0.005),
+                    toml::Value::Float(value) => toml::Value::Float(value * 1.1),
+                    toml::Value::Integer(value) => toml::Value::Integer(value / 2),
+                    toml::Value::Array(list) => {
+                        toml::Value::Array(list.iter().map(moved).collect())
+                    }
+                    other => other.clone(),
+                }
+            }
+            let change = if pair.truth.ends_with("gauges_m") {
+                inwards
+            } else {
+                moved
+            };
+            let truth = format!("{}={}", pair.truth, change(&at(pair.truth)));
+            let belief = format!("{}={}", pair.belief, change(&at(pair.belief)));
+            let with = |changes: &[String]| Scenario::parse(None, "", "test", changes);
+            scenario = with(std::slice::from_ref(&truth)).unwrap();
+            let found = notices(&scenario);
+            assert!(
+                found
+                    .iter()
+                    .any(|text| text.contains(pair.truth) && text.contains(pair.belief)),
+                "{found:?}"
+            );
+            scenario = with(&[truth, belief]).unwrap();
+            let both = notices(&scenario);
+            assert!(
+                both.iter().all(|text| !text.contains(pair.truth)),
+                "{both:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn page_of_worlds_lists_each_pair() {
+        let page = include_str!("../../../docs/worlds.md");
+        for pair in PAIRS {
+            for key in [pair.truth, pair.belief] {
+                assert!(page.contains(&format!("`{key}`")), "{key}");
+            }
+        }
+    }
+}
