@@ -45,7 +45,7 @@ const RESULTS: &[&str] = &[
 ];
 
 /// Commands whose `--out` names a file.
-const WITH_OUTPUT_FILE: [&str; 3] = ["dbc", "params", "calibrate"];
+const WITH_OUTPUT_FILE: [&str; 4] = ["dbc", "params", "calibrate", "replay"];
 
 /// A named file or folder.
 struct Named {

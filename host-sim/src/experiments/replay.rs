@@ -1,13 +1,14 @@
 //! `cfmmr replay`: a log through the nodes again, as it was or with other parameters.
 
 use crate::base::error::Error;
-use crate::base::input;
 use crate::base::statistics::NIS_EXPECTED;
 use crate::base::table::Table;
 use crate::base::toml_file;
+use crate::base::{input, output};
 use crate::experiments::result::{JsonArgs, Provenance};
 use crate::recording::BUILD;
 use crate::recording::read::{self, Event};
+use crate::recording::recover;
 use crate::recording::replay::{self, Divergence, Quality};
 use crate::scenario::Scenario;
 use crate::scenario::effect::{self, Use};
@@ -15,7 +16,8 @@ use clap::Args;
 use core_algos::node::robot::RobotConfig;
 use core_algos::topology::Role;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
 use toml::{Table as Toml, Value};
 
 /// Arguments of `replay`.
@@ -23,6 +25,12 @@ use toml::{Table as Toml, Value};
 pub struct ReplayArgs {
     /// Log that `--log` wrote
     pub log: PathBuf,
+    /// Write the whole records of a truncated or damaged log to a new log beside it, and replay that
+    #[arg(long)]
+    pub recover: bool,
+    /// File for the recovered log [default: LOG with the ending .recovered.mcap]
+    #[arg(long, value_name = "FILE", requires = "recover")]
+    pub out: Option<PathBuf>,
     /// Estimate again with the parameters in this file (table `[robot]` of a scenario)
     #[arg(long, value_name = "FILE")]
     pub with: Option<PathBuf>,
@@ -84,7 +92,20 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
             "{name}: {error}: must be a log that `cfmmr posture --log FILE` wrote"
         ))
     })?;
-    let recording = read::read(&bytes, &name)?;
+    let mut bytes = bytes;
+    if args.recover {
+        let to = args
+            .out
+            .clone()
+            .unwrap_or_else(|| recovered_name(&args.log));
+        bytes = recover(&bytes, &name, &to)?;
+    }
+    let recording = read::read(&bytes, &name).map_err(|error| match args.recover {
+        false => Error::input(format!(
+            "{error}; `cfmmr replay --recover {name}` writes what is whole"
+        )),
+        true => error,
+    })?;
     let scenario = recording.about.get("scenario").map(String::as_str);
     let scenario: Scenario = toml_file::parse(scenario.unwrap_or_default(), &name, &[])?;
     if !scenario.world.bus.quantise {
@@ -155,6 +176,42 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
         Some(_) => Err(Error::Failure("not identical".to_owned())),
         None => Ok(()),
     }
+}
+
+/// Name of a recovered log: that of the log, without what the program appends while it writes.
+fn recovered_name(log: &Path) -> PathBuf {
+    let name = log.file_name().unwrap_or_default().to_string_lossy();
+    let unfinished = name
+        .strip_prefix('.')
+        .and_then(|name| name.strip_suffix(".partial"));
+    let whole = unfinished.and_then(|name| Some(name.rsplit_once('.')?.0));
+    let whole = whole.unwrap_or(&name);
+    let stem = whole.strip_suffix(".mcap").unwrap_or(whole);
+    log.with_file_name(format!("{stem}.recovered.mcap"))
+}
+
+/// Writes what is whole of a log into a new one, says so, and gives the new one.
+fn recover(bytes: &[u8], name: &str, to: &Path) -> Result<Vec<u8>, Error> {
+    let mut file = output::temporary_beside(to)?;
+    let found = recover::recover(bytes, BufWriter::new(file.as_file_mut()))
+        .map_err(|why| Error::input(format!("{name}: {why}")))?;
+    let written = input::bytes(file.path(), input::LOG)?;
+    file.persist(to)
+        .map_err(|error| Error::Failure(format!("{}: {}", to.display(), error.error)))?;
+    eprintln!(
+        "wrote {}: {} messages up to {:.3} s",
+        to.display(),
+        found.messages,
+        found.last_ns as f64 * 1e-9
+    );
+    const MOST: usize = 10;
+    for what in found.missing.iter().take(MOST) {
+        eprintln!("missing: {what}");
+    }
+    if let Some(more @ 1..) = found.missing.len().checked_sub(MOST) {
+        eprintln!("missing: {more} more");
+    }
+    Ok(written)
 }
 
 /// The part of a scenario that replay can change: `robot`.

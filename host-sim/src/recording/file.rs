@@ -136,19 +136,22 @@ impl Mcap {
     pub fn new(sink: Sink, about: &About) -> Result<Self, Error> {
         let scenario = about.scenario.to_toml()?;
         let sum = |text: &str| format!("{:08x}", crc32c(text.as_bytes()));
+        let described = vec![
+            ("format", FORMAT.to_owned()),
+            ("build", BUILD.to_owned()),
+            ("version", env!("CARGO_PKG_VERSION").to_owned()),
+            ("command", about.command.to_owned()),
+            ("seed", about.seed.to_string()),
+            ("trial", about.trial.to_string()),
+            ("world", about.scenario.world.label()),
+            ("scenario_hash", sum(&scenario)),
+            ("scenario", scenario),
+            ("messages_hash", sum(&dbc::description())),
+        ];
+        // At the start, so that a log that is cut off can be replayed.
+        sink.metadata(ABOUT, &described);
         Ok(Self {
-            about: vec![
-                ("format", FORMAT.to_owned()),
-                ("build", BUILD.to_owned()),
-                ("version", env!("CARGO_PKG_VERSION").to_owned()),
-                ("command", about.command.to_owned()),
-                ("seed", about.seed.to_string()),
-                ("trial", about.trial.to_string()),
-                ("world", about.scenario.world.label()),
-                ("scenario_hash", sum(&scenario)),
-                ("scenario", scenario),
-                ("messages_hash", sum(&dbc::description())),
-            ],
+            about: described,
             boards: Default::default(),
             body: Body::of(&about.scenario.world.plant),
             transforms: standard_channel(&sink, "/tf"),
@@ -396,6 +399,7 @@ impl Mcap {
 
     /// Metadata of the run, at its end.
     fn metadata(&mut self) {
+        let mut with_boards = false;
         for role in Role::ALL {
             let board = std::mem::take(&mut self.boards[role as usize]);
             let key = match role {
@@ -405,9 +409,13 @@ impl Mcap {
             };
             if !board.is_empty() {
                 self.about.push((key, board));
+                with_boards = true;
             }
         }
-        self.sink.metadata(ABOUT, &self.about);
+        if with_boards {
+            // A reader takes the later record of a name.
+            self.sink.metadata(ABOUT, &self.about);
+        }
         let mut end = self.end.fields();
         end.push(("whole".to_owned(), self.whole.to_string()));
         end.push(("epochs".to_owned(), self.epochs.to_string()));

@@ -5,10 +5,12 @@
 use mcap::MAGIC;
 use mcap::records::op;
 
-/// Records of a part of a file: operation, place of the first byte, content; or what is wrong with the next.
-struct Records<'a> {
-    bytes: &'a [u8],
-    at: usize,
+/// Records of a part of a file: operation, place of the first byte, content; or the fault of the next.
+pub(super) struct Records<'a> {
+    /// The part.
+    pub bytes: &'a [u8],
+    /// Place of the next record.
+    pub at: usize,
 }
 
 impl<'a> Iterator for Records<'a> {
@@ -42,6 +44,13 @@ fn matches(sum: Option<&[u8]>, bytes: Option<&[u8]>, of: &str) -> Result<(), Str
         true => Ok(()),
         false => Err(format!("damaged: the checksum of {of} does not match")),
     }
+}
+
+/// True if the checksum at a place of a record is that of `bytes`; a checksum of 0 is none.
+pub(super) fn checksum_of(record: &[u8], at: usize, bytes: &[u8]) -> bool {
+    let sum = record.get(at..).and_then(|sum| sum.first_chunk());
+    let sum = sum.map(|sum| u32::from_le_bytes(*sum));
+    sum.is_some_and(|sum| sum == 0 || sum == crc32fast::hash(bytes))
 }
 
 /// Refuses a record of another length, which no checksum covers.

@@ -14,6 +14,7 @@ mod file;
 mod intact;
 mod live;
 pub mod read;
+pub mod recover;
 pub mod replay;
 mod schema;
 mod sink;

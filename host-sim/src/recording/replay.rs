@@ -426,7 +426,7 @@ impl Errors {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::recording::{About, LogArgs, Session, read};
     use crate::run::end::RunEnd;
@@ -448,7 +448,10 @@ mod tests {
     }
 
     /// The bytes of a log of so many ticks; the robot drives after the first fifth of a second.
-    fn recorded(ticks: u32, prepare: impl FnOnce(&mut Simulation)) -> Vec<u8> {
+    pub(in crate::recording) fn recorded(
+        ticks: u32,
+        prepare: impl FnOnce(&mut Simulation),
+    ) -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.mcap");
         let scenario = scenario();
