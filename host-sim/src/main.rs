@@ -1,6 +1,7 @@
 //! Command line of `cfmmr`.
 
 use host_sim::base::error::Error;
+use host_sim::base::terminal::note;
 use host_sim::cli::{self, Cli, Command};
 use host_sim::experiments::posture::PostureArgs;
 use host_sim::experiments::{self, whole_robot};
@@ -18,7 +19,7 @@ fn main() -> ExitCode {
     match Cli::read().and_then(run) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("cfmmr: {error}");
+            note(format!("cfmmr: {error}"));
             ExitCode::from(error.exit_code())
         }
     }

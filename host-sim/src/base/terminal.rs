@@ -1,6 +1,7 @@
 //! Text for people: standard output and its width.
 
 use crate::base::error::Error;
+use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
 
 /// Columns of the terminal that standard output is; 80 where it is none.
@@ -12,11 +13,18 @@ pub fn width() -> usize {
     }
 }
 
+/// Prints a line for people to standard error; one that cannot be printed is lost.
+pub fn note(text: impl Display) {
+    let _ = writeln!(io::stderr(), "{text}");
+}
+
 /// Prints to standard output; a reader that has seen enough is no failure.
 pub fn print(text: &str) -> Result<(), Error> {
     let mut out = io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
-        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error.into()),
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Error::Failure(format!(
+            "cannot write to standard output: {error}"
+        ))),
         _ => Ok(()),
     }
 }

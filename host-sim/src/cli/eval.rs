@@ -58,6 +58,8 @@ pub fn run(args: &EvalArgs) -> Result<(), Error> {
         Err(error) if error.kind() == io::ErrorKind::InvalidInput => {
             Err(Error::input(format!("standard input: {error}")))
         }
-        Err(error) => Err(error.into()),
+        Err(error) => Err(Error::Failure(format!(
+            "cannot write to standard output: {error}"
+        ))),
     }
 }

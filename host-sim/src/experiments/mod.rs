@@ -28,7 +28,7 @@ use crate::base::error::Error;
 use crate::base::interrupt::watch_for_interrupt;
 use crate::base::output::{OutputDir, Reserved};
 use crate::base::progress::Progress;
-use crate::base::terminal::wrapped;
+use crate::base::terminal::{note, wrapped};
 use crate::experiments::arguments::Common;
 use crate::experiments::result::{JsonArgs, Provenance};
 use crate::scenario::effect::{GivenKeys, Run, Taken};
@@ -69,7 +69,7 @@ impl Context {
         let scenario = common.scenario.load()?;
         let given = common.scenario.given()?;
         for notice in belief::notices(&scenario) {
-            eprintln!("cfmmr: {notice}");
+            note(format!("cfmmr: {notice}"));
         }
         let pool = pool(common.threads)?;
         let default = || PathBuf::from("out").join(name);
@@ -195,13 +195,14 @@ impl Context {
         for path in recorded {
             text += &format!("wrote {}\n", path.display());
         }
-        self.json.print(&format!("{table}\n{text}"))?;
+        let printed = self.json.print(&format!("{table}\n{text}"));
         match failed {
+            // Nobody may be there to read it.
             _ if self.is_interrupted() => Err(Error::Interrupted(
                 "interrupted: the results are those of what was done".to_owned(),
             )),
             Some(why) => Err(Error::Failure(why)),
-            None => Ok(()),
+            None => printed,
         }
     }
 

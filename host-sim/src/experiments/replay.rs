@@ -3,6 +3,7 @@
 use crate::base::error::Error;
 use crate::base::statistics::NIS_EXPECTED;
 use crate::base::table::Table;
+use crate::base::terminal::note;
 use crate::base::toml_file;
 use crate::base::{input, output};
 use crate::experiments::result::{JsonArgs, Provenance};
@@ -198,18 +199,18 @@ fn recover(bytes: &[u8], name: &str, to: &Path) -> Result<Vec<u8>, Error> {
     let written = input::bytes(file.path(), input::LOG)?;
     file.persist(to)
         .map_err(|error| Error::Failure(format!("{}: {}", to.display(), error.error)))?;
-    eprintln!(
+    note(format!(
         "wrote {}: {} messages up to {:.3} s",
         to.display(),
         found.messages,
         found.last_ns as f64 * 1e-9
-    );
+    ));
     const MOST: usize = 10;
     for what in found.missing.iter().take(MOST) {
-        eprintln!("missing: {what}");
+        note(format!("missing: {what}"));
     }
     if let Some(more @ 1..) = found.missing.len().checked_sub(MOST) {
-        eprintln!("missing: {more} more");
+        note(format!("missing: {more} more"));
     }
     Ok(written)
 }

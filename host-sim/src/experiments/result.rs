@@ -3,7 +3,7 @@
 use crate::base::error::Error;
 use crate::base::output;
 use crate::base::terminal;
-use crate::base::terminal::wrapped;
+use crate::base::terminal::{note, wrapped};
 use crate::recording::BUILD;
 use crate::run::end::RunEnd;
 use crate::scenario::Scenario;
@@ -102,7 +102,7 @@ fn command_line(arguments: impl Iterator<Item = String>) -> String {
 /// Names a goal that is reached without certainty on standard error, with the remedy.
 pub fn warn(end: &RunEnd, what: &str) {
     if let Some(warning) = end.warning() {
-        eprintln!("cfmmr: {what}: {warning}");
+        note(format!("cfmmr: {what}: {warning}"));
     }
 }
 
@@ -143,7 +143,7 @@ impl JsonArgs {
     /// Prints text for people: to standard error if standard output carries the result.
     pub fn print(&self, text: &str) -> Result<(), Error> {
         match self.is_standard_output() {
-            true => eprint!("{text}"),
+            true => note(text.trim_end()),
             false => terminal::print(text)?,
         }
         Ok(())

@@ -1,6 +1,7 @@
 //! A run served by websocket while it goes: the topics of a log, to viewers such as Foxglove.
 
 use crate::base::error::Error;
+use crate::base::terminal::note;
 use foxglove::websocket::{Capability, ChannelView, Client, ServerListener};
 use foxglove::{ChannelId, Context, SinkId, WebSocketServer, WebSocketServerHandle};
 use std::net::{Ipv4Addr, SocketAddr};
@@ -77,10 +78,10 @@ impl Server {
 
     /// Says where it is, and waits for a viewer; an error if the flag is set meanwhile.
     pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
-        eprintln!(
+        note(format!(
             "live: ws://{}, waiting for a viewer (Foxglove: Open connection, Foxglove WebSocket)",
             self.address
-        );
+        ));
         while !self.viewers.came.load(Relaxed) {
             if interrupt.load(Relaxed) {
                 return Err(Error::Interrupted(

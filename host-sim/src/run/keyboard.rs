@@ -17,6 +17,8 @@ const STEPS: f64 = 8.0;
 pub enum Key {
     /// Ends the run.
     End,
+    /// Interrupts the run: Ctrl-C, or the terminal was closed.
+    Interrupt,
     /// Stops the simulated time, or lets it go on.
     Pause,
     /// Lets a simulation that is paused go on for an epoch.
@@ -64,6 +66,7 @@ impl Hand {
 #[derive(Clone, Copy, Debug)]
 struct Keys {
     ended: bool,
+    interrupted: bool,
     paused: bool,
     /// Ticks that a paused simulation may go on.
     ticks: u64,
@@ -90,6 +93,7 @@ impl Default for Keyboard {
     fn default() -> Self {
         Self(Arc::new(Mutex::new(Keys {
             ended: false,
+            interrupted: false,
             paused: false,
             ticks: 0,
             rate: 1.0,
@@ -125,6 +129,7 @@ impl Keyboard {
         let hand = keys.hand;
         match key {
             Key::End => keys.ended = true,
+            Key::Interrupt => (keys.ended, keys.interrupted) = (true, true),
             Key::Pause => keys.paused = !keys.paused,
             Key::Step => keys.ticks = EPOCH / TICK,
             Key::Faster => keys.rate = (2.0 * keys.rate).min(RATES.1),
@@ -142,6 +147,11 @@ impl Keyboard {
     /// True if the user ended the run.
     pub fn is_ended(&self) -> bool {
         self.keys().ended
+    }
+
+    /// True if the user ended the run as an interrupt does.
+    pub fn is_interrupted(&self) -> bool {
+        self.keys().interrupted
     }
 
     /// True if the keys drive the robot.

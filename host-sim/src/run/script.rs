@@ -479,7 +479,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
                 over(self.asked && result == Some(CalibrationResult::Stored))
             }
             Step::Follow(..) => Progress::Over,
-            Step::Hand(ref keyboard) => over(keyboard.is_ended()),
+            Step::Hand(ref keyboard) => over(keyboard.is_ended() && !keyboard.is_interrupted()),
         }
     }
 }

@@ -6,6 +6,7 @@
 //! A rule names keys, a condition and the reason. A key without a rule has an effect, if only beyond a limit.
 
 use crate::base::error::Error;
+use crate::base::terminal::note;
 use crate::base::toml_file;
 use crate::scenario::Scenario;
 use crate::world::effect::{Rules, in_world, keys, listed, rules, within};
@@ -139,10 +140,10 @@ impl GivenKeys {
             .filter_map(|key| text(key, taken, runs))
             .collect();
         if !idle.is_empty() {
-            eprintln!(
+            note(format!(
                 "cfmmr: scenario file: {}",
                 idle.join("\ncfmmr: scenario file: ")
-            );
+            ));
         }
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use crate::base::error::Error;
 use crate::base::output::OutputDir;
+use crate::base::terminal::note;
 use core_algos::topology::Role;
 use defmt_decoder::{DecodeError, Table};
 use defmt_parser::Level;
@@ -62,7 +63,7 @@ impl BoardLog {
                             let line = frame.display(false).to_string();
                             if !log.quiet && frame.level().is_some_and(|level| level >= Level::Warn)
                             {
-                                eprintln!("{} board: {line}", role.name());
+                                note(format!("{} board: {line}", role.name()));
                             }
                             log.append(&line);
                         }

@@ -4,6 +4,7 @@ use super::boards::fatal;
 use super::remote::refused;
 use super::{Fault, Remote};
 use crate::base::error::Error;
+use crate::base::terminal::note;
 use crate::scenario::board_parameters::Values;
 use core_algos::link::protocol::{Refusal, Reply, Request};
 use core_algos::params::{COUNT, Parameter, Source, TABLE, fingerprint};
@@ -96,10 +97,10 @@ impl Remote {
             ))));
         }
         if unusable {
-            eprintln!(
+            note(format!(
                 "{} board: the stored parameters form no valid configuration; the board uses the defaults",
                 role.name()
-            );
+            ));
         }
         let mut all = Vec::with_capacity(COUNT);
         for (index, parameter) in (0..).zip(&TABLE) {

@@ -13,7 +13,7 @@ use core_algos::bus::field::{Calibrate, CalibrationResult};
 use core_algos::bus::{self, CanFrame, Message};
 use core_algos::topology::Role;
 use serde::Serialize;
-use std::io::{self, IsTerminal};
+use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 /// Longest time of the procedure: the average takes three seconds.
@@ -92,7 +92,7 @@ fn wait(hold: &str) -> Result<(), Error> {
         ));
     }
     // Standard output may be that of the JSON.
-    eprint!("hold the strip {hold}, then press Enter ");
+    let _ = write!(io::stderr(), "hold the strip {hold}, then press Enter ");
     match io::stdin().read_line(&mut String::new())? {
         0 => Err(Error::input("not confirmed: nothing was calibrated")),
         _ => Ok(()),

@@ -5,7 +5,7 @@ use crate::base::interrupt::watch_for_interrupt;
 use crate::base::numbers::whole;
 use crate::base::output::OutputDir;
 use crate::base::progress::Progress;
-use crate::base::terminal::print;
+use crate::base::terminal::{note, print};
 use crate::experiments::arguments::WorldChoice;
 use crate::experiments::campaign::directory::{Block, Directory};
 use crate::experiments::campaign::pictures;
@@ -169,7 +169,7 @@ fn missing(directory: &Directory, blocks: &[u64]) -> Result<Vec<u64>, Error> {
             Block::Complete(_) => {}
             Block::Missing => missing.push(block),
             Block::Spoiled(why) => {
-                eprintln!("{why}: recomputed");
+                note(format!("{why}: recomputed"));
                 missing.push(block);
             }
         }
@@ -256,7 +256,7 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
                 args.directory.display()
             )));
         }
-        eprintln!("cfmmr: {left_out}: the others are left out");
+        note(format!("cfmmr: {left_out}: the others are left out"));
     }
     let study = directory.study();
     let content = rows::csv(study, &runs).into_bytes();

@@ -83,12 +83,11 @@ pub fn run(
     let mut line = Vec::new();
     loop {
         line.clear();
-        if input
+        let read = input
             .by_ref()
             .take(LONGEST_LINE)
-            .read_until(b'\n', &mut line)?
-            == 0
-        {
+            .read_until(b'\n', &mut line);
+        if read.map_err(|error| io::Error::new(ErrorKind::InvalidInput, error))? == 0 {
             break;
         }
         if line.len() as u64 == LONGEST_LINE && !line.ends_with(b"\n") {

@@ -72,7 +72,8 @@ impl Dashboard {
 impl Observer for Dashboard {
     fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error> {
         // A drive by hand ends by itself.
-        if self.keyboard.is_ended() && !self.keyboard.drives() {
+        let by_itself = self.keyboard.drives() && !self.keyboard.is_interrupted();
+        if self.keyboard.is_ended() && !by_itself {
             self.interrupt.store(true, Relaxed);
         }
         let truth = self.before.replace(record.midpoint);

@@ -8,7 +8,10 @@ use crate::base::interrupt;
 use crate::run::keyboard::{Key, Keyboard};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
-use std::io::{self, IsTerminal};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use std::io::{self, ErrorKind, IsTerminal};
+use std::mem::ManuallyDrop;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
@@ -16,6 +19,9 @@ use std::time::{Duration, Instant};
 
 /// Time from one picture to the next.
 const PICTURE: Duration = Duration::from_millis(50);
+
+/// Longest time that the thread gets to leave the terminal.
+const LEAVING: Duration = Duration::from_secs(1);
 
 /// The terminal while it shows a run.
 pub struct Terminal {
@@ -46,7 +52,7 @@ impl Terminal {
     pub fn open(view: View, keyboard: Keyboard) -> Result<Self, Error> {
         Self::check()?;
         let terminal = ratatui::try_init().map_err(|error| {
-            ratatui::restore();
+            let _ = ratatui::try_restore();
             Error::Failure(format!("--dashboard: {error}"))
         })?;
         let shared = Arc::new(Shared {
@@ -78,15 +84,24 @@ impl Drop for Terminal {
     fn drop(&mut self) {
         self.shared.over.store(true, Relaxed);
         if let Some(thread) = self.thread.take() {
-            // If it panicked, the hook has told of it.
-            let _ = thread.join();
+            let deadline = Instant::now() + LEAVING;
+            while !thread.is_finished() && Instant::now() < deadline {
+                thread::sleep(PICTURE / 10);
+            }
         }
-        ratatui::restore();
+        let _ = ratatui::try_restore();
     }
 }
 
 impl Shared {
-    fn run(&self, mut terminal: DefaultTerminal) {
+    fn run(&self, terminal: DefaultTerminal) {
+        // The library's own end panics where the terminal is gone.
+        let mut terminal = ManuallyDrop::new(terminal);
+        self.draw(&mut terminal);
+        let _ = terminal.show_cursor();
+    }
+
+    fn draw(&self, terminal: &mut DefaultTerminal) {
         while !self.over.load(Relaxed) {
             let next = Instant::now() + PICTURE;
             let mut view = self
@@ -101,7 +116,7 @@ impl Shared {
             let drawn = terminal.draw(|frame| draw(frame, &view)).map(|_| ());
             // Without a terminal nobody sees the run.
             if drawn.and_then(|()| self.listen(next)).is_err() {
-                self.keyboard.press(Key::End);
+                self.keyboard.press(Key::Interrupt);
                 return;
             }
         }
@@ -111,22 +126,41 @@ impl Shared {
     fn listen(&self, next: Instant) -> io::Result<()> {
         loop {
             let left = next.saturating_duration_since(Instant::now());
-            if !event::poll(left)? {
-                return Ok(());
+            let has_input = await_input(left)?;
+            if !event::poll(Duration::ZERO)? {
+                match has_input {
+                    true => continue,
+                    false => return Ok(()),
+                }
             }
             let Event::Key(pressed) = event::read()? else {
                 continue;
             };
             let key = key_of(&pressed);
-            if key == Some(Key::End) && self.keyboard.is_ended() {
+            if matches!(key, Some(Key::End | Key::Interrupt)) && self.keyboard.is_ended() {
                 // Asked twice: the run does not get to the end of its epoch.
-                ratatui::restore();
+                let _ = ratatui::try_restore();
                 interrupt::end_at_once();
             }
             if let Some(key) = key {
                 self.keyboard.press(key);
             }
         }
+    }
+}
+
+/// Waits for input of the terminal, or a signal; false if none came in time. An error if the terminal is gone: the
+/// library that reads keys would look for one without end.
+fn await_input(limit: Duration) -> io::Result<bool> {
+    let gone = PollFlags::ERR | PollFlags::HUP | PollFlags::NVAL;
+    let input = io::stdin();
+    let mut watched = [PollFd::new(&input, PollFlags::IN)];
+    let limit = Timespec::try_from(limit).unwrap_or_default();
+    match poll(&mut watched, Some(&limit)) {
+        Err(Errno::INTR) => Ok(true),
+        Err(error) => Err(error.into()),
+        Ok(_) if watched[0].revents().intersects(gone) => Err(ErrorKind::NotConnected.into()),
+        Ok(count) => Ok(count > 0),
     }
 }
 
@@ -137,7 +171,7 @@ fn key_of(pressed: &KeyEvent) -> Option<Key> {
         return None;
     }
     Some(match pressed.code {
-        KeyCode::Char('c') if control => Key::End,
+        KeyCode::Char('c') if control => Key::Interrupt,
         KeyCode::Char('q' | 'Q') | KeyCode::Esc => Key::End,
         KeyCode::Char('p' | 'P') => Key::Pause,
         KeyCode::Char('.') => Key::Step,
@@ -163,7 +197,11 @@ mod tests {
         for (code, modifiers, expected) in [
             (KeyCode::Char('q'), none, Some(Key::End)),
             (KeyCode::Esc, none, Some(Key::End)),
-            (KeyCode::Char('c'), KeyModifiers::CONTROL, Some(Key::End)),
+            (
+                KeyCode::Char('c'),
+                KeyModifiers::CONTROL,
+                Some(Key::Interrupt),
+            ),
             (KeyCode::Char('c'), none, Some(Key::Clear)),
             (KeyCode::Up, none, Some(Key::Forward)),
             (KeyCode::Char('A'), none, Some(Key::Left)),
