@@ -239,6 +239,57 @@ fn keys_drive_the_robot() {
     );
 }
 
+#[test]
+fn control_c_in_a_drive_by_keyboard_is_an_interrupt() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = drive(&folder, &[]);
+    session.expect_line(|words| words.contains(&"WASD:"));
+    session.press(b"w\x03");
+    assert_eq!(session.end().code(), Some(130), "{:?}", session.shown);
+    assert!(session.is_sane());
+    let result = std::fs::read(folder.path().join("out/drive/result.json")).unwrap();
+    let result: serde_json::Value = serde_json::from_slice(&result).unwrap();
+    assert_eq!(result["steps"][0]["end"]["kind"], "interrupted");
+}
+
+/// A terminal that is closed while the keyboard drives, on the way to a goal, and over the last view.
+#[test]
+fn closed_terminal_ends_the_program() {
+    for (arguments, shown) in [
+        ("drive", "WASD:"),
+        ("drive goto 9 0 0 --dashboard", "Active"),
+        ("drive wait 0.1 --dashboard", "done after"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let (master, path) = pseudo_terminal();
+        let mut options = OpenOptions::new();
+        let terminal = options.read(true).write(true).open(path).unwrap();
+        let end = || Stdio::from(OwnedFd::from(terminal.try_clone().unwrap()));
+        let mut command = command(folder.path(), arguments);
+        let command = command.stdin(end()).stdout(end()).stderr(end());
+        let mut child = command.spawn().unwrap();
+        let (mut master, mut text, mut room) = (File::from(master), String::new(), [0; 4096]);
+        while !screen(&text).iter().any(|line| line.contains(shown)) {
+            let count = master.read(&mut room).unwrap();
+            text += &String::from_utf8_lossy(&room[..count]);
+        }
+        drop(master);
+        let deadline = Instant::now() + PATIENCE;
+        let status = loop {
+            if let Some(status) = child.try_wait().unwrap() {
+                break status;
+            }
+            if Instant::now() > deadline {
+                child.kill().unwrap();
+                panic!("{arguments}: lives on");
+            }
+            thread::sleep(Duration::from_millis(10));
+        };
+        assert_eq!(status.code(), Some(130), "{arguments}");
+        assert!(folder.path().join("out/drive/result.json").exists());
+    }
+}
+
 /// The simulation pauses, takes a step of an epoch, and goes faster; the last view stays.
 #[test]
 fn simulation_is_paused_stepped_and_sped_up_by_keys() {

@@ -44,14 +44,28 @@ pub fn run(args: &BoardArgs, json: &JsonArgs) -> Result<(), Error> {
     }
     let links = Links::new(args, None)?;
     let mut boards = Vec::new();
+    // The port of a board that does not answer reaches no other board either.
+    let mut dead = Vec::new();
     for role in Role::ALL {
-        let row = match of_board(&links, role) {
+        let port = links.port_of(role);
+        let row = match port.filter(|port| dead.contains(port)) {
+            Some(port) => Err(Error::NoAnswer(format!(
+                "{} board: not asked: it is behind the port of the {} board",
+                role.name(),
+                port.name()
+            ))),
+            None => of_board(&links, role),
+        };
+        let row = match row {
             Ok(row) => row,
             Err(error @ Error::Input(_)) => return Err(error),
-            Err(error) => Row {
-                error: Some(error.to_string()),
-                ..Row::default()
-            },
+            Err(error) => {
+                dead.extend(port.filter(|port| *port == role));
+                Row {
+                    error: Some(error.to_string()),
+                    ..Row::default()
+                }
+            }
         };
         let board = role.name();
         boards.push(Row { board, ..row });
@@ -87,6 +101,7 @@ fn of_board(links: &Links, role: Role) -> Result<Row, Error> {
         return Ok(Row::default());
     };
     let mut remote = Remote::new(role, link);
+    remote.hasten();
     let record = remote.crash_record()?;
     let [panics, processor, watchdog, overflows] = record.counts;
     let stack = remote.stack();

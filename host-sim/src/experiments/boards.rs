@@ -60,12 +60,16 @@ impl<'a> Links<'a> {
         })
     }
 
+    /// The board at whose port a board is reached; none without ports.
+    pub fn port_of(&self, role: Role) -> Option<Role> {
+        let has_port = |role: &Role| self.args.port(*role).is_some();
+        let any = Role::ALL.into_iter().find(has_port);
+        Some(role).filter(has_port).or(any)
+    }
+
     /// The link to a board, by the port of another board if it has none itself; none if it is in this process.
     pub fn reach(&self, role: Role, log: &BoardLog) -> Result<Option<Box<dyn Link>>, Error> {
-        let relay = Role::ALL
-            .into_iter()
-            .find(|role| self.args.port(*role).is_some())
-            .filter(|_| self.args.port(role).is_none());
+        let relay = self.port_of(role).filter(|port| *port != role);
         match relay {
             Some(relay) => match self.open(relay, log)? {
                 Some(port) => Ok(Some(Box::new(Relay::open(relay, port, role)?))),

@@ -385,11 +385,14 @@ impl SerialRobot {
             self.port = None;
             return self.reconnect(until);
         };
-        if let Some(bytes) = self.link.to_send(now)?
-            && port.send(bytes).is_err()
-        {
-            self.port = None;
-            return Ok(());
+        if let Some(bytes) = self.link.to_send(now)? {
+            if self.unanswered.is_new() {
+                self.unanswered = Unanswered::to(bytes);
+            }
+            if port.send(bytes).is_err() {
+                self.port = None;
+                return Ok(());
+            }
         }
         let mut room = [0; 512];
         loop {

@@ -26,6 +26,8 @@ use std::time::{Duration, Instant};
 const REPEAT_AFTER: Duration = Duration::from_millis(250);
 /// Times a request is sent before the board counts as lost.
 const ATTEMPTS: u32 = 40;
+/// The same where a user waits: 1.5 s.
+const HASTY_ATTEMPTS: u32 = 6;
 /// Answers to earlier requests that are taken for late ones.
 const STALE: u32 = 4;
 /// Ticks in an epoch, and the one at which the lead node works.
@@ -63,6 +65,11 @@ impl Remote {
             tick_bytes: [0; 2],
             latencies: Vec::new(),
         }
+    }
+
+    /// Gives the board less time, for a question that a user waits for: a running board answers within milliseconds.
+    pub fn hasten(&mut self) {
+        self.conversation.attempts = HASTY_ATTEMPTS;
     }
 
     /// Begins a session: a board that drives is asked for one, and resets. Checks that the board is the one that is
@@ -471,8 +478,10 @@ pub(super) struct Conversation {
     repeated: u64,
     latency_us: u32,
     answered_bytes: u64,
-    /// Bytes that came since the request, and the first of them.
+    /// Bytes that came since the request.
     strange: Unanswered,
+    /// Times a request is sent before the board counts as lost.
+    attempts: u32,
 }
 
 impl Conversation {
@@ -488,6 +497,7 @@ impl Conversation {
             latency_us: 0,
             answered_bytes: 0,
             strange: Unanswered::default(),
+            attempts: ATTEMPTS,
         }
     }
 
@@ -509,14 +519,17 @@ impl Conversation {
     /// Waits for the answer to the latest request, which is repeated as often as needed.
     pub(super) fn answer(&mut self) -> Result<Reply<'_>, Fault> {
         self.answered_bytes = 0;
-        self.strange = Unanswered::default();
-        for attempt in 0..ATTEMPTS {
+        self.strange = Unanswered::to(self.asked.bytes());
+        for attempt in 0..self.attempts {
             if attempt > 0 {
                 self.repeated += 1;
                 self.link.send(self.asked.repeated()).map_err(gone)?;
             }
             let deadline = Instant::now() + REPEAT_AFTER;
             if self.listen(deadline)? {
+                if self.strange.is_echo() {
+                    return Err(Fault::Silent(self.strange.to_string()));
+                }
                 self.latency_us = self.asked_at.elapsed().as_micros() as u32;
                 let (_, reply) = protocol::decode(&self.payload).ok_or_else(|| {
                     Error::Failure(
@@ -526,8 +539,8 @@ impl Conversation {
                 return Ok(reply);
             }
         }
-        let patience = REPEAT_AFTER * ATTEMPTS;
-        let arrived = self.strange;
+        let patience = REPEAT_AFTER * self.attempts;
+        let arrived = &self.strange;
         Err(Fault::Silent(format!(
             "no answer in {patience:?}: {arrived}"
         )))
@@ -558,31 +571,67 @@ impl Conversation {
     }
 }
 
-/// Bytes that came without an answer.
-#[derive(Clone, Copy, Debug, Default)]
+/// Bytes that came without an answer to the request that was sent.
+#[derive(Clone, Debug, Default)]
 pub struct Unanswered {
+    request: Vec<u8>,
     count: usize,
-    first: u8,
+    /// The first bytes, as many as the request has.
+    first: Vec<u8>,
 }
 
 impl Unanswered {
-    /// More of them.
-    pub fn hear(&mut self, bytes: &[u8]) {
-        if let (0, Some(&first)) = (self.count, bytes.first()) {
-            self.first = first;
+    /// No bytes yet to this request.
+    pub fn to(request: &[u8]) -> Self {
+        Self {
+            request: without_delimiters(request).to_owned(),
+            ..Self::default()
         }
-        self.count += bytes.len();
     }
+
+    /// Takes in bytes.
+    pub fn hear(&mut self, bytes: &[u8]) {
+        self.count += bytes.len();
+        let bytes = match self.first.is_empty() {
+            true => without_delimiters(bytes),
+            false => bytes,
+        };
+        let room = (self.request.len().max(1)).saturating_sub(self.first.len());
+        self.first.extend(bytes.iter().take(room));
+    }
+
+    /// True if nothing came yet.
+    pub fn is_new(&self) -> bool {
+        self.count == 0
+    }
+
+    /// True if the request itself came back.
+    pub fn is_echo(&self) -> bool {
+        !self.request.is_empty() && self.first == self.request
+    }
+}
+
+/// Bytes from the first frame on.
+fn without_delimiters(bytes: &[u8]) -> &[u8] {
+    let start = bytes.iter().position(|byte| *byte != 0);
+    bytes
+        .get(start.unwrap_or(bytes.len())..)
+        .unwrap_or_default()
 }
 
 impl fmt::Display for Unanswered {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self { count: 0, .. } => f.write_str("nothing arrived"),
-            Self { count, first } => write!(
+        match (self.count, self.first.first()) {
+            (0, _) => f.write_str("nothing arrived"),
+            _ if self.is_echo() => f.write_str(
+                "the port sends back what it gets: its TX is connected to its RX, or no board is behind an adapter \
+                 that echoes",
+            ),
+            (count, first) => write!(
                 f,
-                "{count} bytes arrived that are no answer, the first is {first:#04x}: another baud rate, or another \
-                 program on the board"
+                "{count} bytes arrived that are no answer, the first is {:#04x}: another baud rate, or another \
+                 program on the board",
+                first.unwrap_or(&0)
             ),
         }
     }
@@ -624,6 +673,36 @@ mod tests {
                 .map(|(to, from)| *to = from)
                 .count())
         }
+    }
+
+    /// A port whose TX is connected to its RX.
+    struct Loop(VecDeque<u8>);
+
+    impl Link for Loop {
+        fn name(&self) -> &'static str {
+            "loop"
+        }
+
+        fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+            self.0.extend(bytes);
+            Ok(())
+        }
+
+        fn receive(&mut self, room: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+            io::Read::read(&mut self.0, room)
+        }
+    }
+
+    #[test]
+    fn port_that_echoes_is_named() {
+        let mut remote = Remote::new(Role::Front, Box::new(Loop(VecDeque::new())));
+        let Err(error) = remote.crash_record() else {
+            panic!("an echo answers");
+        };
+        assert!(
+            error.to_string().contains("TX is connected to its RX"),
+            "{error}"
+        );
     }
 
     #[test]
