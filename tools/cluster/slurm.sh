@@ -61,7 +61,12 @@ if ((restarts >= most)); then
 fi
 say "requeued: restart $((restarts + 1)) of at most $most"
 trap '' TERM
-if scontrol requeue "${SLURM_JOB_ID:?not in a Slurm job}"; then
+# The last task of an array has the array's job number: by that, scontrol would requeue every task.
+job=${SLURM_JOB_ID:?not in a Slurm job}
+if [[ -n ${SLURM_ARRAY_TASK_ID:-} ]]; then
+    job=${SLURM_ARRAY_JOB_ID}_$SLURM_ARRAY_TASK_ID
+fi
+if scontrol requeue "$job"; then
     # Slurm ends this script.
     sleep 60
 else

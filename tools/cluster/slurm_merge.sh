@@ -10,8 +10,10 @@ set -uo pipefail
 out=${1:?missing argument: OUT}
 "${CFMMR:-cfmmr}" campaign merge "$out"
 code=$?
-if ((code != 0)); then
+if ((code == 1)); then
     "${CFMMR:-cfmmr}" campaign status "$out" --missing >&2
-    echo "slurm_merge.sh: not merged; submit the parts again: complete blocks are kept" >&2
+fi
+if ((code != 0)); then
+    echo "slurm_merge.sh: not merged; see the outputs of the parts, then submit them again: complete blocks are kept" >&2
 fi
 exit "$code"
