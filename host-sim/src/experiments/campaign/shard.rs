@@ -73,7 +73,7 @@ type Read<'a> = &'a dyn Fn(&str) -> Result<Option<u64>, Error>;
 const ADVICE: &str = "give --shard I/N, which has precedence";
 
 fn number(name: &str, text: &str) -> Result<u64, Error> {
-    let digits = !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    let digits = text.bytes().all(|byte| byte.is_ascii_digit());
     let number = text.parse().ok().filter(|_| digits);
     number.ok_or_else(|| {
         Error::input(format!(
@@ -453,7 +453,12 @@ mod tests {
         use std::os::unix::ffi::OsStringExt;
         let bytes = |name: &str| (name == "CFMMR_SHARDS").then(|| OsString::from_vec(vec![0xff]));
         let error = Shard::from_environment(bytes).unwrap_err();
-        assert!(error.to_string().contains("CFMMR_SHARDS"), "{error}");
+        assert!(
+            error
+                .to_string()
+                .contains("CFMMR_SHARDS=\u{fffd}: must be a whole number"),
+            "{error}"
+        );
     }
 
     #[test]
