@@ -73,6 +73,7 @@ def main():
             for other in waiting:
                 ray.cancel(other)
             sys.exit(code)
+    ray.shutdown()
     if failed:
         print(f"failed parts: {', '.join(map(str, sorted(failed)))}", file=sys.stderr, flush=True)
     sys.exit(subprocess.run([arguments.cfmmr, "campaign", "merge", out], check=False).returncode)
