@@ -1,19 +1,75 @@
 #!/usr/bin/env bash
-# A campaign as a Slurm array, one part a task:
+# One part of a campaign: a task of a Slurm array. slurm_submit.sh submits the array, its repetition and the merge.
+# Without it:
 #
 #   sbatch --array=0-15 tools/cluster/slurm.sh tools/studies/tyres_and_sensor.toml out/tyres
-#   sbatch --dependency=afterok:JOB --wrap "cfmmr campaign merge out/tyres"
 #
-# The parts read their number from the array. A task that was killed is repeated with the same line:
-# what it had finished is left alone.
+# A part that is killed, fails or reaches its time limit is requeued, at most CFMMR_RESTARTS times (default 5), and
+# skips the blocks that are complete. A wrong study or option (exit code 2) is not requeued. Cores of a part:
+# sbatch --cpus-per-task=N, default 1.
 #SBATCH --job-name=cfmmr
-#SBATCH --cpus-per-task=4
-#SBATCH --mem=1G
+#SBATCH --mem-per-cpu=256M
 #SBATCH --time=02:00:00
 #SBATCH --requeue
-# A minute before the limit the part ends with what it has finished.
-#SBATCH --signal=B:INT@60
-set -euo pipefail
-study=${1:?the study, a TOML file}
-out=${2:?the directory of its files, seen by every node}
-exec "${CFMMR:-cfmmr}" campaign "$study" --out "$out" --threads "${SLURM_CPUS_PER_TASK:-1}"
+#SBATCH --open-mode=append
+# USR1 to this script, at least 60 s before the time limit.
+#SBATCH --signal=B:USR1@60
+set -uo pipefail
+study=${1:?missing argument: STUDY OUT}
+out=${2:?missing argument: STUDY OUT}
+cores=${SLURM_CPUS_PER_TASK:-${SLURM_CPUS_ON_NODE:-1}}
+restarts=${SLURM_RESTART_COUNT:-0}
+most=${CFMMR_RESTARTS:-5}
+
+say() { echo "slurm.sh: $*" >&2; }
+
+if [[ ! $most =~ ^[0-9]{1,4}$ ]]; then
+    say "CFMMR_RESTARTS=$most: must be a whole number from 0 to 9999"
+    exit 2
+fi
+
+"${CFMMR:-cfmmr}" campaign "$study" --out "$out" --threads "$cores" &
+part=$!
+signal=
+# shellcheck disable=SC2317 # called by the traps
+stop() {
+    signal=$1
+    signalled=true
+    kill -TERM "$part" 2>/dev/null
+}
+# The part ends after its current block; after 30 s a second signal ends it at once.
+trap 'stop USR1; (sleep 30 && kill -TERM "$part") 2>/dev/null &' USR1
+trap 'stop TERM' TERM
+# A signal interrupts `wait`.
+signalled=true
+while [[ $signalled == true ]]; do
+    signalled=false
+    wait "$part"
+    code=$?
+done
+
+case $code,$signal in
+    0,*) exit 0 ;;
+    2,*) say "exit code 2: the study or an option is wrong; not requeued"; exit 2 ;;
+    *,TERM) say "cancelled"; exit "$code" ;;
+    *,USR1) say "time limit: exit code $code" ;;
+    *) say "exit code $code" ;;
+esac
+if ((restarts >= most)); then
+    say "not requeued: restarted $restarts times, at most CFMMR_RESTARTS=$most"
+    exit "$code"
+fi
+say "requeued: restart $((restarts + 1)) of at most $most"
+trap '' TERM
+# The last task of an array has the array's job number: by that, scontrol would requeue every task.
+job=${SLURM_JOB_ID:?not in a Slurm job}
+if [[ -n ${SLURM_ARRAY_TASK_ID:-} ]]; then
+    job=${SLURM_ARRAY_JOB_ID}_$SLURM_ARRAY_TASK_ID
+fi
+if scontrol requeue "$job"; then
+    # Slurm ends this script.
+    sleep 60
+else
+    say "scontrol requeue failed"
+fi
+exit "$code"

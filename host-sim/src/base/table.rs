@@ -87,16 +87,23 @@ impl Table {
 /// Characters after which a name may be divided.
 const PARTS: [char; 4] = [' ', '.', '_', '/'];
 
-/// The text divided after each separator, except within a figure such as `18.50 ± 2.10`.
+/// The text divided after each separator, except within a figure such as `18.50 ± 2.10`, `68 %` or `(62 to 74)`.
 fn pieces<'a>(text: &'a str, separators: &[char]) -> Vec<&'a str> {
     let mut pieces = Vec::new();
     let mut rest = text;
     for (place, separator) in text.match_indices(separators) {
         let end = place + separator.len();
         let after = text[end..].chars().next();
+        let before = &text[..place];
+        let open = before.rsplit_once('(').map(|(_, inside)| inside);
+        let in_range = |inside: &str| !inside.contains(')') && inside.starts_with(char::is_numeric);
         let in_figure = match separator {
             "." => after.is_some_and(|next| next.is_ascii_digit()),
-            _ => after == Some('±') || text[..place].ends_with('±'),
+            _ => {
+                matches!(after, Some('±' | '%'))
+                    || before.ends_with('±')
+                    || open.is_some_and(in_range)
+            }
         };
         if !in_figure {
             let (piece, others) = rest.split_at(end - (text.len() - rest.len()));
@@ -202,6 +209,11 @@ mod tests {
     #[test]
     fn table_wider_than_its_limit_keeps_figures_whole() {
         assert_eq!(lines("18.50 ± 2.10 cm", 4), ["18.50 ± 2.10", "cm"]);
+        assert_eq!(lines("68 % (62 to 74)", 3), ["68 %", "(62 to 74)"]);
+        assert_eq!(
+            lines("95 % interval (of runs)", 3),
+            ["95 %", "interval", "(of", "runs)"]
+        );
         assert_eq!(lines("v.1.25", 2), ["v.1.25"]);
         let mut table = Table::new(["plant.slip_stiffness", "e (cm)"]);
         table.row(["8.0", "18.50 ± 2.10"]);

@@ -403,11 +403,15 @@ impl Ends {
         Self(counts)
     }
 
-    /// The labels and their numbers in words.
-    pub fn text(&self) -> String {
+    /// Number and label of each end.
+    pub fn lines(&self) -> impl Iterator<Item = String> {
         let counts = self.0.iter();
-        let texts = counts.map(|(label, count)| format!("{count} {label}"));
-        texts.collect::<Vec<_>>().join("; ")
+        counts.map(|(label, count)| format!("{count} {label}"))
+    }
+
+    /// Numbers and labels of all ends.
+    pub fn text(&self) -> String {
+        self.lines().collect::<Vec<_>>().join("; ")
     }
 }
 

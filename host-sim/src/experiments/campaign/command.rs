@@ -20,7 +20,8 @@ use clap::{Args, Subcommand};
 use core_algos::link::framing::crc32c;
 use rayon::prelude::*;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering::Relaxed;
 
 /// Arguments of `campaign`.
@@ -92,12 +93,15 @@ pub fn run(args: &CampaignArgs) -> Result<(), Error> {
     match &args.action {
         Some(CampaignAction::Merge(args)) => merge(args),
         Some(CampaignAction::Status(args)) => status(args),
-        None => shard(args),
+        None => shard(args, |name| std::env::var_os(name)),
     }
 }
 
-/// Runs one part; blocks that are there are left alone.
-fn shard(args: &CampaignArgs) -> Result<(), Error> {
+/// Computes the missing blocks of one part; `variable` reads the environment.
+pub(super) fn shard(
+    args: &CampaignArgs,
+    variable: impl Fn(&str) -> Option<OsString>,
+) -> Result<(), Error> {
     let Some(file) = &args.file else {
         return Err(Error::input(
             "missing argument: give the FILE of a study, merge or status",
@@ -111,7 +115,7 @@ fn shard(args: &CampaignArgs) -> Result<(), Error> {
     }
     let shard = match &args.shard {
         Some(text) => Shard::parse(text)?,
-        None => Shard::from_environment(|name| std::env::var(name).ok())?,
+        None => Shard::from_environment(variable)?,
     };
     let out = args.out.clone().unwrap_or_else(|| {
         let stem = file.file_stem().unwrap_or_default();
@@ -140,19 +144,47 @@ fn shard(args: &CampaignArgs) -> Result<(), Error> {
         let rows: Result<Vec<Row>, Error> = pool.install(|| range.map(run).collect());
         directory.write(block, rows?)?;
     }
-    let next = match shard.count {
-        1 => "next",
-        _ => "next, after all parts",
-    };
     print(&format!(
-        "{}: part {} of {}: {} runs now, {} were there; in {out}\n{next}: cfmmr campaign merge {out}\n",
+        "{}: part {} of {}: {} runs computed, {} already complete; in {}\n{}",
         study.name,
         shard.index,
         shard.count,
         count(&to_do),
         count(&mine) - count(&to_do),
-        out = out.display()
+        out.display(),
+        next_step(&directory, &out)
     ))
+}
+
+/// The merge if every block has a file; else the missing blocks.
+pub(super) fn next_step(directory: &Directory, out: &Path) -> String {
+    let (absent, out) = (directory.absent(), out.display());
+    match absent.is_empty() {
+        true => format!("all blocks are complete; next: cfmmr campaign merge {out}\n"),
+        false => format!(
+            "missing: {} of {} blocks ({}), of other parts\n\
+             after these parts: cfmmr campaign merge {out}\n",
+            absent.len(),
+            directory.study().blocks(),
+            ranges(&absent)
+        ),
+    }
+}
+
+/// Ascending numbers as ranges, for example `0-2, 5`; an ellipsis after the first eight.
+pub(super) fn ranges(numbers: &[u64]) -> String {
+    const SHOWN: usize = 8;
+    let ranges = numbers.chunk_by(|a, b| a + 1 == *b);
+    let text = |range: &[u64]| match range {
+        [first, .., last] => format!("{first}-{last}"),
+        _ => range[0].to_string(),
+    };
+    let mut texts: Vec<String> = ranges.map(text).collect();
+    if texts.len() > SHOWN {
+        texts.truncate(SHOWN);
+        texts.push("…".to_owned());
+    }
+    texts.join(", ")
 }
 
 fn interrupted(done: u64, all: u64) -> Error {
@@ -237,7 +269,7 @@ fn status(args: &CampaignStatus) -> Result<(), Error> {
     args.json.print(&text)
 }
 
-fn merge(args: &CampaignMerge) -> Result<(), Error> {
+pub(super) fn merge(args: &CampaignMerge) -> Result<(), Error> {
     let directory = Directory::open(&args.directory)?;
     let (status, runs) = look(&directory)?;
     if status.runs_done != status.runs || !status.spoiled.is_empty() {
@@ -246,8 +278,12 @@ fn merge(args: &CampaignMerge) -> Result<(), Error> {
             .iter()
             .map(|why| format!("{why}\n"))
             .collect();
+        let missing = match status.missing.is_empty() {
+            true => String::new(),
+            false => format!("; missing blocks: {}", ranges(&status.missing)),
+        };
         let left_out = format!(
-            "{spoiled}{}: {} of {} runs are complete",
+            "{spoiled}{}: {} of {} runs are complete{missing}",
             status.name, status.runs_done, status.runs
         );
         if !args.partial || status.runs_done == 0 {

@@ -83,6 +83,12 @@ impl Directory {
         self.path.join(format!("block-{block:06}.jsonl"))
     }
 
+    /// Numbers of the blocks without a file.
+    pub fn absent(&self) -> Vec<u64> {
+        let blocks = 0..self.study.blocks();
+        blocks.filter(|&block| !self.file(block).exists()).collect()
+    }
+
     /// State of a block.
     pub fn block(&self, block: u64) -> Result<Block, Error> {
         let path = self.file(block);

@@ -168,8 +168,9 @@ impl Report {
         let names = names.join(", ");
         let errors = [&names, "e (cm)", "median", "95 %", "within 3 cm, 3°"];
         let mut errors = Table::new(errors);
-        let more = ["|heading| (°)", "ends", "force (N)", "time (s)"];
-        let mut more = Table::new([&[names.as_str()], &more[..]].concat());
+        let more = [&names, "|heading| (°)", "force (N)", "time (s)"];
+        let mut more = Table::new(more);
+        let mut ends = Table::new([&names, "ends"]).left_aligned();
         for cell in &self.cells {
             let share = 100.0 * cell.within_3cm_3deg;
             let [low, high] = cell.within_interval.map(|share| 100.0 * share);
@@ -183,14 +184,17 @@ impl Report {
             more.row([
                 label(&cell.values),
                 format!("{:.2}", cell.heading_rad.mean_abs.to_degrees()),
-                cell.ends.text(),
                 plus_minus(cell.force_rms_n.mean, cell.force_rms_n.sd, 2),
                 plus_minus(cell.duration_s.mean, cell.duration_s.sd, 1),
             ]);
+            let mut label = label(&cell.values);
+            for line in cell.ends.lines() {
+                ends.row([std::mem::take(&mut label), line]);
+            }
         }
         format!(
             "{}: {} runs, seed {}, world {}; true final posture errors\n\n\
-             {errors}In parentheses: 95 % interval of the share.\n\n{more}{}",
+             {errors}In parentheses: 95 % interval of the share.\n\n{more}\n{ends}{}",
             self.name,
             self.runs,
             self.seed,

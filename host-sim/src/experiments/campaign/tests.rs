@@ -1,3 +1,4 @@
+use super::command::{CampaignArgs, CampaignMerge, merge, next_step, ranges, shard};
 use super::directory::{Block, Directory};
 use super::pictures::{correlations, distributions, map, sensitivity};
 use super::report::{Report, rank_correlation, wilson};
@@ -6,6 +7,9 @@ use super::study::{Run, Study, number};
 use crate::run::end::{EndKind, RunEnd};
 use crate::run::regulate::Outcome;
 use crate::view::plot::tests::check_figure;
+use clap::Parser;
+use std::ffi::OsString;
+use std::path::Path;
 
 const TEXT: &str = r#"
 name = "test"
@@ -340,6 +344,200 @@ fn tables_of_the_report_fit_80_columns_with_whole_figures() {
     // 0.1 to 0.5 m, and 1 to 5 m.
     for figure in ["30.00 ± 15.81", "300.00 ± 158.11", "+0.90"] {
         assert_eq!(text.matches(figure).count(), 2, "{text}");
+    }
+}
+
+#[test]
+fn table_of_the_report_lists_each_end_in_its_line() {
+    let study = study();
+    let mut rows = all_runs(&study);
+    // In the second combination, 3 of 4 trials end otherwise.
+    let long = "uncertain, wheels inconsistent";
+    rows[5..8]
+        .iter_mut()
+        .for_each(|row| row.label = long.to_owned());
+    let text = Report::of(&study, &rows).text();
+    let (first, second) = (format!("3 {long}"), "1 reached");
+    let lines: Vec<&str> = text.lines().collect();
+    let place = lines
+        .iter()
+        .position(|line| line.ends_with(&first))
+        .expect(&text);
+    assert!(lines[place].starts_with("0.003, false "), "{text}");
+    assert_eq!(lines[place + 1].trim(), second, "{text}");
+    assert_eq!(lines[place].find(&first), lines[place + 1].find(second));
+}
+
+#[test]
+fn table_of_the_report_in_80_columns_divides_no_number() {
+    for keys in 0..=3 {
+        let more = [
+            "plant.friction",
+            "mission.tolerance_m",
+            "mission.tolerance_rad",
+        ];
+        let more = more[..keys]
+            .iter()
+            .map(|key| format!("[[vary]]\nkey = \"{key}\"\nvalues = [0.25]\n\n"));
+        let text = TEXT.replace(
+            "[scenario.plant]",
+            &(more.collect::<String>() + "[scenario.plant]"),
+        );
+        let study = Study::parse(&text, "test").unwrap();
+        let mut rows = all_runs(&study);
+        rows.iter_mut().for_each(|row| row.e_m = 12.345);
+        let text = Report::of(&study, &rows).text();
+        for figure in ["1234.50 ± 0.00", "1234.50  ", "100 % (51 to 100)"] {
+            assert!(text.matches(figure).count() >= 4, "{figure}: {text}");
+        }
+        // A part of a divided number begins or ends with its point.
+        let words = text.split_whitespace();
+        let ends = words.filter(|word| word.starts_with('.') || word.ends_with('.'));
+        let number = |word: &&str| word.contains(|c: char| c.is_ascii_digit());
+        assert_eq!(ends.filter(number).collect::<Vec<_>>(), [""; 0], "{text}");
+    }
+}
+
+/// Arguments of `campaign` as typed.
+fn typed(line: &[&str]) -> CampaignArgs {
+    #[derive(Parser)]
+    struct Typed {
+        #[command(flatten)]
+        args: CampaignArgs,
+    }
+    let words = ["campaign"].iter().chain(line);
+    Typed::try_parse_from(words).unwrap().args
+}
+
+/// A study of two blocks in a new folder, and the arguments of `campaign`.
+fn in_folder(folder: &Path, options: &[&str]) -> CampaignArgs {
+    let file = folder.join("study.toml");
+    std::fs::write(
+        &file,
+        "name = \"test\"\ntrials = 2\nblock = 1\n[scenario.mission]\ntime_limit_s = 0.1\n",
+    )
+    .unwrap();
+    let out = folder.join("out");
+    let fixed = [
+        file.to_str().unwrap(),
+        "--out",
+        out.to_str().unwrap(),
+        "--threads",
+        "1",
+    ];
+    typed(&[&fixed, options].concat())
+}
+
+/// Files of a folder, without the copy of the study.
+fn files(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).unwrap();
+    let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let mut names: Vec<String> = names.filter(|name| name != "study.toml").collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn part_in_an_incomplete_environment_is_refused_and_writes_nothing() {
+    for (name, value) in [
+        ("CFMMR_SHARDS", "3"),
+        ("CFMMR_SHARDS", "-1"),
+        ("CFMMR_SHARDS", ""),
+        ("JOB_COMPLETION_INDEX", "0"),
+        ("SLURM_ARRAY_TASK_ID", "0"),
+        ("SLURM_ARRAY_TASK_STEP", "0"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let args = in_folder(folder.path(), &[]);
+        let variable = |asked: &str| (asked == name).then(|| OsString::from(value));
+        let error = shard(&args, variable).unwrap_err();
+        assert_eq!(error.exit_code(), 2, "{error}");
+        assert!(
+            error.to_string().contains(&format!("{name}={value}")),
+            "{error}"
+        );
+        assert!(
+            files(folder.path()).is_empty(),
+            "{:?}",
+            files(folder.path())
+        );
+    }
+}
+
+#[test]
+fn option_has_precedence_over_the_environment() {
+    let folder = tempfile::tempdir().unwrap();
+    let pod = |asked: &str| match asked {
+        "JOB_COMPLETION_INDEX" => Some("0".into()),
+        "CFMMR_SHARDS" => Some("2".into()),
+        _ => None,
+    };
+    let out = folder.path().join("out");
+    shard(&in_folder(folder.path(), &["--shard", "1/2"]), pod).unwrap();
+    assert_eq!(files(&out), ["block-000001.jsonl"]);
+    // An environment that alone is refused.
+    let refused = |asked: &str| (asked == "CFMMR_SHARDS").then(|| "x".into());
+    shard(&in_folder(folder.path(), &["--shard", "1/2"]), refused).unwrap();
+    assert_eq!(files(&out), ["block-000001.jsonl"]);
+    shard(&in_folder(folder.path(), &[]), pod).unwrap();
+    assert_eq!(files(&out), ["block-000000.jsonl", "block-000001.jsonl"]);
+}
+
+#[test]
+fn finished_part_names_the_missing_blocks_or_the_merge() {
+    let folder = tempfile::tempdir().unwrap();
+    let directory = Directory::open_for(study(), folder.path()).unwrap();
+    let merge = format!("cfmmr campaign merge {}", folder.path().display());
+    for block in [0, 3] {
+        directory.write(block, finished(&study(), block)).unwrap();
+    }
+    let text = next_step(&directory, folder.path());
+    assert!(text.contains("missing: 4 of 6 blocks (1-2, 4-5)"), "{text}");
+    assert!(
+        text.ends_with(&format!("after these parts: {merge}\n")),
+        "{text}"
+    );
+    for block in [1, 2, 4, 5] {
+        directory.write(block, finished(&study(), block)).unwrap();
+    }
+    let text = next_step(&directory, folder.path());
+    assert_eq!(text, format!("all blocks are complete; next: {merge}\n"));
+}
+
+#[test]
+fn merge_without_all_blocks_fails_and_names_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let directory = Directory::open_for(study(), folder.path()).unwrap();
+    for block in [0, 2, 4] {
+        directory.write(block, finished(&study(), block)).unwrap();
+    }
+    let args = CampaignMerge {
+        directory: folder.path().to_owned(),
+        out: None,
+        partial: false,
+        json: Default::default(),
+    };
+    let error = merge(&args).unwrap_err();
+    assert_eq!(error.exit_code(), 1);
+    let text = error.to_string();
+    assert!(
+        text.contains("9 of 16 runs are complete; missing blocks: 1, 3, 5"),
+        "{text}"
+    );
+    assert!(!folder.path().join("merged").exists());
+}
+
+#[test]
+fn ranges_of_numbers_are_short() {
+    for (numbers, text) in [
+        (vec![], ""),
+        (vec![4], "4"),
+        (vec![0, 1], "0-1"),
+        (vec![0, 1, 2, 7, 9, 10], "0-2, 7, 9-10"),
+        ((0..18).step_by(2).collect(), "0, 2, 4, 6, 8, 10, 12, 14, …"),
+        ((0..16).step_by(2).collect(), "0, 2, 4, 6, 8, 10, 12, 14"),
+    ] {
+        assert_eq!(ranges(&numbers), text);
     }
 }
 
