@@ -22,7 +22,7 @@ use crate::math::matrix::{Mat3, cholesky, cholesky_solve};
 use crate::math::trig::{ln, sin_cos, sinc};
 use descent::Descent;
 pub use fit::Fit;
-use minimum::{Minimum, is_suspicious, lower, told};
+use minimum::{Minimum, is_exact, is_suspicious, lower, told};
 use ray::{Leg, Parameters, Ray};
 pub use start::Start;
 pub use wrench::Wrench;
@@ -37,6 +37,8 @@ const TAIL: f32 = 3.0;
 const REFINED_TAIL: f32 = 1e-3 * TAIL;
 /// Most steps taken after that.
 const REFINEMENTS: u8 = 2;
+/// Promised residual without the prior from which on the shape is worth its computation.
+const EXACT_PROMISE: f32 = 0.1;
 /// A compression of this many prior standard deviations is compared with none.
 const LARGE_LOAD: f32 = 3.0;
 /// Cost of the other starts, in shapes.
@@ -316,7 +318,9 @@ impl Solver {
     /// Gauss–Newton, damped only when a step fails, from the polynomial's shape; from an arc if
     /// that leaves large residuals. The readings weigh by their own variance
     /// ([`super::strip::Uncertainty`]); a weak heavy-tailed prior holds forces that the strains do
-    /// not tell. With two gauges the prior decides the rest, and the covariance says so. `None` if
+    /// not tell. The prior is withdrawn where the readings fix the load at their stated variance, and where
+    /// the residual of four or more shows that they are far more exact than stated. With two gauges the prior
+    /// decides the rest, and the covariance says so. `None` if
     /// fewer than two readings are usable or no finite shape was found.
     ///
     /// Readings of four gauges or more tell a shape apart from all others a robot can take; three
@@ -463,19 +467,42 @@ impl Solver {
         let [_, fx, fy] = best.parameters;
         let ambiguous = search.mask.count() <= 3;
         let won = fx.abs().max(fy.abs()) > self.large_load() && !ambiguous;
-        if won || told(&best.normal) {
-            readings.tail = REFINED_TAIL;
+        let known = won || told(&best.normal);
+        let weak = Readings {
+            tail: REFINED_TAIL,
+            ..readings
+        };
+        let residual = |best: &Minimum| self.promised_residual(best, &weak);
+        // Readings that are far more exact than stated fix the load too, and their residual shows it.
+        if known || residual(&best).is_some_and(|residual| residual < EXACT_PROMISE) {
             // The budget bounds the time of the tick. A search that has used it up leaves one step.
             let spent = evaluations >= readings.budget;
             for _ in 0..if spent { 1 } else { REFINEMENTS } {
-                let (refined, settled) = self.refined(best, &readings, &mut evaluations);
+                let (refined, settled) = self.refined(best, &weak, &mut evaluations);
                 best = refined;
                 if settled {
                     break;
                 }
             }
+            if known || residual(&best).is_some_and(|residual| is_exact(search.mask, residual)) {
+                readings = weak;
+            } else {
+                best = search.best?;
+            }
         }
         self.result(&best, search.mask, &readings, evaluations)
+    }
+
+    /// Residual that the next step without the prior promises to leave; `None` if the readings would not fix the
+    /// load even if they were as exact as such a residual says.
+    fn promised_residual(&self, minimum: &Minimum, weak: &Readings) -> Option<f32> {
+        let normal = self.normal(&minimum.shape, minimum.parameters, weak);
+        let step = cholesky_solve(&cholesky(&normal.hessian)?, &normal.descent);
+        let mut residual = normal.chi_square;
+        for i in 0..3 {
+            residual -= step[i] * normal.descent[i];
+        }
+        told(&normal).then_some(residual)
     }
 
     /// A compression that is compared with none.
