@@ -22,7 +22,7 @@ use crate::math::matrix::{Mat3, cholesky, cholesky_solve};
 use crate::math::trig::{ln, sin_cos, sinc};
 use descent::Descent;
 pub use fit::Fit;
-use minimum::{Minimum, is_exact, is_suspicious, lower, told};
+use minimum::{Minimum, is_exact, is_suspicious, lower, promise, told};
 use ray::{Leg, Parameters, Ray};
 pub use start::Start;
 pub use wrench::Wrench;
@@ -37,8 +37,12 @@ const TAIL: f32 = 3.0;
 const REFINED_TAIL: f32 = 1e-3 * TAIL;
 /// Most steps taken after that.
 const REFINEMENTS: u8 = 2;
-/// Promised residual without the prior from which on the shape is worth its computation.
-const EXACT_PROMISE: f32 = 0.1;
+/// Residual below which the prior may be what makes it.
+const PULLED: f32 = 2.0;
+/// Residual below which readings may be exact.
+const NEARLY_EXACT: f32 = 0.1;
+/// Decrease of the residual that is no gain: a twentieth of a millimetre at the default uncertainty.
+const NEGLIGIBLE: f32 = 1e-3;
 /// A compression of this many prior standard deviations is compared with none.
 const LARGE_LOAD: f32 = 3.0;
 /// Cost of the other starts, in shapes.
@@ -472,9 +476,7 @@ impl Solver {
             tail: REFINED_TAIL,
             ..readings
         };
-        let residual = |best: &Minimum| self.promised_residual(best, &weak);
-        // Readings that are far more exact than stated fix the load too, and their residual shows it.
-        if known || residual(&best).is_some_and(|residual| residual < EXACT_PROMISE) {
+        if known || self.may_be_exact(&best, &weak) {
             // The budget bounds the time of the tick. A search that has used it up leaves one step.
             let spent = evaluations >= readings.budget;
             for _ in 0..if spent { 1 } else { REFINEMENTS } {
@@ -484,7 +486,7 @@ impl Solver {
                     break;
                 }
             }
-            if known || residual(&best).is_some_and(|residual| is_exact(search.mask, residual)) {
+            if known || self.is_exact(&best, &weak, search.mask) {
                 readings = weak;
             } else {
                 best = search.best?;
@@ -493,16 +495,29 @@ impl Solver {
         self.result(&best, search.mask, &readings, evaluations)
     }
 
-    /// Residual that the next step without the prior promises to leave; `None` if the readings would not fix the
-    /// load even if they were as exact as such a residual says.
-    fn promised_residual(&self, minimum: &Minimum, weak: &Readings) -> Option<f32> {
-        let normal = self.normal(&minimum.shape, minimum.parameters, weak);
-        let step = cholesky_solve(&cholesky(&normal.hessian)?, &normal.descent);
-        let mut residual = normal.chi_square;
-        for i in 0..3 {
-            residual -= step[i] * normal.descent[i];
+    /// True if the readings seem to be far more exact than stated, so that they fix the load, and the prior pulls the
+    /// shape away from them.
+    fn may_be_exact(&self, minimum: &Minimum, weak: &Readings) -> bool {
+        // The prior leaves no larger residual of exact readings.
+        if !(minimum.normal.chi_square < PULLED) {
+            return false;
         }
-        told(&normal).then_some(residual)
+        let normal = self.normal(&minimum.shape, minimum.parameters, weak);
+        promise(&normal).is_some_and(|promise| {
+            promise > NEGLIGIBLE && normal.chi_square - promise < NEARLY_EXACT && told(&normal)
+        })
+    }
+
+    /// True if the residual shows that the readings are far more exact than stated.
+    fn is_exact(&self, minimum: &Minimum, weak: &Readings, mask: GaugeMask) -> bool {
+        let within = |residual| is_exact(mask, residual);
+        let residual = minimum.normal.chi_square;
+        // A budget that was used up may have ended the refinement one step too early.
+        within(residual)
+            || residual < NEARLY_EXACT && {
+                let normal = self.normal(&minimum.shape, minimum.parameters, weak);
+                promise(&normal).is_some_and(|promise| within(residual - promise))
+            }
     }
 
     /// A compression that is compared with none.

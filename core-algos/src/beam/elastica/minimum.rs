@@ -3,7 +3,7 @@
 use super::ray::Parameters;
 use super::{Normal, Shape};
 use crate::beam::strip::GaugeMask;
-use crate::math::matrix::inverse_spd;
+use crate::math::matrix::{cholesky, cholesky_solve, inverse_spd};
 
 /// A residual this large makes the fit try other starts.
 pub(super) const SUSPICIOUS: f32 = 12.0;
@@ -39,6 +39,16 @@ impl Minimum {
 pub(super) fn told(normal: &Normal) -> bool {
     inverse_spd(&normal.hessian)
         .is_some_and(|inverse| normal.prior * (inverse[1][1] + inverse[2][2]) < PRIOR_SHARE)
+}
+
+/// Decrease of the cost that the Gauss–Newton step promises.
+pub(super) fn promise(normal: &Normal) -> Option<f32> {
+    let step = cholesky_solve(&cholesky(&normal.hessian)?, &normal.descent);
+    let mut promise = 0.0;
+    for i in 0..3 {
+        promise += step[i] * normal.descent[i];
+    }
+    Some(promise)
 }
 
 /// True if the residual shows that the readings are far more exact than stated.
