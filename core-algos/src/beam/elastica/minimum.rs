@@ -11,8 +11,8 @@ pub(super) const SUSPICIOUS: f32 = 12.0;
 /// The load is known if the prior decides less than this share of a parameter.
 const PRIOR_SHARE: f32 = 0.1;
 
-/// Residuals of 4 to 8 readings that readings of the stated uncertainty leave, or less, with probability 0.0025.
-const EXACT: [f32; 5] = [1e-5, 5e-3, 0.045, 0.145, 0.3];
+/// Residuals of 4 to 8 readings that readings of the stated uncertainty leave, or less, with probability 2.5e-4.
+const EXACT: [f32; 5] = [1e-7, 5e-4, 0.0096, 0.0455, 0.12];
 
 /// End of a descent.
 #[derive(Clone, Copy, Debug, PartialEq)]
