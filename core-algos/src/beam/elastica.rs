@@ -41,8 +41,8 @@ const REFINEMENTS: u8 = 2;
 const PULLED: f32 = 2.0;
 /// Residual below which readings may be exact.
 const NEARLY_EXACT: f32 = 0.1;
-/// Decrease of the residual that is no gain: 0.07 mm at the default uncertainty.
-const NEGLIGIBLE: f32 = 0.02;
+/// Decrease of the residual that is no gain: 0.15 mm at the default uncertainty, a tenth of a standard deviation.
+const NEGLIGIBLE: f32 = 0.08;
 /// A compression of this many prior standard deviations is compared with none.
 const LARGE_LOAD: f32 = 3.0;
 /// Cost of the other starts, in shapes.
