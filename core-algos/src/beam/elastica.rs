@@ -22,7 +22,7 @@ use crate::math::matrix::{Mat3, cholesky, cholesky_solve};
 use crate::math::trig::{ln, sin_cos, sinc};
 use descent::Descent;
 pub use fit::Fit;
-use minimum::{Minimum, is_suspicious, lower, told};
+use minimum::{Minimum, is_exact, is_suspicious, lower, promise, told};
 use ray::{Leg, Parameters, Ray};
 pub use start::Start;
 pub use wrench::Wrench;
@@ -37,6 +37,12 @@ const TAIL: f32 = 3.0;
 const REFINED_TAIL: f32 = 1e-3 * TAIL;
 /// Most steps taken after that.
 const REFINEMENTS: u8 = 2;
+/// Residual below which the prior may be what makes it.
+const PULLED: f32 = 2.0;
+/// Residual below which readings may be exact.
+const NEARLY_EXACT: f32 = 0.1;
+/// Decrease of the residual that is no gain: 0.15 mm at the default uncertainty, a tenth of a standard deviation.
+const NEGLIGIBLE: f32 = 0.08;
 /// A compression of this many prior standard deviations is compared with none.
 const LARGE_LOAD: f32 = 3.0;
 /// Cost of the other starts, in shapes.
@@ -316,7 +322,9 @@ impl Solver {
     /// Gauss–Newton, damped only when a step fails, from the polynomial's shape; from an arc if
     /// that leaves large residuals. The readings weigh by their own variance
     /// ([`super::strip::Uncertainty`]); a weak heavy-tailed prior holds forces that the strains do
-    /// not tell. With two gauges the prior decides the rest, and the covariance says so. `None` if
+    /// not tell. The prior is withdrawn where the readings fix the load at their stated variance, and where
+    /// the residual of four or more shows that they are far more exact than stated. With two gauges the prior
+    /// decides the rest, and the covariance says so. `None` if
     /// fewer than two readings are usable or no finite shape was found.
     ///
     /// Readings of four gauges or more tell a shape apart from all others a robot can take; three
@@ -463,19 +471,53 @@ impl Solver {
         let [_, fx, fy] = best.parameters;
         let ambiguous = search.mask.count() <= 3;
         let won = fx.abs().max(fy.abs()) > self.large_load() && !ambiguous;
-        if won || told(&best.normal) {
-            readings.tail = REFINED_TAIL;
+        let known = won || told(&best.normal);
+        let weak = Readings {
+            tail: REFINED_TAIL,
+            ..readings
+        };
+        if known || self.may_be_exact(&best, &weak) {
             // The budget bounds the time of the tick. A search that has used it up leaves one step.
             let spent = evaluations >= readings.budget;
             for _ in 0..if spent { 1 } else { REFINEMENTS } {
-                let (refined, settled) = self.refined(best, &readings, &mut evaluations);
+                let (refined, settled) = self.refined(best, &weak, &mut evaluations);
                 best = refined;
                 if settled {
                     break;
                 }
             }
+            if known || self.is_exact(&best, &weak, search.mask) {
+                readings = weak;
+            } else {
+                best = search.best?;
+            }
         }
         self.result(&best, search.mask, &readings, evaluations)
+    }
+
+    /// True if the readings seem to be far more exact than stated, so that they fix the load, and the prior pulls the
+    /// shape away from them.
+    fn may_be_exact(&self, minimum: &Minimum, weak: &Readings) -> bool {
+        // The prior leaves no larger residual of exact readings.
+        if !(minimum.normal.chi_square < PULLED) {
+            return false;
+        }
+        let normal = self.normal(&minimum.shape, minimum.parameters, weak);
+        promise(&normal).is_some_and(|promise| {
+            promise > NEGLIGIBLE && normal.chi_square - promise < NEARLY_EXACT && told(&normal)
+        })
+    }
+
+    /// True if the residual shows that the readings are far more exact than stated.
+    fn is_exact(&self, minimum: &Minimum, weak: &Readings, mask: GaugeMask) -> bool {
+        let within = |residual| is_exact(mask, residual);
+        let residual = minimum.normal.chi_square;
+        // A budget that was used up may have ended the refinement one step too early.
+        within(residual)
+            || residual < NEARLY_EXACT && {
+                let normal = self.normal(&minimum.shape, minimum.parameters, weak);
+                promise(&normal).is_some_and(|promise| within(residual - promise))
+            }
     }
 
     /// A compression that is compared with none.

@@ -173,6 +173,52 @@ impl Elastica {
         [fx, fy, moment - end[0] * fy + end[1] * fx]
     }
 
+    /// Load whose elastic curvatures (1/m) at fractions of the length are nearest to these, by Gauss–Newton steps from
+    /// `start`; each fraction is rounded to the nearest grid point. `None` if they do not converge.
+    pub fn fit(&self, start: Load, fractions: &[f64], curvature: &[f64]) -> Option<Load> {
+        let mut load = start;
+        for _ in 0..20 {
+            let (normal, side) = self.normal(load, fractions, curvature);
+            let step = solve(&normal, &side)?;
+            load = std::array::from_fn(|i| load[i] + step[i]);
+            let change = step.iter().map(|v| v.abs()).fold(0.0, f64::max);
+            let size = load.iter().map(|v| v.abs()).fold(0.0, f64::max);
+            if change <= 1e-9 * size {
+                return Some(load);
+            }
+        }
+        None
+    }
+
+    /// Normal equations of a step towards these curvatures.
+    fn normal(
+        &self,
+        load: Load,
+        fractions: &[f64],
+        curvature: &[f64],
+    ) -> ([[f64; 3]; 3], [f64; 3]) {
+        let [_, fx, fy] = load;
+        let mut rows = Vec::with_capacity(self.steps + 1);
+        self.integrate(load, |_, line| {
+            let direct = [1.0, line[2], -line[1]];
+            let gradient: [f64; 3] = std::array::from_fn(|p| {
+                (direct[p] + fx * line[9 + p] - fy * line[6 + p]) / self.bending
+            });
+            rows.push((self.elastic_curvature(load, line[1], line[2]), gradient));
+        });
+        let (mut normal, mut side) = ([[0.0; 3]; 3], [0.0; 3]);
+        for (f, k) in fractions.iter().zip(curvature) {
+            let (found, gradient) = rows[(f * self.steps as f64).round() as usize];
+            for i in 0..3 {
+                side[i] += gradient[i] * (k - found);
+                for j in 0..3 {
+                    normal[i][j] += gradient[i] * gradient[j];
+                }
+            }
+        }
+        (normal, side)
+    }
+
     /// Elastic curvature (1/m) at fractions of the length; each is rounded to the nearest grid
     /// point.
     pub fn curvature(&self, load: Load, fractions: &[f64]) -> Vec<f64> {

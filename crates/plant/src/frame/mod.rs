@@ -20,7 +20,7 @@
 mod newton;
 mod station;
 
-use super::elastica;
+use super::elastica::{self, Elastica};
 use super::lanes::{Lanes, Narrow, Twelve};
 use super::legendre::{
     BENDING, MODE, MODES, NODES, PAIRS, STRAND_WEIGHTS, WEIGHTS, polynomial, slope,
@@ -31,6 +31,8 @@ pub use station::{Station, Tangents};
 
 /// Unknowns: coefficients and two components of the force.
 const UNKNOWNS: usize = MODES + 2;
+/// Deviation of the curvature, as a share of the largest, up to which a shape is the one that was asked for.
+const OWN_BRANCH: f64 = 3e-3;
 /// Newton iterations of one solution.
 const ITERATIONS: u32 = 4;
 /// Error allowed in a force of unit size, for the estimate made from the last correction.
@@ -292,8 +294,9 @@ impl Strip {
     /// The angle of `end` is the whole turn of the strip, not wrapped. `None` if no equilibrium
     /// can be reached from that shape.
     ///
-    /// Newton's method from the shape; if that leads far from it, by steps from the end that the
-    /// shape itself has.
+    /// Newton's method from the shape; if that leads to another one, from the exact elastica of these
+    /// curvatures; else by steps from the end that the shape itself has. An end nearer to a fold, where
+    /// a stable and an unstable shape meet, than the error of the series may have no shape.
     pub fn find(
         &self,
         end: [f64; 3],
@@ -310,7 +313,20 @@ impl Strip {
         let own = self.ends(&e.unknowns, end[2]);
         let start = e.clone();
         if let Some(stable) = self.converge(&mut e, 1.0) {
-            return Some((e, stable));
+            let deviation = self.deviation(&e, fractions, curvature);
+            if deviation < OWN_BRANCH {
+                return Some((e, stable));
+            }
+            // Near a fold two shapes share an end, and Newton's method may have found the other one.
+            return match self.from_exact(&start, fractions, curvature) {
+                Some((own, stable)) if self.deviation(&own, fractions, curvature) < deviation => {
+                    Some((own, stable))
+                }
+                _ => Some((e, stable)),
+            };
+        }
+        if let Some(found) = self.from_exact(&start, fractions, curvature) {
+            return Some(found);
         }
         let mut e = start;
         let (mut done, mut step, mut stable) = (0.0, 0.125, false);
@@ -335,6 +351,60 @@ impl Strip {
             }
         }
         Some((e, stable))
+    }
+
+    /// The equilibrium at the end in `start`, by Newton's method from the exact shape of these curvatures.
+    fn from_exact(
+        &self,
+        start: &Equilibrium,
+        fractions: &[f64],
+        curvature: &[f64],
+    ) -> Option<(Equilibrium, bool)> {
+        let wave = |order| MODE.iter().position(|&mode| mode == order);
+        let natural = |order| wave(order).map_or(0.0, |i| self.natural[i]);
+        let exact = Elastica {
+            length: 1.0,
+            bending: 1.0,
+            axial: 1.0 / self.stretch,
+            waves: [natural(2), natural(3)],
+            steps: 400,
+        };
+        let (fx, fy) = (start.unknowns[MODES], start.unknowns[MODES + 1]);
+        let root = self.elastic_curvature(start, 0.0) * self.length;
+        let target: Vec<f64> = curvature.iter().map(|k| k * self.length).collect();
+        let load = exact.fit([root, fx, fy], fractions, &target)?;
+        let mut e = start.clone();
+        e.unknowns = self.natural;
+        let grid: Vec<f64> = (0..=exact.steps)
+            .map(|n| n as f64 / exact.steps as f64)
+            .collect();
+        for (n, (fraction, bend)) in grid.iter().zip(exact.curvature(load, &grid)).enumerate() {
+            // Simpson's rule on [−1, 1].
+            let weight = match n {
+                _ if n == 0 || n == exact.steps => 1.0,
+                _ if n % 2 == 1 => 4.0,
+                _ => 2.0,
+            } * 2.0
+                / (3 * exact.steps) as f64;
+            for i in 0..MODES {
+                let scale = (MODE[i] as f64 + 0.5) * weight;
+                e.unknowns[i] += scale * bend * polynomial(MODE[i], 2.0 * fraction - 1.0);
+            }
+        }
+        (e.unknowns[MODES], e.unknowns[MODES + 1]) = (load[1], load[2]);
+        let stable = self.converge(&mut e, 1.0)?;
+        Some((e, stable))
+    }
+
+    /// Largest deviation of the curvature from that of a shape, as a share of the largest.
+    fn deviation(&self, e: &Equilibrium, fractions: &[f64], curvature: &[f64]) -> f64 {
+        let (mut deviation, mut largest) = (0.0f64, f64::MIN_POSITIVE);
+        for (f, k) in fractions.iter().zip(curvature) {
+            let found = self.elastic_curvature(e, f * self.length);
+            deviation = deviation.max((found - k).abs());
+            largest = largest.max(k.abs());
+        }
+        deviation / largest
     }
 
     /// Newton's method to rounding error.
