@@ -1,6 +1,7 @@
 //! Text for people: standard output and its width.
 
 use crate::base::error::Error;
+use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
 
@@ -15,18 +16,41 @@ pub fn width() -> usize {
 
 /// Prints a line for people to standard error; one that cannot be printed is lost.
 pub fn note(text: impl Display) {
-    let _ = writeln!(io::stderr(), "{text}");
+    let _ = writeln!(io::stderr(), "{}", visible(&text.to_string()));
 }
 
 /// Prints to standard output; a reader that has seen enough is no failure.
 pub fn print(text: &str) -> Result<(), Error> {
     let mut out = io::stdout().lock();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+    match out
+        .write_all(visible(text).as_bytes())
+        .and_then(|()| out.flush())
+    {
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Error::Failure(format!(
             "cannot write to standard output: {error}"
         ))),
         _ => Ok(()),
     }
+}
+
+/// Text with its control characters as JSON escapes them: names come from files and may hold codes of the terminal, or
+/// such as turn the direction of writing.
+pub fn visible(text: &str) -> Cow<'_, str> {
+    let is_hidden = |c: char| {
+        c.is_control() && c != '\n' && c != '\t'
+            || matches!(c, '\u{200b}'..='\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}')
+    };
+    if !text.contains(is_hidden) {
+        return Cow::Borrowed(text);
+    }
+    let mut shown = String::with_capacity(text.len());
+    for c in text.chars() {
+        match is_hidden(c) {
+            true => shown += &format!("\\u{:04x}", u32::from(c)),
+            false => shown.push(c),
+        }
+    }
+    Cow::Owned(shown)
 }
 
 /// Prints a page: as it is into a file or a pipe, laid out for reading on a terminal.
@@ -51,4 +75,25 @@ pub fn wrapped(text: &str) -> String {
         *line += word;
     }
     lines.join("\n") + "\n"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_are_escaped_and_json_stays_json() {
+        assert_eq!(visible("name\u{1b}[31m\n\tµ"), "name\\u001b[31m\n\tµ");
+        assert_eq!(
+            visible("a\r\u{7}\u{7f}\u{9b}\u{202e}"),
+            "a\\u000d\\u0007\\u007f\\u009b\\u202e"
+        );
+        let json = serde_json::json!({ "name": "a\u{202e}\u{9b}\u{1b}" });
+        let shown = visible(&json.to_string()).into_owned();
+        assert!(shown.is_ascii());
+        assert_eq!(
+            serde_json::from_str::<serde_json::Value>(&shown).unwrap(),
+            json
+        );
+    }
 }

@@ -17,6 +17,7 @@ pub mod topics;
 pub mod world;
 
 use crate::base::error::Error;
+use crate::base::terminal::note;
 use crate::experiments::calibrate::command::CalibrateArgs;
 use crate::experiments::campaign::command::CampaignArgs;
 use crate::experiments::consistency::ConsistencyArgs;
@@ -59,7 +60,16 @@ impl Cli {
     pub fn read() -> Result<Self, Error> {
         let home = std::env::var("HOME").ok().filter(|home| !home.is_empty());
         let words = std::env::args_os().map(|word| plain(word, home.as_deref()));
-        let matches = command().get_matches_from(words);
+        let matches = command()
+            .try_get_matches_from(words)
+            .unwrap_or_else(|error| {
+                if error.use_stderr() {
+                    // The parser's own text shows words as they are.
+                    note(error.render().to_string().trim_end());
+                    std::process::exit(error.exit_code());
+                }
+                error.exit()
+            });
         outputs::check(&matches)?;
         Ok(Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit()))
     }

@@ -1,9 +1,11 @@
 //! A run served by websocket while it goes: the topics of a log, to viewers such as Foxglove.
 
+use super::gate::{Gate, hidden_address};
 use crate::base::error::Error;
 use crate::base::terminal::note;
 use foxglove::websocket::{Capability, ChannelView, Client, ServerListener};
 use foxglove::{ChannelId, Context, SinkId, WebSocketServer, WebSocketServerHandle};
+use std::fmt::Display;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
@@ -48,31 +50,37 @@ impl ServerListener for Viewers {
 pub struct Server {
     handle: WebSocketServerHandle,
     viewers: Arc<Viewers>,
-    address: SocketAddr,
+    gate: Gate,
 }
 
 impl Server {
-    /// Serves from now on; port 0 is any that is free.
-    pub fn start(context: &Arc<Context>, address: SocketAddr) -> Result<Self, Error> {
+    /// Serves from now on; port 0 is any that is free. Web pages of other machines may connect from these origins only.
+    pub fn start(
+        context: &Arc<Context>,
+        address: SocketAddr,
+        origins: Vec<String>,
+    ) -> Result<Self, Error> {
+        let refuse = |error: &dyn Display| {
+            Error::input(format!(
+                "--live {address}: {error}: must be an address of this machine with a port that is free"
+            ))
+        };
+        let hidden = hidden_address();
         let viewers = Arc::new(Viewers::default());
         let handle = WebSocketServer::new()
             .name("cfmmr")
             .context(context)
-            .bind(address.ip().to_string(), address.port())
+            .bind(hidden.to_string(), 0)
             .capabilities([Capability::Time])
             .listener(viewers.clone())
             .start_blocking()
-            .map_err(|error| {
-                Error::input(format!(
-                    "--live {address}: {error}: must be an address of this machine with a port that \
-                     is free"
-                ))
-            })?;
-        let address = SocketAddr::new(address.ip(), handle.port());
+            .map_err(|error| refuse(&error))?;
+        let inner = SocketAddr::new(hidden.into(), handle.port());
+        let gate = Gate::open(address, inner, origins).map_err(|error| refuse(&error))?;
         Ok(Self {
             handle,
             viewers,
-            address,
+            gate,
         })
     }
 
@@ -80,7 +88,7 @@ impl Server {
     pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
         note(format!(
             "live: ws://{}, waiting for a viewer (Foxglove: Open connection, Foxglove WebSocket)",
-            self.address
+            self.gate.address()
         ));
         while !self.viewers.came.load(Relaxed) {
             if interrupt.load(Relaxed) {
@@ -108,6 +116,7 @@ impl Server {
     pub fn stop(self) {
         let (ended, end) = mpsc::channel();
         let handle = self.handle;
+        drop(self.gate);
         thread::spawn(move || {
             handle.stop().wait_blocking();
             // Nobody listens after the limit.

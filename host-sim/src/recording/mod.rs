@@ -11,6 +11,7 @@
 pub mod csv;
 pub mod entry;
 mod file;
+mod gate;
 mod intact;
 mod live;
 pub mod read;
@@ -68,6 +69,10 @@ pub struct LogArgs {
     /// ADDRESS:PORT or a port [default: 127.0.0.1:8765] (docs/live.md)
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8765", value_parser = live::address)]
     pub live: Option<SocketAddr>,
+    /// Let web pages of this origin connect to --live, for example https://app.foxglove.dev; may be repeated [default:
+    /// pages of this machine only]
+    #[arg(long, value_name = "ORIGIN", requires = "live")]
+    pub live_origin: Vec<String>,
 }
 
 impl LogArgs {
@@ -128,7 +133,8 @@ impl Session {
         let tables = args.csv.as_deref().map(Tables::new).transpose()?;
         let mut sink = args.log.as_deref().map(Sink::to_file).transpose()?;
         if let Some(address) = args.live {
-            sink.get_or_insert_with(Sink::nowhere).serve(address)?;
+            sink.get_or_insert_with(Sink::nowhere)
+                .serve(address, &args.live_origin)?;
         }
         let mcap = sink.map(|sink| Mcap::new(sink, about)).transpose()?;
         Ok(Some(Self::of(Files { mcap, tables }, args.live.is_some())))

@@ -110,9 +110,10 @@ impl Sink {
         self.handle.is_some()
     }
 
-    /// Serves to viewers at this address what is written from now on.
-    pub fn serve(&mut self, address: SocketAddr) -> Result<(), Error> {
-        self.server = Some(Server::start(&self.context, address)?);
+    /// Serves to viewers at this address what is written from now on; web pages of other machines only from these
+    /// origins.
+    pub fn serve(&mut self, address: SocketAddr, origins: &[String]) -> Result<(), Error> {
+        self.server = Some(Server::start(&self.context, address, origins.to_vec())?);
         Ok(())
     }
 

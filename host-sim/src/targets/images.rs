@@ -2,18 +2,30 @@
 
 use crate::base::error::Error;
 use crate::base::input;
+use crate::base::terminal::note;
 use core_algos::link::framing::crc32c;
 use core_algos::topology::Role;
 use std::fmt::Display;
 use std::fs::{self, File};
+use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::Arc;
+use std::thread;
+use std::time::{Duration, Instant};
 use twox_hash::XxHash3_64;
 use virtual_board::image::Image;
 
 /// The boards' target.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
+
+/// Environment variables that name images.
+const AXLE_IMAGE: &str = "CFMMR_AXLE_IMAGE";
+const BEAM_IMAGE: &str = "CFMMR_BEAM_IMAGE";
+
+/// Time after which a build is reported, and between looks at it.
+const LONG_BUILD: Duration = Duration::from_secs(3);
+const LOOK: Duration = Duration::from_millis(20);
 
 /// Profile of Cargo.toml that they are built with.
 const PROFILE: &str = "image";
@@ -22,18 +34,34 @@ const PROFILE: &str = "image";
 /// building at once.
 pub fn build(package: &str) -> Result<Vec<u8>, Error> {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    if !workspace.join("Cargo.toml").is_file() {
+        let checkout = env!("CARGO_MANIFEST_DIR").trim_end_matches("/host-sim");
+        return Err(Error::input(format!(
+            "the image {package} is built in {checkout}, the checkout of this program, which is gone: give the images \
+             with {AXLE_IMAGE}=ELF and {BEAM_IMAGE}=ELF, or --axle-image ELF and --beam-image ELF; `cargo build \
+             --profile {PROFILE} --target {TARGET} --package firmware-axle --package firmware-beam` in a checkout makes \
+             them"
+        )));
+    }
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let target = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
     let target = target.unwrap_or_else(|| workspace.join("target"));
     let lock = target.join("images.lock");
     let held = File::create(&lock).and_then(|file| file.lock().map(|()| file));
     let _held = held.map_err(|error| Error::Failure(format!("{}: {error}", lock.display())))?;
-    let status = Command::new(&cargo)
-        .args(["build", "--quiet", "--locked", "--profile", PROFILE])
+    let mut command = Command::new(&cargo);
+    command
+        .args(["build", "--locked", "--profile", PROFILE])
         .args(["--target", TARGET, "--package", package])
         .current_dir(&workspace)
-        .stdin(Stdio::null())
-        .status()
+        .stdin(Stdio::null());
+    // On a terminal cargo shows its progress.
+    if !io::stderr().is_terminal() {
+        command.arg("--quiet");
+    }
+    let status = command
+        .spawn()
+        .and_then(|child| watched(child, package))
         .map_err(|error| Error::Failure(format!("cargo: {error}")))?;
     if !status.success() {
         return Err(Error::Failure(format!(
@@ -45,6 +73,24 @@ pub fn build(package: &str) -> Result<Vec<u8>, Error> {
     fs::read(&built).map_err(|error| Error::Failure(format!("{}: {error}", built.display())))
 }
 
+/// Waits for the end of a build, and reports one that takes long.
+fn watched(mut child: Child, package: &str) -> io::Result<ExitStatus> {
+    let began = Instant::now();
+    let mut reported = io::stderr().is_terminal();
+    loop {
+        if let Some(status) = child.try_wait()? {
+            return Ok(status);
+        }
+        if !reported && began.elapsed() > LONG_BUILD {
+            reported = true;
+            note(format!(
+                "building the image {package}, which takes minutes the first time"
+            ));
+        }
+        thread::sleep(LOOK);
+    }
+}
+
 /// The axles' image and the beam's.
 #[derive(Clone)]
 pub struct Images {
@@ -53,8 +99,8 @@ pub struct Images {
 }
 
 impl Images {
-    /// The images that users flash, built if they are not up to date; a file that is given takes the
-    /// place of one.
+    /// The images that users flash, built if they are not up to date. A file that is given takes the place of one, and so
+    /// does the file that an environment variable names.
     pub fn open(axle: Option<&Path>, beam: Option<&Path>) -> Result<Self, Error> {
         let given = |(file, package): (&Path, &str)| {
             let name = file.display().to_string();
@@ -73,6 +119,12 @@ impl Images {
                 image.map_err(|error| Error::Failure(error.to_string()))?,
             ))
         };
+        let of_environment = |name| std::env::var_os(name).filter(|file| !file.is_empty());
+        let (axle_file, beam_file) = (of_environment(AXLE_IMAGE), of_environment(BEAM_IMAGE));
+        let (axle, beam) = (
+            axle.or(axle_file.as_deref().map(Path::new)),
+            beam.or(beam_file.as_deref().map(Path::new)),
+        );
         // Files first: a wrong one is told before anything is built.
         let files = [(axle, "firmware-axle"), (beam, "firmware-beam")];
         let [axle, beam] =
