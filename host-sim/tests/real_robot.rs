@@ -18,15 +18,18 @@ use host_sim::targets::link::Descriptors;
 use host_sim::targets::{Failure, FailureMode};
 use host_sim::world::{self, World};
 use program::{Run, json_file};
+use rustix::termios::{Winsize, tcsetwinsize};
 use serde_json::Value;
 use std::fs::{self, File};
+use std::io::{Read, Write};
+use std::os::fd::OwnedFd;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 use terminal::pseudo_terminal;
 use virtual_board::Time;
@@ -390,6 +393,51 @@ fn control_c_stops_the_robot_and_a_second_one_at_once() {
     let robot = bench.robot();
     assert_motors_off(&robot);
     assert!((0.3..1.9).contains(&robot.record().midpoint[0]));
+}
+
+/// The terminal of a drive by keyboard is closed: the robot brakes, its motors go off, the result is written.
+#[test]
+fn closed_terminal_stops_the_robot_that_the_keyboard_drives() {
+    let folder = tempfile::tempdir().unwrap();
+    let bench = Bench::at_origin(false);
+    let (master, path) = pseudo_terminal();
+    let size = Winsize {
+        ws_row: 24,
+        ws_col: 80,
+        ws_xpixel: 0,
+        ws_ypixel: 0,
+    };
+    tcsetwinsize(&master, size).unwrap();
+    let terminal = File::options().read(true).write(true).open(path).unwrap();
+    let end = || Stdio::from(OwnedFd::from(terminal.try_clone().unwrap()));
+    let mut command = bench.command(folder.path(), "drive --from 0,0,0");
+    let command = command.stdin(end()).stdout(end()).stderr(end());
+    let mut child = command.spawn().unwrap();
+    rustix::io::ioctl_fionbio(&master, true).unwrap();
+    let (mut keyboard, mut room) = (File::from(master), [0; 4096]);
+    for tenth in 0..60 {
+        // The screen has to be taken away.
+        while keyboard.read(&mut room).is_ok() {}
+        if tenth == 25 {
+            keyboard.write_all(b"wwww").unwrap();
+        }
+        thread::sleep(Duration::from_millis(100));
+    }
+    drop(keyboard);
+    let deadline = Instant::now() + Duration::from_secs(30);
+    while child.try_wait().unwrap().is_none() {
+        if Instant::now() > deadline {
+            child.kill().unwrap();
+        }
+        thread::sleep(Duration::from_millis(20));
+    }
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    let report = result(folder.path(), "drive");
+    assert!(report["restless"].is_null(), "{report}");
+    let robot = bench.robot();
+    assert_motors_off(&robot);
+    let [x, _, _] = robot.record().midpoint;
+    assert!((0.05..1.0).contains(&x), "{x}");
 }
 
 /// A speed is driven only while the host is there: each time the cable is out the robot brakes, and goes on afterwards.

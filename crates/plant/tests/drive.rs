@@ -28,20 +28,49 @@ fn postures_follow_the_explicit_reference() {
     }
 }
 
+/// A call of `step` is a tick of the boards, however it is divided: the wheels turn as far.
+#[test]
+fn substeps_divide_the_tick() {
+    let travel = |substeps: u32| {
+        let mut plant = plant(&PlantConfig {
+            substeps,
+            ..config()
+        });
+        for tick in 0..1000 {
+            plant.step(NORMAL.torque(f64::from(tick) * 1e-3));
+        }
+        assert!((plant.time() - 1.0).abs() < 1e-12);
+        plant.state().axle.map(|axle| axle.wheel_angle)
+    };
+    let whole = travel(1);
+    assert!(whole[0][0].abs() > 0.3, "{whole:?}");
+    for substeps in [2, 7, 50] {
+        let divided = travel(substeps);
+        for (a, b) in whole.as_flattened().iter().zip(divided.as_flattened()) {
+            assert!((a - b).abs() < 2e-3, "{substeps}: {whole:?} {divided:?}");
+        }
+    }
+}
+
 #[test]
 fn error_falls_with_the_square_of_the_step() {
-    let drive = NORMAL;
-    let error = |substeps: u32| {
+    let end = |substeps: u32| {
         let config = PlantConfig {
             substeps,
             tolerance_m_s: 1.0,
             ..config()
         };
-        drive.error(&config, 0.7).unwrap()[0]
+        let mut plant = plant(&config);
+        (0..700).for_each(|tick| plant.step(NORMAL.torque(f64::from(tick) * 1e-3)));
+        plant.state().axle[0].posture
+    };
+    let truth = end(64);
+    let error = |substeps: u32| {
+        let [x, y, _] = end(substeps);
+        (x - truth[0]).hypot(y - truth[1])
     };
     let (coarse, fine) = (error(1), error(2));
-    println!("{coarse} {fine}");
-    assert!(coarse > 2.8 * fine, "{coarse} {fine}");
+    assert!((2.8..5.5).contains(&(coarse / fine)), "{coarse} {fine}");
 }
 
 /// A soft strip that the tyres can buckle, driven at random: many snap-throughs, taut pulls at

@@ -14,11 +14,13 @@ where
 {
     move |text| match text.parse() {
         Ok(value) if range.contains(&value) => Ok(value),
-        _ => Err(format!(
-            "must be a whole number from {} to {}",
-            range.start(),
-            range.end()
-        )),
+        _ => {
+            let (least, most) = (range.start(), range.end().to_string());
+            Err(match most == u64::MAX.to_string() {
+                true => format!("must be a whole number of at least {least}"),
+                false => format!("must be a whole number from {least} to {most}"),
+            })
+        }
     }
 }
 
@@ -76,6 +78,8 @@ mod tests {
             let text = trials(bad).unwrap_err();
             assert_eq!(text, "must be a whole number from 1 to 1000", "{bad}");
         }
+        let seed = whole::<u64>(0..=u64::MAX)("x").unwrap_err();
+        assert_eq!(seed, "must be a whole number of at least 0");
         assert_eq!(number("-0.25"), Ok(-0.25));
         for bad in ["20cm", "nan", "inf", "1,5", ""] {
             assert!(number(bad).unwrap_err().contains("plain number"), "{bad}");

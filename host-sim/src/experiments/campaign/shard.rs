@@ -77,8 +77,7 @@ fn number(name: &str, text: &str) -> Result<u64, Error> {
     let number = text.parse().ok().filter(|_| digits);
     number.ok_or_else(|| {
         Error::input(format!(
-            "{name}={text}: must be a whole number from 0 to {}; {ADVICE}",
-            u64::MAX
+            "{name}={text}: must be a whole number of at least 0; {ADVICE}"
         ))
     })
 }

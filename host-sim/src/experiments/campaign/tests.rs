@@ -69,6 +69,8 @@ fn a_study_is_refused_by_the_name_of_what_is_wrong() {
         uniform = [0.0, 0.002] => uniform = [0.002, 0.0] => uniform
         uniform = [0.0, 0.002] => log_uniform = [0.0, 0.002] => log_uniform
         uniform = [0.0, 0.002] => normal = [0.0, 0.0] => normal
+        uniform = [0.0, 0.002] => uniform = [0.0, 0.2] => draws reach sensors.geometry.wheel_radius_sigma = 0.2
+        uniform = [0.0, 0.002] => normal = [0.001, 0.0005] => draws reach sensors.geometry.wheel_radius_sigma = -0.0015
         uniform = [0.0, 0.002] => => exactly one
         values = [true, false] => values = [] => values
         values = [true, false] => values = [true, 3] => mission.rps
