@@ -70,6 +70,7 @@ fn a_study_is_refused_by_the_name_of_what_is_wrong() {
         uniform = [0.0, 0.002] => log_uniform = [0.0, 0.002] => log_uniform
         uniform = [0.0, 0.002] => normal = [0.0, 0.0] => normal
         uniform = [0.0, 0.002] => => exactly one
+        [0.0, 0.002] => [0.0, 0.5] => vary: draws reach sensors.geometry.wheel_radius_sigma = 0.5: must be
         values = [true, false] => values = [] => values
         values = [true, false] => values = [true, 3] => mission.rps
         mission.rps => mission.rsp => rsp
