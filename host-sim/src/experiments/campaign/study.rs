@@ -278,9 +278,16 @@ impl Study {
                 values[*i] = toml::Value::Float(*value);
             }
             self.scenario(0, &values).map_err(|error| {
-                let set = corner
-                    .iter()
-                    .map(|(i, value)| format!("{} = {value}", self.vary[*i].key));
+                let error = error.to_string();
+                let keys = corner.iter().map(|(i, value)| (&self.vary[*i].key, value));
+                // An error of one key names its value.
+                if keys
+                    .clone()
+                    .any(|(key, _)| error.starts_with(&format!("{key} = ")))
+                {
+                    return Error::input(format!("vary: draws reach {error}"));
+                }
+                let set = keys.map(|(key, value)| format!("{key} = {value}"));
                 let set = set.collect::<Vec<_>>().join(", ");
                 Error::input(format!("vary: draws reach {set}: {error}"))
             })?;

@@ -72,6 +72,7 @@ fn a_study_is_refused_by_the_name_of_what_is_wrong() {
         uniform = [0.0, 0.002] => uniform = [0.0, 0.2] => draws reach sensors.geometry.wheel_radius_sigma = 0.2
         uniform = [0.0, 0.002] => normal = [0.001, 0.0005] => draws reach sensors.geometry.wheel_radius_sigma = -0.0015
         uniform = [0.0, 0.002] => => exactly one
+        [0.0, 0.002] => [0.0, 0.5] => vary: draws reach sensors.geometry.wheel_radius_sigma = 0.5: must be
         values = [true, false] => values = [] => values
         values = [true, false] => values = [true, 3] => mission.rps
         mission.rps => mission.rsp => rsp

@@ -101,7 +101,8 @@ fn markdown(measured: &Measured, scenario: &Scenario) -> String {
          - *error*: position error at the goals, rms. *pair*: error of the relative posture of the axles, rms.\n\
          - *NEES*: normalised square of the error, expected 3. *NIS*: of the beam's innovation, expected {NIS_EXPECTED}.\n\
            Successive values are correlated.\n\
-         - *memory*: resident memory of the process.\n\n\
+         - *memory*: resident memory of the process with the pages of the program file, so the value differs between\n\
+           builds and machines. The limit is on its growth.\n\n\
          | ticks | NIS | gated | NEES | error (cm) | σ (cm) | σ (°) | pair (mm) | pair (mrad) | goals reached | missed | memory (KiB) |\n\
          |---|---|---|---|---|---|---|---|---|---|---|---|\n",
         report.ticks,
