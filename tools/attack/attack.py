@@ -20,8 +20,10 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import cases_keys
 import cases_logs
 import cases_messages
+import cases_names
 import cases_options
 import cases_run
 import cases_serial
@@ -31,6 +33,8 @@ from bench import COLUMNS, Bench, Unsound, snapshot
 KINDS = [
     cases_logs.Logs, cases_logs.Blocks, cases_text.Toml, cases_text.Lines, cases_options.Options, cases_options.Inputs,
     cases_messages.Messages,
+    cases_keys.Constants, cases_keys.Spreads, cases_keys.Pairs, cases_keys.Whole, cases_keys.Misspelled,
+    cases_names.Names, cases_names.Angles, cases_names.Outputs, cases_names.Controls,
     cases_serial.Serial, cases_run.Disk, cases_run.Signals, cases_run.Live,
 ]
 
