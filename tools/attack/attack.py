@@ -20,6 +20,8 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import cases_ends
+import cases_files
 import cases_keys
 import cases_logs
 import cases_messages
@@ -35,6 +37,7 @@ KINDS = [
     cases_messages.Messages,
     cases_keys.Constants, cases_keys.Spreads, cases_keys.Pairs, cases_keys.Whole, cases_keys.Misspelled,
     cases_names.Names, cases_names.Angles, cases_names.Outputs, cases_names.Controls,
+    cases_files.Sizes, cases_files.Recover, cases_files.Separators, cases_ends.Terminals, cases_ends.Full, cases_ends.Shards,
     cases_serial.Serial, cases_run.Disk, cases_run.Signals, cases_run.Live,
 ]
 

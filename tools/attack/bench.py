@@ -53,6 +53,8 @@ class Case:
     may_leave_temporary: bool = False
     # Acts on the process while it runs, in a thread of its own.
     during: Callable | None = None
+    # Files that a refused run may write: regular expressions.
+    writes: tuple = ()
     # Standard error has no long number and no control character.
     plain: bool = False
     # Defects that only this case knows: (column, text) each.
@@ -177,7 +179,7 @@ class Bench:
         for name, state in snapshot(folder).items():
             if before.get(name) == state:
                 continue
-            if ended.code == 2:
+            if ended.code == 2 and not any(re.fullmatch(pattern, name) for pattern in case.writes):
                 found.append((HALF, f"refused, but wrote {name}"))
             elif name.endswith(".partial"):
                 if not case.may_leave_temporary:
