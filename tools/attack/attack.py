@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Attacks `cfmmr` from outside: damaged files, wrong options, bad peers, full disks, signals.
+"""Attacks `cfmmr` from outside: damaged files, wrong options, names and environments, bad peers, full disks, signals.
 
     tools/attack/attack.py CFMMR [--seed N] [--times X] [--only KIND[:INDEX]] [--keep DIR]
 

@@ -113,7 +113,7 @@ class Terminals(Kind):
 class Full(Kind):
     """A standard output that takes nothing: exit code 1, and it is named."""
 
-    name, count = "full", 12
+    name, count = "full", 10
     WORDS = [
         ["config"], ["codes"], ["topics"], ["serial"], ["parameters"], ["dbc"], ["world"], ["world", "careful"], ["completions", "bash"],
         ["--help"], ["--version"], ["drive", "--help"], ["help"], ["campaign", "help", "merge"], ["world", "careful", "--toml"],

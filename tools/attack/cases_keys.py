@@ -116,7 +116,7 @@ class Constants(Keyed):
 class Spreads(Keyed):
     """Distributions at the edges of their ranges: refused before the run, or every trial is carried out."""
 
-    name, count = "spreads", 20
+    name, count = "spreads", 12
     MEANS = [
         "plant.slip_stiffness", "plant.bending_stiffness_n_m2", "plant.strip_length_m", "plant.wheel_radius_m",
         "plant.half_track_m", "plant.friction", "plant.backlash_rad", "plant.side_slip", "plant.carpet_drift",
@@ -191,7 +191,7 @@ class Spreads(Keyed):
 class Pairs(Keyed):
     """Quantities with a true and a believed key: a notice if one is changed, none if both are."""
 
-    name, count = "pairs", 12
+    name, count = "pairs", 9
     COMMANDS = [["drive", "stop"], ["posture", "--rows", "joint", "--trials", "1", *SHORT], ["follow", "--path", "line", "--size", "0.1"]]
 
     def pairs(self):

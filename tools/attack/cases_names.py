@@ -20,7 +20,7 @@ def name(rng):
 class Names(Kind):
     """Files whose names hold spaces, quotes, # and other characters: the same result as any other name."""
 
-    name, count = "names", 14
+    name, count = "names", 10
 
     def case(self, rng, index, folder):
         makes = [self.follow, self.path, self.outputs, self.script, self.in_script, self.one_word, self.scenario]
@@ -122,7 +122,7 @@ class Outputs(Kind):
     name, count = "outputs", 24
 
     def case(self, rng, index, folder):
-        makes = [self.two, self.two, self.result, self.special]
+        makes = [self.two, self.result, self.special, self.two, self.hard_link, self.special_option]
         return makes[index % len(makes)](rng, index, folder)
 
     def refused(self, words, folder, refuse, named):
@@ -153,6 +153,43 @@ class Outputs(Kind):
         if "--out" not in (one, other):
             words += ["--out", "out"]
         return self.refused(words, folder, f"{one} f and {other} {second} are one file", rf"{one}|{other}")
+
+    def hard_link(self, rng, index, folder):
+        """Two names of one file: refused, or each becomes a file of its own; a third name keeps its content."""
+        (folder / "kept").write_text("kept\n")
+        suffix = {"--log": ".mcap", "--csv": ".csv", "--json": ".json"}
+        chosen = rng.sample(OPTIONS[:3], 2)
+        names = [f"f{suffix[option]}" for option in chosen]
+        for one in names:
+            os.link(folder / "kept", folder / one)
+
+        def check(ended):
+            if (folder / "kept").read_text() != "kept\n":
+                return [(HALF, "written through a hard link")]
+            inodes = {(folder / one).stat().st_ino for one in names}
+            return [(HALF, "both are one file")] if ended.code == 0 and len(inodes) < 2 else []
+
+        words = [word for option, one in zip(chosen, names) for word in (option, one)]
+        return Case([*DRIVE, "--out", "out", *words], codes=(0, 2), check=check, plain=True)
+
+    def special_option(self, rng, index, folder):
+        """A pipe, folder or file in place of what an option names."""
+        option, kind = rng.choice([
+            ("--log", "folder"), ("--json", "folder"), ("--log", "pipe"), ("--csv", "pipe"), ("--csv", "file"), ("--out", "pipe"),
+            ("--out", "file"), ("--log", "/dev"), ("--csv", "/dev"), ("--out", "/dev"),
+        ])
+        path = folder / ("f.csv" if option == "--csv" and kind != "file" else "f")
+        if kind == "pipe":
+            os.mkfifo(path)
+        elif kind == "folder":
+            path.mkdir()
+            (path / "kept").write_text("kept\n")
+        elif kind == "file":
+            path.write_text("kept\n")
+        else:
+            path.symlink_to("/dev/null")
+        words = [*DRIVE, option, path.name] + ([] if option == "--out" else ["--out", "out"])
+        return self.refused(words, folder, f"{option} is a {kind}", option)
 
     def result(self, rng, index, folder):
         """A file of --out named again."""
