@@ -119,7 +119,7 @@ class Full(Kind):
         ["--help"], ["--version"], ["drive", "--help"], ["help"], ["campaign", "help", "merge"], ["world", "careful", "--toml"],
         ["drive", "stop", "--out", "out"], ["drive", "stop", "--out", "out", "--json", "-"],
         ["posture", "--rows", "joint", "--trials", "1", *SHORT], ["params", "list", "--flash", "flash"], ["params", "get", "button.action", "--flash", "flash"],
-        ["params", "export", "--flash", "flash"], ["params", "set", "button.action=1", "--board", "front", "--flash", "flash"],
+        ["params", "export", "--all", "--flash", "flash"], ["params", "set", "button.action=1", "--board", "front", "--flash", "flash"],
         ["follow", "--path", "line", "--size", "0.1", "--out", "out"], ["track", "--path", "line", "--size", "0.1", "--out", "out"],
         ["faults", "--only", "none", "--seeds", "1", "--threads", "1"], ["soak", "--ticks", "10000"], ["doctor"],
         ["consistency", "--trials", "2", "--fusion", "odometry", "--threads", "1", "--out", "out"], ["calibrate", "gauges", "--laps", "1", "--out", "x.toml"],
