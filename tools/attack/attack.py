@@ -41,6 +41,9 @@ KINDS = [
     cases_serial.Serial, cases_run.Disk, cases_run.Signals, cases_run.Live,
 ]
 
+# Bytes of the largest file of a case that is kept.
+LARGEST_COPY = 64 << 20
+
 
 class Attack:
     """All cases of the chosen kinds."""
@@ -67,7 +70,7 @@ class Attack:
         """Copies a case with its outputs."""
         kept = self.args.keep / folder.name
         shutil.rmtree(kept, ignore_errors=True)
-        special = lambda place, names: [n for n in names if not (p := Path(place, n)).is_file() and not p.is_dir()]
+        special = lambda place, names: [name for name in names if not is_copied(Path(place, name))]
         shutil.copytree(folder, kept, symlinks=True, ignore=special)
         (kept / "attack.out").write_bytes(ended.out)
         (kept / "attack.err").write_text(ended.err)
@@ -112,6 +115,11 @@ class Attack:
             print(line.encode(errors="backslashreplace").decode())
         if self.defects:
             print(f"\nCases: {self.args.keep}/KIND-INDEX, command in attack.txt, output in attack.out and attack.err.")
+
+
+def is_copied(path):
+    """True for folders and for files that are no longer than a copy may be; a copy of a sparse file is not sparse."""
+    return path.is_dir() or path.is_file() and path.stat().st_size <= LARGEST_COPY
 
 
 def shell(case):
