@@ -1,13 +1,15 @@
 """Terminals and pipes that are closed, a full standard output, environments of schedulers."""
+import fcntl
 import os
 import pty
 import re
 import signal
 import subprocess
+import termios
 import time
 from pathlib import Path
 
-from bench import CODE, HANG, HALF, Case, Ended, Kind, environment, last_line
+from bench import CODE, HALF, HANG, Case, Kind, environment, last_line
 
 SHORT = ["--set", "mission.time_limit_s=0.1", "--out", "out"]
 
@@ -58,7 +60,6 @@ class Terminals(Kind):
 
         def control():
             os.setsid()
-            import fcntl, termios
             fcntl.ioctl(slave, termios.TIOCSCTTY, 0)
 
         process = subprocess.Popen([self.bench.program, *words], cwd=folder, stdin=slave, stdout=slave, stderr=slave,

@@ -1,11 +1,8 @@
 """Large sparse files, waypoints of other programs, damaged logs that are recovered."""
-import os
-import re
 import signal
 import time
-from pathlib import Path
 
-from bench import CODE, HALF, SILENT, Case, Kind, last_line
+from bench import CODE, HALF, Case, Kind, last_line
 from cases_logs import append, cut, flip, overwrite
 
 DRIVE = ["drive", "--out", "out"]

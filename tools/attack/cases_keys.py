@@ -63,7 +63,7 @@ def scaled_to(value, number):
 class Constants(Keyed):
     """Constants that no key repeats, and the number of substeps."""
 
-    name, count = "constants", 14
+    name, count = "constants", 10
     GONE = [
         "plant.step_s", "robot.lead.governor.max_interval_s", "robot.axle.wheel.interval_s",
         "robot.lead.regulator.tick_s",
@@ -153,7 +153,7 @@ class Spreads(Keyed):
         if index % 2:
             return self.campaign(rng, drawn, folder)
         sets = [f"{key}={shown(scaled_to(self.keys[key], value))}" for key, value in drawn.items()]
-        words = ["posture", "--rows", "joint", "--trials", "40", "--seed", str(rng.randrange(1000)), *SHORT]
+        words = ["posture", "--rows", "joint", "--trials", "20", "--seed", str(rng.randrange(1000)), *SHORT]
         words += ["--threads", "1", "--out", "out", *(word for one in sets for word in ("--set", one))]
         return self.judged(words, drawn)
 
@@ -191,7 +191,7 @@ class Spreads(Keyed):
 class Pairs(Keyed):
     """Quantities with a true and a believed key: a notice if one is changed, none if both are."""
 
-    name, count = "pairs", 9
+    name, count = "pairs", 6
     COMMANDS = [["drive", "stop"], ["posture", "--rows", "joint", "--trials", "1", *SHORT], ["follow", "--path", "line", "--size", "0.1"]]
 
     def pairs(self):

@@ -1,10 +1,9 @@
 """Names with unusual characters, angles, outputs that are one file, control characters."""
 import os
 import re
-import shutil
 from pathlib import Path
 
-from bench import CODE, HALF, SILENT, Case, Kind, incomplete, last_line, messages
+from bench import CODE, HALF, Case, Kind, last_line, messages
 from cases_text import WAYPOINTS
 
 DRIVE = ["drive", "speed", "0.1", "0.5", "0.05"]
@@ -20,7 +19,7 @@ def name(rng):
 class Names(Kind):
     """Files whose names hold spaces, quotes, # and other characters: the same result as any other name."""
 
-    name, count = "names", 10
+    name, count = "names", 7
 
     def case(self, rng, index, folder):
         makes = [self.follow, self.path, self.outputs, self.script, self.in_script, self.one_word, self.scenario]
@@ -74,7 +73,6 @@ class Names(Kind):
         return Case(words, codes=(0,), check=check, plain=True)
 
 
-TURN = 2 * 3.14159265358979
 # Text of an angle, and true if it is one.
 ANGLES = [
     ("90deg", True), ("90°", True), ("-90deg", True), ("90 deg", True), ("360deg", True), ("-360°", True), ("0", True),
