@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Attacks `cfmmr` from outside: damaged files, wrong options, bad peers, full disks, signals.
+"""Attacks `cfmmr` from outside: damaged files, wrong options, names and environments, bad peers, full disks, signals.
 
     tools/attack/attack.py CFMMR [--seed N] [--times X] [--only KIND[:INDEX]] [--keep DIR]
 
@@ -20,8 +20,12 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import cases_ends
+import cases_files
+import cases_keys
 import cases_logs
 import cases_messages
+import cases_names
 import cases_options
 import cases_run
 import cases_serial
@@ -31,8 +35,14 @@ from bench import COLUMNS, Bench, Unsound, snapshot
 KINDS = [
     cases_logs.Logs, cases_logs.Blocks, cases_text.Toml, cases_text.Lines, cases_options.Options, cases_options.Inputs,
     cases_messages.Messages,
+    cases_keys.Constants, cases_keys.Spreads, cases_keys.Pairs, cases_keys.Whole, cases_keys.Misspelled,
+    cases_names.Names, cases_names.Angles, cases_names.Outputs, cases_names.Controls,
+    cases_files.Sizes, cases_files.Recover, cases_files.Separators, cases_ends.Terminals, cases_ends.Full, cases_ends.Shards,
     cases_serial.Serial, cases_run.Disk, cases_run.Signals, cases_run.Live,
 ]
+
+# Bytes of the largest file of a case that is kept.
+LARGEST_COPY = 64 << 20
 
 
 class Attack:
@@ -60,7 +70,7 @@ class Attack:
         """Copies a case with its outputs."""
         kept = self.args.keep / folder.name
         shutil.rmtree(kept, ignore_errors=True)
-        special = lambda place, names: [n for n in names if not (p := Path(place, n)).is_file() and not p.is_dir()]
+        special = lambda place, names: [name for name in names if not is_copied(Path(place, name))]
         shutil.copytree(folder, kept, symlinks=True, ignore=special)
         (kept / "attack.out").write_bytes(ended.out)
         (kept / "attack.err").write_text(ended.err)
@@ -105,6 +115,11 @@ class Attack:
             print(line.encode(errors="backslashreplace").decode())
         if self.defects:
             print(f"\nCases: {self.args.keep}/KIND-INDEX, command in attack.txt, output in attack.out and attack.err.")
+
+
+def is_copied(path):
+    """True for folders and for files that are no longer than a copy may be; a copy of a sparse file is not sparse."""
+    return path.is_dir() or path.is_file() and path.stat().st_size <= LARGEST_COPY
 
 
 def shell(case):

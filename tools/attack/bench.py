@@ -9,6 +9,7 @@ import signal
 import subprocess
 import tempfile
 import threading
+import time
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -40,6 +41,10 @@ class Case:
     named: str = ""
     # Content of standard input, or a device.
     stdin: bytes | Path | None = None
+    # Device in place of the file of standard output.
+    stdout: Path | None = None
+    # Variables of the environment, beside those of this process.
+    env: dict = field(default_factory=dict)
     cwd: str = "."
     limit: float = LIMIT_S
     memory: int = MEMORY
@@ -48,6 +53,10 @@ class Case:
     may_leave_temporary: bool = False
     # Acts on the process while it runs, in a thread of its own.
     during: Callable | None = None
+    # Files that a refused run may write: regular expressions.
+    writes: tuple = ()
+    # Standard error has no long number and no control character.
+    plain: bool = False
     # Defects that only this case knows: (column, text) each.
     check: Callable = field(default=lambda ended: [])
 
@@ -60,6 +69,9 @@ class Ended:
     out: bytes
     err: str
     hung: bool
+    seconds: float = 0.0
+    # Largest resident memory, bytes.
+    resident: int = 0
 
     @property
     def panicked(self):
@@ -110,13 +122,15 @@ class Bench:
 
         device = isinstance(case.stdin, Path)
         given = open(case.stdin, "rb") if device else tempfile.TemporaryFile()
-        with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err, given:
+        out = open(case.stdout, "r+b", buffering=0) if case.stdout else tempfile.TemporaryFile()
+        began = time.monotonic()
+        with out, tempfile.TemporaryFile() as err, given:
             if not device:
                 given.write(case.stdin or b"")
                 given.seek(0)
             process = subprocess.Popen(
                 [self.program, *case.words], cwd=folder / case.cwd, stdout=out, stderr=err, stdin=given,
-                start_new_session=True,
+                start_new_session=True, env=environment() | case.env,
                 # SIGXFSZ stays ignored: a file that grows beyond the limit is an error of the write.
                 restore_signals=False,
                 preexec_fn=limit_files if case.largest_file is not None else None,
@@ -128,17 +142,21 @@ class Bench:
             actor = threading.Thread(target=case.during, args=(process,)) if case.during else None
             if actor:
                 actor.start()
+            resident = ended(process, case.limit) if not actor else 0
             hung = False
             try:
-                process.wait(case.limit)
+                process.wait(case.limit if actor else 0)
             except subprocess.TimeoutExpired:
                 hung = True
                 os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
+            seconds = time.monotonic() - began
             if actor:
                 actor.join()
-            out.seek(0), err.seek(0)
-            return Ended(process.returncode, out.read(), err.read().decode(errors="replace"), hung)
+            printed = b"" if case.stdout else (out.seek(0), out.read())[1]
+            err.seek(0)
+            said = err.read().decode(errors="replace")
+            return Ended(process.returncode, printed, said, hung, seconds, resident)
 
     def judge(self, case, ended, folder, before):
         """Defects of a case that has ended: (column, text) each."""
@@ -146,7 +164,7 @@ class Bench:
             return [(HANG, f"did not end within {case.limit:g} s")]
         if ended.panicked and ended.code not in case.codes:
             return [(PANIC, last_line(ended.err, r"panicked at|memory allocation|overflow"))]
-        found = list(case.check(ended))
+        found = list(case.check(ended)) + (messages(ended.err) if case.plain else [])
         if ended.code == 0 and case.refuse:
             found.append((SILENT, case.refuse))
         elif ended.code not in case.codes:
@@ -161,7 +179,7 @@ class Bench:
         for name, state in snapshot(folder).items():
             if before.get(name) == state:
                 continue
-            if ended.code == 2:
+            if ended.code == 2 and not any(re.fullmatch(pattern, name) for pattern in case.writes):
                 found.append((HALF, f"refused, but wrote {name}"))
             elif name.endswith(".partial"):
                 if not case.may_leave_temporary:
@@ -169,6 +187,42 @@ class Bench:
             elif problem := incomplete(folder / name):
                 found.append((HALF, f"{name}: {problem}"))
         return found
+
+
+def environment():
+    """Environment without the variables of a scheduler."""
+    drop = ("CFMMR_", "SLURM_", "JOB_COMPLETION_")
+    return {name: value for name, value in os.environ.items() if not name.startswith(drop)}
+
+
+def ended(process, limit):
+    """Waits for the end of a process, at most for `limit`. Returns its largest resident memory, bytes."""
+    end, pause = time.monotonic() + limit, 0.001
+    while time.monotonic() < end:
+        pid, status, usage = os.wait4(process.pid, os.WNOHANG)
+        if pid:
+            process.returncode = os.waitstatus_to_exitcode(status)
+            return usage.ru_maxrss * 1024
+        time.sleep(pause)
+        pause = min(pause * 1.5, 0.02)
+    return 0
+
+
+# A number of more digits than any value needs.
+LONG_NUMBER = re.compile(r"\d{41}")
+# Control characters except newline and tab, and those that turn the direction of text.
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+
+
+def messages(text):
+    """Defects of a text for people: (column, text) each."""
+    found = []
+    if match := LONG_NUMBER.search(text):
+        found.append((CODE, f"a number of more than 40 digits: {text[max(0, match.start() - 60) : match.end()]}"))
+    if match := CONTROL.search(text):
+        where = text[max(0, match.start() - 40) : match.end() + 20]
+        found.append((CODE, f"control character U+{ord(match[0]):04X}: {where!r}"))
+    return found
 
 
 def without_names(text, words):
