@@ -13,8 +13,8 @@ postur | postur | posture | --help
 posture --trial 3 | --trial' | --trials
 posture --trials many | --trials | many | 1 to 1000000
 posture --trials -3 | --trials | -3 | 1 to 1000000
-posture --seed one | --seed | one | whole number from 0 to
-posture --seed -1 | --seed | -1 | whole number from 0 to
+posture --seed one | --seed | one | whole number of at least 0
+posture --seed -1 | --seed | -1 | whole number of at least 0
 posture --rows both | --rows | both | all, pair
 posture --json | --json | <FILE>
 posture --scenario none.toml | --scenario none.toml | TOML | cfmmr config > FILE
@@ -34,7 +34,7 @@ hil | --on virtual | --on serial: | cfmmr doctor
 hil --on serial:front=/dev/no-such-port | front=/dev/no-such-port | serial port | cfmmr doctor
 params lst | lst | list | --help
 calibrate wheel | wheel | wheels, gauges, imu
-calibrate imu --seed x | --seed | x | whole number from 0 to
+calibrate imu --seed x | --seed | x | whole number of at least 0
 replay none.mcap | none.mcap | cfmmr posture --log FILE
 "#;
 

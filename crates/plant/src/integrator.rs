@@ -11,7 +11,7 @@
 //!
 //! No allocation and no failure in [`Plant::step`].
 
-use super::config::{PlantConfig, PlantError, TICK_S};
+use super::config::{PlantConfig, TICK_S};
 use super::drivetrain::Drivetrain;
 use super::frame::{Column, Equilibrium, Strip};
 use super::geometry::{
@@ -21,7 +21,7 @@ use super::geometry::{
 #[cfg(target_arch = "x86_64")]
 use super::lanes::Wide;
 use super::lanes::{Lanes, Narrow};
-use super::loads::{Body, Loads, check_payload};
+use super::loads::{Body, Loads};
 use super::sincos::directions;
 use super::state::{Health, PlantState};
 use super::wheel::{Conditions, Contact, Eliminated, Wheels};
@@ -139,15 +139,6 @@ impl<V: Lanes> Implicit<V> {
             add(&free[0], -1.0, &times(&self.axle[0], &f)),
             add(&free[1], -1.0, &times(&self.axle[1], &r)),
         ]
-    }
-}
-
-impl PlantConfig {
-    /// The plant, at rest at the origin. Every constant is checked here; after that nothing fails.
-    pub fn build(&self) -> Result<Plant, PlantError> {
-        self.check()?;
-        check_payload(self)?;
-        Ok(Plant::new(self))
     }
 }
 

@@ -18,6 +18,21 @@ pub fn bytes(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     read(path, limit)
 }
 
+/// True if a regular file begins with these bytes.
+pub fn begins_with(path: &Path, start: &[u8]) -> io::Result<bool> {
+    let mut found = Vec::new();
+    if !fs::metadata(path)?.is_file() {
+        return Err(io::Error::new(
+            ErrorKind::InvalidInput,
+            "must be a regular file",
+        ));
+    }
+    File::open(path)?
+        .take(start.len() as u64)
+        .read_to_end(&mut found)?;
+    Ok(found == start)
+}
+
 /// Content of a file in UTF-8, without a byte-order mark.
 pub fn text(path: &Path) -> io::Result<String> {
     let text = String::from_utf8(read(path, TEXT)?).map_err(|error| {

@@ -23,8 +23,11 @@ pub fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
     let set = flag.clone();
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
     thread::spawn(move || {
-        for _ in signals.forever() {
-            if set.swap(true, Relaxed) {
+        let mut asked = false;
+        for signal in signals.forever() {
+            set.store(true, Relaxed);
+            // A terminal that closes sends several.
+            if signal != SIGHUP && std::mem::replace(&mut asked, true) {
                 end_at_once();
             }
         }

@@ -8,7 +8,7 @@
 use crate::base::error::Error;
 use serde::Serialize;
 use std::io::Write;
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::{fmt, fs, io};
 use tempfile::{Builder, NamedTempFile};
@@ -173,12 +173,30 @@ impl OutputDir {
 pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<(), OutputError> {
     let special = fs::metadata(path).is_ok_and(|data| !data.is_file());
     if special {
-        return fs::write(path, content).map_err(failed("write", path));
+        let opened = open_special(path).map_err(failed("write", path));
+        return opened?
+            .write_all(content.as_ref())
+            .map_err(failed("write", path));
     }
     let mut temporary = temporary_beside(path)?;
     let written = temporary.write_all(content.as_ref());
     let renamed = written.and_then(|()| Ok(temporary.persist(path)?));
     renamed.map(drop).map_err(failed("write", path))
+}
+
+/// Opens a pipe, a terminal or a device. A pipe without a reader is an error: it would wait for one.
+fn open_special(path: &Path) -> io::Result<fs::File> {
+    let flags = rustix::fs::OFlags::NONBLOCK.bits() as i32;
+    let mut options = fs::OpenOptions::new();
+    let opened = options.write(true).custom_flags(flags).open(path);
+    let file = opened.map_err(|error| match error.raw_os_error() {
+        Some(code) if code == rustix::io::Errno::NXIO.raw_os_error() => {
+            io::Error::new(error.kind(), "a pipe that nobody reads")
+        }
+        _ => error,
+    })?;
+    rustix::io::ioctl_fionbio(&file, false)?;
+    Ok(file)
 }
 
 /// A hidden file in the directory of `path`, which is made if it is missing. It is removed unless it is renamed.
@@ -200,6 +218,9 @@ fn directory_of(path: &Path) -> &Path {
 pub fn try_file(path: &Path) -> Result<(), OutputError> {
     if path.is_dir() {
         return Err(failed("write", path)(io::ErrorKind::IsADirectory.into()));
+    }
+    if fs::metadata(path).is_ok_and(|data| !data.is_file()) {
+        return open_special(path).map(drop).map_err(failed("write", path));
     }
     let made = create_missing(directory_of(path))?;
     let tried = temporary_beside(path).map(drop);
@@ -430,6 +451,23 @@ mod tests {
         assert!(try_file(root.path()).is_err());
         assert!(try_file(&path.join("below")).is_err());
         assert!(write_file(&path.join("below"), "x").is_err());
+    }
+
+    #[test]
+    fn pipe_without_reader_is_refused_and_one_with_a_reader_is_written() {
+        let root = tempfile::tempdir().unwrap();
+        let path = root.path().join("pipe");
+        let made = std::process::Command::new("mkfifo").arg(&path).status();
+        assert!(made.unwrap().success());
+        let refused = try_file(&path).unwrap_err().to_string();
+        assert!(refused.contains("a pipe that nobody reads"), "{refused}");
+        assert!(write_file(&path, "x").is_err());
+        let mut options = fs::OpenOptions::new();
+        let mut reader = options.read(true).write(true).open(&path).unwrap();
+        write_file(&path, "text").unwrap();
+        let mut text = [0; 4];
+        io::Read::read_exact(&mut reader, &mut text).unwrap();
+        assert_eq!(&text, b"text");
     }
 
     #[test]

@@ -16,7 +16,8 @@ pub fn width() -> usize {
 
 /// Prints a line for people to standard error; one that cannot be printed is lost.
 pub fn note(text: impl Display) {
-    let _ = writeln!(io::stderr(), "{}", visible(&text.to_string()));
+    let text = text.to_string();
+    let _ = writeln!(io::stderr(), "{}", short_numbers(&visible(&text)));
 }
 
 /// Prints to standard output; a reader that has seen enough is no failure.
@@ -53,6 +54,32 @@ pub fn visible(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
+/// Text whose numbers of more digits than any real one are cut.
+fn short_numbers(text: &str) -> Cow<'_, str> {
+    const MOST: usize = 40;
+    const KEPT: usize = 8;
+    let is_digit = |c: char| c.is_ascii_digit();
+    if !text
+        .split(|c| !is_digit(c))
+        .any(|digits| digits.len() > MOST)
+    {
+        return Cow::Borrowed(text);
+    }
+    let (mut short, mut rest) = (String::new(), text);
+    while let Some(start) = rest.find(is_digit) {
+        let (before, digits) = rest.split_at(start);
+        let (digits, after) =
+            digits.split_at(digits.find(|c| !is_digit(c)).unwrap_or(digits.len()));
+        short += before;
+        match digits.len() > MOST {
+            true => short += &format!("{}… ({} digits)", &digits[..KEPT], digits.len()),
+            false => short += digits,
+        }
+        rest = after;
+    }
+    Cow::Owned(short + rest)
+}
+
 /// Prints a page: as it is into a file or a pipe, laid out for reading on a terminal.
 pub fn print_page(markdown: &str) -> Result<(), Error> {
     if !io::stdout().is_terminal() {
@@ -80,6 +107,17 @@ pub fn wrapped(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_without_end_are_cut() {
+        let long = format!("a = 1.5, b = -{}.25", "9".repeat(60));
+        assert_eq!(
+            short_numbers(&long),
+            "a = 1.5, b = -99999999… (60 digits).25"
+        );
+        let most = "1".repeat(40);
+        assert_eq!(short_numbers(&most), most);
+    }
 
     #[test]
     fn control_characters_are_escaped_and_json_stays_json() {

@@ -17,7 +17,7 @@ pub mod topics;
 pub mod world;
 
 use crate::base::error::Error;
-use crate::base::terminal::note;
+use crate::base::terminal::{self, note};
 use crate::experiments::calibrate::command::CalibrateArgs;
 use crate::experiments::campaign::command::CampaignArgs;
 use crate::experiments::consistency::ConsistencyArgs;
@@ -36,6 +36,7 @@ use dbc::DbcArgs;
 use doctor::DoctorArgs;
 use eval::EvalArgs;
 use std::ffi::OsString;
+use std::io::{self, IsTerminal};
 use world::WorldArgs;
 
 /// Control and sensing of a two-axle compliant-framed mobile robot: the code of the boards drives a
@@ -60,28 +61,40 @@ impl Cli {
     pub fn read() -> Result<Self, Error> {
         let home = std::env::var("HOME").ok().filter(|home| !home.is_empty());
         let words = std::env::args_os().map(|word| plain(word, home.as_deref()));
-        let matches = command()
-            .try_get_matches_from(words)
-            .unwrap_or_else(|error| {
-                if error.use_stderr() {
-                    // The parser's own text shows words as they are.
-                    note(error.render().to_string().trim_end());
-                    std::process::exit(error.exit_code());
-                }
-                error.exit()
-            });
+        let matches = command().try_get_matches_from(words);
+        let matches = matches.unwrap_or_else(|error| end(&error));
         outputs::check(&matches)?;
-        Ok(Self::from_arg_matches(&matches).unwrap_or_else(|error| error.exit()))
+        Ok(Self::from_arg_matches(&matches).unwrap_or_else(|error| end(&error)))
     }
 }
 
-/// A word as the parser of arguments needs it: it takes -.4 for an option, and shells leave ~ in --out=~/x.
+/// Ends the process with the parser's text: a refusal, or help.
+fn end(error: &clap::Error) -> ! {
+    let text = error.render().to_string();
+    if error.use_stderr() {
+        note(text.trim_end());
+    } else if io::stdout().is_terminal() {
+        error.exit();
+    } else if let Err(error) = terminal::print(&text) {
+        note(format!("cfmmr: {error}"));
+        std::process::exit(error.exit_code().into());
+    }
+    std::process::exit(error.exit_code());
+}
+
+/// A word as the parser of arguments needs it: it takes -.4 and -90deg for options, and shells leave ~ in --out=~/x.
 fn plain(word: OsString, home: Option<&str>) -> OsString {
     let Some(text) = word.to_str() else {
         return word;
     };
     if let Some(digits) = text.strip_prefix("-.") {
-        return format!("-0.{digits}").into();
+        return plain(format!("-0.{digits}").into(), home);
+    }
+    // A negative angle in degrees is no option either; a step takes the space away.
+    let is_angle = text.ends_with("deg") || text.ends_with('°');
+    let number = text.strip_prefix('-').filter(|_| is_angle);
+    if number.is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit())) {
+        return format!(" {text}").into();
     }
     let (option, value) = match text.split_once('=') {
         Some((option, value)) if option.starts_with("--") => (&text[..=option.len()], value),
@@ -179,6 +192,8 @@ mod tests {
         }
         assert_eq!(read("--out=~/x"), "--out=/home/me/x");
         assert_eq!(read("-.4"), "-0.4");
+        assert_eq!(read("-90deg"), " -90deg");
+        assert_eq!(read("-.5°"), " -0.5°");
         for word in ["./~", "~you/x", "a~/x", "--set=k=~/x", "posture"] {
             assert_eq!(read(word), word);
         }

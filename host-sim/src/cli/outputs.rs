@@ -4,7 +4,7 @@ use crate::base::error::Error;
 use crate::view::page;
 use clap::ArgMatches;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// Options that name a file, or a folder, to write.
 const OUTPUTS: [&str; 4] = ["log", "csv", "json", "out"];
@@ -55,7 +55,7 @@ struct Named {
 }
 
 /// Refuses two arguments that name one file if one of them is written, a file of `--out` named again, and a
-/// place in `--out` at which no file can be written.
+/// place at which no file can be written.
 pub fn check(matches: &ArgMatches) -> Result<(), Error> {
     let (mut command, mut matches) = ("posture", matches);
     while let Some((name, below)) = matches.subcommand() {
@@ -64,6 +64,17 @@ pub fn check(matches: &ArgMatches) -> Result<(), Error> {
         }
         matches = below;
     }
+    let named = named(command, matches);
+    check_each(&named)?;
+    check_pairs(&named)?;
+    match WITH_OUTPUT_FILE.contains(&command) || matches.try_get_raw("out").is_err() {
+        true => Ok(()),
+        false => check_folder(command, &named),
+    }
+}
+
+/// Files and folders that a command line names.
+fn named(command: &str, matches: &ArgMatches) -> Vec<Named> {
     let mut named = Vec::new();
     let mut add = |id: &str, is_output: bool| {
         let given = matches.try_get_raw(id).ok().flatten();
@@ -72,10 +83,9 @@ pub fn check(matches: &ArgMatches) -> Result<(), Error> {
                 "file" => "FILE".to_owned(),
                 id => format!("--{}", id.replace('_', "-")),
             };
-            let path = PathBuf::from(path);
             named.push(Named {
                 option,
-                path,
+                path: PathBuf::from(path),
                 is_output,
             });
         }
@@ -84,16 +94,32 @@ pub fn check(matches: &ArgMatches) -> Result<(), Error> {
         add(id, !(command == "replay" && id == "log"));
     }
     INPUTS.into_iter().for_each(|id| add(id, false));
-    let tilde = named
-        .iter()
-        .find(|it| it.is_output && starts_with_tilde(&it.path));
-    if let Some(it) = tilde {
-        return Err(Error::input(format!(
-            "{} {}: ~ stands for a home folder only before /; for a folder of this name type ./{1}",
-            it.option,
-            it.path.display()
-        )));
+    named
+}
+
+/// Checks each output by itself.
+fn check_each(named: &[Named]) -> Result<(), Error> {
+    for it in named.iter().filter(|it| it.is_output) {
+        if starts_with_tilde(&it.path) {
+            return Err(Error::input(format!(
+                "{} {}: ~ stands for a home folder only before /; for a folder of this name type ./{1}",
+                it.option,
+                it.path.display()
+            )));
+        }
+        let is_special = fs::metadata(&it.path).is_ok_and(|data| !data.is_file());
+        if it.option == "--log" && is_special {
+            return Err(Error::input(format!(
+                "--log {}: must be a regular file: a log is read from its end",
+                it.path.display()
+            )));
+        }
     }
+    Ok(())
+}
+
+/// Refuses two arguments that name one file.
+fn check_pairs(named: &[Named]) -> Result<(), Error> {
     for (i, one) in named.iter().enumerate() {
         for other in &named[..i] {
             if (one.is_output || other.is_output) && is_same(&one.path, &other.path) {
@@ -107,20 +133,20 @@ pub fn check(matches: &ArgMatches) -> Result<(), Error> {
             }
         }
     }
-    if WITH_OUTPUT_FILE.contains(&command) || matches.try_get_raw("out").is_err() {
-        return Ok(());
-    }
+    Ok(())
+}
+
+/// Checks the files that a run writes into the folder of `--out`.
+fn check_folder(command: &str, named: &[Named]) -> Result<(), Error> {
     let given = named.iter().find(|it| it.option == "--out");
     let folder = given.map_or_else(|| Path::new("out").join(command), |it| it.path.clone());
-    let in_folder = |path: &Path| path.parent().is_some_and(|parent| is_same(parent, &folder));
-    let is_result = |path: &Path| {
-        RESULTS
-            .iter()
-            .any(|name| path.file_name() == Some(name.as_ref()))
-    };
-    let taken = named
-        .iter()
-        .find(|it| in_folder(&it.path) && is_result(&it.path));
+    let folder = resolved(&folder);
+    let taken = named.iter().find(|it| {
+        let path = resolved(&it.path);
+        let is_result = RESULTS.iter().any(|name| path == folder.join(name));
+        let is_log = path.parent() == Some(&folder) && is_log_table(&path);
+        it.option != "--out" && (is_result || is_log)
+    });
     if let Some(it) = taken {
         return Err(Error::input(format!(
             "{} {}: the run writes this file of --out itself: must be another name",
@@ -140,6 +166,12 @@ pub fn check(matches: &ArgMatches) -> Result<(), Error> {
     Ok(())
 }
 
+/// True for the log of one row of an experiment: `log-ROW.csv`.
+fn is_log_table(path: &Path) -> bool {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    name.starts_with("log-") && name.ends_with(".csv")
+}
+
 fn starts_with_tilde(path: &Path) -> bool {
     path.as_os_str().as_encoded_bytes().first() == Some(&b'~')
 }
@@ -149,18 +181,32 @@ fn is_same(one: &Path, other: &Path) -> bool {
     resolved(one) == resolved(other)
 }
 
-/// The path without links and dots, as far as its folders exist.
+/// The path without links and dots; what does not exist yet is taken as a plain folder or file.
 fn resolved(path: &Path) -> PathBuf {
-    if let Ok(real) = path.canonicalize() {
-        return real;
+    /// Links of one path, at most, as the kernel has it.
+    const MOST_LINKS: usize = 40;
+    fn walk(path: &Path, links: usize) -> PathBuf {
+        let mut real = PathBuf::new();
+        for part in path.components() {
+            match part {
+                Component::Normal(name) => real.push(name),
+                Component::ParentDir => drop(real.pop()),
+                Component::CurDir => {}
+                root => real.push(root),
+            }
+            if let Ok(target) = fs::read_link(&real)
+                && links < MOST_LINKS
+            {
+                real.pop();
+                real = walk(&real.join(target), links + 1);
+            }
+        }
+        real
     }
-    let Ok(whole) = std::path::absolute(path) else {
-        return path.to_owned();
-    };
-    match (whole.parent(), whole.file_name()) {
-        (Some(parent), Some(name)) => resolved(parent).join(name),
-        _ => whole,
-    }
+    walk(
+        &std::path::absolute(path).unwrap_or_else(|_| path.to_owned()),
+        0,
+    )
 }
 
 #[cfg(test)]
@@ -183,6 +229,8 @@ mod tests {
         let at = folder.path();
         fs::create_dir(at.join("sub")).unwrap();
         std::os::unix::fs::symlink(at.join("sub"), at.join("link")).unwrap();
+        std::os::unix::fs::symlink("nowhere", at.join("to")).unwrap();
+        std::os::unix::fs::symlink("loop", at.join("loop")).unwrap();
         for (line, named) in [
             ("follow --log DIR/f --json DIR/f", Some("--log")),
             (
@@ -233,6 +281,9 @@ mod tests {
         fs::create_dir(folder.path().join("log.csv")).unwrap();
         let text = refusal("follow --out DIR", folder.path()).unwrap();
         assert!(text.contains("log.csv: must be a regular file"), "{text}");
+        // A bare name lies in the current folder.
+        let text = refusal("follow --out . --json log.csv", folder.path()).unwrap();
+        assert!(text.contains("writes this file"), "{text}");
         let text = refusal("follow --out ~user", folder.path()).unwrap();
         assert!(text.contains("./~user"), "{text}");
     }

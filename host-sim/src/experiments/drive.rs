@@ -109,6 +109,14 @@ fn lines_of(args: &DriveArgs, context: &Context) -> Result<Vec<Line>, Error> {
         }
         // A step in quotes.
         (None, [line]) => script::parse(line, scenario),
-        (None, words) => Ok(vec![script::parse_words(words, 1, scenario)?]),
+        (None, words) => {
+            // A space keeps a negative angle from being an option.
+            let words = words.iter().map(|word| match word.strip_prefix(" -") {
+                Some(rest) => format!("-{rest}"),
+                None => word.clone(),
+            });
+            let words: Vec<String> = words.collect();
+            Ok(vec![script::parse_words(&words, 1, scenario)?])
+        }
     }
 }

@@ -201,7 +201,10 @@ impl Context {
             _ if self.is_interrupted() => Err(Error::Interrupted(
                 "interrupted: the results are those of what was done".to_owned(),
             )),
-            Some(why) => Err(Error::Failure(why)),
+            Some(why) => Err(Error::Failure(match printed {
+                Ok(()) => why,
+                Err(error) => format!("{why}; {error}"),
+            })),
             None => printed,
         }
     }

@@ -81,7 +81,12 @@ pub fn run(
         port.map(|port| Box::new(port) as Box<dyn Link>)
             .map_err(named)
     };
-    let connect: Connect = Box::new(move || open(Role::Front, &path));
+    // Opened before the log: a port that is not there is bad input.
+    let mut first = Some(open(Role::Front, &path)?);
+    let connect: Connect = Box::new(move || match first.take() {
+        Some(port) => Ok(port),
+        None => open(Role::Front, &path),
+    });
     let others = others
         .into_iter()
         .filter_map(|(role, path)| Some((role, path.as_ref()?)));

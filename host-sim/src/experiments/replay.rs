@@ -8,7 +8,7 @@ use crate::base::toml_file;
 use crate::base::{input, output};
 use crate::experiments::result::{JsonArgs, Provenance};
 use crate::recording::BUILD;
-use crate::recording::read::{self, Event};
+use crate::recording::read::{self, Event, Recording};
 use crate::recording::recover;
 use crate::recording::replay::{self, Divergence, Quality};
 use crate::scenario::Scenario;
@@ -16,6 +16,7 @@ use crate::scenario::effect::{self, Use};
 use clap::Args;
 use core_algos::node::robot::RobotConfig;
 use core_algos::topology::Role;
+use mcap::MAGIC;
 use serde::Serialize;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
@@ -88,25 +89,7 @@ pub struct Report {
 /// Runs the command.
 pub fn run(args: &ReplayArgs) -> Result<(), Error> {
     let name = args.log.display().to_string();
-    let bytes = input::bytes(&args.log, input::LOG).map_err(|error| {
-        Error::input(format!(
-            "{name}: {error}: must be a log that `cfmmr posture --log FILE` wrote"
-        ))
-    })?;
-    let mut bytes = bytes;
-    if args.recover {
-        let to = args
-            .out
-            .clone()
-            .unwrap_or_else(|| recovered_name(&args.log));
-        bytes = recover(&bytes, &name, &to)?;
-    }
-    let recording = read::read(&bytes, &name).map_err(|error| match args.recover {
-        false => Error::input(format!(
-            "{error}; `cfmmr replay --recover {name}` writes what is whole"
-        )),
-        true => error,
-    })?;
+    let recording = recording(args, &name)?;
     let scenario = recording.about.get("scenario").map(String::as_str);
     let scenario: Scenario = toml_file::parse(scenario.unwrap_or_default(), &name, &[])?;
     if !scenario.world.bus.quantise {
@@ -177,6 +160,35 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
         Some(_) => Err(Error::Failure("not identical".to_owned())),
         None => Ok(()),
     }
+}
+
+/// The log, recovered if that is asked for.
+fn recording(args: &ReplayArgs, name: &str) -> Result<Recording, Error> {
+    let refuse = |error: std::io::Error| {
+        Error::input(format!(
+            "{name}: {error}: must be a log that `cfmmr posture --log FILE` wrote"
+        ))
+    };
+    // Before gigabytes of another file are read.
+    if !input::begins_with(&args.log, MAGIC).map_err(refuse)? {
+        return Err(Error::input(format!(
+            "{name}: not a complete MCAP file: its first bytes are wrong; another type of file"
+        )));
+    }
+    let bytes = input::bytes(&args.log, input::LOG).map_err(refuse)?;
+    if args.recover {
+        let to = args
+            .out
+            .clone()
+            .unwrap_or_else(|| recovered_name(&args.log));
+        let bytes = recover(&bytes, name, &to)?;
+        return read::read(&bytes, &to.display().to_string());
+    }
+    read::read(&bytes, name).map_err(|error| {
+        Error::input(format!(
+            "{error}; `cfmmr replay --recover {name}` writes what is whole"
+        ))
+    })
 }
 
 /// Name of a recovered log: that of the log, without what the program appends while it writes.

@@ -2,6 +2,7 @@
 
 use super::entry::{ABOUT, END};
 use super::intact::{Records, checksum_of};
+use crate::run::end::EndKind;
 use mcap::records::{MessageHeader, Metadata, Record, op};
 use mcap::{MAGIC, McapError, WriteOptions, Writer};
 use std::collections::BTreeMap;
@@ -169,7 +170,7 @@ impl<W: Write + Seek> Copy<W> {
             }
         }
         if !self.metadata.contains_key(END) {
-            let entries = [("kind", "interrupted"), ("whole", "false")];
+            let entries = [("kind", EndKind::Interrupted.name()), ("whole", "false")];
             let entries = entries.map(|(key, value)| (key.to_owned(), value.to_owned()));
             self.metadata.insert(END.to_owned(), entries.into());
         }

@@ -3,7 +3,7 @@
 use super::Line;
 use super::entry::AxleTick;
 use crate::base::error::Error;
-use crate::base::output::{Cell, Csv, OutputDir, write_file};
+use crate::base::output::{Cell, Csv, OutputDir, try_file, write_file};
 use crate::recording::csv;
 use crate::run::end::RunEnd;
 use crate::run::robot::Record;
@@ -40,7 +40,10 @@ impl Tables {
             .extension()
             .is_some_and(|end| end.eq_ignore_ascii_case("csv"));
         let place = match is_file && !path.is_dir() {
-            true => Place::File(path.to_path_buf()),
+            true => {
+                try_file(path)?;
+                Place::File(path.to_path_buf())
+            }
             false => {
                 OutputDir::create(path)?;
                 Place::Folder(path.to_path_buf())

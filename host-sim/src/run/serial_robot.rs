@@ -13,7 +13,7 @@ use crate::scenario::Scenario;
 use crate::targets::board_link::BoardLink;
 use crate::targets::board_record::BoardEvent;
 use crate::targets::link::Link;
-use crate::targets::remote::Unanswered;
+use crate::targets::unanswered::Unanswered;
 use crate::targets::{BoardTraffic, HostCommand, Room, Traffic};
 use core_algos::bus::CanFrame;
 use core_algos::link::lease::TERM;

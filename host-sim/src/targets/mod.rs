@@ -20,6 +20,7 @@ pub mod relay;
 pub mod remote;
 pub mod serial;
 pub mod serial_line;
+pub mod unanswered;
 pub mod virtual_link;
 
 pub use boards::{Boards, Failure, FailureMode};

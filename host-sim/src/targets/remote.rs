@@ -4,6 +4,7 @@
 
 use super::boards::fatal;
 use super::link::Link;
+use super::unanswered::Unanswered;
 use super::{Fault, HostCommand, Latency, Output, Posted, Report, Room, Target, Traffic};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
@@ -18,7 +19,6 @@ use core_algos::node::path_task::{PATH_POINTS, TRAJECTORY_POINTS};
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
 use core_algos::topology::Role;
-use std::fmt;
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
@@ -482,6 +482,8 @@ pub(super) struct Conversation {
     strange: Unanswered,
     /// Times a request is sent before the board counts as lost.
     attempts: u32,
+    /// True if the latest request is a hello.
+    greets: bool,
 }
 
 impl Conversation {
@@ -498,6 +500,7 @@ impl Conversation {
             answered_bytes: 0,
             strange: Unanswered::default(),
             attempts: ATTEMPTS,
+            greets: false,
         }
     }
 
@@ -507,9 +510,10 @@ impl Conversation {
         self.asked = protocol::encode(self.number, request)
             .ok_or_else(|| Error::Failure(format!("request too long: {request:?}")))?;
         // What a session before this one left unfinished must not spoil the first frame.
-        let bytes = match request {
-            Request::Hello { .. } => self.asked.repeated(),
-            _ => self.asked.bytes(),
+        self.greets = matches!(request, Request::Hello { .. });
+        let bytes = match self.greets {
+            true => self.asked.repeated(),
+            false => self.asked.bytes(),
         };
         self.asked_at = Instant::now();
         self.link.send(bytes).map_err(gone)?;
@@ -527,7 +531,8 @@ impl Conversation {
             }
             let deadline = Instant::now() + REPEAT_AFTER;
             if self.listen(deadline)? {
-                if self.strange.is_echo() {
+                // Other answers may be as their requests.
+                if self.greets && self.strange.is_echo() {
                     return Err(Fault::Silent(self.strange.to_string()));
                 }
                 self.latency_us = self.asked_at.elapsed().as_micros() as u32;
@@ -567,72 +572,6 @@ impl Conversation {
             if found || count == 0 {
                 return Ok(found);
             }
-        }
-    }
-}
-
-/// Bytes that came without an answer to the request that was sent.
-#[derive(Clone, Debug, Default)]
-pub struct Unanswered {
-    request: Vec<u8>,
-    count: usize,
-    /// The first bytes, as many as the request has.
-    first: Vec<u8>,
-}
-
-impl Unanswered {
-    /// No bytes yet to this request.
-    pub fn to(request: &[u8]) -> Self {
-        Self {
-            request: without_delimiters(request).to_owned(),
-            ..Self::default()
-        }
-    }
-
-    /// Takes in bytes.
-    pub fn hear(&mut self, bytes: &[u8]) {
-        self.count += bytes.len();
-        let bytes = match self.first.is_empty() {
-            true => without_delimiters(bytes),
-            false => bytes,
-        };
-        let room = (self.request.len().max(1)).saturating_sub(self.first.len());
-        self.first.extend(bytes.iter().take(room));
-    }
-
-    /// True if nothing came yet.
-    pub fn is_new(&self) -> bool {
-        self.count == 0
-    }
-
-    /// True if the request itself came back.
-    pub fn is_echo(&self) -> bool {
-        !self.request.is_empty() && self.first == self.request
-    }
-}
-
-/// Bytes from the first frame on.
-fn without_delimiters(bytes: &[u8]) -> &[u8] {
-    let start = bytes.iter().position(|byte| *byte != 0);
-    bytes
-        .get(start.unwrap_or(bytes.len())..)
-        .unwrap_or_default()
-}
-
-impl fmt::Display for Unanswered {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match (self.count, self.first.first()) {
-            (0, _) => f.write_str("nothing arrived"),
-            _ if self.is_echo() => f.write_str(
-                "the port sends back what it gets: its TX is connected to its RX, or no board is behind an adapter \
-                 that echoes",
-            ),
-            (count, first) => write!(
-                f,
-                "{count} bytes arrived that are no answer, the first is {:#04x}: another baud rate, or another \
-                 program on the board",
-                first.unwrap_or(&0)
-            ),
         }
     }
 }

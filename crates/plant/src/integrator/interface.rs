@@ -2,13 +2,24 @@
 //! frame, energy.
 
 use super::Plant;
+use crate::config::{PlantConfig, PlantError};
 use crate::frame::Station;
 use crate::geometry::{Vec3, rotate, unrotate};
+use crate::loads::check_payload;
 use crate::state::{Health, PlantState, Wrench};
 
 /// Places along the frame, prepared by [`Plant::outline`]: on the strip, and how far beyond it.
 #[derive(Clone, Debug)]
 pub struct Outline(Vec<(Station, f64)>);
+
+impl PlantConfig {
+    /// The plant, at rest at the origin. Every constant is checked here; after that nothing fails.
+    pub fn build(&self) -> Result<Plant, PlantError> {
+        self.check()?;
+        check_payload(self)?;
+        Ok(Plant::new(self))
+    }
+}
 
 impl Plant {
     /// Lifts a wheel (axle 0 front, 1 rear; side 0 left, 1 right) off the ground for good.
