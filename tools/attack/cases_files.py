@@ -46,7 +46,8 @@ class Sizes(Kind):
             (folder / "study" / one.name).write_bytes(one.read_bytes())
         (folder / "log.mcap").symlink_to(self.folder / "log.mcap")
         path = folder / path
-        beginning = rng.choice([b"", self.begin(path)])
+        # A log that begins as one is recovered, whatever follows.
+        beginning = b"" if name == "recover" else rng.choice([b"", self.begin(path)])
         with path.open("wb") as file:
             file.write(beginning)
             file.truncate(size)

@@ -188,7 +188,8 @@ class Live(Kind):
             inodes = {match[1] for link in links if (match := re.match(r"socket:\[(\d+)\]", link))}
             for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
                 parts = line.split()
-                if parts[3] == "0A" and parts[9] in inodes:
+                # The server behind the gate listens at another address of this machine.
+                if parts[3] == "0A" and parts[9] in inodes and parts[1].startswith("0100007F:"):
                     return int(parts[1].split(":")[1], 16)
             time.sleep(0.02)
         return None

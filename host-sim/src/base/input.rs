@@ -1,7 +1,7 @@
 //! Files that a user names: regular ones, of limited size.
 
 use std::fs::{self, File};
-use std::io::{self, ErrorKind, Read};
+use std::io::{self, ErrorKind, Read, Seek, SeekFrom};
 use std::path::Path;
 
 /// Largest size of a text that people write, bytes.
@@ -18,19 +18,24 @@ pub fn bytes(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     read(path, limit)
 }
 
-/// True if a regular file begins with these bytes.
-pub fn begins_with(path: &Path, start: &[u8]) -> io::Result<bool> {
-    let mut found = Vec::new();
+/// True if a regular file begins, and true if it ends, with these bytes.
+pub fn has_edges(path: &Path, mark: &[u8]) -> io::Result<[bool; 2]> {
     if !fs::metadata(path)?.is_file() {
         return Err(io::Error::new(
             ErrorKind::InvalidInput,
             "must be a regular file",
         ));
     }
-    File::open(path)?
-        .take(start.len() as u64)
-        .read_to_end(&mut found)?;
-    Ok(found == start)
+    let mut file = File::open(path)?;
+    let length = mark.len() as u64;
+    let size = file.metadata()?.len();
+    let mut has_mark = |place: u64| {
+        let mut found = Vec::new();
+        file.seek(SeekFrom::Start(place))?;
+        (&mut file).take(length).read_to_end(&mut found)?;
+        Ok::<_, io::Error>(found == mark)
+    };
+    Ok([has_mark(0)?, has_mark(size.saturating_sub(length))?])
 }
 
 /// Content of a file in UTF-8, without a byte-order mark.

@@ -170,10 +170,18 @@ fn recording(args: &ReplayArgs, name: &str) -> Result<Recording, Error> {
         ))
     };
     // Before gigabytes of another file are read.
-    if !input::begins_with(&args.log, MAGIC).map_err(refuse)? {
-        return Err(Error::input(format!(
-            "{name}: not a complete MCAP file: its first bytes are wrong; another type of file"
-        )));
+    match input::has_edges(&args.log, MAGIC).map_err(refuse)? {
+        [false, _] => {
+            return Err(Error::input(format!(
+                "{name}: not a complete MCAP file: its first bytes are wrong; another type of file"
+            )));
+        }
+        [true, false] if !args.recover => {
+            return Err(Error::input(format!(
+                "{name}: not a complete MCAP file: truncated; `cfmmr replay --recover {name}` writes what is whole"
+            )));
+        }
+        _ => {}
     }
     let bytes = input::bytes(&args.log, input::LOG).map_err(refuse)?;
     if args.recover {

@@ -212,12 +212,12 @@ pub fn run(args: &SoakArgs) -> Result<(), Error> {
     };
     args.json
         .write(&Provenance::of(&scenario, args.seed), &measured)?;
-    args.json.print_page(&markdown(&measured, &scenario))?;
+    let printed = args.json.print_page(&markdown(&measured, &scenario));
     match measured.problems.as_slice() {
         _ if interrupt.load(Relaxed) => Err(Error::Interrupted(
             "interrupted: the table is that of the time so far".to_owned(),
         )),
-        [] => Ok(()),
+        [] => printed,
         problems => Err(Error::Failure(problems.join("; "))),
     }
 }
