@@ -24,7 +24,7 @@ posture --scenario range.toml | bus.loss | 1.5 | 0 | 1
 posture --set friction=1 | friction | did you mean plant.friction?
 posture --set plant.friction=high | plant.friction | high | expected a number
 posture --set plant.friction | --set plant.friction | KEY=VALUE | for example
-posture --from 1m,2m,0 | --from | X = 1m | -50 | 50.00000 m, | --from -1.5,0.2,90deg
+posture --from 1m,2m,0 | --from | X = 1m | -50 | 50 m, | --from -1.5,0.2,90deg
 posture --from 1,2,90 | --from | PHI = 90 | -6.28319 | 6.28319 rad | 90deg
 follow --path fig8 | --path fig8 | line, circle, figure-eight | CSV
 follow --path other.csv | other.csv | line 1 | x and y

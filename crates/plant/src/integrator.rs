@@ -273,12 +273,6 @@ impl Plant {
         self.total = add(&self.elastic, self.damping, &times(&self.viscosity, &rate));
     }
 
-    fn publish_loads(&mut self) {
-        for w in 0..4 {
-            self.state.axle[w / 2].load[w % 2] = self.loads.now[w];
-        }
-    }
-
     /// Advances by a tick ([`TICK_S`]) under the commanded wheel torques (N m, `[axle][left, right]`, held;
     /// a command that is not finite counts as none).
     pub fn step(&mut self, torque: [[f64; 2]; 2]) {

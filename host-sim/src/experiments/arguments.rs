@@ -289,7 +289,8 @@ pub fn parse_posture(text: &str) -> Result<[f64; 3], String> {
             parts.len()
         ));
     };
-    posture([x, y, phi], 50.0).map_err(|error| format!("--from: {error}"))
+    posture([x, y, phi], 50.0)
+        .map_err(|error| format!("--from: {error}, for example --from -1.5,0.2,90deg"))
 }
 
 #[cfg(test)]

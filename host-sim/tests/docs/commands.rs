@@ -76,6 +76,8 @@ const NOT_RUN: &[(&str, Check, &str)] = &[
     ("cd ", Check::Nothing, "a folder of the reader's"),
     ("rustup target add ", Check::File("ci.sh"), "ci.sh does it"),
     ("tools/cluster/", Check::Script, "needs Slurm"),
+    ("python3 tools/cluster/", Check::Nothing, "needs Ray"),
+    ("pip install ", Check::Nothing, "a tool from elsewhere"),
     ("squeue ", Check::Nothing, "needs Slurm"),
     ("scancel ", Check::Nothing, "needs Slurm"),
     ("podman ", Check::Nothing, "needs a container engine"),

@@ -174,6 +174,13 @@ impl Plant {
         energy + self.wheels.energy(&self.speeds()) + self.drivetrain.energy(&self.wheels)
     }
 
+    /// Shows the wheel loads in the state.
+    pub(super) fn publish_loads(&mut self) {
+        for w in 0..4 {
+            self.state.axle[w / 2].load[w % 2] = self.loads.now[w];
+        }
+    }
+
     /// Counters since [`Self::place`].
     pub fn health(&self) -> Health {
         self.health
