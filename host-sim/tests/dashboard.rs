@@ -10,7 +10,7 @@ use core_algos::link::{Endpoint, Identity};
 use core_algos::topology::Role;
 use host_sim::view::dashboard::Dashboard;
 use program::{assert_refused, command};
-use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
+use rustix::termios::{LocalModes, tcgetattr};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
 use std::os::fd::OwnedFd;
@@ -35,22 +35,9 @@ struct Session {
     child: Child,
 }
 
-/// A terminal of the usual size.
-fn terminal_of_size() -> (OwnedFd, String) {
-    let (master, path) = pseudo_terminal();
-    let size = Winsize {
-        ws_row: 24,
-        ws_col: 80,
-        ws_xpixel: 0,
-        ws_ypixel: 0,
-    };
-    tcsetwinsize(&master, size).unwrap();
-    (master, path)
-}
-
 impl Session {
     fn start(command: &mut Command) -> Self {
-        let (master, path) = terminal_of_size();
+        let (master, path) = pseudo_terminal();
         let mut options = OpenOptions::new();
         let terminal = options.read(true).write(true).open(path).unwrap();
         let end = || Stdio::from(OwnedFd::from(terminal.try_clone().unwrap()));
@@ -267,7 +254,7 @@ fn closed_terminal_ends_the_program() {
         ("drive wait 0.1 --dashboard", "done after"),
     ] {
         let folder = tempfile::tempdir().unwrap();
-        let (master, path) = terminal_of_size();
+        let (master, path) = pseudo_terminal();
         let mut options = OpenOptions::new();
         let terminal = options.read(true).write(true).open(path).unwrap();
         let end = || Stdio::from(OwnedFd::from(terminal.try_clone().unwrap()));

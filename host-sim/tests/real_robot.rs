@@ -18,7 +18,6 @@ use host_sim::targets::link::Descriptors;
 use host_sim::targets::{Failure, FailureMode};
 use host_sim::world::{self, World};
 use program::{Run, json_file};
-use rustix::termios::{Winsize, tcsetwinsize};
 use serde_json::Value;
 use std::fs::{self, File};
 use std::io::{Read, Write};
@@ -401,13 +400,6 @@ fn closed_terminal_stops_the_robot_that_the_keyboard_drives() {
     let folder = tempfile::tempdir().unwrap();
     let bench = Bench::at_origin(false);
     let (master, path) = pseudo_terminal();
-    let size = Winsize {
-        ws_row: 24,
-        ws_col: 80,
-        ws_xpixel: 0,
-        ws_ypixel: 0,
-    };
-    tcsetwinsize(&master, size).unwrap();
     let terminal = File::options().read(true).write(true).open(path).unwrap();
     let end = || Stdio::from(OwnedFd::from(terminal.try_clone().unwrap()));
     let mut command = bench.command(folder.path(), "drive --from 0,0,0");

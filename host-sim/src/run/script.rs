@@ -579,7 +579,7 @@ mod tests {
         let quoted = parse(&format!("follow \"{file}\" # comment"), &scenario).unwrap();
         let words = ["follow".to_owned(), file];
         let line = parse_words(&words, 1, &scenario).unwrap();
-        assert_eq!(quoted, [line.clone()]);
+        assert_eq!(quoted, std::slice::from_ref(&line));
         // The text of a line is a script that says the same.
         assert_eq!(parse(&line.text, &scenario).unwrap(), [line]);
         let turn = |text: &str| parse(text, &scenario).unwrap().remove(0).step;

@@ -38,14 +38,14 @@ impl Strip {
                 return Some((e, stable));
             }
             // Near a fold two shapes share an end, and Newton's method may have found the other one.
-            return match self.from_exact(&start, fractions, curvature) {
+            return match self.start_of_exact(&start, fractions, curvature) {
                 Some((own, stable)) if self.deviation(&own, fractions, curvature) < deviation => {
                     Some((own, stable))
                 }
                 _ => Some((e, stable)),
             };
         }
-        if let Some(found) = self.from_exact(&start, fractions, curvature) {
+        if let Some(found) = self.start_of_exact(&start, fractions, curvature) {
             return Some(found);
         }
         let mut e = start;
@@ -74,7 +74,7 @@ impl Strip {
     }
 
     /// The equilibrium at the end in `start`, by Newton's method from the exact shape of these curvatures.
-    pub(super) fn from_exact(
+    pub(super) fn start_of_exact(
         &self,
         start: &Equilibrium,
         fractions: &[f64],
