@@ -46,13 +46,6 @@ fn matches(sum: Option<&[u8]>, bytes: Option<&[u8]>, of: &str) -> Result<(), Str
     }
 }
 
-/// True if the checksum at a place of a record is that of `bytes`; a checksum of 0 is none.
-pub(super) fn checksum_of(record: &[u8], at: usize, bytes: &[u8]) -> bool {
-    let sum = record.get(at..).and_then(|sum| sum.first_chunk());
-    let sum = sum.map(|sum| u32::from_le_bytes(*sum));
-    sum.is_some_and(|sum| sum == 0 || sum == crc32fast::hash(bytes))
-}
-
 /// Refuses a record of another length, which no checksum covers.
 fn exactly(length: usize, content: &[u8], of: &str, at: usize) -> Result<(), String> {
     match content.len() == length {

@@ -1,7 +1,7 @@
 //! Recovery of a log whose writing was cut off: every whole record goes into a new, complete file.
 
 use super::entry::{ABOUT, END};
-use super::intact::{Records, checksum_of};
+use super::intact::Records;
 use crate::run::end::EndKind;
 use mcap::records::{MessageHeader, Metadata, Record, op};
 use mcap::{MAGIC, McapError, WriteOptions, Writer};
@@ -40,6 +40,13 @@ pub fn recover(bytes: &[u8], to: impl Write + Seek) -> Result<Recovered, String>
 
 fn in_words(error: McapError) -> String {
     error.to_string()
+}
+
+/// True if the checksum at a place of a record is that of `bytes`; a checksum of 0 is none.
+fn checksum_of(record: &[u8], at: usize, bytes: &[u8]) -> bool {
+    let sum = record.get(at..).and_then(|sum| sum.first_chunk());
+    let sum = sum.map(|sum| u32::from_le_bytes(*sum));
+    sum.is_some_and(|sum| sum == 0 || sum == crc32fast::hash(bytes))
 }
 
 /// A copy that is being written.

@@ -6,13 +6,13 @@
 //! A rule names keys, a condition and the reason. A key without a rule has an effect, if only beyond a limit.
 
 use crate::base::error::Error;
-use crate::base::terminal::note;
 use crate::base::toml_file;
 use crate::scenario::Scenario;
 use crate::world::effect::{Rules, in_world, keys, listed, rules, within};
 use core_algos::beam::sensor::Method;
 use core_algos::control::regulator::Strategy;
 use core_algos::fusion::robot::Mode;
+use std::io::{self, Write};
 
 /// Use of a scenario: the task of the run, or the model that replaces the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -140,10 +140,12 @@ impl GivenKeys {
             .filter_map(|key| text(key, taken, runs))
             .collect();
         if !idle.is_empty() {
-            note(format!(
+            // Of a known key: no control characters.
+            let _ = writeln!(
+                io::stderr(),
                 "cfmmr: scenario file: {}",
                 idle.join("\ncfmmr: scenario file: ")
-            ));
+            );
         }
         Ok(())
     }
