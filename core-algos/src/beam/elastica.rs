@@ -322,9 +322,9 @@ impl Solver {
     /// Gauss–Newton, damped only when a step fails, from the polynomial's shape; from an arc if
     /// that leaves large residuals. The readings weigh by their own variance
     /// ([`super::strip::Uncertainty`]); a weak heavy-tailed prior holds forces that the strains do
-    /// not tell. The prior is withdrawn where the readings fix the load at their stated variance, and where
-    /// the residual of four or more shows that they are far more exact than stated. With two gauges the prior
-    /// decides the rest, and the covariance says so. `None` if
+    /// not determine. The prior is removed if the readings determine the load at their stated variance. It is
+    /// also removed if the residual of four or more readings shows that they are far more exact than stated.
+    /// With two gauges the prior determines the rest, and the covariance includes it. `None` if
     /// fewer than two readings are usable or no finite shape was found.
     ///
     /// Readings of four gauges or more tell a shape apart from all others a robot can take; three

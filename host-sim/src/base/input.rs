@@ -20,15 +20,9 @@ pub fn bytes(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
 
 /// True if a regular file begins, and true if it ends, with these bytes.
 pub fn has_edges(path: &Path, mark: &[u8]) -> io::Result<[bool; 2]> {
-    if !fs::metadata(path)?.is_file() {
-        return Err(io::Error::new(
-            ErrorKind::InvalidInput,
-            "must be a regular file",
-        ));
-    }
+    let size = size_of(path)?;
     let mut file = File::open(path)?;
     let length = mark.len() as u64;
-    let size = file.metadata()?.len();
     let mut has_mark = |place: u64| {
         let mut found = Vec::new();
         file.seek(SeekFrom::Start(place))?;
@@ -53,13 +47,9 @@ fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     let refuse = |what: String| Err(io::Error::new(ErrorKind::InvalidInput, what));
     let too_large =
         |size: u64| refuse(format!("{}: must be at most {}", shown(size), shown(limit)));
-    // Asked before it is opened: a pipe opens only when somebody writes to it.
-    let data = fs::metadata(path)?;
-    if !data.is_file() {
-        return refuse("must be a regular file".to_owned());
-    }
-    if data.len() > limit {
-        return too_large(data.len());
+    let size = size_of(path)?;
+    if size > limit {
+        return too_large(size);
     }
     let mut content = Vec::new();
     // A file of /proc has no size, and others may grow.
@@ -69,6 +59,18 @@ fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     match content.len() as u64 > limit {
         true => too_large(limit + 1),
         false => Ok(content),
+    }
+}
+
+/// Size of a regular file. It is not opened: a pipe opens only when somebody writes to it.
+fn size_of(path: &Path) -> io::Result<u64> {
+    let data = fs::metadata(path)?;
+    match data.is_file() {
+        true => Ok(data.len()),
+        false => Err(io::Error::new(
+            ErrorKind::InvalidInput,
+            "must be a regular file",
+        )),
     }
 }
 

@@ -178,7 +178,7 @@ fn nearest_keys(key: &str, defaults: &Table) -> Vec<String> {
         .collect()
 }
 
-/// Paths of all keys, with or without those of tables.
+/// Appends the paths of all keys; those of tables only if `tables` is true.
 fn paths(above: &str, table: &Table, tables: bool, all: &mut Vec<String>) {
     for (key, value) in table {
         let path = match above {

@@ -18,7 +18,7 @@ pub struct Recovered {
     pub messages: u64,
     /// Time of the latest message, ns.
     pub last_ns: u64,
-    /// What is missing or was left out.
+    /// Missing and omitted parts of the log.
     pub missing: Vec<String>,
 }
 

@@ -7,8 +7,8 @@ use rand_pcg::Pcg64;
 use serde::Serialize;
 
 table! {
-    /// Standard deviations of the plant's constants about those of [`PlantConfig`], drawn once a trial within
-    /// [`BOUND`] of them.
+    /// Standard deviations of the plant's constants. Each trial draws its constants once, about those of
+    /// [`PlantConfig`] and within [`BOUND`] standard deviations.
     pub struct Spread("spread") {
         /// Of the logarithm of each wheel's slip stiffness: 0.3 is ± 30 %.
         slip_stiffness: f64 = 0.0, up_to(0.35);

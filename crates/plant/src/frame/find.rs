@@ -74,7 +74,7 @@ impl Strip {
     }
 
     /// The equilibrium at the end in `start`, by Newton's method from the exact shape of these curvatures.
-    pub(super) fn start_of_exact(
+    fn start_of_exact(
         &self,
         start: &Equilibrium,
         fractions: &[f64],
@@ -117,7 +117,7 @@ impl Strip {
     }
 
     /// Largest deviation of the curvature from that of a shape, as a share of the largest.
-    pub(super) fn deviation(&self, e: &Equilibrium, fractions: &[f64], curvature: &[f64]) -> f64 {
+    fn deviation(&self, e: &Equilibrium, fractions: &[f64], curvature: &[f64]) -> f64 {
         let (mut deviation, mut largest) = (0.0f64, f64::MIN_POSITIVE);
         for (f, k) in fractions.iter().zip(curvature) {
             let found = self.elastic_curvature(e, f * self.length);
@@ -128,7 +128,7 @@ impl Strip {
     }
 
     /// Newton's method to rounding error.
-    pub(super) fn converge(&self, e: &mut Equilibrium, longest: f64) -> Option<bool> {
+    fn converge(&self, e: &mut Equilibrium, longest: f64) -> Option<bool> {
         let mut travelled = 0.0;
         let mut last = f64::INFINITY;
         for _ in 0..30 {
@@ -152,13 +152,7 @@ impl Strip {
     }
 
     /// Least-squares coefficients of orders 1 to 4; the end's angle gives order 0.
-    pub(super) fn fit_shape(
-        &self,
-        z: &mut Column,
-        turn: f64,
-        fractions: &[f64],
-        curvature: &[f64],
-    ) {
+    fn fit_shape(&self, z: &mut Column, turn: f64, fractions: &[f64], curvature: &[f64]) {
         const FITTED: usize = 4;
         let mut normal = [[0.0; FITTED + 1]; FITTED];
         for (f, k) in fractions.iter().zip(curvature) {
@@ -194,7 +188,7 @@ impl Strip {
 
     /// Load that best explains the curvatures on the shape in `e`, and the shape under that load:
     /// curvature is linear in root moment and force once the positions are known.
-    pub(super) fn fit_load(&self, e: &mut Equilibrium, fractions: &[f64], curvature: &[f64]) {
+    fn fit_load(&self, e: &mut Equilibrium, fractions: &[f64], curvature: &[f64]) {
         let mut normal = [[0.0; 3]; 3];
         let mut side = [0.0; 3];
         for (f, k) in fractions.iter().zip(curvature) {
