@@ -36,9 +36,25 @@ pub(super) struct Settings {
     pub order: u32,
 }
 
+/// Adaptive full-scale range: the output stands still while the part changes its range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Adaptive {
+    /// Value at which the range changes, u.
+    pub threshold: f64,
+    /// Time for which the output then stands still.
+    pub stall: Time,
+}
+
+/// Share of the threshold below which the range changes back (assumed).
+const HYSTERESIS: f64 = 0.9;
+
 /// A signal path.
 #[derive(Clone, Debug)]
 pub(super) struct Path {
+    adaptive: Option<Adaptive>,
+    /// The wider range is in force.
+    wide: bool,
+    stalled_until: Time,
     pub truth: Truth,
     errors: Errors,
     noise: Noise,
@@ -58,6 +74,9 @@ pub(super) struct Path {
 impl Path {
     pub fn new(errors: Errors, settings: Settings, clock_error: f64, seed: u64) -> Self {
         let mut path = Self {
+            adaptive: None,
+            wide: false,
+            stalled_until: Time(0),
             truth: Truth::default(),
             errors,
             noise: Noise::new(seed),
@@ -119,6 +138,27 @@ impl Path {
         }
     }
 
+    /// Adapts its range from now on, or no longer.
+    pub fn adapt(&mut self, adaptive: Option<Adaptive>) {
+        self.adaptive = adaptive;
+    }
+
+    /// True while the output stands still, given a sample at a time.
+    fn is_stalled(&mut self, sample: [f64; 3], at: Time) -> bool {
+        let Some(Adaptive { threshold, stall }) = self.adaptive else {
+            return false;
+        };
+        let largest = sample
+            .iter()
+            .fold(0.0, |largest: f64, x| largest.max(x.abs()));
+        let bound = threshold * if self.wide { HYSTERESIS } else { 1.0 };
+        if (largest > bound) != self.wide {
+            self.wide = !self.wide;
+            self.stalled_until = at + stall;
+        }
+        at < self.stalled_until
+    }
+
     /// Switches on, with the first sample due at a time, or off.
     pub fn switch(&mut self, first: Option<Time>) {
         self.first = first;
@@ -146,7 +186,8 @@ impl Path {
                 return latest;
             }
             let sample = self.step(at);
-            if self.steps.is_multiple_of(self.steps_per_sample) {
+            let is_due = self.steps.is_multiple_of(self.steps_per_sample);
+            if is_due && !self.is_stalled(sample, at) {
                 latest = Some(sample.map(|x| self.quantised(x)));
             }
             self.steps += 1;

@@ -30,6 +30,7 @@ pub(super) const ACCEL_DATA_X1: u8 = 0x1f;
 pub(super) const GYRO_DATA_Z0: u8 = 0x2a;
 pub(super) const INT_STATUS: u8 = 0x2d;
 pub(super) const INTF_CONFIG0: u8 = 0x4c;
+pub(super) const INTF_CONFIG1: u8 = 0x4d;
 pub(super) const PWR_MGMT0: u8 = 0x4e;
 pub(super) const GYRO_CONFIG0: u8 = 0x4f;
 pub(super) const ACCEL_CONFIG0: u8 = 0x50;
@@ -44,6 +45,10 @@ pub(super) const GYRO_CONFIG_STATIC3: u8 = 0x0c;
 /// Bank 2: likewise of the accelerometer; bit 0 of the first switches it off.
 pub(super) const ACCEL_CONFIG_STATIC2: u8 = 0x03;
 
+/// Bits of INTF_CONFIG1 that switch the adaptive full-scale range, and their value for off.
+pub(super) const ADAPTIVE_RANGE_BITS: u8 = 0xc0;
+pub(super) const ADAPTIVE_RANGE_OFF: u8 = 0x40;
+
 /// Registers but those of the data: reset value, writable bits, modelled bits.
 pub(super) const REGISTERS: &[Register] = &[
     r(0, DEVICE_CONFIG, "DEVICE_CONFIG", [0x00, 0x11, 0x01]),
@@ -53,6 +58,7 @@ pub(super) const REGISTERS: &[Register] = &[
     r(0, 0x2c, "TMST_FSYNCL", [0x00, 0, 0]),
     r(0, INT_STATUS, "INT_STATUS", [0x10, 0, 0]),
     r(0, INTF_CONFIG0, "INTF_CONFIG0", [0x30, 0xf3, 0x03]),
+    r(0, INTF_CONFIG1, "INTF_CONFIG1", [0x91, 0xcf, 0xc0]),
     r(0, PWR_MGMT0, "PWR_MGMT0", [0x00, 0x3f, 0x3f]),
     r(0, GYRO_CONFIG0, "GYRO_CONFIG0", [0x06, 0xef, 0xef]),
     r(0, ACCEL_CONFIG0, "ACCEL_CONFIG0", [0x06, 0xef, 0xef]),

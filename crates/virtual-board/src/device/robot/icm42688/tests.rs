@@ -68,6 +68,7 @@ impl Bus {
             (0x04, 0x90),
             (0x05, 0x80),
             (0x76, 0),
+            (0x4d, 0x51),
             (0x4f, 0x63),
             (0x50, 0x63),
             (0x51, 0x16),
@@ -197,6 +198,45 @@ fn a_ramp_comes_late_by_the_filters_delay() {
     let age = span_s(from, asked) - counts / 131.072 / 100.0;
     // A count is 76 µs of this ramp.
     assert!(age > delay - 40e-6 && age < delay + 170e-6, "{age} {delay}");
+}
+
+/// Samples of a ramp from 0 to 150 °/s and back, one each millisecond.
+fn turn(adaptive: bool) -> Vec<i16> {
+    let mut bus = Bus::new(silent());
+    bus.set_up();
+    bus.write(0x4d, if adaptive { 0x91 } else { 0x51 });
+    let mut samples = Vec::new();
+    for slope in [3000f64, -3000.0] {
+        let from = if slope > 0.0 {
+            0.0
+        } else {
+            150f64.to_radians()
+        };
+        bus.moves(|motion| {
+            motion.rate[2] = from;
+            motion.rate_slope[2] = slope.to_radians();
+        });
+        let began = bus.at;
+        for ms in 1..=50 {
+            bus.at = began + Time(ms * MS);
+            samples.push(bus.sample()[5]);
+        }
+    }
+    samples
+}
+
+#[test]
+fn adaptive_range_stalls_the_output_near_100_degrees_per_second_and_the_register_stops_it() {
+    let equal = |samples: &[i16]| samples.windows(2).filter(|w| w[0] == w[1]).count();
+    let (stalled, free) = (turn(true), turn(false));
+    // 393 counts a millisecond. Of 2 ms that stand still, two samples are seen in each direction.
+    assert_eq!((equal(&stalled), equal(&free)), (2, 0));
+    let differs = stalled.iter().zip(&free).filter(|(a, b)| a != b);
+    let rates: Vec<_> = differs.map(|(_, b)| f64::from(*b) / 131.072).collect();
+    assert!(
+        rates.iter().all(|rate| (80.0..112.0).contains(rate)),
+        "{rates:?}"
+    );
 }
 
 #[test]
