@@ -51,12 +51,16 @@ pub fn run(spawner: Spawner, controller: Option<&'static dyn KinematicController
     }
 }
 
-/// Pulls nSLEEP of both drivers low: with PC4 an output, whatever else is set up. Before the motors
+/// Pulls nSLEEP of both drivers low: with its pin an output, whatever else is set up. Before the motors
 /// are started this is their safe state.
 fn drivers_asleep() {
     RCC.ahb1enr().modify(|w| w.set_gpiocen(true));
-    GPIOC.bsrr().write(|w| w.set_br(4, true));
-    GPIOC.moder().modify(|w| w.set_moder(4, Moder::OUTPUT));
+    // The clock runs two cycles later (ES0182).
+    cortex_m::asm::dsb();
+    GPIOC.bsrr().write(|w| w.set_br(motors::SLEEP, true));
+    GPIOC
+        .moder()
+        .modify(|w| w.set_moder(motors::SLEEP, Moder::OUTPUT));
 }
 
 /// Builds everything and starts it, or a session. The log is a task too, so that the stack of the start is free
@@ -100,7 +104,7 @@ fn start(
         timer: p.TIM1,
         enable: (p.PA8, p.PA9),
         direction: (p.PB14, p.PB15),
-        sleep: p.PC4,
+        sleep: p.PC5,
         fault: (p.PC8, p.PC9),
         current: (p.PC0, p.PC1),
         supply: p.PC2,

@@ -111,16 +111,31 @@ impl Command {
 }
 
 /// The button's state between epochs.
+///
+/// A press counts after a release: a button that is held, stuck or wired the other way round at the start begins no
+/// drive.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Presses {
+    down: bool,
+    /// Epochs since the level changed, saturating.
     held: u8,
+    /// The button was up, and not pressed since.
+    released: bool,
 }
 
 impl Presses {
     /// One epoch with the button's level; true once for each press.
     pub fn step(&mut self, down: bool) -> bool {
-        self.held = if down { self.held.saturating_add(1) } else { 0 };
-        self.held == HOLD
+        if down != self.down {
+            (self.down, self.held) = (down, 0);
+        }
+        self.held = self.held.saturating_add(1);
+        if self.held != HOLD {
+            return false;
+        }
+        let pressed = down && self.released;
+        self.released = !down;
+        pressed
     }
 }
 
@@ -225,9 +240,24 @@ mod tests {
     fn a_press_counts_once_after_50_ms_and_bounces_do_not() {
         let mut presses = Presses::default();
         let mut count = |down: &[bool]| down.iter().filter(|down| presses.step(**down)).count();
+        assert_eq!(count(&[false; 5]), 0);
         assert_eq!(count(&[true, true, true, true, false]), 0);
         assert_eq!(count(&[true; 300]), 1);
+        // A release that bounces is none.
         assert_eq!(count(&[false, true, true]), 0);
+        assert_eq!(count(&[true; 5]), 0);
+        assert_eq!(count(&[false; 5]), 0);
+        assert_eq!(count(&[true; 5]), 1);
+    }
+
+    #[test]
+    fn a_button_that_is_down_from_the_start_counts_after_its_release() {
+        let mut presses = Presses::default();
+        let mut count = |down: &[bool]| down.iter().filter(|down| presses.step(**down)).count();
+        assert_eq!(count(&[true; 300]), 0);
+        assert_eq!(count(&[false; 4]), 0);
+        assert_eq!(count(&[true; 300]), 0, "not released for 50 ms");
+        assert_eq!(count(&[false; 5]), 0);
         assert_eq!(count(&[true; 5]), 1);
     }
 

@@ -37,6 +37,7 @@ const BANK_SELECT: u8 = 0x76;
 const DEVICE_CONFIG: u8 = 0x11;
 const ACCEL_DATA_X1: u8 = 0x1f;
 const INT_STATUS: u8 = 0x2d;
+const INTF_CONFIG0: u8 = 0x4c;
 const INTF_CONFIG1: u8 = 0x4d;
 const PWR_MGMT0: u8 = 0x4e;
 const GYRO_CONFIG0: u8 = 0x4f;
@@ -72,6 +73,9 @@ const DELTA_SQUARED: u8 = 144;
 const SHIFT: u8 = 8 << 4;
 /// Both sensors in their low-noise mode.
 const LOW_NOISE: u8 = 0x0f;
+/// I²C off: traffic on the SPI must not pass for an address.
+const SERIAL_PORT_BITS: u8 = 0x03;
+const I2C_OFF: u8 = 0x03;
 /// Adaptive full-scale range (AFSR) off. The data sheet does not describe these two bits.
 const ADAPTIVE_RANGE_BITS: u8 = 0xc0;
 const ADAPTIVE_RANGE_OFF: u8 = 0x40;
@@ -97,7 +101,7 @@ const fn write(address: u8, value: u8, pause: u8) -> Write {
 }
 
 /// The set-up. A reset takes 1 ms, the gyroscope 45 ms to come up.
-const SET_UP: [Write; 18] = [
+const SET_UP: [Write; 19] = [
     write(BANK_SELECT, 0, 1),
     write(DEVICE_CONFIG, 1, 3),
     write(BANK_SELECT, 1, 1),
@@ -109,6 +113,12 @@ const SET_UP: [Write; 18] = [
     write(ACCEL_CONFIG_STATIC3, DELTA_SQUARED, 1),
     write(ACCEL_CONFIG_STATIC4, SHIFT, 1),
     write(BANK_SELECT, 0, 1),
+    Write {
+        address: INTF_CONFIG0,
+        bits: SERIAL_PORT_BITS,
+        value: I2C_OFF,
+        pause: 1,
+    },
     Write {
         address: INTF_CONFIG1,
         bits: ADAPTIVE_RANGE_BITS,
@@ -126,8 +136,9 @@ const SET_UP: [Write; 18] = [
 const AFTER_RESET: usize = 2;
 
 /// Registers that are read back: address, bits, their required value.
-const CHECKED: [(u8, u8, u8); 8] = [
+const CHECKED: [(u8, u8, u8); 9] = [
     (WHO_AM_I, !0, IDENTITY),
+    (INTF_CONFIG0, SERIAL_PORT_BITS, I2C_OFF),
     (INTF_CONFIG1, ADAPTIVE_RANGE_BITS, ADAPTIVE_RANGE_OFF),
     (PWR_MGMT0, !0, LOW_NOISE),
     (GYRO_CONFIG0, !0, RANGE_AND_RATE),
@@ -206,7 +217,7 @@ impl Icm42688 {
 
     /// To be called every millisecond. `still` is true while the motors are off; `transfer` exchanges
     /// bytes with the sensor and returns true on success. A step takes at most one read of a sample and one of a
-    /// register, or one write; two steps of the set-up read registers before they write.
+    /// register, or one write; some steps of the set-up read registers before they write.
     pub fn step(&mut self, still: bool, mut transfer: impl FnMut(&mut [u8]) -> bool) -> Reading {
         match self.phase {
             Phase::SetUp { wait, next } => {

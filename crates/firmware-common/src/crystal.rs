@@ -39,6 +39,8 @@ pub(crate) fn check() {
         }
         defmt::error!("crystal: {} Hz, must be {} Hz", found, HZ);
         RCC.ahb1enr().modify(|w| w.set_gpiocen(true));
+        // The clock runs some cycles later (ES0182).
+        cortex_m::asm::dsb();
         GPIOC.moder().modify(|w| w.set_moder(12, Moder::OUTPUT));
         for _ in 0..BLINKS {
             GPIOC.bsrr().write(|w| w.set_br(12, true));
@@ -61,6 +63,7 @@ fn start() -> Option<()> {
 fn measure() -> Option<u32> {
     RCC.cfgr().modify(|w| w.set_rtcpre(DIVIDER as u8));
     RCC.apb2enr().modify(|w| w.set_tim11en(true));
+    cortex_m::asm::dsb();
     RCC.apb2rstr().modify(|w| w.set_tim11rst(true));
     RCC.apb2rstr().modify(|w| w.set_tim11rst(false));
     TIM11.or().write_value(HSE_RTC);

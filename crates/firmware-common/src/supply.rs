@@ -18,6 +18,8 @@ const LINE: usize = 16;
 /// Waits for the supply, on the internal oscillator that the chip starts with.
 pub(crate) fn wait() {
     RCC.apb1enr().modify(|w| w.set_pwren(true));
+    // The clock runs some cycles later (ES0182).
+    cortex_m::asm::dsb();
     detect();
     while PWR.csr1().read().pvdo() {}
 }

@@ -95,6 +95,10 @@ constants! {
         carpet_drift: [f64; 2] = [0.0; 2], -0.1..=0.1;
         /// Relative fall of the rolling radius where the load is twice that of the bare robot at rest.
         radius_load_sensitivity: f64 = 0.0, 0.0..=0.1;
+        /// Slope of the floor, rad.
+        slope_rad: f64 = 0.0, 0.0..=0.35;
+        /// Direction on the floor in which it falls, rad.
+        downhill_rad: f64 = 0.0, -10.0..=10.0;
         /// Mass carried by each axle, a point, kg.
         payload_kg: [f64; 2] = [0.0; 2], 0.0..=1e3;
         /// Position of the payload forward and to the left of the axle's midpoint, m.

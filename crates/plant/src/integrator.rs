@@ -21,7 +21,7 @@ use super::geometry::{
 #[cfg(target_arch = "x86_64")]
 use super::lanes::Wide;
 use super::lanes::{Lanes, Narrow};
-use super::loads::{Body, Loads};
+use super::loads::{Body, Loads, gravity};
 use super::sincos::directions;
 use super::state::{Health, PlantState};
 use super::wheel::{Conditions, Contact, Eliminated, Wheels};
@@ -56,6 +56,8 @@ pub struct Plant {
     current_share: f64,
     /// Way of the floor over the way rolled.
     carpet: [f64; 2],
+    /// Gravity along the floor, global, m/s²; `None` on a level floor.
+    gravity: Option<[f64; 2]>,
 
     state: PlantState,
     /// Conditions of the wheels; the command is that after the current loop.
@@ -176,6 +178,7 @@ impl Plant {
             tolerance: config.tolerance_m_s,
             current_share: 1.0 - libm::exp(-step / config.current_loop_time_s),
             carpet: config.carpet_drift,
+            gravity: (config.slope_rad != 0.0).then(|| gravity(config).1),
             state: PlantState::default(),
             conditions: Conditions::default(),
             drivetrain: Drivetrain::new(config),
@@ -314,6 +317,12 @@ impl Plant {
             let was = unturned(&before[i], small_turn(axle.posture[2] - turned[i]));
             axle.acceleration = scaled(1.0 / self.step, &add(&axle.velocity, -1.0, &was));
         }
+        if let Some(gravity) = self.downhill() {
+            for (axle, gravity) in self.state.axle.iter_mut().zip(gravity) {
+                axle.acceleration[0] -= gravity[0];
+                axle.acceleration[1] -= gravity[1];
+            }
+        }
         self.health.steps += 1;
         self.drivetrain.publish(&mut self.state.axle);
         if self.loads.shift() {
@@ -372,10 +381,8 @@ impl Plant {
             g,
             &times(&self.stiffness, &geometry.rate(&start)),
         );
-        let load = self.swung(
-            &self.wheels.load(&implicit.wheels, &now, &now),
-            [start[0][2], start[1][2]],
-        );
+        let load = self.wheels.load(&implicit.wheels, &now, &now);
+        let load = self.swung(&load, [start[0][2], start[1][2]], [[1.0, 0.0]; 2]);
         let gain1 = implicit.solve(&geometry, &minus(&load, &geometry.transpose(&pull)));
         let spin1 = self
             .wheels
@@ -411,10 +418,8 @@ impl Plant {
 
         // Second stage: (I − γhA) k = f(there) − k₁.
         then.torque = then.torque - spin1 * (V::load(&self.wheels.inertia) / V::splat(g));
-        let load = self.swung(
-            &self.wheels.load(&implicit.wheels, &now, &then),
-            [body[0][2], body[1][2]],
-        );
+        let load = self.wheels.load(&implicit.wheels, &now, &then);
+        let load = self.swung(&load, [body[0][2], body[1][2]], turns);
         let mut load = minus(&load, &there.transpose(&total));
         let mut move2 = [[0.0; 3]; 2];
         for i in 0..2 {
@@ -498,14 +503,30 @@ impl Plant {
         }
     }
 
-    /// Loads of the axles with the centrifugal forces at these yaw rates.
+    /// Loads of the axles with the centrifugal forces at these yaw rates and with gravity, in the frames of axles that
+    /// have turned in these directions since the start of the part.
     #[inline(always)]
-    fn swung(&self, load: &[Vec3; 2], rate: [f64; 2]) -> [Vec3; 2] {
+    fn swung(&self, load: &[Vec3; 2], rate: [f64; 2], turns: [[f64; 2]; 2]) -> [Vec3; 2] {
         let [front, rear] = &self.bodies;
-        [
+        let load = [
             front.swung(&load[0], rate[0]),
             rear.swung(&load[1], rate[1]),
+        ];
+        let Some(gravity) = self.downhill() else {
+            return load;
+        };
+        [
+            front.pulled(&load[0], unrotate(&gravity[0], turns[0])),
+            rear.pulled(&load[1], unrotate(&gravity[1], turns[1])),
         ]
+    }
+
+    /// Gravity along the floor in the axles' frames, m/s²; `None` on a level floor.
+    #[inline(always)]
+    fn downhill(&self) -> Option<[[f64; 2]; 2]> {
+        let gravity = self.gravity?;
+        let Geometry { front, rear, .. } = self.geometry;
+        Some([unrotate(&gravity, front), unrotate(&gravity, rear)])
     }
 
     #[inline(always)]

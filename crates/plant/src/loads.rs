@@ -1,11 +1,21 @@
 //! Masses of the axles, and the weight that each wheel bears.
 
 use super::config::{PlantConfig, PlantError, TICK_S, check};
-use super::geometry::{Mat3, Vec3, inverse, times, turned};
+use super::geometry::{Mat3, Vec3, add, inverse, times, turned};
 use super::state::AxleState;
 
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.806_65;
+
+/// Gravity into the floor (m/s²) and along the floor, in the global frame (m/s²).
+pub fn gravity(config: &PlantConfig) -> (f64, [f64; 2]) {
+    let (slope, downhill) = (config.slope_rad, config.downhill_rad);
+    let along = GRAVITY * libm::sin(slope);
+    (
+        GRAVITY * libm::cos(slope),
+        [along * libm::cos(downhill), along * libm::sin(downhill)],
+    )
+}
 
 /// Inertia of one axle with what it carries, about the axle's midpoint.
 #[derive(Clone, Copy, Debug)]
@@ -72,6 +82,12 @@ impl Body {
         ]
     }
 
+    /// The load with that of gravity along the floor (m/s², in the body's frame).
+    #[inline(always)]
+    pub fn pulled(&self, load: &Vec3, gravity: [f64; 2]) -> Vec3 {
+        add(load, 1.0, &self.momentum(&[gravity[0], gravity[1], 0.0]))
+    }
+
     /// Load that gives the same acceleration with the mass matrix of the start of the step, of a
     /// load in the frame of a body that has turned since.
     #[inline(always)]
@@ -106,7 +122,7 @@ pub struct Loads {
     mass: [f64; 2],
     height: f64,
     share: f64,
-    /// Acceleration that the loads follow.
+    /// Specific force that the loads follow.
     acceleration: [[f64; 2]; 2],
     /// Loads now, N.
     pub now: [f64; 4],
@@ -166,12 +182,13 @@ impl Loads {
 /// Loads of the robot at rest with its frame straight.
 pub fn at_rest(config: &PlantConfig, bodies: &[Body; 2]) -> [f64; 4] {
     let base = config.strip_length_m + config.rigid_root_m + config.rigid_tip_m;
+    let (gravity, _) = gravity(config);
     // A payload before its axle's middle loads the front axle, by way of the frame.
-    let pitch = GRAVITY * (bodies[0].moment[0] + bodies[1].moment[0]) / base;
+    let pitch = gravity * (bodies[0].moment[0] + bodies[1].moment[0]) / base;
     let mut load = [0.0; 4];
     for (i, body) in bodies.iter().enumerate() {
-        let half = 0.5 * body.mass * GRAVITY + if i == 0 { 0.5 * pitch } else { -0.5 * pitch };
-        let roll = GRAVITY * body.moment[1] / (2.0 * config.half_track_m[i]);
+        let half = 0.5 * body.mass * gravity + if i == 0 { 0.5 * pitch } else { -0.5 * pitch };
+        let roll = gravity * body.moment[1] / (2.0 * config.half_track_m[i]);
         load[2 * i] = half + roll;
         load[2 * i + 1] = half - roll;
     }

@@ -3,7 +3,7 @@
 //! of times slower than [`super::Plant`], and written apart from it: the check of its accuracy.
 //!
 //! Covers tyres of both kinds with stiction, rolling resistance, side slip and drift of the ground,
-//! motors within their limits, payloads, the elastic and damped frame with its clamps. Load
+//! motors within their limits, payloads, a sloping floor, the elastic and damped frame with its clamps. Load
 //! transfer, a radius that depends on the load, play, cogging and the lag of the current loop are
 //! left out, and so is snap-through.
 
@@ -197,7 +197,8 @@ impl Reference {
         let axle = mass + if i == 0 { ahead } else { -ahead };
         let track = 2.0 * c.half_track_m[i];
         let left = axle / 2.0 + moment(1)[i] / track;
-        [9.806_65 * left, 9.806_65 * (axle - left)]
+        let gravity = 9.806_65 * c.slope_rad.cos();
+        [gravity * left, gravity * (axle - left)]
     }
 
     fn slope(&mut self, y: &Coordinates, command: &[f64; 4]) -> Coordinates {
@@ -263,9 +264,12 @@ impl Reference {
         let inertia = c.yaw_inertia_kg_m2[i] + reduced;
         let [fx, fy, moment] = load;
         let turning = (moment - (x * fy - y * fx)) / inertia;
+        // Gravity along the floor acts at the centre of mass.
+        let along = 9.806_65 * c.slope_rad.sin();
+        let (gx, gy) = (along * c.downhill_rad.cos(), along * c.downhill_rad.sin());
         [
-            fx / mass + turning * y + yaw * yaw * x,
-            fy / mass - turning * x + yaw * yaw * y,
+            gx + fx / mass + turning * y + yaw * yaw * x,
+            gy + fy / mass - turning * x + yaw * yaw * y,
             turning,
         ]
     }

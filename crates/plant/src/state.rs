@@ -9,8 +9,8 @@ pub struct AxleState {
     pub posture: Vec3,
     /// Velocity of the midpoint forward and to the left (m/s) and yaw rate (rad/s).
     pub velocity: Vec3,
-    /// Acceleration of the midpoint forward and to the left (m/s², what an accelerometer there
-    /// feels) and yaw acceleration (rad/s²), mean of the last step.
+    /// Specific force at the midpoint forward and to the left (m/s²): acceleration less gravity along the floor, the
+    /// reading of an accelerometer there. Then the yaw acceleration (rad/s²). Means of the last step.
     pub acceleration: Vec3,
     /// Wheel speeds, left and right, rad/s, positive forward.
     pub wheel_speed: [f64; 2],

@@ -65,6 +65,31 @@ fn drive(plant: &mut Plant, steps: usize, amplitude: f64) {
     }
 }
 
+/// Released on a slope it rolls as a body whose wheels turn with it, and an accelerometer reads the rest of gravity.
+#[test]
+fn a_robot_on_a_slope_rolls_with_the_acceleration_of_a_rolling_body() {
+    let config = PlantConfig {
+        slope_rad: 5f64.to_radians(),
+        downhill_rad: std::f64::consts::PI,
+        ..straight()
+    };
+    let mut plant = build(&config);
+    let weight: f64 = plant.state().axle.iter().flat_map(|axle| axle.load).sum();
+    let mass = 2.0 * 4.76 + 0.6;
+    assert!((weight - mass * GRAVITY * 5f64.to_radians().cos()).abs() < 1e-9);
+    run(&mut plant, 500, [[0.0; 2]; 2]);
+    let along = GRAVITY * 5f64.to_radians().sin();
+    let rolling = mass + 4.0 * 0.004 / 0.073f64.powi(2);
+    let expected = -along * mass / rolling;
+    for axle in plant.state().axle {
+        // The tyres creep: a hair less.
+        let speed = axle.velocity[0] / (0.5 * expected);
+        assert!((speed - 1.0).abs() < 5e-3, "{speed}");
+        let felt = axle.acceleration[0] - (expected + along);
+        assert!(felt.abs() < 5e-3, "{felt}");
+    }
+}
+
 /// The front wheels pull the braked rear ones along: at constant speed each tyre's force is its
 /// torque over the radius, and its slip the force over C·N, enlarged as it nears the friction.
 #[test]

@@ -50,6 +50,21 @@ fn a_crooked_robot_follows_the_reference() {
     }
 }
 
+#[test]
+fn a_robot_on_a_slope_follows_the_reference() {
+    for downhill_rad in [0.0, 2.0, -2.5] {
+        let config = PlantConfig {
+            substeps: 4,
+            slope_rad: 0.1,
+            downhill_rad,
+            ..crooked()
+        };
+        let [position, heading] = NORMAL.error(&config, 0.4).unwrap();
+        assert!(position < 3e-5, "{downhill_rad}: {position} m");
+        assert!(heading < 5e-5, "{downhill_rad}: {heading} rad");
+    }
+}
+
 /// Each of them matters to that comparison: left out of the plant, it fails.
 #[test]
 fn the_reference_sees_each_imperfection() {

@@ -7,8 +7,9 @@
 //! critical section holds it off ([`critical`]). Every twentieth period is a tick of the board, which
 //! another interrupt of less priority announces: a task cannot be woken from the current loop.
 //!
-//! The motors are off (drivers asleep) unless a command with `on` came within the last two
-//! milliseconds and no fault is latched.
+//! The motors are driven while a command with `on` came within the last two milliseconds and no fault is
+//! latched. Else the bridges short the motors, which brakes them, and the drivers sleep once the wheels stand
+//! still ([`braking`]). A fault of a driver and an overcurrent put the drivers to sleep at once.
 
 mod exchange;
 mod timer;
@@ -18,6 +19,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use core_algos::acquisition::analog::{Supply, Thermistor, ThermistorConfig};
 use core_algos::config::ConfigError;
+use core_algos::drive::braking::{self, Braking};
 use core_algos::drive::bridge::{self, Pins};
 use core_algos::drive::current::{self, CurrentLoop};
 use core_algos::drive::protection::{self, Limits, Protection};
@@ -33,7 +35,7 @@ use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::pac::GPIOC;
 use embassy_stm32::peripherals::{
-    ADC1, PA8, PA9, PB12, PB14, PB15, PC0, PC1, PC2, PC3, PC4, PC8, PC9,
+    ADC1, PA8, PA9, PB12, PB14, PB15, PC0, PC1, PC2, PC3, PC5, PC8, PC9,
 };
 use embassy_stm32::{Peri, interrupt as handler, peripherals, triggers};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -57,11 +59,22 @@ const PATIENCE: u8 = 40;
 const TRIP: (f32, u16) = (6.0, 40);
 /// Periods that the drivers take to wake up; no current is asked for meanwhile. 2 ms.
 const WAKE_PERIODS: u8 = 40;
+/// Periods that the drivers take to fall asleep; a wake within them may not start a driver anew. 2 ms.
+const SLEEP_PERIODS: u8 = 40;
 /// Periods in a row that a driver must report a fault: 200 µs. A driver that switched itself off says
 /// so for milliseconds; a spike from the bridges lasts for one sample.
 const FAULT_PERIODS: u16 = 4;
+/// Standstill of a shorted motor: 20 mA are 0.1 rad/s. For 0.1 s.
+const STANDSTILL: braking::Limits = braking::Limits {
+    current_a: 0.02,
+    speed_rad_s: 0.1,
+    periods: 2000,
+};
 /// For how many periods the supply may be beyond its limits: 20 ms.
 const SUPPLY_PERIODS: u16 = 400;
+
+/// Number of the sleep pin in port C, for what may not rely on the state of the program.
+pub const SLEEP: usize = 5;
 
 /// Pins and peripherals of the motors.
 pub struct Parts {
@@ -74,7 +87,7 @@ pub struct Parts {
     /// Direction pins (left, right).
     pub direction: (Peri<'static, PB14>, Peri<'static, PB15>),
     /// Sleep pin of both drivers, low: asleep; the drivers' own pull-down holds it in reset.
-    pub sleep: Peri<'static, PC4>,
+    pub sleep: Peri<'static, PC5>,
     /// Fault pins of the drivers (left, right), low: fault.
     pub fault: (Peri<'static, PC8>, Peri<'static, PC9>),
     /// Currents (left, right).
@@ -157,7 +170,13 @@ struct Drive {
     zeros: [Option<f32>; 2],
     command: Command,
     command_age: u8,
+    /// Periods since the drivers were woken, saturating; 0 while they sleep.
     awake: u8,
+    /// Periods since the drivers were put to sleep, saturating; 0 while they are awake.
+    asleep: u8,
+    /// True while the outputs of the timer are enabled; else the bridges of drivers that are awake brake.
+    driven: bool,
+    braking: Braking,
     protection: Protection,
     fault: Option<Condition>,
     squares: [f32; 2],
@@ -210,6 +229,9 @@ impl Drive {
             command: Command::default(),
             command_age: PATIENCE,
             awake: 0,
+            asleep: 0,
+            driven: false,
+            braking: Braking::new(STANDSTILL),
             protection: Protection::new(Limits {
                 current: TRIP,
                 fault_periods: FAULT_PERIODS,
@@ -236,11 +258,12 @@ impl Drive {
         self.judge(currents, supply_v);
 
         let on = self.command.on && self.fault.is_none() && self.zeros.iter().all(Option::is_some);
-        self.set_awake(on);
+        self.switch(on, currents);
         let mut pins = [Pins::default(); 2];
         for i in 0..2 {
             // The drivers brake while they wake up and while a current cannot be read.
-            let (Some(current_a), true) = (currents[i], self.awake >= WAKE_PERIODS) else {
+            let ready = self.driven && self.awake >= WAKE_PERIODS;
+            let (Some(current_a), true) = (currents[i], ready) else {
                 self.states[i] = current::State::default();
                 self.answers[i] = response::State::default();
                 continue;
@@ -313,7 +336,7 @@ impl Drive {
         let sample = protection::Sample {
             motors: [motor(0), motor(1)],
             supply_v,
-            stopped: self.pwm.contact_open() || self.pwm.broken(),
+            stopped: self.pwm.contact_open() || (self.driven && self.pwm.broken()),
             awake: self.awake > 0,
             ready: self.awake >= WAKE_PERIODS,
         };
@@ -322,23 +345,45 @@ impl Drive {
         }
     }
 
+    /// Latches the first cause and ends the pulses at once.
     fn trip(&mut self, condition: Condition) {
         self.fault.get_or_insert(condition);
-        self.set_awake(false);
+        self.brake();
+        // A bridge that is broken or overloaded must not switch its transistors on to brake.
+        if matches!(condition, Condition::DriverFault | Condition::OverCurrent) {
+            self.put_to_sleep();
+        }
     }
 
-    fn set_awake(&mut self, on: bool) {
-        if on {
-            if self.awake == 0 {
+    /// Drives the motors, or brakes them until they stand still and lets the drivers sleep.
+    fn switch(&mut self, on: bool, currents: [Option<f32>; 2]) {
+        if on && (self.awake > 0 || self.asleep >= SLEEP_PERIODS) {
+            if !self.driven {
                 self.pwm.enable();
+                self.driven = true;
             }
+            self.braking.reset();
             self.sleep.set_high();
-            self.awake = self.awake.saturating_add(1);
         } else {
-            self.sleep.set_low();
-            Pwm::disable();
-            self.awake = 0;
+            self.brake();
+            if self.awake == 0 || self.braking.step(currents, self.command.speed_rad_s) {
+                return self.put_to_sleep();
+            }
         }
+        self.awake = self.awake.saturating_add(1);
+        self.asleep = 0;
+    }
+
+    /// Drives both enable pins low: the bridges of drivers that are awake short the motors.
+    fn brake(&mut self) {
+        Pwm::disable();
+        self.driven = false;
+    }
+
+    fn put_to_sleep(&mut self) {
+        self.sleep.set_low();
+        self.awake = 0;
+        self.asleep = self.asleep.saturating_add(1);
     }
 
     fn set_pins(&mut self, pins: [Pins; 2]) {
@@ -406,6 +451,6 @@ fn TIM7() {
 
 /// Motors off by registers alone: drivers asleep, pulses off.
 fn make_safe() {
-    GPIOC.bsrr().write(|w| w.set_br(4, true));
+    GPIOC.bsrr().write(|w| w.set_br(SLEEP, true));
     Pwm::disable();
 }

@@ -34,6 +34,8 @@ pub struct Drawn {
     /// True place of each gauge along the strip minus the intended one, m: the plant's strain is
     /// to be taken there.
     pub gauge_shift_m: [f64; MAX_GAUGES],
+    /// Seed of the nonlinearity of the bridges' converter.
+    pub converter: u32,
     /// Creep of the gauges beyond the mean share.
     pub gauge_creep_error: f64,
     /// Errors of the plant's constants.

@@ -29,6 +29,8 @@ pub enum Stream {
     Plant,
     /// Make of all bridges.
     BridgeMakeup,
+    /// Nonlinearity of the bridges' converter.
+    Converter,
     /// Any further stream, for users of this module.
     Other(u64),
 }
@@ -42,6 +44,7 @@ impl Stream {
             Self::BridgeCommon => 4,
             Self::Plant => 5,
             Self::BridgeMakeup => 6,
+            Self::Converter => 7,
             Self::Gyro(axle) => 0x100 + axle as u64,
             Self::Accelerometer(axle) => 0x200 + axle as u64,
             Self::Bridge(index) => 0x300 + index as u64,

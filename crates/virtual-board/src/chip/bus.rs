@@ -175,6 +175,19 @@ impl Chip {
         true
     }
 
+    /// Notes an access by the program that follows the start of the peripheral's clock too closely.
+    fn judge_delay(&mut self, unit: Unit, offset: u32) {
+        let now = self.shared.now;
+        let gate = unit.gate(offset);
+        if let Some(cycles) = gate.and_then(|gate| self.enabled.is_early(gate, now)) {
+            let text = format!(
+                "{}: accessed {cycles} cycles after its clock was switched on, without a DSB",
+                unit.name_at(offset)
+            );
+            self.shared.note(Kind::Forbidden, text);
+        }
+    }
+
     /// Reads a register; what that does to others is still to be carried there.
     fn read_register(&mut self, unit: Unit, offset: u32, width: Width) -> u32 {
         if !self.judge(unit, offset, width, None) {
@@ -185,6 +198,7 @@ impl Chip {
     }
 
     fn read_unit(&mut self, unit: Unit, offset: u32, width: Width) -> Result<u32, BusError> {
+        self.judge_delay(unit, offset);
         let value = self.read_register(unit, offset, width);
         self.settle();
         Ok(value)
@@ -213,7 +227,15 @@ impl Chip {
         width: Width,
         value: u32,
     ) -> Result<(), BusError> {
+        self.judge_delay(unit, offset);
+        let place = offset & !3;
+        let enables = unit == Unit::Rcc && rcc::ENABLES.contains(&place);
+        let before = enables.then(|| self.units.rcc.enabled_by(place));
         self.write_register(unit, offset, width, value);
+        if let Some(before) = before {
+            let bits = self.units.rcc.enabled_by(place) & !before;
+            self.enabled.switched_on(place, bits, self.shared.now);
+        }
         self.settle();
         match unit {
             Unit::Flash | Unit::Pwr => self.judge_clock(false),
@@ -390,6 +412,10 @@ impl System for Chip {
     fn must_stop(&self) -> bool {
         // With another clock it is another cycle at which the core has come far enough.
         self.reset.is_some() || self.must_pause || self.clock_changed || self.sagged.is_some()
+    }
+
+    fn synchronise(&mut self) {
+        self.enabled.clear();
     }
 
     fn request_reset(&mut self) {

@@ -19,6 +19,10 @@ characteristics! {
         pub brown_out: u32 = 3;
         /// Noise of the analogue converter, counts rms.
         pub converter_noise: f64 = transfer::NOISE;
+        /// Largest integral nonlinearity of the converter, counts (data sheet: 1.5 typically, 3 at most).
+        pub converter_nonlinearity: f64 = 0.0;
+        /// Makes the curve of that nonlinearity.
+        pub converter_seed: u64 = 1;
         /// Makes the unique identifier, what memory shows after power came on, what an operation of the
         /// flash leaves that was cut short, and the converter's noise.
         pub seed: u64 = 1;

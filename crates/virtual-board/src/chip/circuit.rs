@@ -1,5 +1,6 @@
 //! What is soldered around the chip, as the chip meets it.
 
+use super::net::Net;
 use super::pin::{Drive, Pin};
 use crate::time::Time;
 use std::any::Any;
@@ -12,6 +13,11 @@ pub trait Circuit: Any + Copied + Send {
     /// The chip drives this pin in another way now.
     fn pin(&mut self, pin: Pin, drive: Drive, at: Time) {
         let _ = (pin, drive, at);
+    }
+
+    /// Nets of the bare board that carries the chip. A program or circuit that uses one otherwise is a finding.
+    fn nets(&self) -> &'static [Net] {
+        &[]
     }
 
     /// Voltage at an analogue input at the instant at which the converter's sampling ends, V: half the

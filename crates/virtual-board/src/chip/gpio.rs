@@ -2,7 +2,7 @@
 //!
 //! Source: reference manual RM0090, chapter 8. A pin's level is that of the strongest side that drives
 //! it: chip or world, then the resistors of either. An output and the world against each other is a
-//! finding. So is listening to a pin that nobody drives, by a peripheral; by the input register only where
+//! finding, and so is a pin that the board itself uses ([`Net`]). So is listening to a pin that nobody drives, by a peripheral; by the input register only where
 //! something is soldered to the pin, because a load of it does not say which of its pins is meant. Such a
 //! pin reads low.
 //!
@@ -10,6 +10,7 @@
 
 use super::Peripheral;
 use super::effect::Effect;
+use super::net::{Net, Usable};
 use super::pin::{ALTERNATE, Drive, PORTS, Pin, Signal};
 use super::register::{Register, merge, narrow, word};
 use super::shared::Shared;
@@ -127,6 +128,8 @@ pub(crate) struct Gpio {
     level: [bool; PINS],
     /// How peripherals drive their outputs.
     signals: [Drive; Signal::COUNT],
+    /// Nets of the board.
+    nets: [Option<&'static Net>; PINS],
 }
 
 impl Default for Gpio {
@@ -140,6 +143,7 @@ impl Default for Gpio {
             chip: [Drive::Open; PINS],
             level: [false; PINS],
             signals: [Drive::Open; Signal::COUNT],
+            nets: [None; PINS],
         }
     }
 }
@@ -149,6 +153,9 @@ impl Gpio {
     pub fn begin(&mut self, before: &Self, shared: &mut Shared) {
         (self.world, self.soldered) = (before.world, before.soldered);
         (self.chip, self.level) = (before.chip, before.level);
+        for net in shared.world().nets() {
+            self.nets[net.pin.index()] = Some(net);
+        }
         for port in 0..PORTS {
             self.update(port, shared);
         }
@@ -164,6 +171,9 @@ impl Gpio {
     /// The world drives a pin in another way.
     pub fn external(&mut self, pin: Pin, drive: Drive, shared: &mut Shared) {
         self.soldered[pin.index()] |= drive != Drive::Open;
+        if drive.is_strong() {
+            self.check_net(pin, Usable::Input, "the circuit", shared);
+        }
         self.world[pin.index()] = drive;
         self.settle(pin, shared);
     }
@@ -219,6 +229,17 @@ impl Gpio {
         }
     }
 
+    /// Notes that a net of the board is driven that is not to be used in this way.
+    fn check_net(&self, pin: Pin, usage: Usable, driver: &str, shared: &mut Shared) {
+        if let Some(net) = self.nets[pin.index()]
+            && net.usable != usage
+        {
+            let Net { name, part, .. } = net;
+            let text = format!("{pin} is the board's net {name} ({part}), and {driver} drives it");
+            shared.note(Kind::Pin, text);
+        }
+    }
+
     /// The pins of a port anew.
     fn update(&mut self, port: usize, shared: &mut Shared) {
         for number in 0..16 {
@@ -237,6 +258,9 @@ impl Gpio {
                 .map_or(Drive::Open, |signal| self.signals[signal as usize]),
             _ => Drive::Open,
         };
+        if wanted.is_strong() {
+            self.check_net(pin, Usable::Output, "the program", shared);
+        }
         let pull = match port.pull >> (2 * number) & 3 {
             1 if mode != ANALOGUE => Drive::PullUp,
             2 if mode != ANALOGUE => Drive::PullDown,

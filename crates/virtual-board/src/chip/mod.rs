@@ -14,12 +14,15 @@ mod circuit;
 mod debug;
 mod dma;
 mod effect;
+mod enabled;
 mod exti;
 mod flash;
 mod gpio;
 mod injected_faults;
 mod interrupt;
 mod map;
+mod net;
+mod nonlinearity;
 mod pin;
 mod pwr;
 mod rcc;
@@ -48,6 +51,8 @@ pub use effect::{Clocks, Request};
 pub use flash::FlashOperation;
 pub use injected_faults::InjectedFaults;
 pub use interrupt::Interrupt;
+pub use net::{Net, Usable};
+pub use nonlinearity::Nonlinearity;
 pub use pin::{Drive, Pin, Signal};
 
 use crate::finding::{Findings, Kind};
@@ -155,6 +160,8 @@ pub struct Chip {
     /// How often memory has forgotten.
     scrambles: u64,
     injected_faults: InjectedFaults,
+    /// Clocks switched on a moment ago.
+    enabled: enabled::Enabled,
 }
 
 impl Chip {
@@ -175,6 +182,7 @@ impl Chip {
             must_pause: false,
             scrambles: 0,
             injected_faults: InjectedFaults::default(),
+            enabled: enabled::Enabled::default(),
         };
         chip.power_off(0);
         chip

@@ -25,6 +25,7 @@ impl Chip {
 
     pub(super) fn begin(&mut self, cause: Cause) {
         let power_on = cause == Cause::PowerOn;
+        self.enabled.clear();
         let before = std::mem::replace(&mut self.units, Units::new());
         self.units.can1 = before.can1;
         let shared = &mut self.shared;

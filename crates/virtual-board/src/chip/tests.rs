@@ -103,7 +103,13 @@ impl Bench {
         read.expect("no bus error")
     }
 
+    /// With a barrier behind it.
     fn write(&mut self, address: u32, value: u32) {
+        self.write_alone(address, value);
+        self.chip.synchronise();
+    }
+
+    fn write_alone(&mut self, address: u32, value: u32) {
         let at = Transfer::word(address, 0);
         let done = self.chip.write(at, value, &mut self.cycle);
         done.expect("no bus error");
@@ -343,6 +349,32 @@ fn a_peripheral_that_is_reset_has_its_defaults_and_cannot_be_used_meanwhile() {
     bench.write(RCC + 0x10, 0);
     assert_eq!(bench.read(GPIOB), 0x280);
     assert_eq!(bench.findings().len(), 1);
+}
+
+#[test]
+fn an_access_right_after_the_clock_was_switched_on_is_found() {
+    const WWDG_CR: u32 = 0x4000_2c00;
+    let early = |cycles: u64, barrier: bool| {
+        let mut bench = Bench::new(&[]);
+        bench.write_alone(RCC + 0x40, 1 << 11);
+        if barrier {
+            bench.chip.synchronise();
+        }
+        bench.cycle += cycles;
+        bench.write_alone(WWDG_CR, 0xff);
+        bench.write_alone(WWDG_CR, 0xff);
+        let found = bench.findings().into_iter();
+        found
+            .map(|(kind, text)| (kind, text.to_owned()))
+            .collect::<Vec<_>>()
+    };
+    // The nine instructions of a compiler are no delay.
+    let found = early(9, false);
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!(found[0].0, Kind::Forbidden);
+    assert!(found[0].1.starts_with("WWDG: accessed"), "{found:?}");
+    assert_eq!(early(100, false), []);
+    assert_eq!(early(0, true), []);
 }
 
 #[test]

@@ -7,10 +7,10 @@ use crate::noise::Noise;
 /// missing: √((4^1.2 − 1)/12).
 pub(super) const NOISE: f64 = 0.597;
 
-/// The count of twelve bits for a voltage over the reference, with so much noise. The first step lies at
-/// half a count (vendor's AN2834).
-pub(super) fn count(ratio: f64, noise_counts: f64, noise: &mut Noise) -> u32 {
-    let count = 4096.0 * ratio + noise_counts * noise.normal() + 0.5;
+/// The count of twelve bits for a voltage over the reference, with an error and so much noise (counts). The first step
+/// lies at half a count (vendor's AN2834).
+pub(super) fn count(ratio: f64, error: f64, noise_counts: f64, noise: &mut Noise) -> u32 {
+    let count = 4096.0 * ratio + error + noise_counts * noise.normal() + 0.5;
     count.clamp(0.0, 4095.0) as u32
 }
 
@@ -27,7 +27,7 @@ mod tests {
         for k in 0..n {
             let phase = f64::from(k) * 0.618_034 * std::f64::consts::TAU;
             let ratio = 0.5 + 0.499 * phase.sin();
-            let error = f64::from(count(ratio, NOISE, &mut noise)) - 4096.0 * ratio;
+            let error = f64::from(count(ratio, 0.0, NOISE, &mut noise)) - 4096.0 * ratio;
             power += error * error / f64::from(n);
         }
         let signal = 4096.0f64.powi(2) / 8.0;
@@ -46,7 +46,11 @@ mod tests {
             (1.2, 4095),
             (-0.1, 0),
         ] {
-            assert_eq!(count(ratio, 0.0, &mut Noise::new(1)), expected, "{ratio}");
+            assert_eq!(
+                count(ratio, 0.0, 0.0, &mut Noise::new(1)),
+                expected,
+                "{ratio}"
+            );
         }
     }
 }

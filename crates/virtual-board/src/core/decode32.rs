@@ -307,7 +307,8 @@ fn control(h: u32, g: u32) -> Insn {
         0x3b => match g >> 4 & 15 {
             2 if g & 15 == 15 => Insn::new(Op::Special(Special::Clrex)),
             2 => UNPREDICTABLE,
-            4..=6 => Insn::new(Op::Special(Special::Barrier)),
+            4 => Insn::new(Op::Special(Special::Dsb)),
+            5 | 6 => Insn::new(Op::Special(Special::Barrier)),
             _ => UNDEFINED,
         },
         0x3e | 0x3f => {

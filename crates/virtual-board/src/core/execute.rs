@@ -315,6 +315,7 @@ impl Core {
             Op::Vdiv => self.divide_single(system, insn)?,
             Op::Vmls | Op::Vfms => self.subtract_product(system, insn)?,
             Op::Float(op) => self.execute_rare_float(system, insn, op, pc)?,
+            Op::Special(Special::Dsb) => system.synchronise(),
             Op::Special(op) => self.execute_special(insn, op)?,
             Op::Dsp(op @ (Dsp::Parallel | Dsp::Saturating | Dsp::Sel)) => {
                 self.execute_parallel(insn, op);

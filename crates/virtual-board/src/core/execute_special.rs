@@ -20,6 +20,8 @@ impl Core {
     pub(super) fn execute_special(&mut self, insn: &Insn, op: Special) -> Done {
         match op {
             Special::Nop | Special::Yield | Special::Barrier => {}
+            // Executed where the system is at hand.
+            Special::Dsb => {}
             Special::Wfe if self.event => self.event = false,
             Special::Wfe => self.fall_asleep(Sleep::Event),
             Special::Wfi => self.fall_asleep(Sleep::Interrupt),

@@ -128,6 +128,7 @@ pub(super) enum Special {
     Wfi,
     Sev,
     Barrier,
+    Dsb,
     Clrex,
     Svc,
     Bkpt,

@@ -108,6 +108,8 @@ pub trait System {
     fn must_stop(&self) -> bool {
         false
     }
+    /// The program waits for the end of all its accesses (DSB).
+    fn synchronise(&mut self) {}
     /// The program asked for a reset (SYSRESETREQ).
     fn request_reset(&mut self);
     /// Notes what the program does wrong.

@@ -7,6 +7,7 @@
 //! disturb each other nor depend on the order in which they are asked.
 
 mod encoder;
+pub mod olimex_h405;
 #[cfg(feature = "devices")]
 mod robot;
 mod supply;

@@ -53,8 +53,8 @@ const TIM2_TRGO: u8 = 6;
 const SAMPLING: SampleTime = SampleTime::CYCLES15;
 /// From the first trigger to the end of the block, µs: 95 periods and a scan.
 const BLOCK_US: Micros = 997;
-/// Time that the converter takes to settle after it is switched on, µs.
-const SETTLING_US: u32 = 3;
+/// Time for the converter to settle after it is switched on, µs; 3 at most by its data sheet.
+const SETTLING_US: u32 = 5;
 /// Time without samples after which the stream has stopped.
 const PATIENCE: Duration = Duration::from_millis(3);
 /// Counts of TIM2 in which an injected conversion may begin: a scan ends at 647, and would begin its last

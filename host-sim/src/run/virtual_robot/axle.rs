@@ -7,15 +7,15 @@ use crate::world::drawn::Drawn;
 use crate::world::random::{Stream, generator, normal};
 use core_algos::topology::Role;
 use virtual_board::Time;
-use virtual_board::chip::{Circuit, Drive, Inputs, Pin};
+use virtual_board::chip::{Circuit, Drive, Inputs, Net, Pin};
 use virtual_board::device::{
     Amplifier, AmplifierConfig, Contact, Divider, DriverConfig, Drv8874, Encoder, EncoderConfig,
-    Icm42688, InertialConfig, Motion, Motor, MotorConfig, Thermistor,
+    Icm42688, InertialConfig, Motion, Motor, MotorConfig, Thermistor, olimex_h405,
 };
 
 const ENABLE: [Pin; 2] = [Pin::new('A', 8), Pin::new('A', 9)];
 const DIRECTION: [Pin; 2] = [Pin::new('B', 14), Pin::new('B', 15)];
-const AWAKE: Pin = Pin::new('C', 4);
+const AWAKE: Pin = Pin::new('C', 5);
 const FAULT: [Pin; 2] = [Pin::new('C', 8), Pin::new('C', 9)];
 const CURRENT: [Pin; 2] = [Pin::new('C', 0), Pin::new('C', 1)];
 const SUPPLY: Pin = Pin::new('C', 2);
@@ -262,6 +262,10 @@ impl AxleBoard {
 }
 
 impl Circuit for AxleBoard {
+    fn nets(&self) -> &'static [Net] {
+        olimex_h405::NETS
+    }
+
     fn pin(&mut self, pin: Pin, drive: Drive, at: Time) {
         let level = drive == Drive::High;
         match pin {
@@ -384,19 +388,50 @@ impl Circuit for AxleBoard {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use virtual_board::chip::Usable;
 
-    #[test]
-    fn the_loader_in_rom_drives_no_pin_that_wakes_the_motors() {
-        // Outputs and buses of the loader of an STM32F40x, by AN2606: USART1, USART3 twice, CAN2, USB.
-        let loader = [
-            ('A', [9, 10, 11, 12].as_slice()),
-            ('B', &[5, 10, 11, 13]),
-            ('C', &[10, 11]),
-        ];
-        for (port, numbers) in loader {
-            for &number in numbers {
-                assert_ne!(AWAKE, Pin::new(port, number));
+    /// Rows of the pin tables of docs/wiring.md: pins and function.
+    fn wiring() -> Vec<(Pin, String)> {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/wiring.md");
+        let text = std::fs::read_to_string(path).unwrap();
+        let mut pins = Vec::new();
+        for row in text.lines().filter(|line| line.starts_with("| P")) {
+            let cells: Vec<_> = row.split('|').map(str::trim).collect();
+            for name in cells[1].split(", ") {
+                let Some(number) = name.get(2..).and_then(|number| number.parse().ok()) else {
+                    continue;
+                };
+                let port = name.chars().nth(1).unwrap();
+                pins.push((Pin::new(port, number), cells[2].to_owned()));
             }
         }
+        pins
+    }
+
+    #[test]
+    fn wiring_uses_no_net_of_the_board_except_button_and_led() {
+        let pins = wiring();
+        assert_eq!(pins.len(), 37, "{pins:?}");
+        for (pin, function) in pins {
+            let net = olimex_h405::NETS.iter().find(|net| net.pin == pin);
+            let usable = net.is_none_or(|net| match net.usable {
+                Usable::Input => function.starts_with("input"),
+                Usable::Output => function.starts_with("output"),
+                Usable::No => false,
+            });
+            assert!(usable, "{pin}: {net:?}");
+        }
+    }
+
+    /// The loader drives PA9 with nSLEEP low, so the bridge stays off, and PB10 as the image does.
+    #[test]
+    fn the_boot_loader_drives_no_pin_of_the_wiring_against_a_part() {
+        let driven = olimex_h405::LOADER.iter().filter(|pin| pin.driven);
+        let wired: Vec<_> = driven
+            .map(|loader| loader.pin)
+            .filter(|pin| wiring().iter().any(|(wired, _)| wired == pin))
+            .collect();
+        assert_eq!(wired, [ENABLE[1], Pin::new('B', 10)]);
+        assert!(!wired.contains(&AWAKE));
     }
 }

@@ -7,8 +7,8 @@ use crate::world::random::{Stream, generator, normal};
 use crate::world::sensors::{BridgeConfig, GaugeAgeing};
 use rand_pcg::Pcg64;
 use virtual_board::Time;
-use virtual_board::chip::{Circuit, Drive, Inputs, Pin};
-use virtual_board::device::{Bridge, BridgeConfig as DeviceConfig, Thermistor};
+use virtual_board::chip::{Circuit, Drive, Inputs, Net, Pin};
+use virtual_board::device::{Bridge, BridgeConfig as DeviceConfig, Thermistor, olimex_h405};
 
 /// Bridges from the root.
 const BRIDGES: [Pin; 5] = [
@@ -172,6 +172,10 @@ impl BeamBoard {
 }
 
 impl Circuit for BeamBoard {
+    fn nets(&self) -> &'static [Net] {
+        olimex_h405::NETS
+    }
+
     fn pin(&mut self, _pin: Pin, _drive: Drive, _at: Time) {}
 
     fn voltage(&mut self, pin: Pin, at: Time) -> f64 {

@@ -133,8 +133,9 @@ fn boards(
     (seed, trial): (u64, u64),
     options: &Options,
     roles: &[Role],
-    (drawn, bridges): &(Drawn, Vec<BridgeParts>),
+    parts: &(Drawn, Vec<BridgeParts>),
 ) -> Result<Vec<Board>, Error> {
+    let (drawn, bridges) = parts;
     let mut random = generator(seed, trial, Stream::Other(0x200));
     let mut boards = Vec::new();
     for &role in roles {
@@ -143,20 +144,25 @@ fn boards(
         let part_seed: u64 = random.random();
         let mut board = match role {
             Role::Beam => {
-                let parts = BeamBoard::new(&scenario.world.sensors.bridge, bridges, seed, trial);
-                Board::new(Box::new(parts), fast_ppb)
+                let circuit = BeamBoard::new(&scenario.world.sensors.bridge, bridges, seed, trial);
+                Board::new(Box::new(circuit), fast_ppb)
             }
             Role::Front | Role::Rear => {
-                let parts = AxleParts::of(scenario, drawn, role, part_seed);
-                Board::new(Box::new(AxleBoard::new(&parts)), fast_ppb)
+                let circuit = AxleBoard::new(&AxleParts::of(scenario, drawn, role, part_seed));
+                Board::new(Box::new(circuit), fast_ppb)
             }
         };
         let mut variation = options::chip(part_seed);
+        if role == Role::Beam {
+            // The converter of the world's bridges.
+            variation.converter_nonlinearity = scenario.world.sensors.bridge.nonlinearity_counts;
+            variation.converter_seed = drawn.converter.into();
+        }
         (options.vary)(role, &mut variation);
         board.chip().set_variation(variation);
         board.flash(images.of(role));
         board.core_mut().set_profiling(options.profile);
-        let kept = store::sectors(scenario, role, bridges)?;
+        let kept = store::sectors(scenario, role, parts)?;
         let flash = board.chip().flash();
         flash[store::FIRST..store::FIRST + kept.len()].copy_from_slice(&kept);
         boards.push(board);

@@ -34,6 +34,8 @@ pub fn chip(seed: u64) -> ChipVariation {
         crystal_start: Time::from_micros(random.random_range(1_000..=5_000)),
         internal_hz: random.random_range(15_840_000..=16_160_000),
         slow_hz: random.random_range(17_000..=47_000),
+        converter_nonlinearity: random.random_range(0.5..=3.0),
+        converter_seed: seed,
         seed,
         ..ChipVariation::default()
     }

@@ -4,6 +4,8 @@
 use super::beam::{BridgeParts, zero};
 use crate::base::error::Error;
 use crate::scenario::Scenario;
+use crate::world::drawn::Drawn;
+use crate::world::sensors::ConverterError;
 use core_algos::acquisition::oversampling::FULL_SCALE;
 use core_algos::params::{Button, Disarmed, Settings, TABLE};
 use core_algos::topology::Role;
@@ -17,11 +19,15 @@ const SECTORS: usize = 3;
 pub const FIRST: usize = SECTOR;
 
 /// Bytes of the sectors of a board's parameters in a scenario.
-pub fn sectors(scenario: &Scenario, role: Role, bridges: &[BridgeParts]) -> Result<Vec<u8>, Error> {
+pub fn sectors(
+    scenario: &Scenario,
+    role: Role,
+    (drawn, bridges): &(Drawn, Vec<BridgeParts>),
+) -> Result<Vec<u8>, Error> {
     let base = Settings::of(role);
     let mut settings = wanted(scenario, role)?;
     if role == Role::Beam {
-        calibrate(scenario, &mut settings, bridges)?;
+        calibrate(scenario, &mut settings, bridges, drawn)?;
     }
     let off = Disarmed::when(true).ok_or_else(|| Error::Failure("store: armed".to_owned()))?;
     let flash = Flash::<SECTOR>::new(SECTORS, 1);
@@ -71,14 +77,18 @@ fn calibrate(
     scenario: &Scenario,
     settings: &mut Settings,
     bridges: &[BridgeParts],
+    drawn: &Drawn,
 ) -> Result<(), Error> {
     let config = &scenario.world.sensors.bridge;
+    let converter = ConverterError::new(config, drawn);
     let amplified =
         f64::from(config.active_gauges) / 4.0 * config.gauge_factor * config.amplifier_gain;
     let nominal = 1.0 / (f64::from(FULL_SCALE) * amplified);
     let gain = nominal / f64::from(settings.robot.beam.calibration.strain_per_count);
     for (k, parts) in bridges.iter().enumerate() {
-        let counts = f64::from(FULL_SCALE) * zero(config, parts);
+        let ratio = zero(config, parts);
+        let error = converter.as_ref().map_or(0.0, |error| error.at(ratio));
+        let counts = f64::from(FULL_SCALE) * (ratio + error);
         for (name, value) in [("zero_counts", counts), ("gain", gain)] {
             let name = format!("robot.beam.calibration.{name}[{k}]");
             let parameter = TABLE.iter().find(|parameter| parameter.name == name);

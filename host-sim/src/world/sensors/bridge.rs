@@ -1,14 +1,18 @@
 //! Strain bridges: gauges, amplifier and converter.
 
 use super::SAMPLE_PERIOD_S;
+use super::converter::ConverterError;
 use super::delay::{Delay, Drift, MAX_DELAY_MS};
 use crate::world::drawn::Drawn;
 use crate::world::random::normal;
-use crate::world::table::{above_0, at_least_0, one_two_or_four, small, table, whole, within};
+use crate::world::table::{
+    above_0, at_least_0, one_two_or_four, small, table, up_to, whole, within,
+};
 use core_algos::beam::{MAX_GAUGES, strip};
 use core_algos::config::{Allowed, ConfigError, require};
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 table! {
     /// Strain bridges: gauges, amplifier and converter.
@@ -30,6 +34,9 @@ table! {
         converter_bits: u32 = 14, whole(2, 24);
         /// Noise at the converter as strain, rms at the sample rate.
         noise_strain: f64 = 0.7e-6, at_least_0;
+        /// Largest integral nonlinearity of the chip's converter, in counts of its 4096; the curve is drawn. STM32F405:
+        /// 1.5 typically, 3 at most.
+        nonlinearity_counts: f64 = 0.0, up_to(10.0);
         /// Relative standard deviation of each bridge's gain.
         gain_sigma: f64 = 3e-3, small;
         /// Relative standard deviation of the gain error that all bridges share. 1 to 2 %: foil and
@@ -85,10 +92,14 @@ fn some_gauges(_: &'static str, gauges: &[f64]) -> Result<(), ConfigError> {
 }
 
 impl BridgeConfig {
+    /// Share of the converter's range for a strain of 1 without gain error.
+    pub fn range_per_strain(&self) -> f64 {
+        self.gauge_factor * f64::from(self.active_gauges) / 4.0 * self.amplifier_gain
+    }
+
     /// Strain of one count of a bridge without gain error: the board's nominal scale factor.
     pub fn strain_per_count(&self) -> f64 {
-        let gain = self.gauge_factor * f64::from(self.active_gauges) / 4.0 * self.amplifier_gain;
-        1.0 / (gain * f64::from(self.converter_bits).exp2())
+        1.0 / (self.range_per_strain() * f64::from(self.converter_bits).exp2())
     }
 
     /// Largest magnitude of a count: the converter is saturated there.
@@ -100,10 +111,18 @@ impl BridgeConfig {
     /// them as its calibration.
     pub fn zero_counts(&self, drawn: &Drawn) -> [f64; MAX_GAUGES] {
         let limit = f64::from(self.full_scale_counts());
-        drawn
-            .bridge_offset
-            .map(|strain| (strain / self.strain_per_count()).clamp(-limit, limit - 1.0))
+        let converter = ConverterError::new(self, drawn);
+        drawn.bridge_offset.map(|strain| {
+            let counts = converted(strain / self.strain_per_count(), limit, converter.as_ref());
+            counts.clamp(-limit, limit - 1.0)
+        })
     }
+}
+
+/// Counts about mid-scale, with the error of the converter.
+fn converted(counts: f64, limit: f64, converter: Option<&ConverterError>) -> f64 {
+    let ratio = 0.5 + 0.5 * counts / limit;
+    counts + converter.map_or(0.0, |error| 2.0 * limit * error.at(ratio))
 }
 
 /// First-order low-pass filter, exact for an input that is linear between samples.
@@ -198,14 +217,22 @@ pub(super) struct Bridge {
     noise_sigma: f64,
     counts_per_strain: f64,
     limit: f64,
+    converter: Option<Arc<ConverterError>>,
     delay: Delay<i32>,
 }
 
 impl Bridge {
     /// A bridge of one robot; `random` gives its noise.
-    pub fn new(config: &BridgeConfig, drawn: &Drawn, index: usize, random: Pcg64) -> Self {
+    pub fn new(
+        config: &BridgeConfig,
+        drawn: &Drawn,
+        index: usize,
+        converter: Option<Arc<ConverterError>>,
+        random: Pcg64,
+    ) -> Self {
         Self {
             random,
+            converter,
             gain: 1.0 + drawn.bridge_gain_error[index],
             ageing: GaugeAgeing::new(
                 config,
@@ -229,7 +256,8 @@ impl Bridge {
         let [strain, moved] = self.ageing.next(strain);
         let seen = self.filter.pass(self.gain * strain + (offset + moved));
         let seen = seen + normal(&mut self.random, self.noise_sigma);
-        let counts = (seen * self.counts_per_strain).round();
+        let counts = seen * self.counts_per_strain;
+        let counts = converted(counts, self.limit, self.converter.as_deref()).round();
         self.delay
             .pass(counts.clamp(-self.limit, self.limit - 1.0) as i32)
     }

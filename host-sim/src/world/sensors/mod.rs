@@ -9,12 +9,14 @@
 //! has each with its reason.
 
 mod bridge;
+mod converter;
 mod delay;
 mod inertial;
 
 #[cfg(test)]
 mod tests;
 pub use bridge::{BridgeConfig, GaugeAgeing};
+pub use converter::ConverterError;
 pub use core_algos::beam::MAX_GAUGES;
 pub use delay::MAX_DELAY_MS;
 pub use inertial::{Accelerometer, Gyro, InertialConfig};
@@ -26,9 +28,11 @@ use bridge::Bridge;
 use core_algos::config::ConfigError;
 use delay::Delay;
 use inertial::InertialChannel;
+use rand::RngExt;
 use rand_distr::{Distribution, Uniform};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
+use std::sync::Arc;
 
 /// Samples a second of every sensor.
 pub const SAMPLE_RATE_HZ: f64 = 1000.0;
@@ -165,6 +169,7 @@ impl SensorConfig {
         let bridge = &self.bridge;
         let mut random = generator(seed, trial, Stream::BridgeCommon);
         let common = normal(&mut random, bridge.common_sigma_strain);
+        drawn.converter = generator(seed, trial, Stream::Converter).random();
         for index in 0..MAX_GAUGES {
             let mut random = generator(seed, trial, Stream::Bridge(index));
             drawn.bridge_gain_error[index] = normal(&mut random, bridge.gain_sigma);
@@ -228,6 +233,7 @@ impl Sensors {
         // Noise continues on streams of their own, so that it does not depend on how many numbers
         // the imperfections took.
         let noise = |stream: Stream| generator(mix(seed), trial, stream);
+        let converter = ConverterError::new(&config.bridge, drawn).map(Arc::new);
         Ok(Self {
             counts_per_radian: f64::from(config.encoder.counts_per_revolution) / TAU,
             encoder_phase: drawn.encoder_phase,
@@ -249,7 +255,8 @@ impl Sensors {
                 )
             }),
             bridges: std::array::from_fn(|index| {
-                Bridge::new(&config.bridge, drawn, index, noise(Stream::Bridge(index)))
+                let random = noise(Stream::Bridge(index));
+                Bridge::new(&config.bridge, drawn, index, converter.clone(), random)
             }),
         })
     }

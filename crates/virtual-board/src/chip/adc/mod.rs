@@ -22,9 +22,11 @@ mod tests;
 mod write;
 
 use super::Peripheral;
+use super::chip_variation::ChipVariation;
 use super::effect::{Effect, Request};
 use super::interrupt::Interrupt;
 use super::map::Unit;
+use super::nonlinearity::Nonlinearity;
 use super::register::{Register, merge};
 use super::shared::Shared;
 use super::{timer, transfer};
@@ -88,6 +90,8 @@ pub(crate) struct Adc {
     /// What is left of a conversion and of its sampling, while the clock is off.
     gated: Option<[Cycles; 2]>,
     noise: Noise,
+    /// Made at the first conversion.
+    nonlinearity: Option<Nonlinearity>,
     /// When the injected group was started last.
     started: Cycles,
     counts: Counts,
@@ -112,6 +116,7 @@ impl Default for Adc {
             checked: 0,
             gated: None,
             noise: Noise::new(0),
+            nonlinearity: None,
             started: 0,
             counts: Counts::default(),
         }
@@ -124,6 +129,7 @@ impl Adc {
         let gated = self.gated.map(|_| [0; 2]);
         *self = Self {
             noise: self.noise.clone(),
+            nonlinearity: self.nonlinearity.clone(),
             counts: self.counts,
             gated,
             ..Self::default()
@@ -340,8 +346,17 @@ impl Adc {
                 0.0
             }
         };
-        let noise = shared.variation.converter_noise;
-        transfer::count(volts / shared.volts, noise, &mut self.noise)
+        let ratio = volts / shared.volts;
+        let ChipVariation {
+            converter_noise,
+            converter_nonlinearity,
+            converter_seed,
+            ..
+        } = shared.variation;
+        let curve = self
+            .nonlinearity
+            .get_or_insert_with(|| Nonlinearity::new(converter_nonlinearity, converter_seed));
+        transfer::count(ratio, curve.at(ratio), converter_noise, &mut self.noise)
     }
 
     /// Whether an overrun of the regular group is noticed.

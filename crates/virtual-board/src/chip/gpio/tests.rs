@@ -131,3 +131,34 @@ fn no_signal_has_more_pins_than_there_is_room_for() {
         assert_eq!(rows.count(), 1, "{signal:?}");
     }
 }
+
+#[test]
+fn a_net_of_the_board_that_is_driven_is_found_and_its_led_and_button_are_not() {
+    /// Only the nets of an H405.
+    #[derive(Clone)]
+    struct Bare405;
+    impl crate::chip::Circuit for Bare405 {
+        fn nets(&self) -> &'static [Net] {
+            crate::device::olimex_h405::NETS
+        }
+    }
+    const PORT_C: u32 = 0x800;
+    let (mut gpio, mut shared) = (Gpio::default(), shared());
+    shared.replace_world(Box::new(Bare405));
+    gpio.begin(&Gpio::default(), &mut shared);
+    gpio.external(Pin::new('A', 0), Drive::High, &mut shared);
+    gpio.write(PORT_C, 1 << 24 | 1 << 10, !0, &mut shared);
+    assert!(shared.findings.list().is_empty(), "LED and PC5");
+    gpio.external(Pin::new('C', 14), Drive::High, &mut shared);
+    gpio.write(PORT_C, 1 << 24 | 1 << 10 | 1 << 8, !0, &mut shared);
+    let texts: Vec<_> = shared.findings.list().iter().map(|f| &f.text).collect();
+    assert!(
+        texts[0].starts_with("PC14 is the board's net OSC32_IN"),
+        "{texts:?}"
+    );
+    assert!(
+        texts[1].starts_with("PC4 is the board's net USB_P"),
+        "{texts:?}"
+    );
+    assert_eq!(texts.len(), 2);
+}

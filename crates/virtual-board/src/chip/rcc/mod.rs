@@ -54,6 +54,8 @@ const REGISTERS: &[Register] = &[
 
 /// Offset of the control of the backup domain.
 pub(crate) const BDCR: u32 = 0x70;
+/// Registers that switch the clocks of peripherals on.
+pub(crate) const ENABLES: [u32; 5] = [0x30, 0x34, 0x38, 0x40, 0x44];
 const CSR: u32 = 0x74;
 /// From an enable register back to the reset register of the same peripherals.
 const RESET_TO_ENABLE: u32 = 0x20;
@@ -177,6 +179,11 @@ impl Rcc {
     /// Whether the core stands still: the reset is not let go yet, or its clock has failed.
     pub fn is_held(&self) -> bool {
         self.stalled || self.release.is_some()
+    }
+
+    /// Content of an enable register.
+    pub fn enabled_by(&self, register: u32) -> u32 {
+        self.reg(register)
     }
 
     /// Whether a bit of an enable register is set.

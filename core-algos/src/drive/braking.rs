@@ -1,0 +1,107 @@
+//! Braking until standstill after the motors were switched off.
+//!
+//! A driver that is awake with its enable pin low shorts its motor, which brakes. Asleep, the driver leaves the motor
+//! open, and the robot rolls on. So the drivers stay awake until both wheels stand still. A shorted motor that turns
+//! has a current, so standstill is seen without the tick, which may be what has failed.
+//!
+//! Nothing here can fail; what is not a number counts as motion.
+
+/// Limits of standstill.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// Largest current of a shorted motor that stands still, A.
+    pub current_a: f32,
+    /// Largest speed of a wheel that stands still, rad/s.
+    pub speed_rad_s: f32,
+    /// Periods for which both must hold.
+    pub periods: u16,
+}
+
+/// Watch over the standstill of both motors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Braking {
+    limits: Limits,
+    still: u16,
+}
+
+impl Braking {
+    /// Before the first period.
+    pub const fn new(limits: Limits) -> Self {
+        Self { limits, still: 0 }
+    }
+
+    /// The motors are driven: the next braking begins anew.
+    pub fn reset(&mut self) {
+        self.still = 0;
+    }
+
+    /// One period of braking with the currents (A; `None` if a reading is at a rail) and the latest known wheel
+    /// speeds (rad/s); true once both wheels have stood still for their time.
+    #[inline(always)]
+    pub fn step(&mut self, current_a: [Option<f32>; 2], speed_rad_s: [f32; 2]) -> bool {
+        let Limits {
+            current_a: current,
+            speed_rad_s: speed,
+            periods,
+        } = self.limits;
+        let without_current = |i: Option<f32>| i.is_some_and(|i| i.abs() <= current);
+        let still = current_a.into_iter().all(without_current)
+            && speed_rad_s.into_iter().all(|w| w.abs() <= speed);
+        self.still = if still {
+            self.still.saturating_add(1)
+        } else {
+            0
+        };
+        self.still >= periods
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: Limits = Limits {
+        current_a: 0.02,
+        speed_rad_s: 0.1,
+        periods: 100,
+    };
+
+    /// Periods until standstill with constant readings.
+    fn periods(current_a: [Option<f32>; 2], speed_rad_s: [f32; 2]) -> Option<usize> {
+        let mut braking = Braking::new(LIMITS);
+        (1..=10_000).find(|_| braking.step(current_a, speed_rad_s))
+    }
+
+    #[test]
+    fn standstill_needs_both_currents_and_both_speeds_for_the_whole_time() {
+        let (none, rest) = ([Some(0.0); 2], [0.0; 2]);
+        assert_eq!(periods(none, rest), Some(100));
+        assert_eq!(periods([Some(-0.02), Some(0.02)], [0.1, -0.1]), Some(100));
+        for i in 0..2 {
+            for moving in [Some(0.021), Some(-0.021), Some(f32::NAN), None] {
+                let mut current = none;
+                current[i] = moving;
+                assert_eq!(periods(current, rest), None, "{moving:?}");
+            }
+            for moving in [0.11, -0.11, f32::NAN] {
+                let mut speed = rest;
+                speed[i] = moving;
+                assert_eq!(periods(none, speed), None, "{moving}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_single_period_of_motion_or_a_reset_begins_the_time_anew() {
+        let mut braking = Braking::new(LIMITS);
+        let mut rest = |braking: &mut Braking, count: usize| {
+            (0..count).any(|_| braking.step([Some(0.0); 2], [0.0; 2]))
+        };
+        assert!(!rest(&mut braking, 99));
+        assert!(!braking.step([Some(1.0), Some(0.0)], [0.0; 2]));
+        assert!(!rest(&mut braking, 99));
+        braking.reset();
+        assert!(!rest(&mut braking, 99));
+        assert!(rest(&mut braking, 1));
+    }
+}

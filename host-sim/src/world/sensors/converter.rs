@@ -1,0 +1,100 @@
+//! Nonlinearity of the converter behind the bridges, as an oversampled reading has it.
+
+use super::bridge::BridgeConfig;
+use crate::world::drawn::Drawn;
+use core_algos::acquisition::oversampling::SCANS;
+use virtual_board::chip::Nonlinearity;
+
+/// Counts of the chip's converter.
+const RANGE: f64 = 4096.0;
+/// Places of the curve between which a straight line lies.
+const PLACES: usize = 1024;
+/// Reach of the noise about a place, standard deviations, and steps in one of them.
+const REACH: f64 = 3.0;
+const STEPS: f64 = 8.0;
+
+/// Mean error of a reading: the error of one conversion averaged over the noise of the conversions in a reading, which
+/// reaches over some counts.
+#[derive(Clone, Debug)]
+pub struct ConverterError(Vec<f64>);
+
+impl ConverterError {
+    /// That of a drawn robot; `None` for an ideal converter.
+    pub fn new(config: &BridgeConfig, drawn: &Drawn) -> Option<Self> {
+        if config.nonlinearity_counts == 0.0 {
+            return None;
+        }
+        let curve = Nonlinearity::new(config.nonlinearity_counts, drawn.converter.into());
+        let noise = config.noise_strain * (SCANS as f64).sqrt() * config.range_per_strain();
+        let steps = (REACH * STEPS) as i32;
+        let kernel: Vec<_> = (-steps..=steps)
+            .map(|step| {
+                let deviation = f64::from(step) / STEPS;
+                (deviation * noise, (-0.5 * deviation * deviation).exp())
+            })
+            .collect();
+        let weight: f64 = kernel.iter().map(|(_, weight)| weight).sum();
+        let mean = |place: usize| {
+            let ratio = place as f64 / PLACES as f64;
+            let errors = kernel
+                .iter()
+                .map(|(by, weight)| weight * curve.at(ratio + by));
+            errors.sum::<f64>() / (weight * RANGE)
+        };
+        Some(Self((0..=PLACES).map(mean).collect()))
+    }
+
+    /// Error of a reading at a share of the converter's range, in shares of the range.
+    pub fn at(&self, ratio: f64) -> f64 {
+        let place = ratio.clamp(0.0, 1.0) * PLACES as f64;
+        let below = (place as usize).min(PLACES - 1);
+        let part = place - below as f64;
+        self.0[below] + part * (self.0[below + 1] - self.0[below])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::world::random::{Stream, generator, normal};
+
+    /// The mean of a million noisy conversions, one after another.
+    #[test]
+    fn error_of_a_reading_is_the_mean_of_noisy_conversions() {
+        let config = BridgeConfig {
+            nonlinearity_counts: 1.5,
+            ..BridgeConfig::default()
+        };
+        let drawn = Drawn {
+            converter: 5,
+            ..Drawn::none()
+        };
+        let error = ConverterError::new(&config, &drawn).unwrap();
+        let curve = Nonlinearity::new(1.5, 5);
+        let mut random = generator(1, 0, Stream::Other(0));
+        let noise = config.noise_strain * 96f64.sqrt() / config.strain_per_count() / 16384.0;
+        let mut largest = 0.0f64;
+        for ratio in [0.41, 0.47, 0.497, 0.5, 0.503, 0.58] {
+            let count = 200_000;
+            let mean: f64 = (0..count)
+                .map(|_| {
+                    let seen = ratio + normal(&mut random, noise);
+                    (4096.0 * seen + curve.at(seen) + 0.5).floor() / 4096.0 - ratio
+                })
+                .sum::<f64>()
+                / f64::from(count);
+            let found = error.at(ratio);
+            assert!(
+                (found - mean).abs() < 0.05 / 4096.0,
+                "{ratio}: {found} {mean}"
+            );
+            largest = largest.max(found.abs());
+        }
+        assert!(largest > 0.3 / 4096.0, "{largest}");
+    }
+
+    #[test]
+    fn ideal_converter_has_no_error() {
+        assert!(ConverterError::new(&BridgeConfig::default(), &Drawn::none()).is_none());
+    }
+}
