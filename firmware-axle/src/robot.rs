@@ -9,6 +9,7 @@ mod motors;
 mod operator;
 mod telemetry;
 mod tick;
+mod watched;
 
 use core::sync::atomic::AtomicU32;
 
@@ -38,6 +39,7 @@ use inertial::Inertial;
 use motors::Motors;
 use operator::Button;
 use tick::{Axis, Report};
+use watched::TaskWatchdog;
 
 /// Runs the board. The controller of the user takes the place of the regulator.
 pub fn run(spawner: Spawner, controller: Option<&'static dyn KinematicController>) {
@@ -68,8 +70,8 @@ fn start(
     spawner: Spawner,
 ) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
-    static COUNTS: [AtomicU32; telemetry::TASKS.len()] =
-        [const { AtomicU32::new(0) }; telemetry::TASKS.len()];
+    static COUNTS: [AtomicU32; watched::TASKS.len()] =
+        [const { AtomicU32::new(0) }; watched::TASKS.len()];
 
     let role = tick::role(board_id::axle(p.PC13));
     let parameters = Parameters::load(p.FLASH, role);
@@ -89,8 +91,9 @@ fn start(
     let put_down = settings.robot.put_down(drive.start, &Told::default());
     let button = Button::new(p.PA0, put_down, drive);
 
-    let (task_watchdog, check_ins) =
-        telemetry::TaskWatchdog::start(&COUNTS, telemetry::TASKS, watchdog);
+    // A board with a window watchdog erases nothing, so its time is never extended.
+    let (feeder, _) = watchdog.split();
+    let (task_watchdog, check_ins) = TaskWatchdog::new(&COUNTS, watched::TASKS, feeder);
     let [of_drive, of_tick, of_bus] = check_ins;
     let (sender, receiver) = can::start(p.CAN1, p.PB8, p.PB9);
     let encoders = Encoders::start((p.TIM3, p.PC6, p.PC7), (p.TIM4, p.PB6, p.PB7));
@@ -106,6 +109,7 @@ fn start(
         supply: p.PC2,
         temperature: p.PC3,
         stop: p.PB12,
+        watchdog: p.WWDG,
         check_in: of_drive,
     };
     let motors = Motors::start(parts, &settings.drive)?;
@@ -134,8 +138,9 @@ fn start(
         check_in: of_tick,
     };
     spawners.tick.spawn(tick::run(axis).expect("spawned once"));
+    spawner.spawn(watched::run(task_watchdog).expect("spawned once"));
     let reports = REPORTS.receiver().expect("the only one");
-    spawner.spawn(telemetry::run(reports, task_watchdog).expect("spawned once"));
+    spawner.spawn(telemetry::run(reports).expect("spawned once"));
     link.attend(&settings.robot, spawner);
     Ok(())
 }

@@ -6,6 +6,7 @@
 mod background;
 mod bridges;
 mod tick;
+mod watched;
 
 use core::sync::atomic::AtomicU32;
 
@@ -30,6 +31,7 @@ use firmware_common::{board, can, executors};
 
 use bridges::Bridges;
 use tick::{Beam, Report, Saving};
+use watched::TaskWatchdog;
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
@@ -44,8 +46,8 @@ async fn main(spawner: Spawner) {
 /// free again.
 fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
-    static COUNTS: [AtomicU32; background::TASKS.len()] =
-        [const { AtomicU32::new(0) }; background::TASKS.len()];
+    static COUNTS: [AtomicU32; watched::TASKS.len()] =
+        [const { AtomicU32::new(0) }; watched::TASKS.len()];
     static SAVING: Saving = Saving {
         wanted: Signal::new(),
         done: Signal::new(),
@@ -64,8 +66,8 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     let procedure = Procedure::new(limits, settings.robot.geometry.half_thickness_m);
     let thermistor = ThermistorConfig::default().build()?;
 
-    let (task_watchdog, check_ins) =
-        background::TaskWatchdog::start(&COUNTS, background::TASKS, watchdog);
+    let (feeder, extension) = watchdog.split();
+    let (task_watchdog, check_ins) = TaskWatchdog::new(&COUNTS, watched::TASKS, feeder);
     let [of_tick, of_bus] = check_ins;
     let (sender, receiver) = can::start(p.CAN1, p.PB8, p.PB9);
     interrupt::DMA2_STREAM0.set_priority(Priority::P4);
@@ -107,8 +109,9 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     };
     spawners.tick.spawn(tick::run(beam).expect("spawned once"));
     link.attend(&settings.robot, spawner);
+    spawner.spawn(watched::run(task_watchdog).expect("spawned once"));
     let reports = REPORTS.receiver().expect("the only one");
-    let background = background::run(reports, parameters, &SAVING, task_watchdog);
+    let background = background::run(reports, parameters, &SAVING, extension);
     spawner.spawn(background.expect("spawned once"));
 
     Ok(())

@@ -1,7 +1,8 @@
 //! Lateness and duration of the ticks.
 //!
-//! Lateness is by the clock of `embassy-time`: the cycle counter (DWT) stands still while the core sleeps.
-//! Duration is by the cycle counter: a tick does not sleep.
+//! Lateness is by the clock of `embassy-time`, duration by the cycle counter (DWT). The counter runs while the core
+//! sleeps only as long as DBG_SLEEP is set in DBGMCU_CR: the HAL sets that bit at the start, and so does a probe. No
+//! measurement here depends on it, since a tick does not sleep.
 
 use cortex_m::peripheral::{DCB, DWT};
 use embassy_time::Instant;

@@ -351,22 +351,17 @@ impl Attending {
 /// Serves a session until the host leaves or is silent. The watchdog is fed once a turn: a node that does not return
 /// from a step lets it reset the board.
 #[embassy_executor::task]
-async fn serve(
-    link: Link,
-    way: Way,
-    mut watchdog: Watchdog,
-    parameters: &'static mut Parameters,
-) -> ! {
+async fn serve(link: Link, way: Way, watchdog: Watchdog, parameters: &'static mut Parameters) -> ! {
     let Link { mut uart, identity } = link;
     let role = identity.role;
-    watchdog.shorten();
+    let (mut feeder, mut extension) = watchdog.split();
     let endpoint = endpoint(identity);
     endpoint.load(parameters.contents());
     defmt::info!("{}: session", role.name());
     let mut buffer = [0; 256];
     let (mut heard, mut reported) = (Instant::now(), Instant::now());
     loop {
-        watchdog.feed();
+        feeder.feed();
         let arrived = select(uart.read(&mut buffer), service::receive());
         let arrived = with_timeout(IDLE, arrived).await;
         let bytes = match &arrived {
@@ -382,9 +377,7 @@ async fn serve(
             let mut send = |reply: &[u8]| way.send(&mut uart, role, reply);
             endpoint.receive(bytes, &mut send);
             if let Some(save) = endpoint.save() {
-                watchdog.lengthen();
-                let values = parameters.write(&save.settings, save.off);
-                watchdog.shorten();
+                let values = extension.during(|| parameters.write(&save.settings, save.off));
                 let done = values.map(|values| (values, parameters.contents()));
                 endpoint.saved(done, &mut send);
             }
