@@ -35,15 +35,15 @@ pub async fn run(mut reports: Reports) -> ! {
         if !second.tick() {
             continue;
         }
-        let (jitter, worst) = report.timing_us;
+        let health = report.health;
         defmt::info!(
             "tick jitter {} us, longest {} us, current loop {} us, missed {}, restarts {}; in step {}, inertial {}",
-            jitter,
-            worst,
+            health.timing.jitter_us,
+            health.timing.longest_us,
             feedback.longest_cycles.div_ceil(CORE_HZ / 1_000_000),
-            report.missed,
+            health.missed,
             report.restarts,
-            report.in_step,
+            health.in_step,
             report.inertial
         );
         defmt::info!(

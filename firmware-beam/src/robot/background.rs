@@ -32,14 +32,14 @@ pub async fn run(
         if !second.tick() {
             continue;
         }
-        let (jitter, worst) = report.timing_us;
+        let health = report.health;
         defmt::info!(
             "tick jitter {} us, longest {} us, missed {}, conversions lost {}; in step {}, gauges {}, excitation {}, {} C",
-            jitter,
-            worst,
-            report.missed,
+            health.timing.jitter_us,
+            health.timing.longest_us,
+            health.missed,
             report.lost,
-            report.in_step,
+            health.in_step,
             report.gauges,
             report.excitation,
             report.temperature_c
