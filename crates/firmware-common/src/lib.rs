@@ -49,7 +49,7 @@ pub mod identity;
 #[cfg(target_os = "none")]
 pub mod led;
 #[cfg(any(test, target_os = "none"))]
-pub mod record;
+mod record;
 #[cfg(target_os = "none")]
 pub mod stack;
 #[cfg(target_os = "none")]

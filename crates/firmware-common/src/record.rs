@@ -186,3 +186,118 @@ fn frame(room: &mut [u8], [head, low, high]: [u32; 3]) -> &[u8] {
     };
     Entry::of(&frame).encode(room).unwrap_or_default()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core_algos::link::Order;
+    use core_algos::link::record::entries;
+    use core_algos::node::lead::Task;
+
+    fn ends() -> (Recorder, Reader) {
+        Box::leak(Box::new(Ring::new())).split()
+    }
+
+    fn frame_of(k: u16) -> CanFrame {
+        let [low, high] = k.to_le_bytes();
+        CanFrame {
+            id: k % 0x700,
+            length: (k % 9) as u8,
+            data: [low, high, 1, 2, 3, 4, 5, 6],
+        }
+    }
+
+    /// The `k`-th entry, of several lengths; as text.
+    fn put(recorder: &mut Recorder, k: u16) -> String {
+        let frame = frame_of(k);
+        let entry = match k % 4 {
+            0 => Entry::Carried(k),
+            1 => Entry::Begin { tick: k.into() },
+            2 => Entry::Order(Order::Task(Task::Drive {
+                speed_m_s: k.into(),
+                curvature: 0.5,
+            })),
+            _ => {
+                recorder.put_frame(&frame);
+                return format!("{:?}", Entry::of(&frame));
+            }
+        };
+        recorder.put(&entry);
+        format!("{entry:?}")
+    }
+
+    fn texts(bytes: &[u8]) -> impl Iterator<Item = String> {
+        entries(bytes).map(|entry| format!("{:?}", entry.expect("a whole entry")))
+    }
+
+    #[test]
+    fn entries_are_taken_whole_and_in_order() {
+        let (mut recorder, mut reader) = ends();
+        reader.watch();
+        let (mut written, mut taken) = (Vec::new(), Vec::new());
+        for k in 0..20_000 {
+            written.push(put(&mut recorder, k));
+            // Of several lengths, so that entries wait that do not fit.
+            if k % 5 == 0 {
+                let most = REPORT_ENTRIES - usize::from(k % 40);
+                let entries = reader.take(most);
+                assert!(entries.len() <= most);
+                taken.extend(texts(&entries));
+            }
+        }
+        while taken.len() < written.len() {
+            taken.extend(texts(&reader.take(REPORT_ENTRIES)));
+        }
+        assert_eq!(reader.lost(), 0);
+        assert_eq!(taken, written);
+    }
+
+    #[test]
+    fn full_ring_counts_lost_entries_and_tears_none() {
+        let (mut recorder, mut reader) = ends();
+        reader.watch();
+        let (mut kept, mut taken, mut lost) = (Vec::new(), Vec::new(), 0);
+        for k in 0..20_000 {
+            let before = reader.lost();
+            let text = put(&mut recorder, k);
+            match reader.lost() == before {
+                true => kept.push(text),
+                false => lost += 1,
+            }
+            // Slower than entries come.
+            if k % 40 == 0 {
+                taken.extend(texts(&reader.take(REPORT_ENTRIES)));
+            }
+        }
+        while taken.len() < kept.len() {
+            taken.extend(texts(&reader.take(REPORT_ENTRIES)));
+        }
+        assert!(lost > 1_000 && kept.len() > 1_000, "{lost} lost");
+        assert_eq!(reader.lost(), lost);
+        assert_eq!(taken, kept);
+        assert!(reader.take(REPORT_ENTRIES).is_empty());
+    }
+
+    #[test]
+    fn entry_that_does_not_fit_waits() {
+        let (mut recorder, mut reader) = ends();
+        reader.watch();
+        let text = put(&mut recorder, 2);
+        assert!(!reader.is_behind());
+        assert!(reader.take(3).is_empty());
+        assert!(reader.is_behind());
+        assert!(texts(&reader.take(REPORT_ENTRIES)).eq([text]));
+        assert!(!reader.is_behind());
+    }
+
+    #[test]
+    fn nothing_is_recorded_before_a_host_watches() {
+        let (mut recorder, mut reader) = ends();
+        put(&mut recorder, 0);
+        put(&mut recorder, 3);
+        reader.watch();
+        assert!(reader.take(REPORT_ENTRIES).is_empty());
+        let text = put(&mut recorder, 3);
+        assert!(texts(&reader.take(REPORT_ENTRIES)).eq([text]));
+    }
+}

@@ -17,10 +17,10 @@
 //! The HAL's driver is not used: it displaces frames from their mailboxes, stamps arrivals in a task,
 //! passes over a full FIFO, and waits for ever for a bus that is not there.
 
-pub mod bit_timing;
-pub mod health;
-pub mod mailboxes;
-pub mod queues;
+mod bit_timing;
+mod health;
+mod mailboxes;
+mod queues;
 
 #[cfg(target_os = "none")]
 mod driver;
@@ -38,6 +38,8 @@ pub use driver::{
 };
 #[cfg(target_os = "none")]
 pub use service::ServicePort;
+
+pub use health::Counters;
 
 /// A message and the local time at which its frame ended.
 #[derive(Clone, Copy, Debug)]

@@ -166,12 +166,17 @@ mod tests {
     }
 
     #[test]
-    fn queues_hold_their_number_of_frames() {
+    fn queues_hold_their_number_of_frames_in_order() {
         let mut queues = Queues::new();
         let mut ends = queues.split();
-        let sending = (0..100).take_while(|_| ends.to_send.enqueue((0, frame(0))).is_ok());
-        assert_eq!(sending.count(), SENDING);
-        let arrived = (0..100).take_while(|_| ends.from_bus.enqueue((0, frame(0))).is_ok());
-        assert_eq!(arrived.count(), ARRIVED);
+        let put = |queue: &mut Producer<Timed>| {
+            let all = 0..100;
+            let put = all.take_while(|&id| queue.enqueue((0, frame(id))).is_ok());
+            put.count()
+        };
+        assert_eq!(put(&mut ends.to_send), SENDING);
+        assert_eq!(put(&mut ends.from_bus), ARRIVED);
+        let taken = core::iter::from_fn(|| ends.arrived.dequeue());
+        assert!(taken.map(|(_, frame)| frame.id).eq(0..ARRIVED as u16));
     }
 }

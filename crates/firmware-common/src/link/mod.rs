@@ -34,7 +34,9 @@ use core_algos::link::segment::{self, Direction};
 use core_algos::topology::Role;
 
 pub use driving::{Driving, Event};
-pub use ends::{Channels, LinkEnd, OrderResult, TickEnd};
+#[cfg(test)]
+pub(crate) use ends::Channels;
+pub use ends::{LinkEnd, OrderResult, TickEnd};
 #[cfg(target_os = "none")]
 pub use request::take as requested_session;
 #[cfg(target_os = "none")]

@@ -87,7 +87,7 @@ pub trait BoardTick {
 }
 
 /// Health of a tick, the same on every board.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Health {
     /// Sequence of the health messages.
     pub sequence: u8,
