@@ -9,6 +9,7 @@ mod motors;
 mod operator;
 mod telemetry;
 mod tick;
+mod watched;
 
 use core::sync::atomic::AtomicU32;
 
@@ -18,18 +19,20 @@ use core_algos::control::wheel_observer::WheelObserver;
 use core_algos::drive::winding::Winding;
 use core_algos::node::board::Ready;
 use core_algos::node::robot::Told;
+use core_algos::node::tick_sync::TickSync;
 use core_algos::params::Settings;
 use core_algos::topology::Role;
 use embassy_executor::Spawner;
-use embassy_stm32::Peripherals;
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{GPIOC, RCC};
+use embassy_stm32::{Peripherals, uid};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::Watch;
 use firmware_common::identity::Identity;
 use firmware_common::led::Led;
-use firmware_common::link::{self, Link, Way};
+use firmware_common::link::{self, Link, Route};
 use firmware_common::store::chip::Parameters;
+use firmware_common::tick_loop::{Chip, Common, TickLoop};
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{board, board_id, can, executors, fault};
 
@@ -37,7 +40,8 @@ use encoders::Encoders;
 use inertial::Inertial;
 use motors::Motors;
 use operator::Button;
-use tick::{Axis, Report};
+use tick::{Axle, AxleTick, Report};
+use watched::TaskWatchdog;
 
 /// Runs the board. The controller of the user takes the place of the regulator.
 pub fn run(spawner: Spawner, controller: Option<&'static dyn KinematicController>) {
@@ -72,15 +76,17 @@ fn start(
     spawner: Spawner,
 ) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
-    static COUNTS: [AtomicU32; telemetry::TASKS.len()] =
-        [const { AtomicU32::new(0) }; telemetry::TASKS.len()];
+    static COUNTS: [AtomicU32; watched::TASKS.len()] =
+        [const { AtomicU32::new(0) }; watched::TASKS.len()];
 
     let role = tick::role(board_id::axle(p.PC13));
     let parameters = Parameters::load(p.FLASH, role);
     let link = Link::open(p.USART3, p.PB11, p.PB10, role, env!("BUILD"));
-    if let Some(way) = link::session_wanted() {
-        let bus = (way == Way::Bus).then(|| can::start(p.CAN1, p.PB8, p.PB9));
-        link.serve(watchdog, parameters, bus, spawner);
+    let (tick_end, link_end) = link::ends();
+    if let Some(route) = link::requested_session() {
+        let start = || can::start(p.CAN1, p.PB8, p.PB9, tick_end.recorder());
+        let bus = (route == Route::Bus).then(start);
+        link.start_session(watchdog, parameters, bus, spawner);
         return Ok(());
     }
     let settings = &parameters.settings;
@@ -93,10 +99,11 @@ fn start(
     let put_down = settings.robot.put_down(drive.start, &Told::default());
     let button = Button::new(p.PA0, put_down, drive);
 
-    let (task_watchdog, check_ins) =
-        telemetry::TaskWatchdog::start(&COUNTS, telemetry::TASKS, watchdog);
+    // A board with a window watchdog erases nothing, so its time is never extended.
+    let (feeder, _) = watchdog.split();
+    let (task_watchdog, check_ins) = TaskWatchdog::new(&COUNTS, watched::TASKS, feeder);
     let [of_drive, of_tick, of_bus] = check_ins;
-    let (sender, receiver) = can::start(p.CAN1, p.PB8, p.PB9);
+    let bus = can::start(p.CAN1, p.PB8, p.PB9, tick_end.recorder());
     let encoders = Encoders::start((p.TIM3, p.PC6, p.PC7), (p.TIM4, p.PB6, p.PB7));
     let inertial = Inertial::start(p.SPI1, p.PA4, p.PA5, p.PA6, p.PA7, &settings.inertial)?;
     let parts = motors::Parts {
@@ -110,6 +117,7 @@ fn start(
         supply: p.PC2,
         temperature: p.PC3,
         stop: p.PB12,
+        watchdog: p.WWDG,
         check_in: of_drive,
     };
     let motors = Motors::start(parts, &settings.drive)?;
@@ -120,27 +128,30 @@ fn start(
     spawners
         .bus
         .spawn(can::supervise(of_bus).expect("spawned once"));
-    let axis = Axis {
+    let sync = match role {
+        Role::Front => TickSync::leading(),
+        _ => TickSync::following(),
+    };
+    let identity = Identity::new(&uid::uid(), env!("BUILD"));
+    let chip = Chip::new(Led::new(p.PC12), bus.sender, bus.receiver, of_tick);
+    let common = Common::new(chip, tick_end, sync, identity);
+    let tick = AxleTick::new(Axle {
         motors,
-        led: Led::new(p.PC12),
-        identity: Identity::new(env!("BUILD")),
         encoders,
         inertial,
         button,
-        sender,
-        receiver,
         nodes,
         observer: built.observer,
         winding: built.winding,
         drive: settings.drive,
         parameters: parameters.report.conditions(),
-        reports: REPORTS.sender(),
-        check_in: of_tick,
-    };
-    spawners.tick.spawn(tick::run(axis).expect("spawned once"));
+    });
+    let tick = TickLoop::new(tick, common, REPORTS.sender());
+    spawners.tick.spawn(tick::run(tick).expect("spawned once"));
+    spawner.spawn(watched::run(task_watchdog).expect("spawned once"));
     let reports = REPORTS.receiver().expect("the only one");
-    spawner.spawn(telemetry::run(reports, task_watchdog).expect("spawned once"));
-    link.attend(&settings.robot, spawner);
+    spawner.spawn(telemetry::run(reports).expect("spawned once"));
+    link.start_driving(&settings.robot, bus.service, link_end, spawner);
     Ok(())
 }
 

@@ -6,6 +6,7 @@
 mod background;
 mod bridges;
 mod tick;
+mod watched;
 
 use core::sync::atomic::AtomicU32;
 
@@ -13,23 +14,26 @@ use core_algos::acquisition::analog::ThermistorConfig;
 use core_algos::beam::calibration::StandstillLimits;
 use core_algos::beam::procedure::Procedure;
 use core_algos::config::ConfigError;
+use core_algos::node::tick_sync::TickSync;
 use core_algos::topology::Role;
 use embassy_executor::Spawner;
-use embassy_stm32::Peripherals;
 use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
+use embassy_stm32::{Peripherals, uid};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_sync::watch::Watch;
 use firmware_common::identity::Identity;
 use firmware_common::led::Led;
-use firmware_common::link::{self, Link, Way};
+use firmware_common::link::{self, Link, Route};
 use firmware_common::store::chip::Parameters;
+use firmware_common::tick_loop::{Chip, Common, TickLoop};
 use firmware_common::watchdog::Watchdog;
 use firmware_common::{board, can, executors};
 
 use bridges::Bridges;
-use tick::{Beam, Report, Saving};
+use tick::{Beam, BeamTick, Report, Saving};
+use watched::TaskWatchdog;
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
@@ -44,8 +48,8 @@ async fn main(spawner: Spawner) {
 /// free again.
 fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
-    static COUNTS: [AtomicU32; background::TASKS.len()] =
-        [const { AtomicU32::new(0) }; background::TASKS.len()];
+    static COUNTS: [AtomicU32; watched::TASKS.len()] =
+        [const { AtomicU32::new(0) }; watched::TASKS.len()];
     static SAVING: Saving = Saving {
         wanted: Signal::new(),
         done: Signal::new(),
@@ -53,9 +57,11 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
 
     let parameters = Parameters::load(p.FLASH, Role::Beam);
     let link = Link::open(p.USART3, p.PB11, p.PB10, Role::Beam, env!("BUILD"));
-    if let Some(way) = link::session_wanted() {
-        let bus = (way == Way::Bus).then(|| can::start(p.CAN1, p.PB8, p.PB9));
-        link.serve(watchdog, parameters, bus, spawner);
+    let (tick_end, link_end) = link::ends();
+    if let Some(route) = link::requested_session() {
+        let start = || can::start(p.CAN1, p.PB8, p.PB9, tick_end.recorder());
+        let bus = (route == Route::Bus).then(start);
+        link.start_session(watchdog, parameters, bus, spawner);
         return Ok(());
     }
     let settings = &parameters.settings;
@@ -64,10 +70,10 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     let procedure = Procedure::new(limits, settings.robot.geometry.half_thickness_m);
     let thermistor = ThermistorConfig::default().build()?;
 
-    let (task_watchdog, check_ins) =
-        background::TaskWatchdog::start(&COUNTS, background::TASKS, watchdog);
+    let (feeder, extension) = watchdog.split();
+    let (task_watchdog, check_ins) = TaskWatchdog::new(&COUNTS, watched::TASKS, feeder);
     let [of_tick, of_bus] = check_ins;
-    let (sender, receiver) = can::start(p.CAN1, p.PB8, p.PB9);
+    let bus = can::start(p.CAN1, p.PB8, p.PB9, tick_end.recorder());
     interrupt::DMA2_STREAM0.set_priority(Priority::P4);
     let spawners = executors::start();
     // Each of these tasks is spawned once, and has room for one.
@@ -91,24 +97,23 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
         },
         thermistor,
     );
-    let beam = Beam {
-        led: Led::new(p.PC12),
-        identity: Identity::new(env!("BUILD")),
+    let identity = Identity::new(&uid::uid(), env!("BUILD"));
+    let chip = Chip::new(Led::new(p.PC12), bus.sender, bus.receiver, of_tick);
+    let common = Common::new(chip, tick_end, TickSync::following(), identity);
+    let tick = BeamTick::new(Beam {
         bridges,
-        sender,
-        receiver,
         config: settings.robot,
         node,
         procedure,
         saving: &SAVING,
         parameters: parameters.report.conditions(),
-        reports: REPORTS.sender(),
-        check_in: of_tick,
-    };
-    spawners.tick.spawn(tick::run(beam).expect("spawned once"));
-    link.attend(&settings.robot, spawner);
+    });
+    let tick = TickLoop::new(tick, common, REPORTS.sender());
+    spawners.tick.spawn(tick::run(tick).expect("spawned once"));
+    link.start_driving(&settings.robot, bus.service, link_end, spawner);
+    spawner.spawn(watched::run(task_watchdog).expect("spawned once"));
     let reports = REPORTS.receiver().expect("the only one");
-    let background = background::run(reports, parameters, &SAVING, task_watchdog);
+    let background = background::run(reports, parameters, &SAVING, extension);
     spawner.spawn(background.expect("spawned once"));
 
     Ok(())

@@ -22,8 +22,8 @@ const ORDERS: &[(&str, &str)] = &[
     ),
     (
         "crates/firmware-common",
-        "accelerator crystal clock critical executors dma_halves crash_record stack watchdog task_watchdog fault supply store board_id \
-         time_driver timing record can identity link board",
+        "accelerator crystal clock critical executors dma_halves crash_record stack fault watchdog task_watchdog supply store board_id \
+         led time_driver timing record can identity link tick_loop board",
     ),
     (
         "host-sim",

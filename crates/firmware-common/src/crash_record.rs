@@ -11,7 +11,8 @@ use core::fmt::{self, Write};
 pub struct Faults {
     /// Panics of the program.
     pub panics: u32,
-    /// Faults of the processor, interrupts without a handler, a crystal that stopped, a low supply.
+    /// Faults of the processor, interrupts without a handler, a crystal that stopped, a low supply, a watchdog that does
+    /// not run.
     pub processor: u32,
     /// Resets by the watchdog.
     pub watchdog: u32,

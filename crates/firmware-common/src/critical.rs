@@ -1,11 +1,11 @@
 //! Critical sections that the current loop does not wait for.
 //!
 //! A critical section of the program (`critical_section::with`, so all of embassy's) raises BASEPRI to
-//! priority 1: every interrupt waits but those of priority 0. One handler has that priority, the current
-//! loop's, and starts within a dozen cycles whatever else goes on. It may therefore use nothing that
+//! priority 1: every interrupt waits except those of priority 0. Two handlers have that priority. The current
+//! loop's starts within a dozen cycles whatever else goes on. It may therefore use nothing that
 //! such a section guards, neither wake a task nor log nor ask for the time. What it shares with the
-//! rest is exchanged under [`all`], which masks it too and is kept short.
-
+//! rest is exchanged under [`all`], which masks it too and is kept short. The handler of the voltage detector
+//! masks all interrupts and does not return: it ends in a reset.
 //!
 //! # Short handlers
 //!
@@ -49,8 +49,8 @@ const INTERRUPTS: usize = 82;
 struct BelowCurrentLoop;
 critical_section::set_impl!(BelowCurrentLoop);
 
-// SAFETY: while BASEPRI is raised only the handler of priority 0 comes, which uses no critical section's
-// data; what was there before is put back, so sections may lie within each other.
+// SAFETY: while BASEPRI is raised only handlers of priority 0 come. The current loop's uses no critical section's data, and
+// to the voltage detector's no section returns. What was there before is put back, so sections may lie within each other.
 unsafe impl Impl for BelowCurrentLoop {
     unsafe fn acquire() -> RawRestoreState {
         let before = basepri::read();

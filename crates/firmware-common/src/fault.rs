@@ -12,12 +12,11 @@ use core::sync::atomic::{AtomicBool, AtomicPtr, Ordering};
 
 use core_algos::link::protocol::CrashRecord;
 use critical_section::Mutex;
-use embassy_stm32::pac::{FLASH, RCC, rcc::vals::Sw};
+use embassy_stm32::pac::{FLASH, RCC, WWDG, rcc::vals::Sw};
 
 pub use crate::crash_record::Faults;
 use crate::crash_record::{Record, Text};
 use crate::stack;
-use crate::watchdog::WindowWatchdog;
 
 #[unsafe(link_section = ".uninit.FAULTS")]
 static mut RECORD: core::mem::MaybeUninit<Record> = core::mem::MaybeUninit::uninit();
@@ -119,6 +118,14 @@ pub(crate) fn supply_low() -> ! {
     )
 }
 
+/// A watchdog does not run: without it a program that hangs would leave the motors on.
+pub(crate) fn watchdog_missing(which: &str) -> ! {
+    stop(
+        |faults| &mut faults.processor,
+        format_args!("the {which} watchdog does not run"),
+    )
+}
+
 /// Outputs safe, then `count`, keep and log `what`, then restart.
 fn stop(count: impl FnOnce(&mut Faults) -> &mut u32, what: Arguments) -> ! {
     make_safe();
@@ -146,9 +153,17 @@ fn restart() -> ! {
     };
     for _ in 0..50 {
         cortex_m::asm::delay(hz / 3 / 500);
-        WindowWatchdog::feed_after_fault();
+        feed_window_watchdog();
     }
     cortex_m::peripheral::SCB::sys_reset()
+}
+
+/// Begins the time of the window watchdog anew if it was started. Its driver belongs to the current loop, which the fault
+/// may have interrupted.
+fn feed_window_watchdog() {
+    if RCC.apb1enr().read().wwdgen() {
+        WWDG.cr().modify(|w| w.set_t(0x7f));
+    }
 }
 
 #[panic_handler]

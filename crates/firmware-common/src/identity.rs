@@ -4,7 +4,6 @@ use core_algos::bus::Message;
 use core_algos::bus::field::Hash24;
 use core_algos::bus::layout::schema;
 use core_algos::topology::Role;
-use embassy_stm32::uid;
 
 use crate::timing::Every;
 
@@ -20,10 +19,10 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// That of the image named `build`.
-    pub fn new(build: &str) -> Self {
+    /// That of the chip with this number, and of the image named `build`.
+    pub fn new(chip: &[u8; 12], build: &str) -> Self {
         Self {
-            chip: Hash24::of(&uid::uid()),
+            chip: Hash24::of(chip),
             build: Hash24::of_build(build),
             schema: schema(),
             every: Every::new(EVERY),

@@ -8,21 +8,23 @@
 //! | `critical` | critical sections that the current loop does not wait for |
 //! | `fault` | panics and processor faults: outputs safe, counted, kept, logged, restarted |
 //! | `crash_record` | faults and the last message, kept over a reset |
-//! | `watchdog`, `task_watchdog` | independent watchdog, fed only while every task reports |
+//! | `watchdog` | independent watchdog, window watchdog of the current loop |
+//! | `task_watchdog` | feeds the independent watchdog only while every task reports |
 //! | `time_driver` | time of `embassy-time` from SysTick |
 //! | `store` | parameters in flash |
 //! | `board_id` | role of an axle board |
 //! | `identity` | identity of the board on the bus |
-//! | `led` | LED: state of the node |
+//! | `led` | LED |
 //! | `stack` | how much stack was ever used, and the guard below it |
 //! | `timing` | how late ticks come and how long they take |
 //! | `record` | entries of the tick for a host at the serial port |
 //! | `can` | the bus |
 //! | `dma_halves` | bookkeeping of a buffer that a DMA stream fills |
 //! | `executors` | tick above bus above thread |
-//! | `link` | serial port: identity, and the session with a rig |
+//! | `link` | serial port: identity, orders, reports, and the session with a rig |
+//! | `tick_loop` | the tick that all boards share, and the trait of what differs |
 //!
-//! All but what can be tested on a host is for the board.
+//! What is without hardware is built for tests on the host too; everything else is for the board.
 
 #![cfg_attr(target_os = "none", no_std)]
 
@@ -32,7 +34,7 @@ mod accelerator;
 pub mod board;
 #[cfg(target_os = "none")]
 pub mod board_id;
-#[cfg(target_os = "none")]
+#[cfg(any(test, target_os = "none"))]
 pub mod clock;
 #[cfg(any(test, target_os = "none"))]
 pub mod crash_record;
@@ -42,12 +44,12 @@ pub mod critical;
 mod crystal;
 #[cfg(target_os = "none")]
 pub mod fault;
-#[cfg(target_os = "none")]
+#[cfg(any(test, target_os = "none"))]
 pub mod identity;
 #[cfg(target_os = "none")]
 pub mod led;
-#[cfg(target_os = "none")]
-pub mod record;
+#[cfg(any(test, target_os = "none"))]
+mod record;
 #[cfg(target_os = "none")]
 pub mod stack;
 #[cfg(target_os = "none")]
@@ -56,7 +58,7 @@ mod supply;
 pub mod task_watchdog;
 #[cfg(target_os = "none")]
 pub mod time_driver;
-#[cfg(target_os = "none")]
+#[cfg(any(test, target_os = "none"))]
 pub mod timing;
 #[cfg(target_os = "none")]
 pub mod watchdog;
@@ -69,8 +71,11 @@ pub mod can;
 #[cfg(target_os = "none")]
 pub mod executors;
 
-#[cfg(target_os = "none")]
+#[cfg(any(test, target_os = "none"))]
 pub mod link;
+
+#[cfg(any(test, target_os = "none"))]
+pub mod tick_loop;
 
 #[cfg(target_os = "none")]
 use defmt_rtt as _;

@@ -1,4 +1,6 @@
 //! Entries of the board's tick on their way to a host that watches at the serial port.
+//!
+//! [`Ring::split`] gives the tick's end, which puts entries in, and the link's end, which takes them out.
 
 use core::sync::atomic::{AtomicBool, AtomicU16, AtomicU32, AtomicUsize, Ordering};
 
@@ -12,80 +14,99 @@ const ROOM: usize = 512;
 /// In place of a length: a frame that is not encoded.
 const FRAME: u32 = 0xff;
 
-static WATCHED: AtomicBool = AtomicBool::new(false);
-static WANTED: AtomicBool = AtomicBool::new(false);
-static LOST: AtomicU16 = AtomicU16::new(0);
-/// Entries in whole words, each behind a byte with its length: from the word read to the word written.
-static RING: [AtomicU32; ROOM] = [const { AtomicU32::new(0) }; ROOM];
-static WRITTEN: AtomicUsize = AtomicUsize::new(0);
-static READ: AtomicUsize = AtomicUsize::new(0);
-
 /// Entries in a report, at most.
-pub type Room = heapless::Vec<u8, REPORT_ENTRIES>;
+pub type Entries = heapless::Vec<u8, REPORT_ENTRIES>;
 
-/// Takes entries from here on.
-pub fn watch() {
-    WATCHED.store(true, Ordering::Relaxed);
+/// Entries in whole words, each behind a byte with its length.
+pub struct Ring {
+    /// A host watches.
+    watched: AtomicBool,
+    /// Entries that found no room, modulo 65 536.
+    lost: AtomicU16,
+    words: [AtomicU32; ROOM],
+    /// Words written and read since the start, modulo 2³².
+    written: AtomicUsize,
+    read: AtomicUsize,
 }
 
-/// True once a host watches.
-pub fn is_watched() -> bool {
-    WATCHED.load(Ordering::Relaxed)
-}
-
-/// Asks the tick to let the nodes begin anew.
-pub fn begin() {
-    WANTED.store(true, Ordering::Relaxed);
-}
-
-/// True once after [`begin`].
-pub fn take_wanted() -> bool {
-    WANTED.swap(false, Ordering::Relaxed)
-}
-
-/// Appends an entry, if a host watches. For the tick alone.
-pub fn put(entry: &Entry) {
-    if !is_watched() {
-        return;
+impl Ring {
+    /// Empty, and without a host that watches.
+    pub const fn new() -> Self {
+        Self {
+            watched: AtomicBool::new(false),
+            lost: AtomicU16::new(0),
+            words: [const { AtomicU32::new(0) }; ROOM],
+            written: AtomicUsize::new(0),
+            read: AtomicUsize::new(0),
+        }
     }
-    let mut room = [0; MAX_ENTRY + 4];
-    let Some(length) = entry.encode(&mut room[1..]).map(<[u8]>::len) else {
-        LOST.fetch_add(1, Ordering::Relaxed);
-        return;
-    };
-    room[0] = length as u8;
-    let (chunks, _) = room.as_chunks();
-    append(
-        chunks
-            .iter()
-            .take(words(length))
-            .map(|word| u32::from_le_bytes(*word)),
-    );
-}
 
-/// Appends a frame, if a host watches, to be encoded when it is taken. For the tick alone.
-pub fn put_frame(frame: &CanFrame) {
-    if is_watched() {
-        let head = FRAME | u32::from(frame.length) << 8 | u32::from(frame.id) << 16;
-        let [a, b, c, d, e, f, g, h] = frame.data;
-        let data = [[a, b, c, d], [e, f, g, h]].map(u32::from_le_bytes);
-        append([head, data[0], data[1]].into_iter());
+    /// The tick's end and the link's end.
+    pub fn split(&'static mut self) -> (Recorder, Reader) {
+        let reader = Reader {
+            ring: self,
+            behind: false,
+        };
+        (Recorder(reader.ring), reader)
     }
 }
 
-/// Appends words, or none.
-fn append(words: impl ExactSizeIterator<Item = u32>) {
-    let written = WRITTEN.load(Ordering::Relaxed);
-    let used = written.wrapping_sub(READ.load(Ordering::Acquire));
-    let count = words.len();
-    if ROOM - used < count {
-        LOST.fetch_add(1, Ordering::Relaxed);
-        return;
+/// The tick's end. Bus and nodes of the tick have a clone each; all of them belong to one task, the only writer.
+#[derive(Clone)]
+pub struct Recorder(&'static Ring);
+
+impl Recorder {
+    /// True once a host watches.
+    pub fn is_watched(&self) -> bool {
+        self.0.watched.load(Ordering::Relaxed)
     }
-    for (k, word) in words.enumerate() {
-        RING[written.wrapping_add(k) % ROOM].store(word, Ordering::Relaxed);
+
+    /// Appends an entry, if a host watches.
+    pub fn put(&mut self, entry: &Entry) {
+        if !self.is_watched() {
+            return;
+        }
+        let mut room = [0; MAX_ENTRY + 4];
+        let Some(length) = entry.encode(&mut room[1..]).map(<[u8]>::len) else {
+            self.0.lost.fetch_add(1, Ordering::Relaxed);
+            return;
+        };
+        room[0] = length as u8;
+        let (chunks, _) = room.as_chunks();
+        self.append(
+            chunks
+                .iter()
+                .take(words(length))
+                .map(|word| u32::from_le_bytes(*word)),
+        );
     }
-    WRITTEN.store(written.wrapping_add(count), Ordering::Release);
+
+    /// Appends a frame, if a host watches, to be encoded when it is taken.
+    pub fn put_frame(&mut self, frame: &CanFrame) {
+        if self.is_watched() {
+            let head = FRAME | u32::from(frame.length) << 8 | u32::from(frame.id) << 16;
+            let [a, b, c, d, e, f, g, h] = frame.data;
+            let data = [[a, b, c, d], [e, f, g, h]].map(u32::from_le_bytes);
+            self.append([head, data[0], data[1]].into_iter());
+        }
+    }
+
+    /// Appends words, or none.
+    fn append(&mut self, words: impl ExactSizeIterator<Item = u32>) {
+        let ring = self.0;
+        let written = ring.written.load(Ordering::Relaxed);
+        let used = written.wrapping_sub(ring.read.load(Ordering::Acquire));
+        let count = words.len();
+        if ROOM - used < count {
+            ring.lost.fetch_add(1, Ordering::Relaxed);
+            return;
+        }
+        for (k, word) in words.enumerate() {
+            ring.words[written.wrapping_add(k) % ROOM].store(word, Ordering::Relaxed);
+        }
+        ring.written
+            .store(written.wrapping_add(count), Ordering::Release);
+    }
 }
 
 /// Words of an entry and its length.
@@ -93,34 +114,45 @@ const fn words(length: usize) -> usize {
     (length + 4) / 4
 }
 
-/// Entries that found no room, modulo 65 536.
-pub fn lost() -> u16 {
-    LOST.load(Ordering::Relaxed)
-}
-
-/// The end where entries are taken out.
-#[derive(Default)]
-pub struct Taker {
+/// The link's end.
+pub struct Reader {
+    ring: &'static Ring,
     /// An entry waits that did not fit.
     behind: bool,
 }
 
-impl Taker {
+impl Reader {
+    /// Takes entries from here on.
+    pub fn watch(&mut self) {
+        self.ring.watched.store(true, Ordering::Relaxed);
+    }
+
+    /// True once a host watches.
+    pub fn is_watched(&self) -> bool {
+        self.ring.watched.load(Ordering::Relaxed)
+    }
+
+    /// Entries that found no room, modulo 65 536.
+    pub fn lost(&self) -> u16 {
+        self.ring.lost.load(Ordering::Relaxed)
+    }
+
     /// True if an entry waits that did not fit.
     pub fn is_behind(&self) -> bool {
         self.behind
     }
 
     /// The oldest entries that fit into `most` bytes.
-    pub fn take(&mut self, most: usize) -> Room {
-        let mut room = Room::new();
+    pub fn take(&mut self, most: usize) -> Entries {
+        let ring = self.ring;
+        let mut entries = Entries::new();
         self.behind = false;
         loop {
-            let read = READ.load(Ordering::Relaxed);
-            if read == WRITTEN.load(Ordering::Acquire) {
-                return room;
+            let read = ring.read.load(Ordering::Relaxed);
+            if read == ring.written.load(Ordering::Acquire) {
+                return entries;
             }
-            let word = |k: usize| RING[read.wrapping_add(k) % ROOM].load(Ordering::Relaxed);
+            let word = |k: usize| ring.words[read.wrapping_add(k) % ROOM].load(Ordering::Relaxed);
             let mut entry = [0; MAX_ENTRY + 4];
             let (bytes, count) = match word(0) & 0xff {
                 FRAME => (frame(&mut entry, [word(0), word(1), word(2)]), 3),
@@ -130,14 +162,14 @@ impl Taker {
                     for (k, chunk) in chunks.iter_mut().take(words(length)).enumerate() {
                         *chunk = word(k).to_le_bytes();
                     }
-                    (&entry[1..=length], words(length))
+                    (entry.get(1..=length).unwrap_or_default(), words(length))
                 }
             };
-            self.behind = room.len() + bytes.len() > most;
-            if self.behind || room.extend_from_slice(bytes).is_err() {
-                return room;
+            self.behind = entries.len() + bytes.len() > most;
+            if self.behind || entries.extend_from_slice(bytes).is_err() {
+                return entries;
             }
-            READ.store(read.wrapping_add(count), Ordering::Release);
+            ring.read.store(read.wrapping_add(count), Ordering::Release);
         }
     }
 }
@@ -153,4 +185,119 @@ fn frame(room: &mut [u8], [head, low, high]: [u32; 3]) -> &[u8] {
         data,
     };
     Entry::of(&frame).encode(room).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core_algos::link::Order;
+    use core_algos::link::record::entries;
+    use core_algos::node::lead::Task;
+
+    fn ends() -> (Recorder, Reader) {
+        Box::leak(Box::new(Ring::new())).split()
+    }
+
+    fn frame_of(k: u16) -> CanFrame {
+        let [low, high] = k.to_le_bytes();
+        CanFrame {
+            id: k % 0x700,
+            length: (k % 9) as u8,
+            data: [low, high, 1, 2, 3, 4, 5, 6],
+        }
+    }
+
+    /// The `k`-th entry, of several lengths; as text.
+    fn put(recorder: &mut Recorder, k: u16) -> String {
+        let frame = frame_of(k);
+        let entry = match k % 4 {
+            0 => Entry::Carried(k),
+            1 => Entry::Begin { tick: k.into() },
+            2 => Entry::Order(Order::Task(Task::Drive {
+                speed_m_s: k.into(),
+                curvature: 0.5,
+            })),
+            _ => {
+                recorder.put_frame(&frame);
+                return format!("{:?}", Entry::of(&frame));
+            }
+        };
+        recorder.put(&entry);
+        format!("{entry:?}")
+    }
+
+    fn texts(bytes: &[u8]) -> impl Iterator<Item = String> {
+        entries(bytes).map(|entry| format!("{:?}", entry.expect("a whole entry")))
+    }
+
+    #[test]
+    fn entries_are_taken_whole_and_in_order() {
+        let (mut recorder, mut reader) = ends();
+        reader.watch();
+        let (mut written, mut taken) = (Vec::new(), Vec::new());
+        for k in 0..20_000 {
+            written.push(put(&mut recorder, k));
+            // Of several lengths, so that entries wait that do not fit.
+            if k % 5 == 0 {
+                let most = REPORT_ENTRIES - usize::from(k % 40);
+                let entries = reader.take(most);
+                assert!(entries.len() <= most);
+                taken.extend(texts(&entries));
+            }
+        }
+        while taken.len() < written.len() {
+            taken.extend(texts(&reader.take(REPORT_ENTRIES)));
+        }
+        assert_eq!(reader.lost(), 0);
+        assert_eq!(taken, written);
+    }
+
+    #[test]
+    fn full_ring_counts_lost_entries_and_tears_none() {
+        let (mut recorder, mut reader) = ends();
+        reader.watch();
+        let (mut kept, mut taken, mut lost) = (Vec::new(), Vec::new(), 0);
+        for k in 0..20_000 {
+            let before = reader.lost();
+            let text = put(&mut recorder, k);
+            match reader.lost() == before {
+                true => kept.push(text),
+                false => lost += 1,
+            }
+            // Slower than entries come.
+            if k % 40 == 0 {
+                taken.extend(texts(&reader.take(REPORT_ENTRIES)));
+            }
+        }
+        while taken.len() < kept.len() {
+            taken.extend(texts(&reader.take(REPORT_ENTRIES)));
+        }
+        assert!(lost > 1_000 && kept.len() > 1_000, "{lost} lost");
+        assert_eq!(reader.lost(), lost);
+        assert_eq!(taken, kept);
+        assert!(reader.take(REPORT_ENTRIES).is_empty());
+    }
+
+    #[test]
+    fn entry_that_does_not_fit_waits() {
+        let (mut recorder, mut reader) = ends();
+        reader.watch();
+        let text = put(&mut recorder, 2);
+        assert!(!reader.is_behind());
+        assert!(reader.take(3).is_empty());
+        assert!(reader.is_behind());
+        assert!(texts(&reader.take(REPORT_ENTRIES)).eq([text]));
+        assert!(!reader.is_behind());
+    }
+
+    #[test]
+    fn nothing_is_recorded_before_a_host_watches() {
+        let (mut recorder, mut reader) = ends();
+        put(&mut recorder, 0);
+        put(&mut recorder, 3);
+        reader.watch();
+        assert!(reader.take(REPORT_ENTRIES).is_empty());
+        let text = put(&mut recorder, 3);
+        assert!(texts(&reader.take(REPORT_ENTRIES)).eq([text]));
+    }
 }

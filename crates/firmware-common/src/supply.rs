@@ -1,8 +1,8 @@
 //! Supply of the chip: while it is too low for the core's clock, the board waits or restarts.
 //!
 //! The brown-out level of the option bytes does the same without the program. The image does not write it: power
-//! that fails during the write leaves the option bytes erased, and erased bytes protect the flash against the debug
-//! probe for good. The flasher sets the level (docs/wiring.md), and the log says which one is in force.
+//! that fails during the write leaves the option bytes erased, which is read protection level 1 (RM0090, 3.9.3): the debug
+//! probe removes it only by erasing program and parameters. The flasher sets the level (docs/wiring.md), and the log says which one is in force.
 
 use embassy_stm32::interrupt as handler;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};

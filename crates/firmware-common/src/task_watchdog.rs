@@ -1,17 +1,23 @@
-//! The tasks of a board report here, and the watchdog is fed only while all of them do.
+//! The tasks of a board report here, and the independent watchdog is fed only while all of them do.
 //!
-//! A task gets a [`CheckIn`] and reports with it each time round its loop. [`TaskWatchdog`] belongs to the
-//! task that feeds; which task has been silent for too long is decided by
+//! A task gets a [`CheckIn`] and reports with it each time round its loop. [`TaskWatchdog::run`] is a task of its own
+//! that does nothing else; which task has been silent for too long is decided by
 //! [`core_algos::safety::task_deadlines`].
+//!
+//! The task runs in the thread, the lowest level: what holds up any level holds up this task too, so a level that is
+//! starved needs no report of its own. No other task of the thread feeds: the log may wait for ever or be left out.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use core_algos::safety::task_deadlines::TaskDeadlines;
-use embassy_time::Instant;
+use embassy_time::{Duration, Instant, Timer};
 
-use crate::watchdog::Watchdog;
+use crate::watchdog::Feeder;
 
-/// A task's way to say that it goes on.
+/// Time between two checks: well below the shortest time of the watchdog, 0.34 s.
+const CHECK_EVERY: Duration = Duration::from_millis(100);
+
+/// A task's way to report that it goes on.
 pub struct CheckIn(&'static AtomicU32);
 
 impl CheckIn {
@@ -28,18 +34,16 @@ pub struct TaskWatchdog<const N: usize> {
     names: [&'static str; N],
     counts: &'static [AtomicU32; N],
     deadlines: TaskDeadlines<N>,
-    watchdog: Watchdog,
+    feeder: Feeder,
 }
 
 impl<const N: usize> TaskWatchdog<N> {
     /// Tasks by name, each with the longest time between two reports, µs; a [`CheckIn`] for each, in order.
-    /// The start is over: `watchdog` is shortened.
-    pub fn start(
+    pub fn new(
         counts: &'static [AtomicU32; N],
         tasks: [(&'static str, u64); N],
-        mut watchdog: Watchdog,
+        feeder: Feeder,
     ) -> (Self, [CheckIn; N]) {
-        watchdog.shorten();
         let task_watchdog = Self {
             names: tasks.map(|(name, _)| name),
             counts,
@@ -47,18 +51,26 @@ impl<const N: usize> TaskWatchdog<N> {
                 tasks.map(|(_, within)| within),
                 Instant::now().as_micros(),
             ),
-            watchdog,
+            feeder,
         };
         (task_watchdog, counts.each_ref().map(CheckIn))
     }
 
+    /// Checks for ever.
+    pub async fn run(mut self) -> ! {
+        loop {
+            Timer::after(CHECK_EVERY).await;
+            self.check();
+        }
+    }
+
     /// Feeds the watchdog if every task has reported in time; logs the name of one that has not.
-    pub fn check(&mut self) {
+    fn check(&mut self) {
         let now = Instant::now().as_micros();
         let counts = self.counts.each_ref();
         let reports = counts.map(|count| count.load(Ordering::Relaxed));
         if self.deadlines.complete(now, reports) {
-            return self.watchdog.feed();
+            return self.feeder.feed();
         }
         let late = self.deadlines.late(now);
         let late = late.and_then(|task| self.names.get(task).copied());
@@ -66,10 +78,5 @@ impl<const N: usize> TaskWatchdog<N> {
             "{} does not report: the watchdog is not fed",
             late.unwrap_or("unknown")
         );
-    }
-
-    /// The watchdog, for work that holds the whole core.
-    pub fn watchdog(&mut self) -> &mut Watchdog {
-        &mut self.watchdog
     }
 }

@@ -1,70 +1,74 @@
 //! Lateness and duration of the ticks.
 //!
-//! Lateness is by the clock of `embassy-time`: the cycle counter (DWT) stands still while the core sleeps.
-//! Duration is by the cycle counter: a tick does not sleep.
+//! Lateness is by the clock of `embassy-time`, duration by the cycle counter (DWT). The counter runs while the core
+//! sleeps only as long as DBG_SLEEP is set in DBGMCU_CR: the HAL sets that bit at the start, and so does a probe. No
+//! measurement here depends on it, since a tick does not sleep.
 
-use cortex_m::peripheral::{DCB, DWT};
-use embassy_time::Instant;
+use core_algos::time::Micros;
 
 use crate::clock::CORE_HZ;
 
 const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;
 
+/// Largest jitter and longest tick, µs, at most 4095 each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Timing {
+    /// Largest deviation of an interval between two beginnings from the period.
+    pub jitter_us: u16,
+    /// Longest tick.
+    pub longest_us: u16,
+}
+
 /// Measures a periodic piece of work.
 pub struct Stopwatch {
-    /// µs.
-    period: u32,
-    /// Time of its latest start, µs.
-    last: Option<u64>,
+    period: Micros,
+    /// Time of its latest start.
+    last: Option<Micros>,
+    /// The cycle counter at its latest start.
     began: u32,
     /// Largest deviation of an interval between beginnings from the period, µs.
-    jitter: u64,
+    jitter: Micros,
     /// Longest piece of work, cycles.
-    worst: u32,
+    longest: u32,
 }
 
 impl Stopwatch {
-    /// For work that begins every `period_us`; starts the cycle counter.
-    pub fn new(period_us: u32) -> Self {
-        // SAFETY: only the cycle counter is touched, and switching it on twice does no harm.
-        let mut core = unsafe { cortex_m::Peripherals::steal() };
-        DCB::enable_trace(&mut core.DCB);
-        core.DWT.enable_cycle_counter();
+    /// For work that begins every `period`, µs.
+    pub fn new(period: Micros) -> Self {
         Self {
-            period: period_us,
+            period,
             last: None,
             began: 0,
             jitter: 0,
-            worst: 0,
+            longest: 0,
         }
     }
 
     /// The work begins.
-    pub fn begin(&mut self) {
-        self.began = DWT::cycle_count();
-        let now = Instant::now().as_micros();
+    pub fn begin(&mut self, now: Micros, cycles: u32) {
+        self.began = cycles;
         if let Some(last) = self.last.replace(now) {
-            let deviation = now.wrapping_sub(last).abs_diff(self.period.into());
+            let deviation = now.wrapping_sub(last).abs_diff(self.period);
             self.jitter = self.jitter.max(deviation);
         }
     }
 
     /// The work is done.
-    pub fn end(&mut self) {
-        let took = DWT::cycle_count().wrapping_sub(self.began);
-        self.worst = self.worst.max(took);
+    pub fn end(&mut self, cycles: u32) {
+        let took = cycles.wrapping_sub(self.began);
+        self.longest = self.longest.max(took);
     }
 
-    /// Largest jitter and longest work since the last call, µs, at most 4095 each.
-    pub fn take(&mut self) -> (u16, u16) {
+    /// Largest jitter and longest work since the last call.
+    pub fn take(&mut self) -> Timing {
         const MOST: u16 = 4095;
-        let worst = self.worst.div_ceil(CYCLES_PER_US);
-        let taken = (
-            self.jitter.min(MOST.into()) as u16,
-            worst.min(MOST.into()) as u16,
-        );
-        (self.jitter, self.worst) = (0, 0);
-        taken
+        let longest = self.longest.div_ceil(CYCLES_PER_US);
+        let timing = Timing {
+            jitter_us: self.jitter.min(MOST.into()) as u16,
+            longest_us: longest.min(MOST.into()) as u16,
+        };
+        (self.jitter, self.longest) = (0, 0);
+        timing
     }
 }
 

@@ -35,7 +35,7 @@ use embassy_stm32::gpio::{Input, Level, Output, Pull, Speed};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::pac::GPIOC;
 use embassy_stm32::peripherals::{
-    ADC1, PA8, PA9, PB12, PB14, PB15, PC0, PC1, PC2, PC3, PC5, PC8, PC9,
+    ADC1, PA8, PA9, PB12, PB14, PB15, PC0, PC1, PC2, PC3, PC5, PC8, PC9, WWDG,
 };
 use embassy_stm32::{Peri, interrupt as handler, peripherals, triggers};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -99,7 +99,9 @@ pub struct Parts {
     /// Emergency stop, a contact to ground that opens: high or a broken wire means stop. The timer's
     /// break input.
     pub stop: Peri<'static, PB12>,
-    /// For the watchdog.
+    /// Window watchdog of the current loop.
+    pub watchdog: Peri<'static, WWDG>,
+    /// Report to the independent watchdog.
     pub check_in: CheckIn,
 }
 
@@ -244,7 +246,7 @@ impl Drive {
             began: 0,
             longest: 0,
             // Last: from here on the loop must run.
-            watchdog: WindowWatchdog::start(),
+            watchdog: WindowWatchdog::start(parts.watchdog),
         })
     }
 

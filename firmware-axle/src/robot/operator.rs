@@ -9,7 +9,7 @@ use core_algos::time::{Micros, is_epoch_start};
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::{Input, Pull};
 use embassy_stm32::peripherals::PA0;
-use firmware_common::link;
+use firmware_common::link::TickEnd;
 
 use crate::rules::{Presses, task_of_press};
 
@@ -34,7 +34,7 @@ impl Button {
     }
 
     /// Looks at the button; on the rear board there is no lead node and it does nothing.
-    pub fn step(&mut self, now: Micros, board: &mut Board) {
+    pub fn step(&mut self, now: Micros, board: &mut Board, link: &mut TickEnd) {
         if !is_epoch_start(now) || !self.presses.step(self.pin.is_high()) {
             return;
         }
@@ -46,7 +46,7 @@ impl Button {
         let begins = !placed && matches!(task, Some(Task::Regulate { .. }));
         let place = begins.then_some(Order::Place(self.start));
         for order in [place, task.map(Order::Task)].into_iter().flatten() {
-            link::carry_out(order, lead);
+            link.execute(order, lead);
         }
     }
 }

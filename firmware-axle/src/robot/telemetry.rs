@@ -1,36 +1,23 @@
-//! The log: health once a second, faults at once; feeds the watchdog while every task reports.
+//! The log: health once a second, faults at once.
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
+use firmware_common::board;
 use firmware_common::clock::CORE_HZ;
 use firmware_common::timing::Every;
-use firmware_common::{board, can, task_watchdog};
 
 use super::tick::Report;
 
 /// Source of the reports.
 pub type Reports = watch::Receiver<'static, CriticalSectionRawMutex, Report, 1>;
 
-/// Tasks that must report for the watchdog to be fed, and how often, µs. The log itself feeds it: were
-/// it starved, nobody would.
-pub const TASKS: [(&str, u64); 3] = [
-    ("current loop", 10_000),
-    ("tick", 10_000),
-    ("bus", can::REPORTS_WITHIN),
-];
-
-/// Who reports.
-pub type TaskWatchdog = task_watchdog::TaskWatchdog<{ TASKS.len() }>;
-
-/// Logs for ever. The watchdog is looked after with each report of the tick, of which there are ten a
-/// second.
+/// Logs for ever. The tick reports ten times a second.
 #[embassy_executor::task]
-pub async fn run(mut reports: Reports, mut task_watchdog: TaskWatchdog) -> ! {
+pub async fn run(mut reports: Reports) -> ! {
     let mut known = None;
     let mut second = Every::new(10);
     loop {
         let report = reports.changed().await;
-        task_watchdog.check();
         let feedback = report.feedback;
         if feedback.fault != known {
             known = feedback.fault;
@@ -48,15 +35,15 @@ pub async fn run(mut reports: Reports, mut task_watchdog: TaskWatchdog) -> ! {
         if !second.tick() {
             continue;
         }
-        let (jitter, worst) = report.timing_us;
+        let health = report.health;
         defmt::info!(
             "tick jitter {} us, longest {} us, current loop {} us, missed {}, restarts {}; in step {}, inertial {}",
-            jitter,
-            worst,
+            health.timing.jitter_us,
+            health.timing.longest_us,
             feedback.longest_cycles.div_ceil(CORE_HZ / 1_000_000),
-            report.missed,
+            health.missed,
             report.restarts,
-            report.in_step,
+            health.in_step,
             report.inertial
         );
         defmt::info!(

@@ -3,27 +3,20 @@
 //! The front board's clock is the common time, and its lead node runs here too; the rear board
 //! follows by [`TickSync`]. A board whose clock was moved begins anew with motors off.
 
-use core_algos::bus::Message;
+use core_algos::acquisition::icm42688::Reading;
 use core_algos::control::wheel_observer::{self, WheelObserver};
 use core_algos::drive::winding::{self, Winding};
-use core_algos::link::record::{Entry, Reference};
+use core_algos::link::record::Entry;
 use core_algos::node::board::{Board, Samples};
 use core_algos::node::tick_sync::{Step, TickSync};
 use core_algos::node::{Outbox, axle};
 use core_algos::params::Drive;
 use core_algos::safety::{Condition, Conditions};
-use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK, sequence};
+use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
 use core_algos::topology::{AxleId, Role};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::watch;
-use firmware_common::can::{self, Receiver, Sender};
+use firmware_common::can::{self, Arrived};
 use firmware_common::fault;
-use firmware_common::identity::Identity;
-use firmware_common::led::Led;
-use firmware_common::link;
-use firmware_common::record;
-use firmware_common::task_watchdog::CheckIn;
-use firmware_common::timing::{Every, Stopwatch};
+use firmware_common::tick_loop::{self, BoardTick, Chip, Health, TickLoop};
 
 use super::encoders::Encoders;
 use super::inertial::Inertial;
@@ -31,51 +24,37 @@ use super::motors::Motors;
 use super::operator::Button;
 use crate::rules::{Command, Feedback};
 
-/// Time in an epoch at which orders of the link are carried out: the lead node's step follows.
+/// Time in an epoch at which orders of the link are executed: the lead node's step follows.
 const ORDER_PHASE: Micros = LEAD_PHASE - TICK;
-/// Ticks between health reports on the bus.
-const HEALTH: u8 = 100;
 
 /// Report for the log.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
+    /// Tick.
+    pub health: Health,
     /// Motors.
     pub feedback: Feedback,
     /// Windings, °C.
     pub winding_c: [f32; 2],
-    /// True if the common time is known and the ticks are in step with it.
-    pub in_step: bool,
-    /// Largest jitter and longest tick since the last report, µs.
-    pub timing_us: (u16, u16),
-    /// Ticks missed since the start.
-    pub missed: u16,
     /// Times the nodes began anew since the start.
     pub restarts: u16,
     /// True if the inertial sensor answers.
     pub inertial: bool,
 }
 
-/// Destination of the tick's report.
-pub type Reports = watch::Sender<'static, CriticalSectionRawMutex, Report, 1>;
+/// The loop's parts of the tick.
+type Common = tick_loop::Common<Chip>;
 
-/// Everything the tick works with.
-pub struct Axis {
+/// Parts of the axle that the tick works with.
+pub struct Axle {
     /// Motors.
     pub motors: Motors,
     /// Encoders.
     pub encoders: Encoders,
     /// Inertial sensor.
     pub inertial: Inertial,
-    /// State of the node, to be seen.
-    pub led: Led,
-    /// Identity of the board, for the bus.
-    pub identity: Identity,
     /// Operator's button.
     pub button: Button,
-    /// Bus, outwards.
-    pub sender: Sender,
-    /// Bus, inwards.
-    pub receiver: Receiver,
     /// The nodes.
     pub nodes: &'static mut Board,
     /// Wheel observers for the back-EMF.
@@ -86,15 +65,11 @@ pub struct Axis {
     pub drive: Drive,
     /// State of the parameters at the start.
     pub parameters: Conditions,
-    /// Destination of the reports.
-    pub reports: Reports,
-    /// For the watchdog.
-    pub check_in: CheckIn,
 }
 
-/// All that changes from tick to tick.
-struct State {
-    sync: TickSync,
+/// The axle's tick.
+pub struct AxleTick {
+    axle: Axle,
     /// Messages of this board's nodes at the last tick, as the other boards decode them.
     own: Outbox,
     wheels: [wheel_observer::State; 2],
@@ -103,192 +78,186 @@ struct State {
     restarted: bool,
     /// The nodes wanted the motors on.
     driving: bool,
-    /// The latest tick as a host was told it.
-    reference: Reference,
+}
+
+/// Samples of a tick.
+pub struct Sampled {
+    /// Common time; `None` when nothing may be driven.
+    now: Option<Micros>,
+    feedback: Feedback,
+    encoder: [i32; 2],
+    inertial: Reading,
 }
 
 /// Runs the tick for ever.
 #[embassy_executor::task]
-pub async fn run(mut axis: Axis) -> ! {
-    let mut stopwatch = Stopwatch::new(TICK as u32);
-    let mut health = Every::new(HEALTH);
-    let mut state = State {
-        sync: match axis.nodes.role() {
-            Role::Front => TickSync::leading(),
-            _ => TickSync::following(),
-        },
-        own: Outbox::new(),
-        wheels: [wheel_observer::State::default(); 2],
-        windings: [axis.winding.at_start(); 2],
-        restarted: fault::restarted(),
-        driving: false,
-        reference: Reference::default(),
-    };
-    loop {
-        let local = axis.motors.tick().await;
-        axis.check_in.report();
-        stopwatch.begin();
-        let command = axis.tick(&mut state, local);
-        link::set_armed(state.driving || axis.motors.feedback().on);
-        axis.motors.command(command);
-        axis.sender.serve();
-        stopwatch.end();
-        if health.tick() {
-            axis.report_health(&mut state, local, stopwatch.take());
+pub async fn run(tick: TickLoop<AxleTick>) -> ! {
+    tick.run().await
+}
+
+impl BoardTick for AxleTick {
+    type Hardware = Chip;
+    type Input = ();
+    type Samples = Sampled;
+    type Report = Report;
+
+    async fn wait(&mut self) -> Option<(Micros, ())> {
+        Some((self.axle.motors.tick().await, ()))
+    }
+
+    /// Orders of button and host come before the messages that arrived: replay knows the order.
+    fn begin(&mut self, local: Micros, (): (), common: &mut Common) -> Sampled {
+        let feedback = self.axle.motors.feedback();
+        let encoder = self.axle.encoders.read();
+        let inertial = self.axle.inertial.read(!feedback.on);
+        for i in 0..2 {
+            let observer = &self.axle.observer;
+            self.wheels[i] = observer.step(&self.wheels[i], Some(encoder[i]));
+        }
+        let now = self.common_time(local, feedback.on, common);
+        if let Some(now) = now {
+            self.take_orders(now, common);
+            for message in self.own.iter() {
+                self.axle.nodes.receive(now, message);
+            }
+        }
+        self.own.clear();
+        Sampled {
+            now,
+            feedback,
+            encoder,
+            inertial,
+        }
+    }
+
+    fn receive(&mut self, sampled: &Sampled, arrived: &Arrived) {
+        if let Some(now) = sampled.now {
+            self.axle.nodes.receive(now, &arrived.message);
+        }
+    }
+
+    fn step(&mut self, sampled: &Sampled, common: &mut Common) {
+        let command = match sampled.now {
+            Some(now) => self.run_nodes(now, sampled, common),
+            None => {
+                common.link.put(&Entry::Wait);
+                Command::default()
+            }
+        };
+        self.axle.motors.command(command);
+    }
+
+    fn is_armed(&self) -> bool {
+        self.driving || self.axle.motors.feedback().on
+    }
+
+    fn report(&mut self, sampled: &Sampled, health: Health, common: &mut Common) -> Report {
+        let feedback = sampled.feedback;
+        let winding_c = self.windings.map(|winding| winding.temperature_c);
+        let warmest = winding_c[0]
+            .max(winding_c[1])
+            .max(feedback.temperature_c.unwrap_or(-128.0));
+        let board = self.axle.nodes.role();
+        common.send(&health.message(board, feedback.supply_v, warmest));
+        common.send_identity(board, &health);
+        Report {
+            health,
+            feedback,
+            winding_c,
+            restarts: common.sync.restarts(),
+            inertial: self.axle.inertial.answers(),
         }
     }
 }
 
-impl Axis {
-    /// One tick at local time `local`.
-    fn tick(&mut self, state: &mut State, local: Micros) -> Command {
-        self.led.step(local);
-        let feedback = self.motors.feedback();
-        let encoder = self.encoders.read();
-        let inertial = self.inertial.read(!feedback.on);
-        for i in 0..2 {
-            state.wheels[i] = self.observer.step(&state.wheels[i], Some(encoder[i]));
+impl AxleTick {
+    /// The tick's loop, before its first tick.
+    pub fn new(axle: Axle) -> Self {
+        Self {
+            own: Outbox::new(),
+            wheels: [wheel_observer::State::default(); 2],
+            windings: [axle.winding.at_start(); 2],
+            restarted: fault::restarted(),
+            driving: false,
+            axle,
         }
-
-        let now = self.now(state, local, feedback.on);
-        if let Some(now) = now {
-            self.take_orders(now);
-        }
-        self.receive(state, now);
-        let Some(now) = now else {
-            record::put(&Entry::Wait);
-            return Command::default();
-        };
-        if let Some(message) = state.sync.sync(now, self.sender.take_sync_sent()) {
-            self.sender.send(&message);
-        }
-        let samples = Samples::Axle(axle::Samples {
-            encoder: encoder.map(Some),
-            gyro_rad_s: inertial.gyro_rad_s,
-            acceleration_m_s2: inertial.acceleration_m_s2,
-            conditions: self
-                .conditions(&state.sync, &feedback)
-                .with(Condition::InertialLost, inertial.gyro_rad_s.is_none())
-                .with(Condition::Restarted, state.restarted),
-        });
-        let mut outbox = Outbox::new();
-        let output = self.nodes.step(now, &samples, &mut outbox);
-        record::put(&state.reference.tick(now, &samples, output.torque_nm));
-        if let (Some(output), Some(lead)) = (output.lead, self.nodes.lead()) {
-            link::tell(now, output, lead);
-        }
-        state.restarted &= !output.clear;
-        state.driving = output.active;
-        for message in outbox.iter() {
-            self.send(state, message);
-        }
-        let parts = (&self.drive, &self.winding);
-        Command::limited(
-            &output,
-            &feedback,
-            &state.wheels,
-            parts,
-            &mut state.windings,
-        )
-    }
-
-    fn conditions(&self, sync: &TickSync, feedback: &Feedback) -> Conditions {
-        feedback
-            .conditions(&self.drive)
-            .with(Condition::BusOff, can::is_off())
-            .union(sync.conditions())
-            .union(self.parameters)
     }
 
     /// The common time of this tick; `None` when nothing may be driven.
-    fn now(&mut self, state: &mut State, local: Micros, on: bool) -> Option<Micros> {
-        let step = state.sync.step(local);
-        self.motors.trim(state.sync.trim());
+    fn common_time(&mut self, local: Micros, on: bool, common: &mut Common) -> Option<Micros> {
+        let step = common.sync.step(local);
+        self.axle.motors.trim(common.sync.trim());
         let (now, begins) = match step {
             Step::Wait => return None,
-            Step::Run(now) => (now, record::take_wanted() && !state.driving && !on),
+            Step::Run(now) => (now, common.link.take_begin() && !self.driving && !on),
             Step::Restart(now) => (now, true),
         };
         if begins {
             // The nodes forget that they drove; the user must be told why they stopped.
-            state.restarted |= state.driving;
-            self.nodes.restart();
-            state.own.clear();
-            record::put(&state.reference.begin(now));
+            self.restarted |= self.driving;
+            self.axle.nodes.restart();
+            self.own.clear();
+            common.record_begin(now);
             // Replay has no controller of the user.
-            if self
-                .nodes
-                .lead()
-                .is_some_and(|lead| lead.has_own_controller())
-            {
-                record::put(&Entry::End);
+            let lead = self.axle.nodes.lead();
+            if lead.is_some_and(|lead| lead.has_own_controller()) {
+                common.record_end();
             }
         }
         Some(now)
     }
 
-    /// Orders of button and host, before what came: replay knows the order.
-    fn take_orders(&mut self, now: Micros) {
-        self.button.step(now, self.nodes);
+    /// Executes orders of button and host.
+    fn take_orders(&mut self, now: Micros, common: &mut Common) {
+        let Axle { button, nodes, .. } = &mut self.axle;
+        button.step(now, nodes, &mut common.link);
         // At a tick in which the lead node does little else.
-        if let (ORDER_PHASE, Some(lead)) = (now % EPOCH, self.nodes.lead()) {
-            link::carry_out_order(lead);
+        if let (ORDER_PHASE, Some(lead)) = (now % EPOCH, nodes.lead()) {
+            common.link.execute_orders(lead);
         }
     }
 
-    /// Hands the nodes what came since the last tick, and what they sent each other then.
-    fn receive(&mut self, state: &mut State, now: Option<Micros>) {
-        if let Some(now) = now {
-            for message in state.own.iter() {
-                self.nodes.receive(now, message);
+    /// Steps the nodes at `now` and sends their messages.
+    fn run_nodes(&mut self, now: Micros, sampled: &Sampled, common: &mut Common) -> Command {
+        let sent = common.hardware.take_sync_sent();
+        if let Some(message) = common.sync.sync(now, sent) {
+            common.send(&message);
+        }
+        let inertial = &sampled.inertial;
+        let samples = Samples::Axle(axle::Samples {
+            encoder: sampled.encoder.map(Some),
+            gyro_rad_s: inertial.gyro_rad_s,
+            acceleration_m_s2: inertial.acceleration_m_s2,
+            conditions: self
+                .conditions(&common.sync, &sampled.feedback)
+                .with(Condition::InertialLost, inertial.gyro_rad_s.is_none())
+                .with(Condition::Restarted, self.restarted),
+        });
+        let mut outbox = Outbox::new();
+        let output = self.axle.nodes.step(now, &samples, &mut outbox);
+        common.record_tick(now, &samples, output.torque_nm);
+        if let (Some(output), Some(lead)) = (output.lead, self.axle.nodes.lead()) {
+            common.link.publish(now, output, lead);
+        }
+        self.restarted &= !output.clear;
+        self.driving = output.active;
+        for message in outbox.iter() {
+            // The nodes of this board get it at the next tick, as the others read it.
+            if let Some(message) = common.send_of_node(message) {
+                self.own.push(message);
             }
         }
-        state.own.clear();
-        while let Some(arrived) = self.receiver.take() {
-            state.sync.receive(arrived.local, &arrived.message);
-            if let Some(now) = now {
-                self.nodes.receive(now, &arrived.message);
-            }
-        }
+        let parts = (&self.axle.drive, &self.axle.winding);
+        let feedback = &sampled.feedback;
+        Command::limited(&output, feedback, &self.wheels, parts, &mut self.windings)
     }
 
-    /// Sends a message; the nodes of this board get it at the next tick, as the others read it.
-    fn send(&mut self, state: &mut State, message: &Message) {
-        self.led.see(message);
-        if let Some(message) = self.sender.send(message) {
-            state.own.push(message);
-        }
-    }
-
-    fn report_health(&mut self, state: &mut State, local: Micros, timing_us: (u16, u16)) {
-        let feedback = self.motors.feedback();
-        let winding_c = state.windings.map(|winding| winding.temperature_c);
-        let board = self.nodes.role();
-        let now = state.sync.last().unwrap_or(local);
-        let warmest = winding_c[0]
-            .max(winding_c[1])
-            .max(feedback.temperature_c.unwrap_or(-128.0));
-        self.sender.send(&Message::BoardHealth {
-            board,
-            sequence: sequence(now),
-            missed_ticks: state.sync.missed().min(255) as u8,
-            tick_jitter_us: timing_us.0,
-            tick_worst_us: timing_us.1,
-            supply_v: feedback.supply_v.clamp(0.0, 25.5),
-            temperature_c: warmest.clamp(-128.0, 127.0),
-        });
-        if let Some(message) = self.identity.message(board, sequence(now)) {
-            self.sender.send(&message);
-        }
-        self.reports.send(Report {
-            feedback,
-            winding_c,
-            in_step: state.sync.in_step(),
-            timing_us,
-            missed: state.sync.missed(),
-            restarts: state.sync.restarts(),
-            inertial: self.inertial.answers(),
-        });
+    fn conditions(&self, sync: &TickSync, feedback: &Feedback) -> Conditions {
+        feedback
+            .conditions(&self.axle.drive)
+            .with(Condition::BusOff, can::is_off())
+            .union(sync.conditions())
+            .union(self.axle.parameters)
     }
 }
 

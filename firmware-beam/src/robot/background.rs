@@ -1,55 +1,45 @@
-//! What has time: the log, the store, the watchdog.
+//! The log and the store.
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
+use firmware_common::board;
 use firmware_common::store::chip::Parameters;
 use firmware_common::timing::Every;
-use firmware_common::{board, can, task_watchdog};
+use firmware_common::watchdog::Extension;
 
 use super::tick::{Report, Saving};
 
 /// Source of the reports.
 pub type Reports = watch::Receiver<'static, CriticalSectionRawMutex, Report, 1>;
 
-/// Tasks that must report for the watchdog to be fed, and how often, µs. The background itself feeds
-/// it: were it starved, nobody would.
-pub const TASKS: [(&str, u64); 2] = [("tick", 10_000), ("bus", can::REPORTS_WITHIN)];
-
-/// Who reports.
-pub type TaskWatchdog = task_watchdog::TaskWatchdog<{ TASKS.len() }>;
-
-/// Runs for ever. The watchdog is looked after with each report of the tick, of which there are ten a
-/// second.
+/// Runs for ever. The tick reports ten times a second.
 #[embassy_executor::task]
 pub async fn run(
     mut reports: Reports,
     parameters: &'static mut Parameters,
     saving: &'static Saving,
-    mut task_watchdog: TaskWatchdog,
+    mut extension: Extension,
 ) -> ! {
     let mut second = Every::new(10);
     loop {
         let report = reports.changed().await;
-        task_watchdog.check();
         if let Some((calibration, off)) = saving.wanted.try_take() {
             parameters.settings.robot.beam.calibration = calibration;
-            task_watchdog.watchdog().lengthen();
-            let saved = parameters.save(off);
-            task_watchdog.watchdog().shorten();
+            let saved = extension.during(|| parameters.save(off));
             defmt::info!("calibration saved: {}", saved);
             saving.done.signal(saved);
         }
         if !second.tick() {
             continue;
         }
-        let (jitter, worst) = report.timing_us;
+        let health = report.health;
         defmt::info!(
             "tick jitter {} us, longest {} us, missed {}, conversions lost {}; in step {}, gauges {}, excitation {}, {} C",
-            jitter,
-            worst,
-            report.missed,
+            health.timing.jitter_us,
+            health.timing.longest_us,
+            health.missed,
             report.lost,
-            report.in_step,
+            health.in_step,
             report.gauges,
             report.excitation,
             report.temperature_c

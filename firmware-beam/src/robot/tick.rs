@@ -6,59 +6,46 @@ use core_algos::beam::{MAX_GAUGES, calibration};
 use core_algos::bus::Message;
 use core_algos::bus::field::CalibrationResult;
 use core_algos::config::ConfigError;
-use core_algos::link::record::{Entry, Reference};
 use core_algos::node::Outbox;
 use core_algos::node::beam::{self, BeamNode};
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
-use core_algos::node::tick_sync::{Step, TickSync};
+use core_algos::node::tick_sync::Step;
 use core_algos::params::Disarmed;
 use core_algos::safety::{Condition, Conditions};
-use core_algos::time::{Micros, TICK, sequence};
+use core_algos::time::{Micros, TICK};
 use core_algos::topology::Role;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
-use embassy_sync::watch;
-use firmware_common::can::{self, Receiver, Sender};
+use firmware_common::can::{self, Arrived};
 use firmware_common::fault;
-use firmware_common::identity::Identity;
-use firmware_common::led::Led;
-use firmware_common::link;
-use firmware_common::record;
-use firmware_common::task_watchdog::CheckIn;
-use firmware_common::timing::{Every, Stopwatch};
+use firmware_common::tick_loop::{self, BoardTick, Chip, Health, TickLoop};
 
 use super::bridges::{Block, Bridges};
 use crate::rules::Motors;
 
-/// Ticks between health reports.
-const HEALTH: u8 = 100;
 /// Nominal supply of the board, V; the excitation is measured against it.
 const SUPPLY_V: f32 = 3.3;
 
 /// Report for the log.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
+    /// Tick.
+    pub health: Health,
     /// Excitation over its nominal value.
     pub excitation: f32,
     /// Temperature of the strip, °C.
     pub temperature_c: Option<f32>,
     /// Gauges the latest posture was made from.
     pub gauges: u8,
-    /// True if the common time is known and the ticks are in step with it.
-    pub in_step: bool,
-    /// Largest jitter and longest tick since the last report, µs.
-    pub timing_us: (u16, u16),
-    /// Ticks missed since the start.
-    pub missed: u16,
     /// Times conversions were lost since the start.
     pub lost: u16,
     /// Standard deviations of the bridges over the last 10 s with the motors off, counts.
     pub noise: Option<[f32; MAX_GAUGES]>,
 }
 
-/// Destination of the tick's report.
-pub type Reports = watch::Sender<'static, CriticalSectionRawMutex, Report, 1>;
+/// The loop's parts of the tick.
+type Common = tick_loop::Common<Chip>;
 
 /// A calibration on its way into the store, and whether it got there on the way back.
 pub struct Saving {
@@ -68,18 +55,10 @@ pub struct Saving {
     pub done: Signal<CriticalSectionRawMutex, bool>,
 }
 
-/// Everything the tick works with.
+/// Parts of the beam that the tick works with.
 pub struct Beam {
-    /// State of the node, to be seen.
-    pub led: Led,
-    /// Identity of the board, for the bus.
-    pub identity: Identity,
     /// Bridges.
     pub bridges: Bridges,
-    /// Bus, outwards.
-    pub sender: Sender,
-    /// Bus, inwards.
-    pub receiver: Receiver,
     /// Configuration, with the calibration in use.
     pub config: RobotConfig,
     /// The node.
@@ -90,16 +69,14 @@ pub struct Beam {
     pub saving: &'static Saving,
     /// State of the parameters at the start.
     pub parameters: Conditions,
-    /// Destination of the reports.
-    pub reports: Reports,
-    /// For the watchdog.
-    pub check_in: CheckIn,
 }
 
-/// All that changes from tick to tick.
-struct State {
-    sync: TickSync,
+/// The beam's tick.
+pub struct BeamTick {
+    beam: Beam,
     motors: Motors,
+    motors_off: bool,
+    /// Sequence of the calibration that is being saved.
     saving: Option<u8>,
     /// Times conversions were lost.
     lost: u16,
@@ -107,8 +84,6 @@ struct State {
     noise: Option<[f32; MAX_GAUGES]>,
     /// Conditions found since the latest tick of the node.
     found: Conditions,
-    /// The latest tick as a host was told it.
-    reference: Reference,
     /// A calibration was adopted since the start: the node is not that of the configuration.
     adopted: bool,
 }
@@ -120,183 +95,176 @@ pub fn node(config: &RobotConfig) -> Result<BeamNode, ConfigError> {
 
 /// Runs the tick for ever.
 #[embassy_executor::task]
-pub async fn run(mut beam: Beam) -> ! {
-    let mut stopwatch = Stopwatch::new(TICK as u32);
-    let mut health = Every::new(HEALTH);
-    let mut state = State {
-        sync: TickSync::following(),
-        motors: Motors::default(),
-        saving: None,
-        lost: 0,
-        rest_noise: RestNoise::default(),
-        noise: None,
-        found: Conditions::NONE.with(Condition::Restarted, fault::restarted()),
-        reference: Reference::default(),
-        adopted: false,
-    };
-    loop {
-        let block = beam.bridges.read().await;
-        beam.check_in.report();
-        let Some(block) = block else {
+pub async fn run(tick: TickLoop<BeamTick>) -> ! {
+    tick.run().await
+}
+
+impl BoardTick for BeamTick {
+    type Hardware = Chip;
+    type Input = Block;
+    type Samples = Block;
+    type Report = Report;
+
+    async fn wait(&mut self) -> Option<(Micros, Block)> {
+        let block = self.beam.bridges.read().await;
+        if block.is_none() {
             // Which sample is of which bridge is no longer known: the scan begins anew, and the axles
             // do without the beam for a few milliseconds.
-            state.lost = state.lost.saturating_add(1);
-            state.found.set(Condition::ConversionsLost, true);
-            beam.bridges.restart();
-            continue;
-        };
-        stopwatch.begin();
-        beam.tick(&mut state, &block);
-        stopwatch.end();
-        if health.tick() {
-            beam.report_health(&state, &block, stopwatch.take());
+            self.lost = self.lost.saturating_add(1);
+            self.found.set(Condition::ConversionsLost, true);
+            self.beam.bridges.restart();
+        }
+        block.map(|block| (block.local, block))
+    }
+
+    /// Lets the node begin anew for a host that records.
+    fn begin(&mut self, local: Micros, block: Block, common: &mut Common) -> Block {
+        if let Some(last) = common.sync.last()
+            && common.link.take_begin()
+            && self.motors.are_off(local)
+        {
+            self.beam.node.restart();
+            common.record_begin(last + TICK);
+            if self.adopted {
+                common.record_end();
+            }
+        }
+        block
+    }
+
+    fn receive(&mut self, block: &Block, arrived: &Arrived) {
+        self.beam.node.receive(&arrived.message);
+        self.motors.receive(block.local, &arrived.message);
+        if let Message::BeamCalibration {
+            sequence,
+            calibrate,
+        } = arrived.message
+            && self.saving.is_none()
+        {
+            self.beam.procedure.request(sequence, calibrate);
+        }
+    }
+
+    fn step(&mut self, block: &Block, common: &mut Common) {
+        self.motors_off = self.motors.are_off(block.local);
+        self.run_node(block, common);
+        self.calibrate(block, common);
+        if !self.motors_off {
+            self.rest_noise = RestNoise::default();
+        } else if let Some(noise) = self.rest_noise.step(&block.counts) {
+            self.noise = Some(noise);
+        }
+    }
+
+    fn is_armed(&self) -> bool {
+        !self.motors_off
+    }
+
+    fn report(&mut self, block: &Block, health: Health, common: &mut Common) -> Report {
+        let temperature_c = self.beam.bridges.temperature();
+        common.send_identity(Role::Beam, &health);
+        let supply_v = block.excitation * SUPPLY_V;
+        common.send(&health.message(Role::Beam, supply_v, temperature_c.unwrap_or(-128.0)));
+        let latest = self.beam.node.latest();
+        let gauges = latest.map_or(0, |latest| latest.used.count());
+        Report {
+            health,
+            excitation: block.excitation,
+            temperature_c,
+            gauges: gauges as u8,
+            lost: self.lost,
+            noise: self.noise,
         }
     }
 }
 
-impl Beam {
-    fn tick(&mut self, state: &mut State, block: &Block) {
-        self.led.step(block.local);
-        self.begin(state, block.local);
-        self.receive(state, block.local);
-        self.run_node(state, block);
-        self.calibrate(state, block);
-        self.sender.serve();
-        link::set_armed(!state.motors.are_off(block.local));
-        if !state.motors.are_off(block.local) {
-            state.rest_noise = RestNoise::default();
-        } else if let Some(noise) = state.rest_noise.step(&block.counts) {
-            state.noise = Some(noise);
-        }
-    }
-
-    /// Lets the node begin anew for a host that records.
-    fn begin(&mut self, state: &mut State, local: Micros) {
-        if let Some(last) = state.sync.last()
-            && record::take_wanted()
-            && state.motors.are_off(local)
-        {
-            self.node.restart();
-            record::put(&state.reference.begin(last + TICK));
-            if state.adopted {
-                record::put(&Entry::End);
-            }
-        }
-    }
-
-    fn receive(&mut self, state: &mut State, local: Micros) {
-        while let Some(arrived) = self.receiver.take() {
-            state.sync.receive(arrived.local, &arrived.message);
-            self.node.receive(&arrived.message);
-            state.motors.receive(local, &arrived.message);
-            if let Message::BeamCalibration {
-                sequence,
-                calibrate,
-            } = arrived.message
-                && state.saving.is_none()
-            {
-                self.procedure.request(sequence, calibrate);
-            }
+impl BeamTick {
+    /// The tick, before the first one.
+    pub fn new(beam: Beam) -> Self {
+        Self {
+            beam,
+            motors: Motors::default(),
+            motors_off: true,
+            saving: None,
+            lost: 0,
+            rest_noise: RestNoise::default(),
+            noise: None,
+            found: Conditions::NONE.with(Condition::Restarted, fault::restarted()),
+            adopted: false,
         }
     }
 
     /// A restart is no different here: the node remembers samples, not times.
-    fn run_node(&mut self, state: &mut State, block: &Block) {
-        let step = state.sync.step(block.local);
-        self.bridges.trim(state.sync.trim());
+    fn run_node(&mut self, block: &Block, common: &mut Common) {
+        let step = common.sync.step(block.local);
+        self.beam.bridges.trim(common.sync.trim());
         let (Step::Run(now) | Step::Restart(now)) = step else {
             return;
         };
-        let found = core::mem::take(&mut state.found);
-        let conditions = found.union(state.sync.conditions()).union(self.parameters);
+        let conditions = core::mem::take(&mut self.found)
+            .union(common.sync.conditions())
+            .union(self.beam.parameters);
         let samples = beam::Samples {
             counts: block.counts,
             conditions: conditions.with(Condition::BusOff, can::is_off()),
         };
         let mut outbox = Outbox::new();
-        self.node.step(now, &samples, &mut outbox);
-        record::put(&state.reference.tick(now, &Samples::Beam(samples), [0.0; 2]));
+        self.beam.node.step(now, &samples, &mut outbox);
+        common.record_tick(now, &Samples::Beam(samples), [0.0; 2]);
         for message in outbox.iter() {
-            self.led.see(message);
-            self.sender.send(message);
+            common.send_of_node(message);
         }
     }
 
-    fn calibrate(&mut self, state: &mut State, block: &Block) {
-        if let Some(sequence) = state.saving
-            && let Some(stored) = self.saving.done.try_take()
+    /// Replies to a calibration that was saved, and takes the next step of one under way.
+    fn calibrate(&mut self, block: &Block, common: &mut Common) {
+        if let Some(sequence) = self.saving
+            && let Some(stored) = self.beam.saving.done.try_take()
         {
-            state.saving = None;
+            self.saving = None;
             let result = match stored {
                 true => CalibrationResult::Stored,
                 false => CalibrationResult::NotStored,
             };
-            self.answer(sequence, result, 0);
+            reply(sequence, result, 0, common);
         }
-        let motors_off = state.motors.are_off(block.local);
-        let calibration = &self.config.beam.calibration;
-        match self
-            .procedure
-            .sample(calibration, &block.counts, motors_off)
-        {
+        let calibration = &self.beam.config.beam.calibration;
+        let procedure = &mut self.beam.procedure;
+        match procedure.sample(calibration, &block.counts, self.motors_off) {
             Some(Event::Refused {
                 sequence,
                 result,
                 gauge,
-            }) => self.answer(sequence, result, gauge),
-            Some(Event::Adopt { sequence, config }) => {
-                let mut robot = self.config;
-                robot.beam.calibration = config;
-                match (node(&robot), Disarmed::when(motors_off)) {
-                    (Ok(node), Some(off)) => {
-                        self.node = node;
-                        self.config = robot;
-                        state.adopted = true;
-                        record::put(&Entry::End);
-                        state.saving = Some(sequence);
-                        self.saving.wanted.signal((config, off));
-                    }
-                    (Ok(_), None) => self.answer(sequence, CalibrationResult::MotorsOn, 0),
-                    (Err(_), _) => self.answer(sequence, CalibrationResult::OutOfRange, 0),
-                }
-            }
+            }) => reply(sequence, result, gauge, common),
+            Some(Event::Adopt { sequence, config }) => self.adopt(sequence, config, common),
             None => {}
         }
     }
 
-    fn answer(&mut self, sequence: u8, result: CalibrationResult, gauge: u8) {
-        self.sender.send(&Message::BeamCalibrated {
-            sequence,
-            result,
-            gauge,
-        });
-    }
-
-    fn report_health(&mut self, state: &State, block: &Block, timing_us: (u16, u16)) {
-        let temperature_c = self.bridges.temperature();
-        let sequence = sequence(state.sync.last().unwrap_or(block.local));
-        if let Some(message) = self.identity.message(Role::Beam, sequence) {
-            self.sender.send(&message);
+    /// Takes a calibration into use and has it saved.
+    fn adopt(&mut self, sequence: u8, calibration: calibration::Config, common: &mut Common) {
+        let mut config = self.beam.config;
+        config.beam.calibration = calibration;
+        match (node(&config), Disarmed::when(self.motors_off)) {
+            (Ok(node), Some(off)) => {
+                self.beam.node = node;
+                self.beam.config = config;
+                self.adopted = true;
+                common.record_end();
+                self.saving = Some(sequence);
+                self.beam.saving.wanted.signal((calibration, off));
+            }
+            (Ok(_), None) => reply(sequence, CalibrationResult::MotorsOn, 0, common),
+            (Err(_), _) => reply(sequence, CalibrationResult::OutOfRange, 0, common),
         }
-        self.sender.send(&Message::BoardHealth {
-            board: Role::Beam,
-            sequence,
-            missed_ticks: state.sync.missed().min(255) as u8,
-            tick_jitter_us: timing_us.0,
-            tick_worst_us: timing_us.1,
-            supply_v: (block.excitation * SUPPLY_V).clamp(0.0, 25.5),
-            temperature_c: temperature_c.unwrap_or(-128.0).clamp(-128.0, 127.0),
-        });
-        let gauges = self.node.latest().map_or(0, |latest| latest.used.count());
-        self.reports.send(Report {
-            excitation: block.excitation,
-            temperature_c,
-            gauges: gauges as u8,
-            in_step: state.sync.in_step(),
-            timing_us,
-            missed: state.sync.missed(),
-            lost: state.lost,
-            noise: state.noise,
-        });
     }
+}
+
+/// Sends the result of a calibration.
+fn reply(sequence: u8, result: CalibrationResult, gauge: u8, common: &mut Common) {
+    common.send(&Message::BeamCalibrated {
+        sequence,
+        result,
+        gauge,
+    });
 }

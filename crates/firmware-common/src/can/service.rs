@@ -4,43 +4,76 @@ use core_algos::bus::CanFrame;
 use core_algos::link::segment;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
+use static_cell::ConstStaticCell;
 
 /// Frames that wait for the link; a board sends one a tick.
-const TO_TAKE: usize = 16;
+const ARRIVED: usize = 16;
 /// Frames that wait to be sent: those of the longest reply.
-const TO_SEND: usize = 34;
+const SENDING: usize = 34;
 
 type Frames<const N: usize> = Channel<CriticalSectionRawMutex, CanFrame, N>;
-static ARRIVED: Frames<TO_TAKE> = Channel::new();
-static SENDING: Frames<TO_SEND> = Channel::new();
 
-/// True if the frame is one of the link, which takes it. Without room it is lost, and the host repeats its request.
-pub(super) fn takes(frame: &CanFrame) -> bool {
-    let service = segment::address(frame.id).is_some();
-    if service {
-        let _ = ARRIVED.try_send(*frame);
+struct Channels {
+    arrived: Frames<ARRIVED>,
+    sending: Frames<SENDING>,
+}
+
+/// The ends of the frames' channels; to be called once.
+pub(super) fn split() -> (Incoming, Outgoing, ServicePort) {
+    static CHANNELS: ConstStaticCell<Channels> = ConstStaticCell::new(Channels {
+        arrived: Channel::new(),
+        sending: Channel::new(),
+    });
+    let channels: &'static Channels = CHANNELS.take();
+    (
+        Incoming(&channels.arrived),
+        Outgoing(&channels.sending),
+        ServicePort(channels),
+    )
+}
+
+/// The receiver's end.
+pub(super) struct Incoming(&'static Frames<ARRIVED>);
+
+impl Incoming {
+    /// True if the frame is one of the link, which gets it. Without room it is lost, and the host repeats its request.
+    pub fn take(&mut self, frame: &CanFrame) -> bool {
+        let service = segment::address(frame.id).is_some();
+        if service {
+            let _ = self.0.try_send(*frame);
+        }
+        service
     }
-    service
 }
 
-/// Waits for the next frame.
-pub async fn receive() -> CanFrame {
-    ARRIVED.receive().await
-}
+/// The sender's end.
+pub(super) struct Outgoing(&'static Frames<SENDING>);
 
-/// Frames to be sent, at most one a tick. Without room they are lost, and the host repeats its request.
-pub fn send(frames: impl Iterator<Item = CanFrame>) {
-    for frame in frames {
-        let _ = SENDING.try_send(frame);
+impl Outgoing {
+    /// The next frame to be sent.
+    pub fn next(&mut self) -> Option<CanFrame> {
+        self.0.try_receive().ok()
     }
 }
 
-/// The next frame to be sent.
-pub(super) fn next() -> Option<CanFrame> {
-    SENDING.try_receive().ok()
-}
+/// The link's end.
+pub struct ServicePort(&'static Channels);
 
-/// True if no frame waits to be sent.
-pub fn is_sent() -> bool {
-    SENDING.is_empty()
+impl ServicePort {
+    /// Waits for the next frame.
+    pub async fn receive(&mut self) -> CanFrame {
+        self.0.arrived.receive().await
+    }
+
+    /// Frames to be sent, at most one a tick. Without room they are lost, and the host repeats its request.
+    pub fn send(&mut self, frames: impl Iterator<Item = CanFrame>) {
+        for frame in frames {
+            let _ = self.0.sending.try_send(frame);
+        }
+    }
+
+    /// True if no frame waits to be sent.
+    pub fn is_sent(&self) -> bool {
+        self.0.sending.is_empty()
+    }
 }

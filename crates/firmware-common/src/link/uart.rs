@@ -134,7 +134,11 @@ impl Uart {
         let count = bytes.len().min(MAX_FRAME);
         self.sending[..count].copy_from_slice(&bytes[..count]);
         compiler_fence(Ordering::Release);
+        // All of them: a stream with an error flag of the frame before would not start (RM0090, 10.3.17).
         DMA1.ifcr(TX / 4).write(|w| {
+            w.set_feif(TX % 4, true);
+            w.set_dmeif(TX % 4, true);
+            w.set_teif(TX % 4, true);
             w.set_htif(TX % 4, true);
             w.set_tcif(TX % 4, true);
         });

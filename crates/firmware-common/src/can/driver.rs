@@ -1,0 +1,288 @@
+//! The controller's driver: the tick's two ends, the interrupts, and the supervision.
+//!
+//! - **Start**: the controller is asked for its initialisation, where alone the bit timing can be
+//!   written, and then to join; it does so after eleven recessive bits. Nobody waits for it: on a bus
+//!   that is held dominant the board runs, [`is_off`] is true, and the controller joins when the bus is free.
+//! - **Sending**: `CAN1_TX` moves frames from the queue to free mailboxes, records when
+//!   a `TimeSync` had left, and drops what is too old ([`queues`](super::queues)). A frame that
+//!   nobody acknowledges is repeated by the controller until then.
+//! - **Receiving**: `CAN1_RX0` empties the FIFO of three frames and stamps each.
+//! - **Errors**: `CAN1_SCE` counts the first one between two checks of [`supervise`]; a bus where nobody
+//!   acknowledges has one every 0.1 ms. The controller leaves bus-off by itself after 128 times eleven
+//!   recessive bits.
+
+use core::cell::Cell;
+use core::sync::atomic::{AtomicU32, Ordering};
+
+use core_algos::bus::layout::id;
+use core_algos::bus::{self, Message};
+use core_algos::time::Micros;
+use critical_section::Mutex;
+use embassy_stm32::interrupt::{self, InterruptExt, Priority};
+use embassy_stm32::peripherals::{self, PB8, PB9};
+use embassy_stm32::{Peri, interrupt as handler};
+use embassy_time::{Duration, Instant, Timer};
+use heapless::spsc::{Consumer, Producer};
+use static_cell::ConstStaticCell;
+
+use super::Arrived;
+use super::health::{Counters, Health};
+use super::queues::{Ends, Queues, Timed, Transmitter};
+use super::registers::{self, Fifo};
+use super::service::{self, ServicePort};
+use crate::record::Recorder;
+use crate::task_watchdog::CheckIn;
+
+/// Time between two checks of the controller.
+const CHECK: Duration = Duration::from_millis(5);
+/// Time within which the bus reports at least, µs.
+pub const REPORTS_WITHIN: Micros = 200_000;
+/// Looks at the FIFO in one interrupt; a frame needs 47 µs at least, so it is empty long before.
+const FIFO_LOOKS: u32 = 16;
+
+static HEALTH: Health = Health::new();
+/// The handlers' ends of both queues, until each handler takes its own.
+static TRANSMITTER: Mutex<Cell<Option<Transmitter<'static>>>> = Mutex::new(Cell::new(None));
+static FROM_BUS: Mutex<Cell<Option<Producer<'static, Timed>>>> = Mutex::new(Cell::new(None));
+static SYNC_SENT: Mutex<Cell<Option<Micros>>> = Mutex::new(Cell::new(None));
+/// Handlers that ran since the last check.
+static RAN: AtomicU32 = AtomicU32::new(0);
+const RAN_TX: u32 = 1 << 0;
+const RAN_RX0: u32 = 1 << 1;
+
+/// The counters.
+pub fn counters() -> Counters {
+    HEALTH.counters()
+}
+
+/// True if the board cannot send: not yet on the bus, bus-off after too many errors, or back on the
+/// bus without an acknowledged frame.
+pub fn is_off() -> bool {
+    let was_off = HEALTH.was_off(registers::is_bus_off());
+    !registers::is_joined() || was_off
+}
+
+/// The ends of the bus.
+pub struct Bus {
+    /// The tick's, for what it sends.
+    pub sender: Sender,
+    /// The tick's, for what arrived.
+    pub receiver: Receiver,
+    /// The link's, for frames of the link.
+    pub service: ServicePort,
+}
+
+/// The tick's end for what it sends.
+pub struct Sender {
+    queue: Producer<'static, Timed>,
+    service: service::Outgoing,
+    recorder: Recorder,
+}
+
+impl Sender {
+    /// Puts a message in the queue. What cannot be encoded or finds no room is counted. Gives the
+    /// message as the other boards will read it.
+    pub fn send(&mut self, message: &Message) -> Option<Message> {
+        let Ok(frame) = bus::encode(message) else {
+            HEALTH.count(|counters| &mut counters.refused);
+            return None;
+        };
+        self.recorder.put_frame(&frame);
+        self.put(frame);
+        bus::decode(&frame).ok()
+    }
+
+    /// Sends the next frame of the link; to be called once a tick.
+    pub fn send_link_frame(&mut self) {
+        if let Some(frame) = self.service.next() {
+            self.put(frame);
+        }
+    }
+
+    fn put(&mut self, frame: bus::CanFrame) {
+        let now = Instant::now().as_micros();
+        if self.queue.enqueue((now, frame)).is_err() {
+            HEALTH.count(|counters| &mut counters.dropped);
+        }
+        // With all mailboxes full, the next one that becomes free asks for the interrupt.
+        if registers::has_free_mailbox() {
+            interrupt::CAN1_TX.pend();
+        }
+    }
+
+    /// Local time at which the latest [`Message::TimeSync`] of this board had left the bus.
+    pub fn take_sync_sent(&mut self) -> Option<Micros> {
+        critical_section::with(|cs| SYNC_SENT.borrow(cs).take())
+    }
+}
+
+/// The tick's end for what arrived.
+pub struct Receiver {
+    queue: Consumer<'static, Timed>,
+    service: service::Incoming,
+    recorder: Recorder,
+}
+
+impl Receiver {
+    /// The next message, if there is one.
+    pub fn take(&mut self) -> Option<Arrived> {
+        loop {
+            let (local, frame) = self.queue.dequeue()?;
+            if self.service.take(&frame) {
+                continue;
+            }
+            self.recorder.put_frame(&frame);
+            match bus::decode(&frame) {
+                Ok(message) => return Some(Arrived { local, message }),
+                Err(_) => HEALTH.count(|counters| &mut counters.unknown),
+            }
+        }
+    }
+}
+
+/// Starts the controller, once. It joins the bus under [`supervise`]. `recorder` gets the tick's frames.
+pub fn start(
+    can: Peri<'static, peripherals::CAN1>,
+    rx: Peri<'static, PB8>,
+    tx: Peri<'static, PB9>,
+    recorder: &Recorder,
+) -> Bus {
+    static QUEUES: ConstStaticCell<Queues> = ConstStaticCell::new(Queues::new());
+    let Ends {
+        to_send,
+        arrived,
+        transmitter,
+        from_bus,
+    } = QUEUES.take().split();
+    critical_section::with(|cs| {
+        TRANSMITTER.borrow(cs).set(Some(transmitter));
+        FROM_BUS.borrow(cs).set(Some(from_bus));
+    });
+    registers::start(can, rx, tx);
+    // Above the tick: the handlers take a few microseconds, and the times they record are what the
+    // boards' clocks are compared by.
+    for interrupt in [interrupt::CAN1_TX, interrupt::CAN1_RX0, interrupt::CAN1_SCE] {
+        interrupt.set_priority(Priority::P3);
+        // SAFETY: the handlers have their data from the start.
+        unsafe { interrupt.enable() };
+    }
+    let (incoming, outgoing, service) = service::split();
+    Bus {
+        sender: Sender {
+            queue: to_send,
+            service: outgoing,
+            recorder: recorder.clone(),
+        },
+        receiver: Receiver {
+            queue: arrived,
+            service: incoming,
+            recorder: recorder.clone(),
+        },
+        service,
+    }
+}
+
+/// Looks after what has no interrupt: the way onto the bus, frames that wait too long, the next
+/// error. Both handlers run with every check, and the task reports only if they did.
+#[embassy_executor::task]
+pub async fn supervise(mut check_in: CheckIn) -> ! {
+    loop {
+        if RAN.swap(0, Ordering::Relaxed) == RAN_TX | RAN_RX0 {
+            check_in.report();
+        }
+        check();
+        Timer::after(CHECK).await;
+    }
+}
+
+/// Keeps the bus of a board in a session, whose nodes do not take part in it: only frames of the link pass.
+#[embassy_executor::task]
+pub async fn carry(mut sender: Sender, mut receiver: Receiver) -> ! {
+    loop {
+        while receiver.take().is_some() {}
+        sender.send_link_frame();
+        check();
+        Timer::after_millis(1).await;
+    }
+}
+
+/// One check of the controller.
+fn check() {
+    registers::join();
+    registers::clear_error();
+    registers::enable_interrupts(true);
+    interrupt::CAN1_TX.pend();
+    interrupt::CAN1_RX0.pend();
+}
+
+/// A handler's own end of a queue, taken over at its first run.
+fn own<'a, T>(end: &'a mut Option<T>, from: &Mutex<Cell<Option<T>>>) -> Option<&'a mut T> {
+    if end.is_none() {
+        *end = critical_section::with(|cs| from.borrow(cs).take());
+    }
+    end.as_mut()
+}
+
+#[handler]
+fn CAN1_TX() {
+    static mut OWN: Option<Transmitter<'static>> = None;
+    let now = Instant::now().as_micros();
+    let Some(transmitter) = own(OWN, &TRANSMITTER) else {
+        return;
+    };
+    RAN.fetch_or(RAN_TX, Ordering::Relaxed);
+    acknowledge(transmitter, now);
+    transmitter.stale(now).for_each(registers::abort);
+    let drop = || HEALTH.count(|counters| &mut counters.dropped);
+    transmitter.fill(now, registers::is_joined(), registers::request, drop);
+}
+
+/// Takes note of what was sent or given up.
+fn acknowledge(transmitter: &mut Transmitter, now: Micros) {
+    for (mailbox, sent) in registers::take_finished() {
+        match transmitter.release(mailbox) {
+            Some(frame) if sent => {
+                HEALTH.on_acknowledged();
+                if frame.id == id::TIME_SYNC {
+                    critical_section::with(|cs| SYNC_SENT.borrow(cs).set(Some(now)));
+                }
+            }
+            Some(_) => HEALTH.count(|counters| &mut counters.dropped),
+            None => {}
+        }
+    }
+}
+
+#[handler]
+fn CAN1_RX0() {
+    static mut OWN: Option<Producer<'static, Timed>> = None;
+    let Some(queue) = own(OWN, &FROM_BUS) else {
+        return;
+    };
+    RAN.fetch_or(RAN_RX0, Ordering::Relaxed);
+    for _ in 0..FIFO_LOOKS {
+        let (fifo, overrun) = registers::fifo();
+        if overrun {
+            HEALTH.count(|counters| &mut counters.overrun);
+        }
+        match fifo {
+            Fifo::Releasing => continue,
+            Fifo::Empty => break,
+            Fifo::Frame => {}
+        }
+        let local = Instant::now().as_micros();
+        let frame = registers::take_frame();
+        match frame.map(|frame| queue.enqueue((local, frame))) {
+            Some(Ok(())) => {}
+            Some(Err(_)) => HEALTH.count(|counters| &mut counters.dropped),
+            None => HEALTH.count(|counters| &mut counters.unknown),
+        }
+    }
+}
+
+/// Counted once, then silent until the next check.
+#[handler]
+fn CAN1_SCE() {
+    registers::enable_interrupts(false);
+    HEALTH.count(|counters| &mut counters.errors);
+}

@@ -1,0 +1,151 @@
+//! A board that drives, at its link: what it does with what arrives, without access to hardware.
+
+use core_algos::bus::CanFrame;
+use core_algos::link::attendant::Station;
+use core_algos::link::framing::Decoder;
+use core_algos::link::segment::{self, Direction};
+use core_algos::link::{Attendant, Demand};
+use core_algos::time::Micros;
+use core_algos::topology::Role;
+
+use super::ends::{LinkEnd, OrderResult};
+use super::{Output, Route};
+
+/// What ended a wait.
+pub enum Event<'a> {
+    /// Bytes arrived at the serial port.
+    Bytes(&'a [u8]),
+    /// A frame of the link arrived on the bus.
+    Frame(CanFrame),
+    /// The tick executed an order.
+    Executed(OrderResult),
+    /// The report before was sent, or it is time for the next.
+    Nothing,
+}
+
+/// A board that drives, at its link.
+pub struct Driving {
+    role: Role,
+    /// For the host at the port of this board.
+    at_port: &'static mut Attendant,
+    /// For a host at the port of another board.
+    on_bus: &'static mut Attendant,
+    station: Station,
+    end: LinkEnd,
+    /// Replies of other boards.
+    relayed: Decoder,
+    /// Route of the latest order.
+    ordered: Route,
+}
+
+impl Driving {
+    /// A board with nothing under way.
+    pub fn new(role: Role, [at_port, on_bus]: &'static mut [Attendant; 2], end: LinkEnd) -> Self {
+        Self {
+            role,
+            at_port,
+            on_bus,
+            station: Station::default(),
+            end,
+            relayed: Decoder::new(),
+            ordered: Route::Serial,
+        }
+    }
+
+    /// The link's end, to wait with.
+    pub fn end(&self) -> &LinkEnd {
+        &self.end
+    }
+
+    /// One turn at `now`. Gives the route of a request for a session: the board is to reset into one when all is sent.
+    pub fn turn(&mut self, now: Micros, event: Event, output: &mut impl Output) -> Option<Route> {
+        if self.end.is_watched() {
+            self.report(output);
+        }
+        self.station.now = now;
+        self.station.armed = self.end.is_armed();
+        if self.station.lease.take_lapsed(now) {
+            self.end.on_lease_lapsed();
+        }
+        match event {
+            Event::Bytes(bytes) => return self.receive(Route::Serial, bytes, output),
+            Event::Frame(frame) => match segment::address(frame.id) {
+                Some((to, Direction::To)) if to == self.role => {
+                    return self.receive(Route::Bus, frame.bytes(), output);
+                }
+                Some((from, Direction::From)) => self.relay(from, frame.bytes(), output),
+                _ => {}
+            },
+            Event::Executed(result) => self.reply_to_order(result, output),
+            Event::Nothing => {}
+        }
+        None
+    }
+
+    /// Takes bytes of a host, and does what they demand.
+    fn receive(&mut self, route: Route, bytes: &[u8], output: &mut impl Output) -> Option<Route> {
+        let attendant = match route {
+            Route::Serial => &mut *self.at_port,
+            Route::Bus => &mut *self.on_bus,
+        };
+        let role = self.role;
+        let mut send = |reply: &[u8]| output.reply(route, role, reply);
+        match (
+            attendant.receive(bytes, &mut self.station, &mut send),
+            route,
+        ) {
+            (Some(Demand::Order(number, order)), route) => {
+                self.end.order(number, order);
+                self.ordered = route;
+            }
+            (Some(Demand::Session), route) => return Some(route),
+            (Some(Demand::Watch), Route::Serial) => self.end.watch(),
+            (Some(Demand::Record), _) => self.end.begin(),
+            (Some(Demand::Send(frame)), _) => output.send(core::iter::once(frame)),
+            (Some(Demand::Relay(to, frame)), Route::Serial) => {
+                output.send(segment::frames(to, Direction::To, frame.repeated()));
+            }
+            // A host that watches has a port, and a board relays for its port only.
+            (Some(Demand::Watch | Demand::Relay(..)), Route::Bus) | (None, _) => {}
+        }
+        None
+    }
+
+    /// Replies to the latest order.
+    fn reply_to_order(&mut self, result: OrderResult, output: &mut impl Output) {
+        let (role, route) = (self.role, self.ordered);
+        let attendant = match route {
+            Route::Serial => &mut *self.at_port,
+            Route::Bus => &mut *self.on_bus,
+        };
+        attendant.done(result, &mut |reply| output.reply(route, role, reply));
+    }
+
+    /// Takes a part of another board's reply.
+    fn relay(&mut self, from: Role, bytes: &[u8], output: &mut impl Output) {
+        for &byte in bytes {
+            if let Some(payload) = self.relayed.take_byte(byte) {
+                self.at_port
+                    .relayed(from, payload, &mut |reply| output.write(reply));
+            }
+        }
+    }
+
+    /// Sends the host entries of the tick and the next part of the lead node's output. While the report before is on the
+    /// line there is no other: entries wait, and an output is replaced by the next.
+    fn report(&mut self, output: &mut impl Output) {
+        if !output.is_free() {
+            return;
+        }
+        if self.at_port.wants_telemetry()
+            && let Some(telemetry) = self.end.take_telemetry()
+        {
+            self.at_port.tell(&telemetry);
+        }
+        let entries = self.end.take_entries(self.at_port.room());
+        self.at_port
+            .report(self.end.lost(), &entries, &mut |report| {
+                output.write(report)
+            });
+    }
+}

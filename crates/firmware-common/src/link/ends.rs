@@ -1,0 +1,185 @@
+//! The tick's end and the link's end of a board that drives.
+//!
+//! | from → to | what |
+//! |---|---|
+//! | link → tick | an order with its number; that the lease lapsed; that the nodes are to begin anew |
+//! | tick → link | the result of an order; output of the lead node; entries for the record; that the motors may be on |
+
+use core::sync::atomic::{AtomicBool, Ordering};
+
+use core_algos::control::path::PathError;
+use core_algos::link::Order;
+use core_algos::link::protocol::Telemetry;
+use core_algos::link::record::Entry;
+use core_algos::node::lead::{LeadNode, Output};
+use core_algos::time::Micros;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::signal::Signal;
+
+use crate::record::{Entries, Reader, Recorder, Ring};
+
+/// Result of an order: an error where the lead node did not accept all of it.
+pub type OrderResult = Result<(), PathError>;
+
+/// Memory of both ends: one for a board, in a static place.
+pub struct Channels {
+    shared: Shared,
+    ring: Ring,
+}
+
+struct Shared {
+    armed: AtomicBool,
+    begin: AtomicBool,
+    lapsed: AtomicBool,
+    order: Signal<CriticalSectionRawMutex, (u16, Order)>,
+    result: Signal<CriticalSectionRawMutex, OrderResult>,
+    telemetry: Signal<CriticalSectionRawMutex, Telemetry>,
+}
+
+impl Channels {
+    /// Nothing under way, motors off, no host that watches.
+    pub const fn new() -> Self {
+        Self {
+            shared: Shared {
+                armed: AtomicBool::new(false),
+                begin: AtomicBool::new(false),
+                lapsed: AtomicBool::new(false),
+                order: Signal::new(),
+                result: Signal::new(),
+                telemetry: Signal::new(),
+            },
+            ring: Ring::new(),
+        }
+    }
+
+    /// The two ends.
+    pub fn split(&'static mut self) -> (TickEnd, LinkEnd) {
+        let Self { shared, ring } = self;
+        let shared = &*shared;
+        let (recorder, reader) = ring.split();
+        (TickEnd { shared, recorder }, LinkEnd { shared, reader })
+    }
+}
+
+/// The tick's end.
+pub struct TickEnd {
+    shared: &'static Shared,
+    recorder: Recorder,
+}
+
+impl TickEnd {
+    /// For the bus, whose frames are recorded too.
+    pub fn recorder(&self) -> &Recorder {
+        &self.recorder
+    }
+
+    /// Records an entry, if a host watches.
+    pub fn put(&mut self, entry: &Entry) {
+        self.recorder.put(entry);
+    }
+
+    /// Hands over the output of a step of the lead node at `now`, if a host watches.
+    pub fn publish(&mut self, now: Micros, output: Output, lead: &mut LeadNode) {
+        if self.recorder.is_watched() {
+            self.shared
+                .telemetry
+                .signal(Telemetry::of(now, output, lead));
+        }
+    }
+
+    /// Executes the order of a host, if one has come, and stops the robot of a host whose lease lapsed.
+    pub fn execute_orders(&mut self, lead: &mut LeadNode) {
+        if self.shared.lapsed.swap(false, Ordering::Relaxed) {
+            self.execute(Order::Lost, lead);
+        }
+        if let Some((number, order)) = self.shared.order.try_take() {
+            let result = order.carry_out(lead);
+            // The lead node may have accepted some points of a refused order.
+            self.put(&match result {
+                Ok(()) => Entry::Carried(number),
+                Err(_) => Entry::End,
+            });
+            self.shared.result.signal(result);
+        }
+    }
+
+    /// Executes an order of the board itself.
+    pub fn execute(&mut self, order: Order, lead: &mut LeadNode) {
+        // The board's own are finite and hold no points.
+        let _ = order.carry_out(lead);
+        self.put(&Entry::Order(order));
+    }
+
+    /// Sets whether the motors of this board may be on.
+    pub fn set_armed(&mut self, armed: bool) {
+        self.shared.armed.store(armed, Ordering::Relaxed);
+    }
+
+    /// True once after a host has asked for nodes that begin anew.
+    pub fn take_begin(&mut self) -> bool {
+        self.shared.begin.swap(false, Ordering::Relaxed)
+    }
+}
+
+/// The link's end.
+pub struct LinkEnd {
+    shared: &'static Shared,
+    reader: Reader,
+}
+
+impl LinkEnd {
+    /// True while the motors of this board may be on.
+    pub fn is_armed(&self) -> bool {
+        self.shared.armed.load(Ordering::Relaxed)
+    }
+
+    /// Gives the tick the order of this number.
+    pub fn order(&mut self, number: u16, order: Order) {
+        self.shared.order.signal((number, order));
+    }
+
+    /// Waits for the result of an order.
+    pub async fn result(&self) -> OrderResult {
+        self.shared.result.wait().await
+    }
+
+    /// The lease of a host lapsed.
+    pub fn on_lease_lapsed(&mut self) {
+        self.shared.lapsed.store(true, Ordering::Relaxed);
+    }
+
+    /// Asks the tick to let the nodes begin anew.
+    pub fn begin(&mut self) {
+        self.shared.begin.store(true, Ordering::Relaxed);
+    }
+
+    /// A host watches from here on.
+    pub fn watch(&mut self) {
+        self.reader.watch();
+    }
+
+    /// True once a host watches.
+    pub fn is_watched(&self) -> bool {
+        self.reader.is_watched()
+    }
+
+    /// The latest output of the lead node that was not taken yet.
+    pub fn take_telemetry(&mut self) -> Option<Telemetry> {
+        self.shared.telemetry.try_take()
+    }
+
+    /// The oldest entries that fit into `most` bytes.
+    pub fn take_entries(&mut self, most: usize) -> Entries {
+        self.reader.take(most)
+    }
+
+    /// True if an entry waits that did not fit.
+    pub fn is_behind(&self) -> bool {
+        self.reader.is_behind()
+    }
+
+    /// Entries that were lost, modulo 65 536.
+    pub fn lost(&self) -> u16 {
+        self.reader.lost()
+    }
+}

@@ -1,0 +1,32 @@
+//! Request for a session, kept over the reset that begins it.
+
+use core::mem::MaybeUninit;
+use core::ptr::addr_of_mut;
+
+use super::Route;
+
+/// Word that asks the next start for a session; any value after power came on.
+#[unsafe(link_section = ".uninit.SESSION")]
+static mut WORD: MaybeUninit<u32> = MaybeUninit::uninit();
+
+/// Route of the request for a session that has asked for this start, if one has; once.
+pub fn take() -> Option<Route> {
+    let place = addr_of_mut!(WORD).cast::<u32>();
+    // SAFETY: only this module uses the word, and any pattern is a number; volatile, because it was written before the
+    // reset.
+    unsafe {
+        let word = place.read_volatile();
+        place.write_volatile(0);
+        [Route::Serial, Route::Bus]
+            .into_iter()
+            .find(|route| *route as u32 == word)
+    }
+}
+
+/// Resets the board, into a session or out of it.
+pub fn restart(session: Option<Route>) -> ! {
+    let word = session.map_or(0, |route| route as u32);
+    // SAFETY: as in [`take`].
+    unsafe { addr_of_mut!(WORD).cast::<u32>().write_volatile(word) };
+    cortex_m::peripheral::SCB::sys_reset()
+}

@@ -1,0 +1,225 @@
+//! The tasks of the link.
+
+use core::future::pending;
+
+use core_algos::link::attendant::REPORT_MS;
+use core_algos::link::protocol::StackUse;
+use core_algos::link::segment::{self, Direction};
+use core_algos::link::{Attendant, Endpoint, Identity};
+use core_algos::node::board::{Board, Ready};
+use core_algos::node::robot::RobotConfig;
+use core_algos::topology::Role;
+use embassy_executor::Spawner;
+use embassy_futures::select::{Either3, select3};
+use embassy_stm32::Peri;
+use embassy_stm32::peripherals::{PB10, PB11, USART3};
+use embassy_time::{Duration, Instant, with_timeout};
+use static_cell::{ConstStaticCell, StaticCell};
+
+use super::driving::{Driving, Event};
+use super::ends::{Channels, LinkEnd, TickEnd};
+use super::ports::Ports;
+use super::uart::{self, Uart};
+use super::{Output, Route, request};
+use crate::can::{self, Bus, ServicePort};
+use crate::store::chip::Parameters;
+use crate::watchdog::Watchdog;
+use crate::{fault, stack};
+
+/// Longest wait for bytes before the watchdog is fed all the same.
+const IDLE: Duration = Duration::from_millis(100);
+/// Time between reports to a host that watches.
+const REPORT_EVERY: Duration = Duration::from_millis(REPORT_MS);
+/// A session without a request for so long has ended.
+const SILENCE: Duration = Duration::from_secs(60);
+/// Time between reports in the log.
+const REPORT: Duration = Duration::from_secs(10);
+
+/// The tick's end and the link's end of this board; to be called once.
+pub fn ends() -> (TickEnd, LinkEnd) {
+    static CHANNELS: ConstStaticCell<Channels> = ConstStaticCell::new(Channels::new());
+    CHANNELS.take().split()
+}
+
+/// The serial port of a board.
+pub struct Link {
+    uart: Uart,
+    identity: Identity,
+}
+
+impl Link {
+    /// Opens it, once. `build` names the image.
+    pub fn open(
+        uart: Peri<'static, USART3>,
+        rx: Peri<'static, PB11>,
+        tx: Peri<'static, PB10>,
+        role: Role,
+        build: &'static str,
+    ) -> Self {
+        Self {
+            uart: Uart::start(uart, rx, tx),
+            identity: Identity { build, role },
+        }
+    }
+
+    /// Starts the task of a board that drives, with nodes of this configuration.
+    pub fn start_driving(
+        self,
+        config: &RobotConfig,
+        service: ServicePort,
+        end: LinkEnd,
+        spawner: Spawner,
+    ) {
+        static CONFIG: StaticCell<RobotConfig> = StaticCell::new();
+        let config = CONFIG.init_with(|| *config);
+        spawner.spawn(drive(self, config, service, end).expect("spawned once"));
+    }
+
+    /// Starts a session; `bus` is the bus of one that was requested there.
+    pub fn start_session(
+        self,
+        watchdog: Watchdog,
+        parameters: &'static mut Parameters,
+        bus: Option<Bus>,
+        spawner: Spawner,
+    ) {
+        let service = bus.map(|bus| {
+            let carry = can::carry(bus.sender, bus.receiver);
+            spawner.spawn(carry.expect("spawned once"));
+            bus.service
+        });
+        spawner.spawn(serve(self, service, watchdog, parameters).expect("spawned once"));
+    }
+
+    /// The place of the nodes of a board that drives: that of the nodes in a session.
+    pub fn place(&self, nodes: Ready) -> &'static mut Board {
+        endpoint(self.identity).begin(nodes)
+    }
+}
+
+/// Answers what the link brings to a board that drives, for ever.
+#[embassy_executor::task]
+async fn drive(link: Link, config: &'static RobotConfig, service: ServicePort, end: LinkEnd) -> ! {
+    static ATTENDANTS: StaticCell<[Attendant; 2]> = StaticCell::new();
+    let Link { uart, identity } = link;
+    let attendant = || Attendant::new(identity, config, stack_use, fault::record);
+    let attendants = ATTENDANTS.init_with(|| [(); 2].map(|()| attendant()));
+    let mut driving = Driving::new(identity.role, attendants, end);
+    let mut ports = Ports {
+        uart,
+        service: Some(service),
+    };
+    let mut buffer = [0; 64];
+    loop {
+        let end = driving.end();
+        let wait = match end.is_watched() {
+            true => REPORT_EVERY,
+            false => IDLE,
+        };
+        // With more to report than fits, the next report follows at once.
+        let is_behind = end.is_behind();
+        let sent = async {
+            match is_behind {
+                true => uart::sent().await,
+                false => pending().await,
+            }
+        };
+        let ended = select3(ports.receive(&mut buffer), sent, end.result());
+        let event = match with_timeout(wait, ended).await {
+            Ok(Either3::First(event)) => event,
+            Ok(Either3::Third(result)) => Event::Executed(result),
+            Ok(Either3::Second(())) | Err(_) => Event::Nothing,
+        };
+        if let Some(route) = driving.turn(Instant::now().as_micros(), event, &mut ports) {
+            ports.flush(route).await;
+            defmt::info!("reset into a session");
+            request::restart(Some(route));
+        }
+    }
+}
+
+/// Serves a session until the host leaves or is silent. The watchdog is fed once a turn: a node that does not return
+/// from a step lets it reset the board.
+#[embassy_executor::task]
+async fn serve(
+    link: Link,
+    service: Option<ServicePort>,
+    watchdog: Watchdog,
+    parameters: &'static mut Parameters,
+) -> ! {
+    let Link { uart, identity } = link;
+    let role = identity.role;
+    let route = match service {
+        Some(_) => Route::Bus,
+        None => Route::Serial,
+    };
+    let mut ports = Ports { uart, service };
+    let (mut feeder, mut extension) = watchdog.split();
+    let endpoint = endpoint(identity);
+    endpoint.load(parameters.contents());
+    defmt::info!("{}: session", role.name());
+    let mut buffer = [0; 256];
+    let (mut asked, mut reported) = (Instant::now(), Instant::now());
+    loop {
+        feeder.feed();
+        let event = with_timeout(IDLE, ports.receive(&mut buffer)).await;
+        let bytes = match &event {
+            Ok(Event::Bytes(bytes)) if route == Route::Serial => bytes,
+            Ok(Event::Frame(frame))
+                if segment::address(frame.id) == Some((role, Direction::To)) =>
+            {
+                frame.bytes()
+            }
+            _ => &[],
+        };
+        if !bytes.is_empty() {
+            let mut send = |reply: &[u8]| ports.reply(route, role, reply);
+            endpoint.receive(bytes, &mut send);
+            if let Some(save) = endpoint.save() {
+                let values = extension.during(|| parameters.write(&save.settings, save.off));
+                let done = values.map(|values| (values, parameters.contents()));
+                endpoint.saved(done, &mut send);
+            }
+            asked = Instant::now();
+        }
+        if endpoint.has_left() || asked.elapsed() > SILENCE {
+            ports.flush(route).await;
+            defmt::info!("end of the session");
+            request::restart(None);
+        }
+        if reported.elapsed() > REPORT {
+            reported = Instant::now();
+            report(endpoint);
+        }
+    }
+}
+
+/// The endpoint in its static place. Not inlined: should it pass over the stack, all 20 kB, nothing else
+/// is there.
+#[inline(never)]
+fn endpoint(identity: Identity) -> &'static mut Endpoint {
+    static ENDPOINT: StaticCell<Endpoint> = StaticCell::new();
+    ENDPOINT.init_with(|| Endpoint::new(identity, stack_use))
+}
+
+/// Stack use for the host and the log.
+fn stack_use() -> StackUse {
+    let stack = stack::high_water();
+    defmt::info!("{}", stack);
+    StackUse {
+        used_bytes: stack.used as u32,
+        budget_bytes: stack.budget as u32,
+        size_bytes: stack.size as u32,
+    }
+}
+
+fn report(endpoint: &Endpoint) {
+    let frames = endpoint.counters();
+    defmt::info!(
+        "frames {} whole, {} damaged; {}; {}",
+        frames.received,
+        frames.damaged,
+        stack::high_water(),
+        fault::counts()
+    );
+}

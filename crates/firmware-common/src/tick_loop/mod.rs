@@ -1,0 +1,245 @@
+//! The tick of a board, once a millisecond: the loop that all boards share.
+//!
+//! Wait for the tick → check in → begin (sample) → receive → step (nodes, messages, actuators) → frame of the link →
+//! with every hundredth tick health on the bus and a report for the log. A board supplies what differs
+//! ([`BoardTick`]); the hardware of the loop itself is behind [`Hardware`].
+
+#[cfg(target_os = "none")]
+mod chip;
+#[cfg(test)]
+mod tests;
+
+use core_algos::bus::Message;
+use core_algos::link::record::{Entry, Reference};
+use core_algos::node::board::Samples;
+use core_algos::node::led::Led;
+use core_algos::node::tick_sync::TickSync;
+use core_algos::time::{Micros, TICK, sequence};
+use core_algos::topology::Role;
+use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
+use embassy_sync::watch;
+
+use crate::can::Arrived;
+use crate::identity::Identity;
+use crate::link::TickEnd;
+use crate::timing::{Every, Stopwatch, Timing};
+
+#[cfg(target_os = "none")]
+pub use chip::Chip;
+
+/// Ticks between health reports.
+const HEALTH: u8 = 100;
+
+/// Destination of a board's reports for the log.
+pub type Reports<R> = watch::Sender<'static, CriticalSectionRawMutex, R, 1>;
+
+/// Hardware that the loop uses.
+pub trait Hardware {
+    /// The tick goes on: reports to the watchdog.
+    fn check_in(&mut self);
+    /// Local time, µs.
+    fn now(&self) -> Micros;
+    /// The cycle counter.
+    fn cycles(&self) -> u32;
+    /// Lights the LED.
+    fn set_led(&mut self, lit: bool);
+    /// The next message that arrived.
+    fn receive(&mut self) -> Option<Arrived>;
+    /// Sends a message; gives it as the other boards will read it.
+    fn send(&mut self, message: &Message) -> Option<Message>;
+    /// Sends the next frame of the link.
+    fn send_link_frame(&mut self);
+}
+
+/// Parts of a board's tick that differ, in the order in which the loop calls them.
+pub trait BoardTick {
+    /// Hardware of the loop.
+    type Hardware: Hardware;
+    /// Input that comes with the tick.
+    type Input;
+    /// Samples of the tick.
+    type Samples;
+    /// Report for the log.
+    type Report: Clone + 'static;
+
+    /// Waits for the tick; gives its local time and input. `None` leaves the tick out.
+    fn wait(&mut self) -> impl Future<Output = Option<(Micros, Self::Input)>>;
+    /// Samples the sensors, and takes what the nodes are to do before the messages that arrived.
+    fn begin(
+        &mut self,
+        local: Micros,
+        input: Self::Input,
+        common: &mut Common<Self::Hardware>,
+    ) -> Self::Samples;
+    /// Takes a message that arrived since the last tick.
+    fn receive(&mut self, samples: &Self::Samples, arrived: &Arrived);
+    /// Steps the nodes, sends their messages and commands the actuators.
+    fn step(&mut self, samples: &Self::Samples, common: &mut Common<Self::Hardware>);
+    /// True while the motors may be on.
+    fn is_armed(&self) -> bool;
+    /// Sends the board's health; gives the report for the log.
+    fn report(
+        &mut self,
+        samples: &Self::Samples,
+        health: Health,
+        common: &mut Common<Self::Hardware>,
+    ) -> Self::Report;
+}
+
+/// Health of a tick, the same on every board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Health {
+    /// Sequence of the health messages.
+    pub sequence: u8,
+    /// Since the last report.
+    pub timing: Timing,
+    /// Ticks missed since the start.
+    pub missed: u16,
+    /// True if the common time is known and the ticks are in step with it.
+    pub in_step: bool,
+}
+
+impl Health {
+    /// The message of a board with this supply and temperature.
+    pub fn message(&self, board: Role, supply_v: f32, temperature_c: f32) -> Message {
+        Message::BoardHealth {
+            board,
+            sequence: self.sequence,
+            missed_ticks: self.missed.min(255) as u8,
+            tick_jitter_us: self.timing.jitter_us,
+            tick_worst_us: self.timing.longest_us,
+            supply_v: supply_v.clamp(0.0, 25.5),
+            temperature_c: temperature_c.clamp(-128.0, 127.0),
+        }
+    }
+}
+
+/// Parts of a board's tick that are the same on every board.
+pub struct Common<H> {
+    /// Hardware of the loop.
+    pub hardware: H,
+    /// The link.
+    pub link: TickEnd,
+    /// Common time.
+    pub sync: TickSync,
+    identity: Identity,
+    led: Led,
+    /// The latest tick that was recorded.
+    reference: Reference,
+}
+
+impl<H: Hardware> Common<H> {
+    /// At the start.
+    pub fn new(hardware: H, link: TickEnd, sync: TickSync, identity: Identity) -> Self {
+        Self {
+            hardware,
+            link,
+            sync,
+            identity,
+            led: Led::default(),
+            reference: Reference::default(),
+        }
+    }
+
+    /// Sends a message; gives it as the other boards will read it.
+    pub fn send(&mut self, message: &Message) -> Option<Message> {
+        self.hardware.send(message)
+    }
+
+    /// Sends a message of a node, whose state the LED shows.
+    pub fn send_of_node(&mut self, message: &Message) -> Option<Message> {
+        self.led.see(message);
+        self.hardware.send(message)
+    }
+
+    /// Sends the board's identity, once a second.
+    pub fn send_identity(&mut self, board: Role, health: &Health) {
+        if let Some(message) = self.identity.message(board, health.sequence) {
+            self.hardware.send(&message);
+        }
+    }
+
+    /// Records that the nodes began anew before the tick at `now`.
+    pub fn record_begin(&mut self, now: Micros) {
+        self.link.put(&self.reference.begin(now));
+    }
+
+    /// Records a tick of the nodes at `now`.
+    pub fn record_tick(&mut self, now: Micros, samples: &Samples, torque_nm: [f32; 2]) {
+        self.link.put(&self.reference.tick(now, samples, torque_nm));
+    }
+
+    /// Records that the nodes are no longer those of the board's configuration.
+    pub fn record_end(&mut self) {
+        self.link.put(&Entry::End);
+    }
+
+    fn show(&mut self, local: Micros) {
+        let lit = self.led.is_lit((local / TICK) as u32);
+        self.hardware.set_led(lit);
+    }
+
+    fn health(&self, local: Micros, timing: Timing) -> Health {
+        Health {
+            sequence: sequence(self.sync.last().unwrap_or(local)),
+            timing,
+            missed: self.sync.missed(),
+            in_step: self.sync.in_step(),
+        }
+    }
+}
+
+/// The loop of a board.
+pub struct TickLoop<B: BoardTick> {
+    board: B,
+    common: Common<B::Hardware>,
+    reports: Reports<B::Report>,
+    stopwatch: Stopwatch,
+    health: Every,
+}
+
+impl<B: BoardTick> TickLoop<B> {
+    /// Before the first tick.
+    pub fn new(board: B, common: Common<B::Hardware>, reports: Reports<B::Report>) -> Self {
+        Self {
+            board,
+            common,
+            reports,
+            stopwatch: Stopwatch::new(TICK),
+            health: Every::new(HEALTH),
+        }
+    }
+
+    /// Runs the tick for ever.
+    pub async fn run(mut self) -> ! {
+        loop {
+            self.turn().await;
+        }
+    }
+
+    /// Waits for a tick and does its work.
+    async fn turn(&mut self) {
+        let Self { board, common, .. } = self;
+        let tick = board.wait().await;
+        common.hardware.check_in();
+        let Some((local, input)) = tick else {
+            return;
+        };
+        let (cycles, now) = (common.hardware.cycles(), common.hardware.now());
+        self.stopwatch.begin(now, cycles);
+        common.show(local);
+        let samples = board.begin(local, input, common);
+        while let Some(arrived) = common.hardware.receive() {
+            common.sync.receive(arrived.local, &arrived.message);
+            board.receive(&samples, &arrived);
+        }
+        board.step(&samples, common);
+        common.link.set_armed(board.is_armed());
+        common.hardware.send_link_frame();
+        self.stopwatch.end(common.hardware.cycles());
+        if self.health.tick() {
+            let health = common.health(local, self.stopwatch.take());
+            self.reports.send(board.report(&samples, health, common));
+        }
+    }
+}

@@ -1,0 +1,342 @@
+//! The loop with a board and hardware that record the calls.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+use core_algos::bus::LeadMode;
+use core_algos::safety::{Conditions, OperatingState};
+use core_algos::topology::Node;
+use embassy_futures::block_on;
+use embassy_sync::watch::Watch;
+
+use super::*;
+use crate::clock::CORE_HZ;
+use crate::link::{Channels, LinkEnd};
+
+type Calls = Rc<RefCell<Vec<String>>>;
+
+/// Core cycles in a microsecond.
+const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;
+
+struct Fake {
+    calls: Calls,
+    now: Micros,
+    cycles: u32,
+    arrived: VecDeque<Arrived>,
+    sent: Vec<Message>,
+    lit: bool,
+}
+
+impl Fake {
+    fn note(&self, call: &str) {
+        self.calls.borrow_mut().push(call.to_owned());
+    }
+}
+
+impl Hardware for Fake {
+    fn check_in(&mut self) {
+        self.note("check in");
+    }
+
+    fn now(&self) -> Micros {
+        self.now
+    }
+
+    fn cycles(&self) -> u32 {
+        self.cycles
+    }
+
+    fn set_led(&mut self, lit: bool) {
+        self.lit = lit;
+    }
+
+    fn receive(&mut self) -> Option<Arrived> {
+        self.arrived.pop_front()
+    }
+
+    fn send(&mut self, message: &Message) -> Option<Message> {
+        self.sent.push(*message);
+        Some(*message)
+    }
+
+    fn send_link_frame(&mut self) {
+        self.note("link frame");
+    }
+}
+
+/// A board whose tick takes `step_us`.
+struct Board {
+    calls: Calls,
+    ticks: VecDeque<Option<Micros>>,
+    step_us: u32,
+    armed: bool,
+    status: Option<Message>,
+}
+
+impl Board {
+    fn note(&self, call: &str) {
+        self.calls.borrow_mut().push(call.to_owned());
+    }
+}
+
+impl BoardTick for Board {
+    type Hardware = Fake;
+    type Input = u8;
+    type Samples = u8;
+    type Report = Health;
+
+    async fn wait(&mut self) -> Option<(Micros, u8)> {
+        self.note("wait");
+        let tick = self.ticks.pop_front().expect("a tick that the test gave");
+        tick.map(|local| (local, 5))
+    }
+
+    fn begin(&mut self, local: Micros, input: u8, common: &mut Common<Fake>) -> u8 {
+        self.note("begin");
+        common.sync.step(local);
+        input
+    }
+
+    fn receive(&mut self, samples: &u8, arrived: &Arrived) {
+        assert_eq!(*samples, 5);
+        self.note(&format!("receive {}", arrived.local));
+    }
+
+    fn step(&mut self, samples: &u8, common: &mut Common<Fake>) {
+        assert_eq!(*samples, 5);
+        self.note("step");
+        if let Some(message) = self.status {
+            common.send_of_node(&message);
+        }
+        common.hardware.cycles = common
+            .hardware
+            .cycles
+            .wrapping_add(self.step_us * CYCLES_PER_US);
+    }
+
+    fn is_armed(&self) -> bool {
+        self.armed
+    }
+
+    fn report(&mut self, _: &u8, health: Health, common: &mut Common<Fake>) -> Health {
+        self.note("report");
+        common.send(&health.message(Role::Rear, 12.0, 30.0));
+        common.send_identity(Role::Rear, &health);
+        health
+    }
+}
+
+type Reported = watch::Receiver<'static, CriticalSectionRawMutex, Health, 1>;
+
+struct Bench {
+    tick: TickLoop<Board>,
+    calls: Calls,
+    link: LinkEnd,
+    reports: Reported,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let calls = Calls::default();
+        let (tick_end, link) = Box::leak(Box::new(Channels::new())).split();
+        let hardware = Fake {
+            calls: calls.clone(),
+            now: 0,
+            // The counter wraps in a tick of the tests.
+            cycles: u32::MAX - 1_000,
+            arrived: VecDeque::new(),
+            sent: Vec::new(),
+            lit: false,
+        };
+        let board = Board {
+            calls: calls.clone(),
+            ticks: VecDeque::new(),
+            step_us: 10,
+            armed: false,
+            status: None,
+        };
+        let identity = Identity::new(&[7; 12], "test build");
+        let common = Common::new(hardware, tick_end, TickSync::leading(), identity);
+        let watch: &'static Watch<_, _, 1> = Box::leak(Box::new(Watch::new()));
+        Self {
+            tick: TickLoop::new(board, common, watch.sender()),
+            calls,
+            link,
+            reports: watch.receiver().expect("the first"),
+        }
+    }
+
+    /// A tick at this local time, which begins then; `None` is one without samples.
+    fn turn(&mut self, local: Option<Micros>) -> Vec<String> {
+        self.tick.board.ticks.push_back(local);
+        self.tick.common.hardware.now = local.unwrap_or_default();
+        block_on(self.tick.turn());
+        self.calls.take()
+    }
+
+    /// Ticks on time, by number.
+    fn turns(&mut self, ticks: core::ops::RangeInclusive<u64>) {
+        for tick in ticks {
+            self.turn(Some(tick * TICK));
+        }
+    }
+
+    fn sent(&mut self) -> Vec<Message> {
+        core::mem::take(&mut self.tick.common.hardware.sent)
+    }
+}
+
+fn status(state: OperatingState) -> Message {
+    Message::NodeStatus {
+        node: Node::FrontAxle,
+        sequence: 0,
+        state,
+        reason: 0,
+        notices: Conditions::NONE,
+    }
+}
+
+#[test]
+fn parts_of_a_tick_run_in_the_order_of_the_data() {
+    let mut bench = Bench::new();
+    let message = Message::LeadStatus {
+        sequence: 0,
+        mode: LeadMode::Idle,
+        steering_rad: 0.0,
+        velocity_m_s: 0.0,
+    };
+    for local in [17, 18] {
+        let arrived = Arrived { local, message };
+        bench.tick.common.hardware.arrived.push_back(arrived);
+    }
+    let expected = [
+        "wait",
+        "check in",
+        "begin",
+        "receive 17",
+        "receive 18",
+        "step",
+        "link frame",
+    ];
+    assert_eq!(bench.turn(Some(TICK)), expected);
+}
+
+#[test]
+fn tick_without_samples_checks_in_and_is_left_out() {
+    let mut bench = Bench::new();
+    assert_eq!(bench.turn(None), ["wait", "check in"]);
+    bench.turns(1..=99);
+    assert_eq!(bench.reports.try_get(), None, "it does not count");
+}
+
+#[test]
+fn link_knows_whether_the_motors_may_be_on_after_each_tick() {
+    let mut bench = Bench::new();
+    for (tick, armed) in [(1, true), (2, false), (3, true)] {
+        bench.tick.board.armed = armed;
+        bench.turn(Some(tick * TICK));
+        assert_eq!(bench.link.is_armed(), armed);
+    }
+}
+
+#[test]
+fn health_is_sent_and_reported_with_every_hundredth_tick() {
+    let mut bench = Bench::new();
+    let mut reported = Vec::new();
+    for tick in 1..=350 {
+        bench.turn(Some(tick * TICK));
+        let health = bench.reports.try_changed();
+        let sent = bench.sent();
+        assert_eq!(health.is_some(), !sent.is_empty(), "tick {tick}");
+        if let Some(health) = health {
+            reported.push(tick);
+            let expected = health.message(Role::Rear, 12.0, 30.0);
+            assert_eq!(sent, [expected]);
+            assert_eq!(health.sequence, sequence(tick * TICK));
+            assert!(health.in_step);
+        }
+    }
+    assert_eq!(reported, [100, 200, 300]);
+}
+
+#[test]
+fn identity_is_sent_with_every_tenth_health_report() {
+    let mut bench = Bench::new();
+    let is_identity = |message: &Message| matches!(message, Message::BoardIdentity { .. });
+    bench.turns(1..=999);
+    assert!(!bench.sent().iter().any(is_identity));
+    bench.turns(1000..=1000);
+    assert!(bench.sent().iter().any(is_identity));
+}
+
+#[test]
+fn late_tick_is_counted_as_jitter_and_its_missed_tick_as_missed() {
+    let mut bench = Bench::new();
+    bench.turns(1..=50);
+    // One tick is left out, and the next one begins 0.3 ms late.
+    bench.tick.board.ticks.push_back(Some(52 * TICK));
+    bench.tick.common.hardware.now = 52 * TICK + 300;
+    block_on(bench.tick.turn());
+    bench.turns(53..=101);
+    let health = bench.reports.try_get().expect("a report");
+    assert_eq!(health.timing.jitter_us, 1_300);
+    assert_eq!(health.missed, 1);
+    bench.turns(102..=201);
+    let health = bench.reports.try_get().expect("a report");
+    assert_eq!(health.timing.jitter_us, 0);
+    assert_eq!(health.missed, 1);
+}
+
+#[test]
+fn longest_tick_is_that_since_the_last_report() {
+    let mut bench = Bench::new();
+    bench.turns(1..=10);
+    bench.tick.board.step_us = 620;
+    bench.turns(11..=11);
+    bench.tick.board.step_us = 10;
+    bench.turns(12..=100);
+    let longest = |bench: &mut Bench| bench.reports.try_get().unwrap().timing.longest_us;
+    assert_eq!(longest(&mut bench), 620);
+    bench.turns(101..=200);
+    assert_eq!(longest(&mut bench), 10);
+}
+
+#[test]
+fn led_shows_the_state_that_the_node_sends() {
+    let mut bench = Bench::new();
+    bench.tick.board.status = Some(status(OperatingState::Active));
+    bench.turns(1..=2);
+    let lit = |bench: &mut Bench, ticks: core::ops::Range<u64>| {
+        let lit = ticks.filter(|tick| {
+            bench.turn(Some(tick * TICK));
+            bench.tick.common.hardware.lit
+        });
+        lit.count()
+    };
+    assert_eq!(lit(&mut bench, 3..2_003), 2_000);
+    bench.tick.board.status = Some(status(OperatingState::Idle));
+    bench.turns(2_003..=2_004);
+    assert_eq!(lit(&mut bench, 2_005..4_005), 100);
+}
+
+#[test]
+fn message_that_arrived_reaches_the_common_time() {
+    let mut bench = Bench::new();
+    bench.tick.common.sync = TickSync::following();
+    bench.turns(1..=100);
+    assert!(!bench.reports.try_get().unwrap().in_step);
+    for tick in 101..=300u64 {
+        let message = Message::TimeSync {
+            epoch: (tick / 10) as u32,
+            last_delay_us: Some(100),
+        };
+        if tick % 10 == 0 {
+            let local = tick * TICK + 100;
+            let arrived = Arrived { local, message };
+            bench.tick.common.hardware.arrived.push_back(arrived);
+        }
+        bench.turn(Some(tick * TICK));
+    }
+    assert!(bench.reports.try_get().unwrap().in_step);
+}

@@ -1,0 +1,15 @@
+//! Tasks that the independent watchdog waits for.
+
+use firmware_common::{can, task_watchdog};
+
+/// Tasks that must report for the watchdog to be fed, and how often, µs.
+pub const TASKS: [(&str, u64); 2] = [("tick", 10_000), ("bus", can::REPORTS_WITHIN)];
+
+/// Their watchdog.
+pub type TaskWatchdog = task_watchdog::TaskWatchdog<{ TASKS.len() }>;
+
+/// Checks for ever.
+#[embassy_executor::task]
+pub async fn run(task_watchdog: TaskWatchdog) -> ! {
+    task_watchdog.run().await
+}
