@@ -94,7 +94,7 @@ mod tests {
     #[test]
     fn a_single_period_of_motion_or_a_reset_begins_the_time_anew() {
         let mut braking = Braking::new(LIMITS);
-        let mut rest = |braking: &mut Braking, count: usize| {
+        let rest = |braking: &mut Braking, count: usize| {
             (0..count).any(|_| braking.step([Some(0.0); 2], [0.0; 2]))
         };
         assert!(!rest(&mut braking, 99));

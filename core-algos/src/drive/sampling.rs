@@ -6,10 +6,11 @@
 //! driver and amplifier have not settled, spoils them. The edges on the way up are at the compare
 //! values of the motors, those on the way down lie opposite.
 //!
-//! The window stands around the top, the middle of both OFF, wherever that is clean; else it begins
-//! just after zero, in the middle of both ON; else one motor is nearly off and the other nearly
-//! full, and there is room half-way between their edges. Around the middle of ON or OFF a reading is
-//! the mean of the ripple; half-way it is off by about a third of the ripple of a small duty.
+//! There are three places: around the top, in the middle of both OFF; just after zero, in the middle of both ON; and
+//! half-way up, between the edges of one motor that is nearly off and one that is nearly full. Common-mode steps disturb
+//! the amplifier for up to 10 µs, so the first two compete by the time since the latest edge. Around the middle of ON or
+//! OFF a reading is the mean of the ripple; half-way it is off by about a third of the ripple of a small duty, so that
+//! place is taken where the others are too close to an edge.
 //!
 //! # Panic contract
 //!
@@ -24,7 +25,7 @@ pub struct Timing {
     pub trim: u16,
     /// From the trigger to the end of the last reading.
     pub window: u16,
-    /// From an edge of the timer until a reading is true.
+    /// From an edge of the timer to the first reading, at least, at any pair of duties.
     pub settling: u16,
     /// From the end of the last reading to the next edge, at least.
     pub margin: u16,
@@ -40,22 +41,23 @@ impl Timing {
         };
         let half = self.window / 2;
         // In wide numbers, so that nothing overflows.
-        let (lowest, half_wide) = (lowest_top as u32, half as u32);
-        let window = self.window as u32;
-        let on_from = self.earliest as u32 + window + self.margin as u32;
-        if lowest <= half_wide + self.settling as u32 || self.earliest == 0 {
+        let (lowest, window) = (lowest_top as u32, self.window as u32 + self.margin as u32);
+        let (on, settling) = (self.earliest as u32, self.settling as u32);
+        if self.earliest == 0 || lowest_top <= self.window || self.top / 2 <= half {
             return None;
         }
-        let off = self.top - half;
-        let off_up_to = off as u32 - self.settling as u32;
-        let between = self.top as u32 / 2 - half_wide;
+        let (off, between) = (self.top - half, self.top / 2 - half);
         // Around a top that is trimmed down, the edge on the way down comes earlier.
-        let around_top =
-            off_up_to + off as u32 + window + self.margin as u32 <= 2 * lowest && off < lowest_top;
-        let after_zero = on_from >= self.settling as u32;
-        let half_way = on_from + self.settling as u32 <= between
-            && between + window + self.margin as u32 <= off_up_to;
-        if !(around_top && after_zero && half_way) {
+        let Some(off_up_to) = (2 * lowest).checked_sub(off as u32 + window) else {
+            return None;
+        };
+        let (on_from, between_from) = (on + window, between as u32 + window);
+        // Where no place is clean for long: the longer pulse just too short for the place half-way, or the shorter
+        // one where that place and the one after zero are equal.
+        let at_the_top = between_from <= off_up_to + 1 && between_from + settling <= off as u32;
+        let after_zero = on_from + settling <= between as u32;
+        let equal = on + between as u32 >= 2 * settling;
+        if !(off < lowest_top && at_the_top && after_zero && equal) {
             return None;
         }
         Some(Sampling {
@@ -63,7 +65,9 @@ impl Timing {
             off_up_to: off_up_to as u16,
             on: self.earliest,
             on_from: on_from as u16,
-            between: between as u16,
+            between,
+            between_from: between_from as u16,
+            settling: self.settling,
         })
     }
 }
@@ -76,17 +80,41 @@ pub struct Sampling {
     on: u16,
     on_from: u16,
     between: u16,
+    between_from: u16,
+    settling: u16,
 }
 
 impl Sampling {
     /// Compare value of the trigger for a period in which the motors' are `compares`.
+    #[inline(always)]
     pub const fn compare(&self, compares: [u16; 2]) -> u16 {
         let [a, b] = compares;
         let (shorter, longer) = if a < b { (a, b) } else { (b, a) };
-        if longer <= self.off_up_to {
-            self.off
-        } else if shorter >= self.on_from {
-            self.on
+        // A motor without pulses has no edges.
+        let shorter = if shorter == 0 { longer } else { shorter };
+        // Counts since the latest edge at each place.
+        let at_off = if longer <= self.off_up_to {
+            self.off.saturating_sub(longer)
+        } else {
+            0
+        };
+        let at_on = if shorter >= self.on_from {
+            self.on.saturating_add(shorter)
+        } else {
+            0
+        };
+        let at_between = if longer >= self.between_from {
+            self.between.saturating_sub(shorter)
+        } else {
+            0
+        };
+        let (place, clearance) = if at_off >= at_on {
+            (self.off, at_off)
+        } else {
+            (self.on, at_on)
+        };
+        if clearance >= self.settling || clearance >= at_between {
+            place
         } else {
             self.between
         }
@@ -101,7 +129,7 @@ mod tests {
         top: 4200,
         trim: 127,
         window: 544,
-        settling: 504,
+        settling: 930,
         margin: 34,
         earliest: 84,
     };
@@ -121,8 +149,8 @@ mod tests {
             .collect()
     }
 
-    /// Edges of the motors and beginnings of the windows, by walking through the periods.
-    fn check(top: u16, compares: [u16; 2]) {
+    /// Counts from the latest edge to the window, by walking through the periods; no edge is within the window.
+    fn clearance(top: u16, compares: [u16; 2]) -> usize {
         let sampling = TIMING.build().unwrap();
         let compare = sampling.compare(compares);
         let counter = counter(top, 3);
@@ -132,12 +160,33 @@ mod tests {
             .collect();
         assert_eq!(begins.len(), 3, "{top} {compares:?}: one window a period");
         let begin = begins[1];
+        let mut clearance = begin;
         for motor in compares {
             for edge in edges(&counter, |count| count < motor) {
-                let before = edge + usize::from(TIMING.settling) <= begin;
                 let after = edge >= begin + usize::from(TIMING.window + TIMING.margin);
-                assert!(before || after, "{top} {compares:?}: {edge} {begin}");
+                assert!(edge < begin || after, "{top} {compares:?}: {edge} {begin}");
+                if edge < begin {
+                    clearance = clearance.min(begin - edge);
+                }
             }
+        }
+        clearance
+    }
+
+    fn check(top: u16, compares: [u16; 2]) {
+        let clearance = clearance(top, compares);
+        let least = usize::from(TIMING.settling);
+        assert!(clearance >= least, "{top} {compares:?}: {clearance}");
+    }
+
+    /// 9.6 µs of an INA240 to 0.5 %, and 1 µs of the driver.
+    #[test]
+    fn equal_duties_leave_the_time_that_the_amplifier_takes_to_settle() {
+        for duty in (0..=4200).step_by(60) {
+            let clearance = clearance(4200, [duty, duty]);
+            assert!(clearance as f64 / 168.0 >= 10.6, "{duty}: {clearance}");
+            let alone = self::clearance(4200, [0, duty]);
+            assert!(alone as f64 / 168.0 >= 10.6, "{duty}: {alone}");
         }
     }
 
@@ -155,7 +204,10 @@ mod tests {
     /// The sampling place changes at the exact count.
     #[test]
     fn no_edge_is_near_where_the_place_changes() {
-        let limits = [0, 1, 661, 662, 663, 3423, 3424, 3425, 4116, 4199, 4200];
+        let limits = [
+            0, 1, 661, 662, 845, 846, 847, 1921, 1922, 1923, 2405, 2406, 2407, 3056, 3639, 3640,
+            3641, 4116, 4200,
+        ];
         for top in [4073, 4200, 4327] {
             for left in limits {
                 for right in limits {
@@ -168,18 +220,20 @@ mod tests {
     #[test]
     fn places_by_hand() {
         let sampling = TIMING.build().unwrap();
-        // Up to 81.5 % both: half a window before the top.
+        // Up to 45.8 % both: half a window before the top. Beyond that: after zero.
         assert_eq!(sampling.compare([0, 0]), 4200 - 272);
-        assert_eq!(sampling.compare([3424, 10]), 3928);
-        // Beyond that, from 15.8 % on: after zero.
-        assert_eq!(sampling.compare([3425, 662]), 84);
+        assert_eq!(sampling.compare([1922, 1922]), 3928);
+        assert_eq!(sampling.compare([1923, 1923]), 84);
         assert_eq!(sampling.compare([4200, 4200]), 84);
+        assert_eq!(sampling.compare([0, 3000]), 84, "one motor has no edges");
         // One nearly off, one nearly full.
         assert_eq!(sampling.compare([661, 4116]), 2100 - 272);
+        assert_eq!(sampling.compare([845, 4116]), 2100 - 272);
+        assert_eq!(sampling.compare([846, 4116]), 84);
     }
 
     /// The ripple, summed up from the volt-seconds of each clock cycle, moves a reading by less than
-    /// 20 mA (five counts) of a full pack on the default motor.
+    /// 30 mA (seven counts) of a full pack on the default motor.
     #[test]
     fn a_reading_is_the_mean_current() {
         let sampling = TIMING.build().unwrap();
@@ -207,7 +261,7 @@ mod tests {
                 }
             }
         }
-        assert!(worst < 0.02, "{worst}");
+        assert!(worst < 0.03, "{worst}");
         assert!(worst > 0.005, "{worst}");
     }
 

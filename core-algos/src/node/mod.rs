@@ -15,6 +15,7 @@ pub mod outbox;
 pub mod path_task;
 pub mod peers;
 pub mod robot;
+pub mod role_conflict;
 #[cfg(test)]
 pub(crate) mod testing;
 pub mod tick_sync;

@@ -125,7 +125,7 @@ impl Source {
 pub struct Report {
     /// By parameter, in the order of the table.
     pub sources: [Source; COUNT],
-    /// The manifest of the last save is not there: whether any value was lost is not known.
+    /// The manifest of the last save is not there, or a store with bytes has no readable item: values may be lost.
     pub unverified: bool,
     /// The stored values are each in range and together make no working node; the defaults are used.
     pub unusable: Option<ConfigError>,
@@ -186,6 +186,8 @@ pub struct Contents {
     manifest: Option<Manifest>,
     /// The largest generation found.
     newest: u32,
+    /// Bytes were found, and no item among them.
+    unreadable: bool,
 }
 
 impl Default for Contents {
@@ -200,7 +202,18 @@ impl Contents {
         items: [None; COUNT],
         manifest: None,
         newest: 0,
+        unreadable: false,
     };
+
+    /// True if no item was found.
+    pub fn is_empty(&self) -> bool {
+        self.newest == 0
+    }
+
+    /// Notes that a store without an item is not blank.
+    pub fn set_unreadable(&mut self) {
+        self.unreadable = true;
+    }
 
     /// Takes in an item as it was found, in any order. What this version does not know is left alone.
     pub fn take(&mut self, key: u8, bytes: &[u8]) {
@@ -247,7 +260,7 @@ impl Contents {
             }
         }
         let listed = self.manifest.map_or(0, |manifest| manifest.generation);
-        let unverified = self.newest > listed;
+        let unverified = self.newest > listed || self.unreadable;
         let unusable = check(&settings).err();
         let report = Report {
             sources,
@@ -317,13 +330,12 @@ impl Contents {
                 *slot = item.generation as u8;
             }
         }
-        let empty = self.newest == 0;
         // A low byte may be the same by chance, so the manifest must be the latest item too.
         let latest = self
             .manifest
             .filter(|manifest| manifest.generation == self.newest);
         let current = latest.is_some_and(|manifest| manifest.newest == newest);
-        (!current && !empty).then_some(Manifest {
+        (!current && !self.is_empty()).then_some(Manifest {
             generation: following(self.newest),
             newest,
         })

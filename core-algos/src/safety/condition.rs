@@ -173,6 +173,8 @@ conditions! {
         "the supply voltage is above its upper limit"; "check battery and charger; braking feeds energy back".
     PathLost = 0x8f bit 44 "path lost" 0 ms:
         "the robot is farther from its path or trajectory than the largest deviation"; "place the robot at the start of the path, set the pose, or drive slower".
+    RoleTaken = 0x90 bit 45 "role taken" 0 ms:
+        "another board on the bus has the role of this board"; "check the role straps (PC13) of both axle boards".
     NotANumber = 0xc0 bit 29 "not a number" 0 ms:
         "a result of control or estimation is not finite"; "report the log; restart the board".
     EncoderFault = 0xc1 "encoder fault" 5 ms:
@@ -210,7 +212,7 @@ impl Condition {
 }
 
 /// Bits of a set, reserved ones included. A heartbeat carries the lower 44: notices and degradations have those.
-pub(super) const BITS: usize = 45;
+pub(super) const BITS: usize = 46;
 
 /// The condition of each bit.
 const BY_BIT: [Option<Condition>; BITS] = {
@@ -369,7 +371,7 @@ mod tests {
         ] {
             assert_eq!(condition as u8, bit, "{condition:?}");
         }
-        let mut unknown = Conditions::from_bits(1 << 45 | 1 << 13 | 1 << 63).iter();
+        let mut unknown = Conditions::from_bits(1 << 46 | 1 << 13 | 1 << 63).iter();
         assert_eq!(unknown.next(), Some(Condition::BeamLost));
         assert_eq!(unknown.next(), None);
     }

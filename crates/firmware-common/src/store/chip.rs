@@ -1,6 +1,6 @@
 //! The store on the chip: sectors 1 to 3 of the flash, 16 KiB each, which `memory.x` keeps free.
 //!
-//! A write holds the core for tens of microseconds a word, an erase for up to half a second.
+//! A write holds the core for 16 to 100 µs a word, an erase for up to half a second.
 
 use super::Store;
 use crate::accelerator;
@@ -154,6 +154,6 @@ fn log(report: &Report) {
             report.defaults()
         );
     } else if report.unverified {
-        warn!("parameters: whether any was lost is not known");
+        warn!("parameters: the store is damaged or a save was cut short: values may be lost");
     }
 }

@@ -85,6 +85,9 @@ impl<F: NorFlash> Store<F> {
     /// Reads the store. Writes and erases nothing.
     pub async fn load(&mut self) -> &Contents {
         self.contents = self.read(None).await;
+        if self.contents.is_empty() && !self.is_blank().await {
+            self.contents.set_unreadable();
+        }
         &self.contents
     }
 
@@ -186,13 +189,31 @@ impl<F: NorFlash> Store<F> {
     /// State of a sector for the library: in use or full; and blank.
     async fn state(&mut self, sector: &Range<u32>) -> (bool, bool) {
         let begun = view::is_marked(&mut self.flash, sector.start).await;
-        let mut word = [0; 32];
+        (begun, self.are_blank(sector.clone()).await)
+    }
+
+    /// True if no sector has bytes between the marks at its ends.
+    async fn is_blank(&mut self) -> bool {
+        let mark = F::WRITE_SIZE.max(F::READ_SIZE) as u32;
         let mut blank = true;
-        for start in sector.clone().step_by(word.len()) {
-            let read = self.flash.read(start, &mut word).await;
-            blank &= read.is_ok() && word.iter().all(|&byte| byte == 0xff);
+        for sector in self.sectors() {
+            blank &= self.are_blank(sector.start + mark..sector.end - mark).await;
         }
-        (begun, blank)
+        blank
+    }
+
+    async fn are_blank(&mut self, range: Range<u32>) -> bool {
+        let mut bytes = [0; 32];
+        let mut blank = true;
+        for start in range.clone().step_by(bytes.len()) {
+            let length = (range.end - start).min(bytes.len() as u32) as usize;
+            let Some(bytes) = bytes.get_mut(..length) else {
+                return false;
+            };
+            let read = self.flash.read(start, bytes).await;
+            blank &= read.is_ok() && bytes.iter().all(|&byte| byte == 0xff);
+        }
+        blank
     }
 
     async fn is_closed(&mut self, sector: &Range<u32>) -> bool {

@@ -265,3 +265,23 @@ fn damage(rounds: u32, most: usize) -> Damage {
     }
     counts
 }
+
+/// No save leaves such sectors; a failed erase or a wrong tool may.
+#[test]
+fn a_store_that_is_not_blank_and_has_no_item_is_reported() {
+    let blank = SmallFlash::new(3, 1);
+    assert!(load(&blank).1.conditions().is_empty());
+    for fill in [0x00, 0x55] {
+        let mut flash = blank.clone();
+        flash.bytes.fill(fill);
+        let (settings, report) = load(&flash);
+        assert_eq!(settings, Settings::default());
+        assert!(
+            report.unverified && !report.conditions().is_empty(),
+            "{fill:#x}"
+        );
+        let mut changed = Settings::default();
+        change(&mut changed, 1, &mut Random(3));
+        assert_repaired(&flash, &changed);
+    }
+}

@@ -13,11 +13,10 @@
 //! # When the currents are sampled
 //!
 //! The first current is sampled during 1.33 µs from the trigger on, the second from 1.90 to 3.24 µs:
-//! 28 cycles of the converter at 21 MHz each, 12 of conversion between them. Within that window, and
-//! so long before it that driver (propagation and dead time, 1 µs) and amplifier (an INA240A1 of
-//! 400 kHz settles to a part in 150 in 2 µs) have settled, there must be no edge. [`Sampling`] says
-//! where: around the overflow while both duties are at most 81.5 %, just after the underflow when
-//! both are beyond 15.8 %, half-way otherwise. So there is a clean place at every pair of duties.
+//! 28 cycles of the converter at 21 MHz each, 12 of conversion between them. An edge disturbs a reading until driver
+//! (propagation and dead time, 1 µs) and amplifier have settled; an INA240 takes 9.6 µs to 0.5 % after a step of its
+//! common mode. [`Sampling`] takes the place with the longest time since the latest edge: 11.9 µs and more at equal
+//! duties and where one motor stands, 5.5 µs at the worst pair of duties.
 //!
 //! The trigger is the reference signal of channel 4 (OC4REF) as TRGO. It is taken before the outputs'
 //! enable, other than the converter's own input TIM1_CC4: a stop must not end the conversions, which
@@ -53,7 +52,8 @@ const SAMPLING: Sampling = match (Timing {
     trim: i8::MAX as u16,
     // 3.24 µs.
     window: 544,
-    settling: 3 * COUNTS_PER_US,
+    // 5.5 µs.
+    settling: 930,
     // Delay of the trigger: the converter's clock is an eighth of the timer's.
     margin: 34,
     // The trigger is low for twice that, 1 µs, and the converter's clock sees it.

@@ -6,6 +6,7 @@ use crate::targets::serial_line::SerialLine;
 use crate::world::drawn::Drawn;
 use crate::world::random::{Stream, generator, normal};
 use core_algos::topology::Role;
+use rand::RngExt;
 use virtual_board::Time;
 use virtual_board::chip::{Circuit, Drive, Inputs, Net, Pin};
 use virtual_board::device::{
@@ -155,6 +156,7 @@ fn power_parts(parts: &AxleParts) -> ([Drv8874; 2], [Amplifier; 2], [f64; 2]) {
         let config = AmplifierConfig {
             gain_error: normal(&mut random, 4e-3),
             offset_v: normal(&mut random, 8e-6),
+            edge_tau_s: random.random_range(0.4e-6..=4.8e-6),
             ..AmplifierConfig::default()
         };
         Amplifier::new(config, part_seed(parts.seed, 1 + k))
@@ -251,9 +253,21 @@ impl AxleBoard {
         self.looks.extend([from, to]);
     }
 
-    /// Currents of the motors, A.
-    pub fn currents(&mut self, at: Time) -> [f64; 2] {
-        [0, 1].map(|k: usize| self.drivers[k].current(at))
+    /// Currents of the motors, A; none while a motor brakes in a short circuit.
+    pub fn driven_currents(&mut self, at: Time) -> [f64; 2] {
+        [0, 1].map(|k: usize| {
+            let current = self.drivers[k].current(at);
+            if self.drivers[k].brakes() {
+                0.0
+            } else {
+                current
+            }
+        })
+    }
+
+    /// True if both drivers are awake.
+    pub fn is_awake(&self) -> bool {
+        self.drivers.iter().all(Drv8874::is_awake)
     }
 
     fn fault_pins(&self) -> [Drive; 2] {
@@ -388,6 +402,7 @@ impl Circuit for AxleBoard {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core_algos::drive::sampling::Timing;
     use virtual_board::chip::Usable;
 
     /// Rows of the pin tables of docs/wiring.md: pins and function.
@@ -433,5 +448,76 @@ mod tests {
             .collect();
         assert_eq!(wired, [ENABLE[1], Pin::new('B', 10)]);
         assert!(!wired.contains(&AWAKE));
+    }
+
+    /// Largest error of a current, A, as the axle's board samples it at these duties, with the slowest amplifier that
+    /// the data sheet allows.
+    fn sampling_error(duties: [f64; 2]) -> f64 {
+        const TOP: u16 = 4200;
+        let timing = Timing {
+            top: TOP,
+            trim: 127,
+            window: 544,
+            settling: 930,
+            margin: 34,
+            earliest: 84,
+        };
+        let compares = duties.map(|duty| (duty * f64::from(TOP)) as u16);
+        let trigger = timing.build().unwrap().compare(compares);
+        let counts = |count: u64| Time::from_nanos(count * 1000 / 168);
+        let config = AmplifierConfig {
+            edge_tau_s: 4.8e-6,
+            noise_v: 0.0,
+            ..AmplifierConfig::default()
+        };
+        let mut worst = 0.0f64;
+        for (k, compare) in compares.into_iter().enumerate() {
+            let mut amplifier = Amplifier::new(config, 1);
+            let mut driver = Drv8874::new(
+                DriverConfig::default(),
+                Motor::new(MotorConfig::default()),
+                12.0,
+            );
+            driver.awake(true, Time(0));
+            driver.phase(true, Time(0));
+            // A mean current of about 1 A.
+            driver.speed(((12.0 * duties[k] - 3.1) / 0.6).max(-5.0), Time(0));
+            let wakes = counts(400 * u64::from(TOP));
+            for period in 0..200 {
+                // From zero up to the top and down again: the pulse ends at the compare value and begins opposite.
+                let at = |count: u64| wakes + counts(2 * u64::from(TOP) * period + count);
+                let (ends, begins) = (u64::from(compare), 2 * u64::from(TOP) - u64::from(compare));
+                let sampled = at(u64::from(trigger) + [112, 432][k]);
+                let mut events = vec![(at(ends), Some(false)), (at(begins), Some(true))];
+                events.push((sampled, None));
+                events.sort();
+                for (time, level) in events {
+                    if let Some(level) = level {
+                        driver.enable(level, time);
+                        continue;
+                    }
+                    let current = driver.current(time);
+                    let (slope, edge) = (driver.current_slope(), driver.latest_edge());
+                    let volts = amplifier.output(time, current, slope, edge, LOGIC_V);
+                    if period > 150 {
+                        worst = worst.max(((volts - 0.5 * LOGIC_V) / 0.2 - current).abs());
+                    }
+                }
+            }
+        }
+        worst
+    }
+
+    #[test]
+    fn currents_are_sampled_where_a_slow_amplifier_has_settled() {
+        for percent in [10, 25, 45, 50, 60, 75, 80, 90] {
+            let duty = f64::from(percent) / 100.0;
+            let error = sampling_error([duty, duty]);
+            // 60 mV e^(−10.9/4.8) are 31 mA.
+            assert!(error < 0.035, "{percent} %: {error} A");
+        }
+        // The worst pair of duties.
+        let error = sampling_error([0.2, 0.72]);
+        assert!(error < 0.13, "{error} A");
     }
 }

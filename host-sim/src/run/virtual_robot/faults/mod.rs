@@ -8,12 +8,14 @@
 //! | `model` | faults of samples, frames and plant, with a run of them |
 //! | `bus`, `power`, `sensors`, `motors`, `program`, `starts`, `memory` | the catalogue |
 //! | `alone` | boards that are tried one by one: power cuts and brown-outs |
+//! | `braking` | emergency stops until the robot stands |
 //! | `outcome` | a run to do, and how it ended |
 //! | `under_way` | robots under way, from which runs go on |
 //! | `run` | a run on virtual boards and how it is judged |
 
 mod alone;
 mod bench;
+mod braking;
 mod bus;
 mod entry;
 mod memory;
@@ -46,6 +48,7 @@ pub fn catalogue() -> Vec<Entry> {
         memory::entries(),
         sensors::entries(),
         motors::entries(),
+        braking::entries(),
         program::entries(),
         starts::entries(),
     ]

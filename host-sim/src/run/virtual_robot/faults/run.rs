@@ -106,7 +106,10 @@ fn watch(bench: &mut Bench, entry: &Entry, steps: &[Step]) -> Seen {
         let now = bench.now();
         for (role, last) in [Role::Front, Role::Rear].into_iter().zip(&mut seen.last) {
             if let Some(axle) = bench.robot.axle(role)
-                && axle.currents(now).iter().any(|a| a.abs() > CURRENT_A)
+                && axle
+                    .driven_currents(now)
+                    .iter()
+                    .any(|a| a.abs() > CURRENT_A)
             {
                 *last = now;
             }
@@ -319,8 +322,11 @@ fn start(campaign: &Campaign, case: &Case, steps: &[Step]) -> Result<Outcome, Er
         let now = bench.now();
         for role in [Role::Front, Role::Rear] {
             let axle = bench.robot.axle(role);
-            driven |=
-                axle.is_some_and(|axle| axle.currents(now).iter().any(|a| a.abs() > CURRENT_A));
+            driven |= axle.is_some_and(|axle| {
+                axle.driven_currents(now)
+                    .iter()
+                    .any(|a| a.abs() > CURRENT_A)
+            });
         }
     }
     let reason = stopped(&bench);

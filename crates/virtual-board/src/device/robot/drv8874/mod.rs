@@ -237,6 +237,16 @@ impl Drv8874 {
         self.motor.current_a()
     }
 
+    /// True while both outputs are at ground: the motor is shorted and brakes.
+    pub fn brakes(&self) -> bool {
+        self.legs.iter().all(|leg| leg.gate(self.now) == Gate::Low)
+    }
+
+    /// True while the driver switches its transistors.
+    pub fn is_awake(&self) -> bool {
+        matches!(self.power, Power::Awake | Power::Dozing(_))
+    }
+
     /// Derivative of the current at the time of the latest call, A/s.
     pub fn current_slope(&self) -> f64 {
         self.motor.slope_a_s()

@@ -1,0 +1,110 @@
+//! Two boards with one role, for example after the strap of the rear board broke.
+//!
+//! Both would drive as the same axle, and two front boards would both command the robot. A controller does not receive
+//! its own frames, so a message in the name of the board's own role comes from another board.
+//!
+//! Nothing here can fail.
+
+use crate::bus::Message;
+use crate::time::Micros;
+use crate::topology::{Node, Role};
+
+/// Time after the latest message of the other board for which the conflict stands: ten health reports.
+const LASTS: Micros = 1_000_000;
+
+/// Watch for another board with the role of this one.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RoleConflict {
+    role: Role,
+    latest: Option<Micros>,
+}
+
+impl RoleConflict {
+    /// For a board with this role.
+    pub const fn new(role: Role) -> Self {
+        Self { role, latest: None }
+    }
+
+    /// Takes a message that arrived at local time `local`.
+    pub fn receive(&mut self, local: Micros, message: &Message) {
+        if sender(message) == Some(self.role) {
+            self.latest = Some(local);
+        }
+    }
+
+    /// True while another board has this role.
+    pub fn is_present(&self, local: Micros) -> bool {
+        self.latest
+            .is_some_and(|latest| local.saturating_sub(latest) < LASTS)
+    }
+}
+
+/// Role of the board that sends a message about itself.
+fn sender(message: &Message) -> Option<Role> {
+    match message {
+        Message::BoardHealth { board, .. } | Message::BoardIdentity { board, .. } => Some(*board),
+        Message::NodeStatus { node, .. } => match node {
+            Node::Lead | Node::FrontAxle => Some(Role::Front),
+            Node::RearAxle => Some(Role::Rear),
+            Node::Beam => Some(Role::Beam),
+            Node::Service => None,
+        },
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bus::field::Hash24;
+    use crate::safety::{Conditions, OperatingState};
+
+    fn status(node: Node) -> Message {
+        Message::NodeStatus {
+            node,
+            sequence: 0,
+            state: OperatingState::Idle,
+            reason: 0,
+            notices: Conditions::NONE,
+        }
+    }
+
+    fn identity(board: Role) -> Message {
+        let hash = Hash24::of(&[1]);
+        Message::BoardIdentity {
+            board,
+            sequence: 0,
+            chip: hash,
+            build: hash,
+            schema: 0,
+        }
+    }
+
+    #[test]
+    fn only_messages_in_the_name_of_the_own_role_are_a_conflict() {
+        let nodes = [
+            (Node::Lead, Role::Front),
+            (Node::FrontAxle, Role::Front),
+            (Node::RearAxle, Role::Rear),
+            (Node::Beam, Role::Beam),
+        ];
+        for own in Role::ALL {
+            for (node, role) in nodes {
+                let mut conflict = RoleConflict::new(own);
+                conflict.receive(5, &status(node));
+                assert_eq!(conflict.is_present(5), role == own, "{own:?} {node:?}");
+                conflict.receive(6, &identity(role));
+                assert_eq!(conflict.is_present(6), role == own, "{own:?} {role:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_conflict_ends_a_second_after_the_last_message() {
+        let mut conflict = RoleConflict::new(Role::Rear);
+        assert!(!conflict.is_present(0));
+        conflict.receive(7, &status(Node::RearAxle));
+        let seen = [7, 1_000_006, 1_000_007].map(|local| conflict.is_present(local));
+        assert_eq!(seen, [true, true, false]);
+    }
+}
