@@ -99,7 +99,8 @@ impl Sampling {
             0
         };
         let at_on = if shorter >= self.on_from {
-            self.on.saturating_add(shorter)
+            // The level rises a count after the compare value, on the way down.
+            self.on.saturating_add(shorter).saturating_sub(1)
         } else {
             0
         };
@@ -228,8 +229,8 @@ mod tests {
         assert_eq!(sampling.compare([0, 3000]), 84, "one motor has no edges");
         // One nearly off, one nearly full.
         assert_eq!(sampling.compare([661, 4116]), 2100 - 272);
-        assert_eq!(sampling.compare([845, 4116]), 2100 - 272);
-        assert_eq!(sampling.compare([846, 4116]), 84);
+        assert_eq!(sampling.compare([846, 4116]), 2100 - 272);
+        assert_eq!(sampling.compare([847, 4116]), 84);
     }
 
     /// The ripple, summed up from the volt-seconds of each clock cycle, moves a reading by less than
