@@ -64,10 +64,11 @@ const SLEEP_PERIODS: u8 = 40;
 /// Periods in a row that a driver must report a fault: 200 µs. A driver that switched itself off says
 /// so for milliseconds; a spike from the bridges lasts for one sample.
 const FAULT_PERIODS: u16 = 4;
-/// Standstill of a shorted motor: 20 mA are 0.1 rad/s. For 0.1 s.
+/// Standstill of a shorted motor: 20 mA are 0.1 rad/s. The speed sees a motor with an open lead; a single count of its
+/// encoder shows as 0.1 rad/s. For 0.1 s.
 const STANDSTILL: braking::Limits = braking::Limits {
     current_a: 0.02,
-    speed_rad_s: 0.1,
+    speed_rad_s: 0.3,
     periods: 2000,
 };
 /// For how many periods the supply may be beyond its limits: 20 ms.

@@ -9,10 +9,12 @@ use core_algos::topology::Role;
 
 /// Time that the robot drives before the contact opens, ms.
 const DRIVE_MS: u64 = 1_600;
+/// Time for which a chock stays after the press of the button, ms.
+const CHOCK_MS: u64 = 150;
 /// Time for which it is watched afterwards, ms.
 const WATCH_MS: u64 = 3_000;
-/// Speed of a robot that rests, m/s.
-const REST_M_S: f64 = 1e-3;
+/// Speed of a robot that rests, m/s: it goes on for 2 mm.
+const REST_M_S: f64 = 1e-2;
 /// Longest time to rest on the level, ms.
 const REST_WITHIN_MS: u64 = 500;
 /// Speed of a braked robot on a slope, m/s, at most, and the time after which it has that, ms.
@@ -28,11 +30,17 @@ fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bo
         images: campaign.images.clone(),
         quick: campaign.quick,
     };
-    let plant = &mut campaign.scenario.world.plant;
-    plant.slope_rad = slope_deg.to_radians();
+    let world = &mut campaign.scenario.world;
+    world.plant.slope_rad = slope_deg.to_radians();
+    // On a slope the bias of an accelerometer is not found.
+    (world.sensors.gyro.fitted, world.sensors.accelerometer.fitted) = (false, false);
     let mut bench = Bench::new(&campaign, Options::default(), seed)?;
+    // A chock holds the robot until its motors do: asleep, the drivers would let it roll.
+    bench.robot.blocked = Some((0, 0));
     bench.robot.boot(&Options::default())?;
     bench.press();
+    bench.pass(CHOCK_MS);
+    bench.robot.blocked = None;
     bench.pass(DRIVE_MS);
     for role in [Role::Front, Role::Rear] {
         bench.axle(role, |axle, now| axle.stop(true, now));
