@@ -1,7 +1,7 @@
 //! The image that drives the robot.
 //!
 //! By priority: current loop (interrupt of the converter, 20 kHz) → handlers of the bus → tick
-//! (1 kHz, with the lead node on the front board) → bus → log.
+//! (1 kHz, with the lead node on the front board) → bus → thread (link, watchdog, log).
 
 mod encoders;
 mod inertial;

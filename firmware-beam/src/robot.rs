@@ -1,7 +1,7 @@
 //! The image that drives the robot.
 //!
 //! By priority: handlers of the bus → tick (1 kHz, when the converter's samples are there) → bus →
-//! log and store.
+//! thread (link, watchdog, log and store).
 
 mod background;
 mod bridges;
