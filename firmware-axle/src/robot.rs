@@ -1,7 +1,7 @@
 //! The image that drives the robot.
 //!
 //! By priority: current loop (interrupt of the converter, 20 kHz) → handlers of the bus → tick
-//! (1 kHz, with the lead node on the front board) → bus → log.
+//! (1 kHz, with the lead node on the front board) → bus → thread (link, watchdog, log).
 
 mod encoders;
 mod inertial;
@@ -9,7 +9,7 @@ mod motors;
 mod operator;
 mod telemetry;
 mod tick;
-mod watched;
+mod watchdog;
 
 use core::sync::atomic::AtomicU32;
 
@@ -41,7 +41,7 @@ use inertial::Inertial;
 use motors::Motors;
 use operator::Button;
 use tick::{Axle, AxleTick, Report};
-use watched::TaskWatchdog;
+use watchdog::TaskWatchdog;
 
 /// Runs the board. The controller of the user takes the place of the regulator.
 pub fn run(spawner: Spawner, controller: Option<&'static dyn KinematicController>) {
@@ -76,8 +76,8 @@ fn start(
     spawner: Spawner,
 ) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
-    static COUNTS: [AtomicU32; watched::TASKS.len()] =
-        [const { AtomicU32::new(0) }; watched::TASKS.len()];
+    static COUNTS: [AtomicU32; watchdog::TASKS.len()] =
+        [const { AtomicU32::new(0) }; watchdog::TASKS.len()];
 
     let role = tick::role(board_id::axle(p.PC13));
     let parameters = Parameters::load(p.FLASH, role);
@@ -101,7 +101,7 @@ fn start(
 
     // A board with a window watchdog erases nothing, so its time is never extended.
     let (feeder, _) = watchdog.split();
-    let (task_watchdog, check_ins) = TaskWatchdog::new(&COUNTS, watched::TASKS, feeder);
+    let (task_watchdog, check_ins) = TaskWatchdog::new(&COUNTS, watchdog::TASKS, feeder);
     let [of_drive, of_tick, of_bus] = check_ins;
     let bus = can::start(p.CAN1, p.PB8, p.PB9, tick_end.recorder());
     let encoders = Encoders::start((p.TIM3, p.PC6, p.PC7), (p.TIM4, p.PB6, p.PB7));
@@ -148,7 +148,7 @@ fn start(
     });
     let tick = TickLoop::new(tick, common, REPORTS.sender());
     spawners.tick.spawn(tick::run(tick).expect("spawned once"));
-    spawner.spawn(watched::run(task_watchdog).expect("spawned once"));
+    spawner.spawn(watchdog::run(task_watchdog).expect("spawned once"));
     let reports = REPORTS.receiver().expect("the only one");
     spawner.spawn(telemetry::run(reports).expect("spawned once"));
     link.start_driving(&settings.robot, bus.service, link_end, spawner);

@@ -1,12 +1,12 @@
 //! The image that drives the robot.
 //!
 //! By priority: handlers of the bus → tick (1 kHz, when the converter's samples are there) → bus →
-//! log and store.
+//! thread (link, watchdog, log and store).
 
 mod background;
 mod bridges;
 mod tick;
-mod watched;
+mod watchdog;
 
 use core::sync::atomic::AtomicU32;
 
@@ -33,7 +33,7 @@ use firmware_common::{board, can, executors};
 
 use bridges::Bridges;
 use tick::{Beam, BeamTick, Report, Saving};
-use watched::TaskWatchdog;
+use watchdog::TaskWatchdog;
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
@@ -48,8 +48,8 @@ async fn main(spawner: Spawner) {
 /// free again.
 fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
-    static COUNTS: [AtomicU32; watched::TASKS.len()] =
-        [const { AtomicU32::new(0) }; watched::TASKS.len()];
+    static COUNTS: [AtomicU32; watchdog::TASKS.len()] =
+        [const { AtomicU32::new(0) }; watchdog::TASKS.len()];
     static SAVING: Saving = Saving {
         wanted: Signal::new(),
         done: Signal::new(),
@@ -71,7 +71,7 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     let thermistor = ThermistorConfig::default().build()?;
 
     let (feeder, extension) = watchdog.split();
-    let (task_watchdog, check_ins) = TaskWatchdog::new(&COUNTS, watched::TASKS, feeder);
+    let (task_watchdog, check_ins) = TaskWatchdog::new(&COUNTS, watchdog::TASKS, feeder);
     let [of_tick, of_bus] = check_ins;
     let bus = can::start(p.CAN1, p.PB8, p.PB9, tick_end.recorder());
     interrupt::DMA2_STREAM0.set_priority(Priority::P4);
@@ -111,7 +111,7 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     let tick = TickLoop::new(tick, common, REPORTS.sender());
     spawners.tick.spawn(tick::run(tick).expect("spawned once"));
     link.start_driving(&settings.robot, bus.service, link_end, spawner);
-    spawner.spawn(watched::run(task_watchdog).expect("spawned once"));
+    spawner.spawn(watchdog::run(task_watchdog).expect("spawned once"));
     let reports = REPORTS.receiver().expect("the only one");
     let background = background::run(reports, parameters, &SAVING, extension);
     spawner.spawn(background.expect("spawned once"));

@@ -37,13 +37,13 @@ pub struct Watchdog(());
 impl Watchdog {
     /// Starts it, with time for the start of the board; call it once, first.
     pub fn start() -> Self {
-        set(START_US);
+        set::<START_US>();
         Self(())
     }
 
     /// Ends the start of the board: from here on the time is [`TIMEOUT_US`]. Gives the ends for the tasks of the thread.
     pub fn split(self) -> (Feeder, Extension) {
-        let feeder = Feeder(set(TIMEOUT_US), PhantomData);
+        let feeder = Feeder(set::<TIMEOUT_US>(), PhantomData);
         (feeder, Extension(PhantomData))
     }
 }
@@ -64,18 +64,18 @@ pub struct Extension(NotSend);
 impl Extension {
     /// Does work that holds the core, with half a minute for it.
     pub fn during<T>(&mut self, work: impl FnOnce() -> T) -> T {
-        set(EXTENDED_US);
+        set::<EXTENDED_US>();
         let result = work();
-        set(TIMEOUT_US);
+        set::<TIMEOUT_US>();
         result
     }
 }
 
 /// Starts the independent watchdog if it does not run, and sets its time, which begins anew.
-fn set(timeout_us: u32) -> Driver {
+fn set<const TIMEOUT_US: u32>() -> Driver {
     // SAFETY: only this module uses the peripheral, and the callers' ends are in one executor.
     let peripheral = unsafe { peripherals::IWDG::steal() };
-    let mut watchdog = Driver::new(peripheral, timeout_us);
+    let mut watchdog = Driver::new(peripheral, TIMEOUT_US);
     watchdog.unleash();
     // The driver does not wait, and a feed before the time is taken over would begin the former time.
     let busy = || {
@@ -92,7 +92,8 @@ fn set(timeout_us: u32) -> Driver {
 /// Time of the window watchdog, µs: all of its 64 counts of 4096 cycles of APB1.
 const WINDOW_TIMEOUT_US: u32 = 6_241;
 
-/// Window watchdog of the current loop, without a window.
+/// Window watchdog of the current loop, without a window. The HAL waits between the clock's enable and the first write,
+/// which would be lost otherwise (errata sheet ES0182).
 ///
 /// Only a reset stops it. An erase of the flash holds the core for longer, so a board with this watchdog
 /// erases nothing.

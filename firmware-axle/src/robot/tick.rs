@@ -91,7 +91,7 @@ pub struct Sampled {
 
 /// Runs the tick for ever.
 #[embassy_executor::task]
-pub async fn run(tick: TickLoop<AxleTick>) -> ! {
+pub async fn run(mut tick: TickLoop<AxleTick>) -> ! {
     tick.run().await
 }
 

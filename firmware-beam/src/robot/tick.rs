@@ -95,7 +95,7 @@ pub fn node(config: &RobotConfig) -> Result<BeamNode, ConfigError> {
 
 /// Runs the tick for ever.
 #[embassy_executor::task]
-pub async fn run(tick: TickLoop<BeamTick>) -> ! {
+pub async fn run(mut tick: TickLoop<BeamTick>) -> ! {
     tick.run().await
 }
 

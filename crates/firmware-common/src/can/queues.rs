@@ -143,12 +143,17 @@ mod tests {
     }
 
     #[test]
-    fn frames_wait_while_the_controller_is_off_the_bus() {
+    fn frames_off_the_bus_wait_and_are_dropped_when_old() {
         let mut queues = Queues::new();
         let mut ends = queues.split();
         ends.to_send.enqueue((0, frame(1))).unwrap();
         assert_eq!(fill(&mut ends.transmitter, STALE, false), (vec![], 0));
         assert_eq!(fill(&mut ends.transmitter, STALE, true), (vec![(0, 1)], 0));
+        for id in [2, 3] {
+            ends.to_send.enqueue((0, frame(id))).unwrap();
+        }
+        assert_eq!(fill(&mut ends.transmitter, STALE + 1, false), (vec![], 2));
+        assert_eq!(fill(&mut ends.transmitter, STALE + 1, true), (vec![], 0));
     }
 
     #[test]

@@ -273,10 +273,11 @@ fn session_is_refused_while_the_tick_is_armed() {
 #[test]
 fn telemetry_is_published_only_for_a_host_that_watches() {
     let mut bench = Bench::new();
+    let publish = |bench: &mut Bench| {
+        let output = LeadOutput::default();
+        bench.tick.publish(bench.now, output, &mut bench.lead);
+    };
     let telemetry = |bench: &mut Bench| {
-        bench
-            .tick
-            .publish(bench.now, LeadOutput::default(), &mut bench.lead);
         bench.turn(Event::Nothing);
         let reports = bench.take(Route::Serial);
         let part = |report: &Vec<u8>| match decoded(report) {
@@ -285,8 +286,10 @@ fn telemetry_is_published_only_for_a_host_that_watches() {
         };
         reports.iter().map(part).sum::<usize>()
     };
-    assert_eq!(telemetry(&mut bench), 0);
+    publish(&mut bench);
     bench.reply(&Request::Watch);
+    assert_eq!(telemetry(&mut bench), 0, "of the time before");
+    publish(&mut bench);
     assert!(telemetry(&mut bench) > 0);
 }
 

@@ -210,8 +210,8 @@ impl<B: BoardTick> TickLoop<B> {
         }
     }
 
-    /// Runs the tick for ever.
-    pub async fn run(mut self) -> ! {
+    /// Runs the tick for ever. By reference: a future that owned the loop would hold it twice.
+    pub async fn run(&mut self) -> ! {
         loop {
             self.turn().await;
         }

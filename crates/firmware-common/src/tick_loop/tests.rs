@@ -231,7 +231,7 @@ fn tick_without_samples_checks_in_and_is_left_out() {
 }
 
 #[test]
-fn link_knows_whether_the_motors_may_be_on_after_each_tick() {
+fn armed_flag_follows_the_board_after_each_tick() {
     let mut bench = Bench::new();
     for (tick, armed) in [(1, true), (2, false), (3, true)] {
         bench.tick.board.armed = armed;
