@@ -134,7 +134,7 @@ fn start(
     };
     let identity = Identity::new(&uid::uid(), env!("BUILD"));
     let chip = Chip::new(Led::new(p.PC12), bus.sender, bus.receiver, of_tick);
-    let common = Common::new(chip, tick_end, sync, identity);
+    let common = Common::new(role, chip, tick_end, sync, identity);
     let tick = AxleTick::new(Axle {
         motors,
         encoders,

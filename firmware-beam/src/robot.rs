@@ -99,7 +99,7 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     );
     let identity = Identity::new(&uid::uid(), env!("BUILD"));
     let chip = Chip::new(Led::new(p.PC12), bus.sender, bus.receiver, of_tick);
-    let common = Common::new(chip, tick_end, TickSync::following(), identity);
+    let common = Common::new(Role::Beam, chip, tick_end, TickSync::following(), identity);
     let tick = BeamTick::new(Beam {
         bridges,
         config: settings.robot,

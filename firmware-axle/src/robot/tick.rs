@@ -8,13 +8,13 @@ use core_algos::control::wheel_observer::{self, WheelObserver};
 use core_algos::drive::winding::{self, Winding};
 use core_algos::link::record::Entry;
 use core_algos::node::board::{Board, Samples};
-use core_algos::node::tick_sync::{Step, TickSync};
+use core_algos::node::tick_sync::Step;
 use core_algos::node::{Outbox, axle};
 use core_algos::params::Drive;
 use core_algos::safety::{Condition, Conditions};
 use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
 use core_algos::topology::{AxleId, Role};
-use firmware_common::can::{self, Arrived};
+use firmware_common::can::Arrived;
 use firmware_common::fault;
 use firmware_common::tick_loop::{self, BoardTick, Chip, Health, TickLoop};
 
@@ -228,8 +228,11 @@ impl AxleTick {
             encoder: sampled.encoder.map(Some),
             gyro_rad_s: inertial.gyro_rad_s,
             acceleration_m_s2: inertial.acceleration_m_s2,
-            conditions: self
-                .conditions(&common.sync, &sampled.feedback)
+            conditions: sampled
+                .feedback
+                .conditions(&self.axle.drive)
+                .union(common.conditions())
+                .union(self.axle.parameters)
                 .with(Condition::InertialLost, inertial.gyro_rad_s.is_none())
                 .with(Condition::Restarted, self.restarted),
         });
@@ -250,14 +253,6 @@ impl AxleTick {
         let parts = (&self.axle.drive, &self.axle.winding);
         let feedback = &sampled.feedback;
         Command::limited(&output, feedback, &self.wheels, parts, &mut self.windings)
-    }
-
-    fn conditions(&self, sync: &TickSync, feedback: &Feedback) -> Conditions {
-        feedback
-            .conditions(&self.axle.drive)
-            .with(Condition::BusOff, can::is_off())
-            .union(sync.conditions())
-            .union(self.axle.parameters)
     }
 }
 

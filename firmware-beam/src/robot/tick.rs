@@ -17,7 +17,7 @@ use core_algos::time::{Micros, TICK};
 use core_algos::topology::Role;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
-use firmware_common::can::{self, Arrived};
+use firmware_common::can::Arrived;
 use firmware_common::fault;
 use firmware_common::tick_loop::{self, BoardTick, Chip, Health, TickLoop};
 
@@ -202,11 +202,11 @@ impl BeamTick {
             return;
         };
         let conditions = core::mem::take(&mut self.found)
-            .union(common.sync.conditions())
+            .union(common.conditions())
             .union(self.beam.parameters);
         let samples = beam::Samples {
             counts: block.counts,
-            conditions: conditions.with(Condition::BusOff, can::is_off()),
+            conditions,
         };
         let mut outbox = Outbox::new();
         self.beam.node.step(now, &samples, &mut outbox);

@@ -6,7 +6,7 @@ use cortex_m::peripheral::{DCB, DWT};
 use embassy_time::Instant;
 
 use super::Hardware;
-use crate::can::{Arrived, Receiver, Sender};
+use crate::can::{self, Arrived, Receiver, Sender};
 use crate::led::Led;
 use crate::task_watchdog::CheckIn;
 
@@ -50,6 +50,10 @@ impl Hardware for Chip {
 
     fn cycles(&self) -> u32 {
         DWT::cycle_count()
+    }
+
+    fn is_bus_off(&self) -> bool {
+        can::is_off()
     }
 
     fn set_led(&mut self, lit: bool) {

@@ -13,7 +13,9 @@ use core_algos::bus::Message;
 use core_algos::link::record::{Entry, Reference};
 use core_algos::node::board::Samples;
 use core_algos::node::led::Led;
+use core_algos::node::role_conflict::RoleConflict;
 use core_algos::node::tick_sync::TickSync;
+use core_algos::safety::{Condition, Conditions};
 use core_algos::time::{Micros, TICK, sequence};
 use core_algos::topology::Role;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -41,6 +43,8 @@ pub trait Hardware {
     fn now(&self) -> Micros;
     /// The cycle counter.
     fn cycles(&self) -> u32;
+    /// True if the board cannot send on the bus.
+    fn is_bus_off(&self) -> bool;
     /// Lights the LED.
     fn set_led(&mut self, lit: bool);
     /// The next message that arrived.
@@ -122,6 +126,9 @@ pub struct Common<H> {
     pub link: TickEnd,
     /// Common time.
     pub sync: TickSync,
+    /// Local time of the tick.
+    local: Micros,
+    role_conflict: RoleConflict,
     identity: Identity,
     led: Led,
     /// The latest tick that was recorded.
@@ -129,16 +136,27 @@ pub struct Common<H> {
 }
 
 impl<H: Hardware> Common<H> {
-    /// At the start.
-    pub fn new(hardware: H, link: TickEnd, sync: TickSync, identity: Identity) -> Self {
+    /// Of a board with this role, at the start.
+    pub fn new(role: Role, hardware: H, link: TickEnd, sync: TickSync, identity: Identity) -> Self {
         Self {
             hardware,
             link,
             sync,
+            local: 0,
+            role_conflict: RoleConflict::new(role),
             identity,
             led: Led::default(),
             reference: Reference::default(),
         }
+    }
+
+    /// Conditions of clock and bus.
+    pub fn conditions(&self) -> Conditions {
+        let conflict = self.role_conflict.is_present(self.local);
+        let conditions = self.sync.conditions();
+        conditions
+            .with(Condition::RoleTaken, conflict)
+            .with(Condition::BusOff, self.hardware.is_bus_off())
     }
 
     /// Sends a message; gives it as the other boards will read it.
@@ -227,10 +245,12 @@ impl<B: BoardTick> TickLoop<B> {
         };
         let (cycles, now) = (common.hardware.cycles(), common.hardware.now());
         self.stopwatch.begin(now, cycles);
+        common.local = local;
         common.show(local);
         let samples = board.begin(local, input, common);
         while let Some(arrived) = common.hardware.receive() {
             common.sync.receive(arrived.local, &arrived.message);
+            common.role_conflict.receive(local, &arrived.message);
             board.receive(&samples, &arrived);
         }
         board.step(&samples, common);

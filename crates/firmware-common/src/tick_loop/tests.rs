@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 
 use core_algos::bus::LeadMode;
-use core_algos::safety::{Conditions, OperatingState};
+use core_algos::safety::OperatingState;
 use core_algos::topology::Node;
 use embassy_futures::block_on;
 use embassy_sync::watch::Watch;
@@ -26,6 +26,7 @@ struct Fake {
     arrived: VecDeque<Arrived>,
     sent: Vec<Message>,
     lit: bool,
+    bus_off: bool,
 }
 
 impl Fake {
@@ -45,6 +46,10 @@ impl Hardware for Fake {
 
     fn cycles(&self) -> u32 {
         self.cycles
+    }
+
+    fn is_bus_off(&self) -> bool {
+        self.bus_off
     }
 
     fn set_led(&mut self, lit: bool) {
@@ -148,6 +153,7 @@ impl Bench {
             arrived: VecDeque::new(),
             sent: Vec::new(),
             lit: false,
+            bus_off: false,
         };
         let board = Board {
             calls: calls.clone(),
@@ -157,7 +163,13 @@ impl Bench {
             status: None,
         };
         let identity = Identity::new(&[7; 12], "test build");
-        let common = Common::new(hardware, tick_end, TickSync::leading(), identity);
+        let common = Common::new(
+            Role::Front,
+            hardware,
+            tick_end,
+            TickSync::leading(),
+            identity,
+        );
         let watch: &'static Watch<_, _, 1> = Box::leak(Box::new(Watch::new()));
         Self {
             tick: TickLoop::new(board, common, watch.sender()),
@@ -339,4 +351,33 @@ fn message_that_arrived_reaches_the_common_time() {
         bench.turn(Some(tick * TICK));
     }
     assert!(bench.reports.try_get().unwrap().in_step);
+}
+
+#[test]
+fn messages_of_another_board_with_the_own_role_are_a_condition_for_a_second() {
+    let mut bench = Bench::new();
+    let mut conditions = |tick: u64, arrived: Option<Message>| {
+        let arrived = arrived.map(|message| Arrived { local: 0, message });
+        bench.tick.common.hardware.arrived.extend(arrived);
+        bench.turn(Some(tick * TICK));
+        bench
+            .tick
+            .common
+            .conditions()
+            .contains(Condition::RoleTaken)
+    };
+    assert!(!conditions(1, None));
+    assert!(conditions(2, Some(status(OperatingState::Idle))));
+    assert!(conditions(1001, None));
+    assert!(!conditions(1002, None));
+}
+
+#[test]
+fn bus_off_is_a_condition() {
+    let mut bench = Bench::new();
+    bench.turn(Some(TICK));
+    assert!(bench.tick.common.conditions().is_empty());
+    bench.tick.common.hardware.bus_off = true;
+    let expected = Conditions::only(Condition::BusOff);
+    assert_eq!(bench.tick.common.conditions(), expected);
 }

@@ -33,7 +33,10 @@ fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bo
     let world = &mut campaign.scenario.world;
     world.plant.slope_rad = slope_deg.to_radians();
     // On a slope the bias of an accelerometer is not found.
-    (world.sensors.gyro.fitted, world.sensors.accelerometer.fitted) = (false, false);
+    (
+        world.sensors.gyro.fitted,
+        world.sensors.accelerometer.fitted,
+    ) = (false, false);
     let mut bench = Bench::new(&campaign, Options::default(), seed)?;
     // A chock holds the robot until its motors do: asleep, the drivers would let it roll.
     bench.robot.blocked = Some((0, 0));

@@ -3,6 +3,7 @@
 use super::bench::Bench;
 use super::entry::{Entry, at, entries};
 use super::power::{beam, crystal, struck};
+use core_algos::safety::Condition;
 use core_algos::topology::Role;
 
 /// The LED of the front board has flashed 20 times a second.
@@ -21,6 +22,13 @@ fn blinks_fast(bench: &mut Bench) -> Option<String> {
             .count();
     });
     (halves < 20).then(|| format!("{halves} halves of a blink at the LED: must be 20 and more"))
+}
+
+/// A board has reported that another one has its role.
+fn names_the_role(bench: &mut Bench) -> Option<String> {
+    let mut changes = bench.robot.monitor().changes().iter();
+    let named = changes.any(|status| status.reason == Some(Condition::RoleTaken));
+    (!named).then(|| "no node reports that its role is taken".to_owned())
 }
 
 pub fn entries() -> Vec<Entry> {
@@ -93,6 +101,9 @@ fn others() -> Vec<Entry> {
         "slow oscillators at 17 kHz", "LSI", start(&[]).vary(|_, chip| chip.slow_hz = 17_000).goes_on();
         "slow oscillators at 47 kHz", "LSI", start(&[]).vary(|_, chip| chip.slow_hz = 47_000).goes_on();
         "internal oscillators 4 % slow", "HSI", start(&[]).vary(|_, chip| chip.internal_hz = 15_360_000).goes_on();
+        "strap of the rear board broken: two front boards", "PC13", start(&[at(0, |b| {
+            b.axle(Role::Rear, |axle, _| axle.strap(false));
+        })]).check(names_the_role);
         "emergency stop open from the start", "contact", start(&[at(0, |b| {
             let role = b.wheel().0;
             b.axle(role, |axle, now| axle.stop(true, now));
