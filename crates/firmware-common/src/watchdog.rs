@@ -13,13 +13,13 @@ use embassy_stm32::{Peri, peripherals, wdg};
 
 use crate::fault;
 
-/// Time without feeding after which the board is reset, µs; its clock is good to ±45 %.
+/// Time without feeding after which the board is reset, µs; 0.34 to 0.94 s by its oscillator of 17 to 47 kHz.
 pub const TIMEOUT_US: u32 = 500_000;
 
 /// Time that the start of a board may take, µs. It takes some 40 ms.
 const START_US: u32 = 2_000_000;
 
-/// Time of an extension, µs: an erase of the flash holds the core for up to two seconds.
+/// Time of an extension, µs: an erase of a sector holds the core for up to half a second, a save for several.
 const EXTENDED_US: u32 = 30_000_000;
 
 /// Looks at the status until the watchdog must have taken over its registers, some 10 cycles each. Five periods of its

@@ -15,7 +15,7 @@ use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
-use std::{fs, thread};
+use std::{env, fs, thread};
 
 /// Arguments of `doctor`.
 #[derive(Clone, Debug, Args)]
@@ -132,6 +132,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Error> {
         linker().needed(),
         target().needed(),
         probe_rs(),
+        runner(env::var(RUNNER_VARIABLE).ok().as_deref()),
         probe(),
         ports(&serial_ports(Path::new("/dev"), &groups)),
         python(),
@@ -305,19 +306,36 @@ fn target() -> Check {
     }
 }
 
-const PROBE_RS: &str = "cargo install probe-rs-tools, to flash boards";
+/// The first probe-rs with the options of the runner in .cargo/config.toml.
+const OLDEST_PROBE_RS: Version = [0, 28, 0];
 
 fn probe_rs() -> Check {
-    match ask("probe-rs", &["--version"]) {
-        Ok(text) => Check::ok("probe-rs", one_line(&text)),
-        Err(error) if error.kind() == ErrorKind::NotFound => {
-            Check::not("probe-rs", Finding::Missing, "not on the PATH", PROBE_RS)
+    let remedy = "cargo install probe-rs-tools, to flash boards";
+    program("probe-rs", &["--version"], OLDEST_PROBE_RS, remedy)
+}
+
+/// Options without which probe-rs halts a board that resets or that has a hard fault.
+const RUNNER_OPTIONS: [&str; 2] = ["--no-catch-reset", "--no-catch-hardfault"];
+/// Variable that replaces the runner in .cargo/config.toml.
+const RUNNER_VARIABLE: &str = "CARGO_TARGET_THUMBV7EM_NONE_EABIHF_RUNNER";
+
+/// The runner of `cargo flash-axle` and `cargo flash-beam`, with the value of [`RUNNER_VARIABLE`].
+fn runner(replaced_by: Option<&str>) -> Check {
+    const NAME: &str = "runner of the boards";
+    let complete = |runner: &str| RUNNER_OPTIONS.iter().all(|option| runner.contains(option));
+    match replaced_by {
+        None => Check::ok(NAME, "as in .cargo/config.toml"),
+        Some(runner) if complete(runner) || !runner.contains("probe-rs") => {
+            Check::ok(NAME, one_line(runner))
         }
-        Err(error) => Check::not(
-            "probe-rs",
+        Some(runner) => Check::not(
+            NAME,
             Finding::Unusable,
-            one_line(&error.to_string()),
-            PROBE_RS,
+            one_line(runner),
+            format!(
+                "unset {RUNNER_VARIABLE}, or add {} to it: else a board halts at a reset and at a hard fault",
+                RUNNER_OPTIONS.join(" ")
+            ),
         ),
     }
 }
@@ -432,6 +450,21 @@ mod tests {
             assert_eq!(version(text), None, "{text}");
         }
         assert!(version(&pinned()) >= Some([1, 95, 0]), "{}", pinned());
+    }
+
+    #[test]
+    fn runner_catches_neither_resets_nor_hard_faults() {
+        let text: toml::Table =
+            toml::from_str(include_str!("../../../.cargo/config.toml")).unwrap();
+        let own = text["target"][TARGET]["runner"].as_str().unwrap();
+        assert_eq!(runner(Some(own)).finding, Finding::Ok);
+        assert_eq!(runner(None).finding, Finding::Ok);
+        assert_eq!(runner(Some("openocd.sh")).finding, Finding::Ok);
+        for option in RUNNER_OPTIONS {
+            let without = runner(Some(&own.replace(option, "")));
+            assert_eq!(without.finding, Finding::Unusable, "{option}");
+            assert!(without.remedy.contains(option));
+        }
     }
 
     #[test]

@@ -32,7 +32,7 @@ fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bo
     };
     let world = &mut campaign.scenario.world;
     world.plant.slope_rad = slope_deg.to_radians();
-    // On a slope the bias of an accelerometer is not found.
+    // With a chock at one wheel the robot creeps, so that no biases are found.
     (
         world.sensors.gyro.fitted,
         world.sensors.accelerometer.fitted,

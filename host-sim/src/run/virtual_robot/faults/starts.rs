@@ -3,6 +3,7 @@
 use super::bench::Bench;
 use super::entry::{Entry, at, entries};
 use super::power::{beam, crystal, struck};
+use crate::run::robot::Robot;
 use core_algos::safety::Condition;
 use core_algos::topology::Role;
 
