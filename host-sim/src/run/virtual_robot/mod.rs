@@ -15,6 +15,8 @@ mod power;
 pub mod report;
 mod store;
 pub mod tools;
+#[cfg(test)]
+mod turns;
 
 pub use options::Options;
 pub use report::BoardReport;

@@ -1,0 +1,66 @@
+//! The boards' driver of the inertial sensor at the virtual sensor, in fast turns.
+
+use core_algos::acquisition::icm42688::Icm42688 as Driver;
+use virtual_board::Time;
+use virtual_board::device::{Icm42688, InertialConfig, Motion};
+
+/// Register with the bits of the adaptive full-scale range.
+const INTF_CONFIG1: u8 = 0x4d;
+const MS: u64 = 1_000_000_000;
+/// Yaw rate of a turn, °/s, and the slopes of its beginning and its end, °/s².
+const RATE: f64 = 150.0;
+const BEGIN: f64 = 10_000.0;
+const END: f64 = 300.0;
+const TURNS: usize = 10;
+
+/// Heading by the driver's rates less the true one after turns, °. A driver without the remedy never writes its register.
+fn heading_error(with_remedy: bool) -> f64 {
+    let mut sensor = Icm42688::new(InertialConfig::default(), 1);
+    let mut driver = Driver::new(1.0, 1.0).unwrap();
+    let mut at = Time(2 * MS);
+    let (mut truth, mut found) = (0.0, 0.0);
+    let mut step = |rate: f64, slope: f64, still: bool| {
+        let mut motion = Motion::default();
+        motion.rate[2] = rate.to_radians();
+        motion.rate_slope[2] = slope.to_radians();
+        motion.force[2] = 9.81;
+        sensor.motion(at, motion);
+        at = at + Time(MS);
+        let reading = driver.step(still, |bytes| {
+            if !with_remedy && bytes[0] & 0x7f == INTF_CONFIG1 {
+                bytes[1] = 0x51;
+                return true;
+            }
+            sensor.select(true, at);
+            for byte in bytes.iter_mut() {
+                *byte = sensor.exchange(*byte, at);
+            }
+            sensor.select(false, at);
+            true
+        });
+        truth += 1e-3 * (rate + 0.5e-3 * slope);
+        found += 1e-3 * f64::from(reading.gyro_rad_s.unwrap_or(0.0)).to_degrees();
+        still || reading.gyro_rad_s.is_some()
+    };
+    (0..1500).for_each(|_| assert!(step(0.0, 0.0, true)));
+    for _ in 0..TURNS {
+        let mut rate: f64 = 0.0;
+        for (slope, ms) in [(BEGIN, 15), (0.0, 600), (-END, 500), (0.0, 50)] {
+            for _ in 0..ms {
+                assert!(step(rate, slope, false), "the sensor is lost");
+                rate += 1e-3 * slope;
+            }
+        }
+        assert!(rate.abs() < 1e-6 && RATE == 1e-3 * BEGIN * 15.0);
+    }
+    found - truth
+}
+
+#[test]
+fn heading_of_fast_turns_is_biased_by_the_adaptive_range_and_not_with_it_off() {
+    let (without, with) = (heading_error(false), heading_error(true));
+    // Each stall of 2 ms loses ½ · 10 000 °/s² · (2 ms)².
+    let expected = -0.02 * TURNS as f64;
+    assert!((without - with - expected).abs() < 0.03, "{without} {with}");
+    assert!(with.abs() < 0.05, "{with}");
+}
