@@ -124,6 +124,8 @@ pub struct Common<H> {
     pub sync: TickSync,
     identity: Identity,
     led: Led,
+    /// Ticks so far: the LED's time, ms, without a division.
+    ticks: u32,
     /// The latest tick that was recorded.
     reference: Reference,
 }
@@ -137,6 +139,7 @@ impl<H: Hardware> Common<H> {
             sync,
             identity,
             led: Led::default(),
+            ticks: 0,
             reference: Reference::default(),
         }
     }
@@ -174,9 +177,9 @@ impl<H: Hardware> Common<H> {
         self.link.put(&Entry::End);
     }
 
-    fn show(&mut self, local: Micros) {
-        let lit = self.led.is_lit((local / TICK) as u32);
-        self.hardware.set_led(lit);
+    fn show(&mut self) {
+        self.ticks = self.ticks.wrapping_add(1);
+        self.hardware.set_led(self.led.is_lit(self.ticks));
     }
 
     fn health(&self, local: Micros, timing: Timing) -> Health {
@@ -227,7 +230,7 @@ impl<B: BoardTick> TickLoop<B> {
         };
         let (cycles, now) = (common.hardware.cycles(), common.hardware.now());
         self.stopwatch.begin(now, cycles);
-        common.show(local);
+        common.show();
         let samples = board.begin(local, input, common);
         while let Some(arrived) = common.hardware.receive() {
             common.sync.receive(arrived.local, &arrived.message);
