@@ -63,9 +63,14 @@ impl Recorder {
 
     /// Appends an entry, if a host watches.
     pub fn put(&mut self, entry: &Entry) {
-        if !self.is_watched() {
-            return;
+        if self.is_watched() {
+            self.encode(entry);
         }
+    }
+
+    /// Not inlined, so that a tick without a host that watches pays for the check only.
+    #[inline(never)]
+    fn encode(&mut self, entry: &Entry) {
         let mut room = [0; MAX_ENTRY + 4];
         let Some(length) = entry.encode(&mut room[1..]).map(<[u8]>::len) else {
             self.0.lost.fetch_add(1, Ordering::Relaxed);

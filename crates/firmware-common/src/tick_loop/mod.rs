@@ -131,6 +131,8 @@ pub struct Common<H> {
     role_conflict: RoleConflict,
     identity: Identity,
     led: Led,
+    /// Ticks so far: the LED's time, ms, without a division.
+    ticks: u32,
     /// The latest tick that was recorded.
     reference: Reference,
 }
@@ -146,6 +148,7 @@ impl<H: Hardware> Common<H> {
             role_conflict: RoleConflict::new(role),
             identity,
             led: Led::default(),
+            ticks: 0,
             reference: Reference::default(),
         }
     }
@@ -192,9 +195,9 @@ impl<H: Hardware> Common<H> {
         self.link.put(&Entry::End);
     }
 
-    fn show(&mut self, local: Micros) {
-        let lit = self.led.is_lit((local / TICK) as u32);
-        self.hardware.set_led(lit);
+    fn show(&mut self) {
+        self.ticks = self.ticks.wrapping_add(1);
+        self.hardware.set_led(self.led.is_lit(self.ticks));
     }
 
     fn health(&self, local: Micros, timing: Timing) -> Health {
@@ -246,7 +249,7 @@ impl<B: BoardTick> TickLoop<B> {
         let (cycles, now) = (common.hardware.cycles(), common.hardware.now());
         self.stopwatch.begin(now, cycles);
         common.local = local;
-        common.show(local);
+        common.show();
         let samples = board.begin(local, input, common);
         while let Some(arrived) = common.hardware.receive() {
             common.sync.receive(arrived.local, &arrived.message);
