@@ -4,6 +4,7 @@ use super::Campaign;
 use super::bench::Bench;
 use super::entry::{Alone, Entry, entries};
 use crate::base::error::Error;
+use crate::run::robot::Robot;
 use crate::run::virtual_robot::Options;
 use core_algos::topology::Role;
 
@@ -13,6 +14,8 @@ const DRIVE_MS: u64 = 1_600;
 const CHOCK_MS: u64 = 150;
 /// Time for which it is watched afterwards, ms.
 const WATCH_MS: u64 = 3_000;
+/// Least speed before the stop, m/s.
+const DRIVEN_M_S: f64 = 0.1;
 /// Speed of a robot that rests, m/s: it goes on for 2 mm.
 const REST_M_S: f64 = 1e-2;
 /// Longest time to rest on the level, ms.
@@ -47,6 +50,14 @@ fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bo
     bench.pass(DRIVE_MS);
     for role in [Role::Front, Role::Rear] {
         bench.axle(role, |axle, now| axle.stop(true, now));
+    }
+    let [front, _] = bench.robot.plant.state().axle;
+    if front.velocity[0] < DRIVEN_M_S {
+        return Err(Error::Failure(format!(
+            "the robot drives at {:.3} m/s before the stop: {:?}",
+            front.velocity[0],
+            bench.robot.monitor().changes()
+        )));
     }
     let mut seen = Vec::new();
     for _ in 0..WATCH_MS {
