@@ -35,6 +35,8 @@ const LED: Pin = Pin::new('C', 12);
 const LOGIC_V: f64 = 3.3;
 /// Temperature between the drivers, °C.
 const AMBIENT_C: f64 = 25.0;
+/// Two periods of the pulses.
+const PULSE_PERIODS: Time = Time::from_micros(100);
 /// Largest time for which contacts bounce.
 const BOUNCE: Time = Time::from_micros(5_000);
 
@@ -256,12 +258,11 @@ impl AxleBoard {
     /// Currents of the motors, A; none while a motor brakes in a short circuit.
     pub fn driven_currents(&mut self, at: Time) -> [f64; 2] {
         [0, 1].map(|k: usize| {
-            let current = self.drivers[k].current(at);
-            if self.drivers[k].brakes() {
-                0.0
-            } else {
-                current
-            }
+            let driver = &mut self.drivers[k];
+            let current = driver.current(at);
+            // Between two pulses a bridge shorts its motor too.
+            let brakes = driver.brakes() && at > driver.driven_until() + PULSE_PERIODS;
+            if brakes { 0.0 } else { current }
         })
     }
 
