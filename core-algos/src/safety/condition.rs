@@ -173,8 +173,6 @@ conditions! {
         "the supply voltage is above its upper limit"; "check battery and charger; braking feeds energy back".
     PathLost = 0x8f bit 44 "path lost" 0 ms:
         "the robot is farther from its path or trajectory than the largest deviation"; "place the robot at the start of the path, set the pose, or drive slower".
-    RoleTaken = 0x90 bit 45 "role taken" 0 ms:
-        "another board on the bus has the role of this board"; "check the role straps (PC13) of both axle boards".
     NotANumber = 0xc0 bit 29 "not a number" 0 ms:
         "a result of control or estimation is not finite"; "report the log; restart the board".
     EncoderFault = 0xc1 "encoder fault" 5 ms:
@@ -191,6 +189,8 @@ conditions! {
         "the board was reset by its watchdog, a panic or a hard fault"; "report the crash record; clear the fault".
     StopNotFollowed = 0xc8 "stop not followed" 20 ms:
         "an axle does not decelerate as the coordinated stop requires"; "check the driver for a motor that stays on".
+    RoleTaken = 0xc9 bit 45 "role taken" 0 ms:
+        "another board on the bus has the role of this board"; "check the role straps (PC13) of both axle boards".
 }
 
 impl Condition {
