@@ -249,10 +249,7 @@ impl Follower {
             (path.start(), f32::INFINITY)
         };
         let (mut s, mut least) = (from, f32::INFINITY);
-        for i in 0..N {
-            let Some([a, b]) = path.segment_from(from, i) else {
-                break;
-            };
+        for [a, b] in path.segments_from(from) {
             if !(a.s <= from + window) {
                 break;
             }
@@ -297,17 +294,18 @@ impl Follower {
         let horizon = top * config.reaction_time_s + 0.5 * top * top / config.deceleration_m_s2;
         let mut steering = None;
         let mut before: Option<(f32, f32)> = None;
-        for i in 0..N {
-            let Some([a, b]) = path.segment_from(s, i) else {
-                break;
-            };
+        for [a, b] in path.segments_from(s) {
             if !(a.s - s <= horizon) {
                 break;
             }
             let length = (b.s - a.s).max(1e-6);
             let cascade = &self.steering.cascade;
             let from = steering.unwrap_or_else(|| cascade.steering(a.kappa));
-            let to = cascade.steering(b.kappa);
+            let to = if a.kappa == b.kappa {
+                from
+            } else {
+                cascade.steering(b.kappa)
+            };
             steering = Some(to);
             let slope = (to.0 - from.0) / length;
             let mut limit = config.max_steering_rate_rad_s / slope.abs().max(1e-6);
@@ -319,7 +317,10 @@ impl Follower {
             }
             before = Some((slope, length));
             let limit = limit.max(config.min_speed_m_s);
-            speed = lower(speed, self.braking(limit, a.s - s));
+            // A point that allows the speed so far does not ask for less before it.
+            if !(limit >= speed.0) {
+                speed = lower(speed, self.braking(limit, a.s - s));
+            }
         }
         speed
     }

@@ -299,9 +299,9 @@ impl<P: Point, const N: usize> Buffer<P, N> {
         }
     }
 
-    /// A point and the next, of which the first is the last with `key ≤ value`, and those `further`
-    /// on; within the row. `None` with fewer than two points and past the end.
-    fn segment(&self, value: f32, further: usize, key: impl Fn(&P) -> f32) -> Option<[P; 2]> {
+    /// Index of the last point with `key ≤ value` that has a next one; the first point if there is none. `None` with
+    /// fewer than two points.
+    fn index(&self, value: f32, key: impl Fn(&P) -> f32) -> Option<usize> {
         let last = self.count.checked_sub(2)?;
         let (mut low, mut high) = (0, last);
         while low < high {
@@ -313,14 +313,19 @@ impl<P: Point, const N: usize> Buffer<P, N> {
                 high = middle - 1;
             }
         }
-        let first = low + further;
+        Some(low)
+    }
+
+    /// The point of [`Self::index`] and the next.
+    fn segment(&self, value: f32, key: impl Fn(&P) -> f32) -> Option<[P; 2]> {
+        let first = self.index(value, key)?;
         Some([self.get(first)?, self.get(first + 1)?])
     }
 
     /// The path at arc length `s` (m); it goes on beyond its ends on the circle of the end point.
     /// `None` if there is no point.
     pub fn at(&self, s: f32) -> Option<PathSample> {
-        let [a, b] = match self.segment(s, 0, |point| point.place().s) {
+        let [a, b] = match self.segment(s, |point| point.place().s) {
             Some(segment) => segment,
             None => [self.get(0)?; 2],
         };
@@ -329,9 +334,16 @@ impl<P: Point, const N: usize> Buffer<P, N> {
 }
 
 impl<const N: usize> PathBuffer<N> {
-    /// Segment at index `i` counted from the one around `s`; `None` past the end.
-    pub(super) fn segment_from(&self, s: f32, i: usize) -> Option<[PathPoint; 2]> {
-        self.segment(s, i, |point| point.s)
+    /// Segments from the one around `s` on.
+    pub(super) fn segments_from(&self, s: f32) -> impl Iterator<Item = [PathPoint; 2]> {
+        let mut next = self.index(s, |point| point.s);
+        let mut end = next.and_then(|first| self.get(first));
+        core::iter::from_fn(move || {
+            let (begin, index) = (end?, next? + 1);
+            end = self.get(index);
+            next = Some(index);
+            Some([begin, end?])
+        })
     }
 }
 
@@ -346,7 +358,7 @@ impl<const N: usize> TrajectoryBuffer<N> {
         if !(time < last.time_s) {
             return Some([last.point.s, 0.0, 0.0]);
         }
-        let [a, b] = self.segment(time, 0, |point| point.time_s)?;
+        let [a, b] = self.segment(time, |point| point.time_s)?;
         let span = b.time_s - a.time_s;
         let u = (time - a.time_s) / span;
         let mean = (b.point.s - a.point.s) / span;
