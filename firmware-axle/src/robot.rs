@@ -95,9 +95,9 @@ fn start(
     if let (Some(controller), Some(lead)) = (controller, nodes.lead()) {
         lead.set_controller(controller);
     }
-    let drive = settings.button;
-    let put_down = settings.robot.put_down(drive.start, &Told::default());
-    let button = Button::new(p.PA0, put_down, drive);
+    let start = settings.button.start;
+    let start = settings.robot.put_down(start, &Told::default());
+    let button = Button::new(p.PA0, start, settings.button);
 
     // A board with a window watchdog erases nothing, so its time is never extended.
     let (feeder, _) = watchdog.split();
@@ -128,13 +128,9 @@ fn start(
     spawners
         .bus
         .spawn(can::supervise(of_bus).expect("spawned once"));
-    let sync = match role {
-        Role::Front => TickSync::leading(),
-        _ => TickSync::following(),
-    };
     let identity = Identity::new(&uid::uid(), env!("BUILD"));
     let chip = Chip::new(Led::new(p.PC12), bus.sender, bus.receiver, of_tick);
-    let common = Common::new(role, chip, tick_end, sync, identity);
+    let common = Common::new(role, chip, tick_end, clock(role), identity);
     let tick = AxleTick::new(Axle {
         motors,
         encoders,
@@ -153,6 +149,14 @@ fn start(
     spawner.spawn(telemetry::run(reports).expect("spawned once"));
     link.start_driving(&settings.robot, bus.service, link_end, spawner);
     Ok(())
+}
+
+/// Clock of a board: the front one's is the common time.
+fn clock(role: Role) -> TickSync {
+    match role {
+        Role::Front => TickSync::leading(),
+        _ => TickSync::following(),
+    }
 }
 
 /// Objects built from the configuration.
