@@ -25,7 +25,8 @@ use core_algos::topology::Role;
 use embassy_executor::Spawner;
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{GPIOC, RCC};
-use embassy_stm32::{Peripherals, uid};
+use embassy_stm32::peripherals::PA0;
+use embassy_stm32::{Peri, Peripherals, uid};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::Watch;
 use firmware_common::identity::Identity;
@@ -95,9 +96,7 @@ fn start(
     if let (Some(controller), Some(lead)) = (controller, nodes.lead()) {
         lead.set_controller(controller);
     }
-    let start = settings.button.start;
-    let start = settings.robot.put_down(start, &Told::default());
-    let button = Button::new(p.PA0, start, settings.button);
+    let button = button(p.PA0, settings);
 
     // A board with a window watchdog erases nothing, so its time is never extended.
     let (feeder, _) = watchdog.split();
@@ -149,6 +148,13 @@ fn start(
     spawner.spawn(telemetry::run(reports).expect("spawned once"));
     link.start_driving(&settings.robot, bus.service, link_end, spawner);
     Ok(())
+}
+
+/// Operator's button with the drive that it begins.
+fn button(pin: Peri<'static, PA0>, settings: &Settings) -> Button {
+    let start = settings.button.start;
+    let start = settings.robot.put_down(start, &Told::default());
+    Button::new(pin, start, settings.button)
 }
 
 /// Clock of a board: the front one's is the common time.
