@@ -25,7 +25,8 @@ use core_algos::topology::Role;
 use embassy_executor::Spawner;
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{GPIOC, RCC};
-use embassy_stm32::{Peripherals, uid};
+use embassy_stm32::peripherals::PA0;
+use embassy_stm32::{Peri, Peripherals, uid};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::Watch;
 use firmware_common::identity::Identity;
@@ -95,9 +96,7 @@ fn start(
     if let (Some(controller), Some(lead)) = (controller, nodes.lead()) {
         lead.set_controller(controller);
     }
-    let drive = settings.button;
-    let put_down = settings.robot.put_down(drive.start, &Told::default());
-    let button = Button::new(p.PA0, put_down, drive);
+    let button = button(p.PA0, settings);
 
     // A board with a window watchdog erases nothing, so its time is never extended.
     let (feeder, _) = watchdog.split();
@@ -128,13 +127,9 @@ fn start(
     spawners
         .bus
         .spawn(can::supervise(of_bus).expect("spawned once"));
-    let sync = match role {
-        Role::Front => TickSync::leading(),
-        _ => TickSync::following(),
-    };
     let identity = Identity::new(&uid::uid(), env!("BUILD"));
     let chip = Chip::new(Led::new(p.PC12), bus.sender, bus.receiver, of_tick);
-    let common = Common::new(role, chip, tick_end, sync, identity);
+    let common = Common::new(role, chip, tick_end, clock(role), identity);
     let tick = AxleTick::new(Axle {
         motors,
         encoders,
@@ -153,6 +148,21 @@ fn start(
     spawner.spawn(telemetry::run(reports).expect("spawned once"));
     link.start_driving(&settings.robot, bus.service, link_end, spawner);
     Ok(())
+}
+
+/// Operator's button with the drive that it begins.
+fn button(pin: Peri<'static, PA0>, settings: &Settings) -> Button {
+    let start = settings.button.start;
+    let start = settings.robot.put_down(start, &Told::default());
+    Button::new(pin, start, settings.button)
+}
+
+/// Clock of a board: the front one's is the common time.
+fn clock(role: Role) -> TickSync {
+    match role {
+        Role::Front => TickSync::leading(),
+        _ => TickSync::following(),
+    }
 }
 
 /// Objects built from the configuration.

@@ -94,7 +94,7 @@ robot.lead.regulator.accept_distance_m=0.005 | posture || robot.lead.regulator.a
 boards.front.robot.lead.regulator.accept_distance_m=0.003 | posture || robot.lead.regulator.approach.approach_gain_m_s=0.1
 robot.lead.regulator.planner.margin_rad=0.1 | posture || mission.start=[-0.2,0.2,1.0]
 robot.lead.regulator.planner.min_approach_m=1.5 | posture || mission.start=[-0.2,0.2,1.0]
-robot.lead.regulator.planner.cusp_price_m=0.3 | posture || mission.start=[-0.2,0.2,1.0]
+robot.lead.regulator.planner.cusp_price_m=1.5 | posture || mission.start=[-0.2,0.2,1.0]
 mission.tolerance_m=0.01 | posture ||
 mission.tolerance_rad=0.01 | posture ||
 robot.lead.limits.position_sigma_m=0.01 | posture ||
@@ -136,7 +136,7 @@ robot.beam.health.watch_consistency=false | posture | gauge drifts |
 robot.beam.method=elastica | posture || robot.beam.method=piecewise
 robot.beam.strip.uncertainty.interpolation=0.33 | posture || robot.beam.method=piecewise
 robot.lead.course.path.max_steering_rate_rad_s=0.08 | follow ||
-robot.lead.fusion.beam_gate=44.0 | posture | encoder stuck |
+robot.lead.fusion.beam_gate=5.0 | posture | encoder stuck |
 robot.lead.fusion.gate_patience=51 | posture | gauge stuck |
 robot.lead.governor.max_wheel_speed_m_s=0.54 | posture ||
 robot.lead.governor.stop_deceleration_m_s2=0.88 | posture | gauge stuck |

@@ -266,6 +266,14 @@ impl AxleBoard {
         })
     }
 
+    /// True while the supply drives a motor, or did in the latest two periods of the pulses.
+    pub fn is_driven(&self, at: Time) -> bool {
+        let drivers = self.drivers.iter();
+        drivers
+            .map(Drv8874::driven_until)
+            .any(|until| at <= until + PULSE_PERIODS)
+    }
+
     /// True if both drivers are awake.
     pub fn is_awake(&self) -> bool {
         self.drivers.iter().all(Drv8874::is_awake)

@@ -5,7 +5,6 @@ use super::beam::{BridgeParts, zero};
 use crate::base::error::Error;
 use crate::scenario::Scenario;
 use crate::world::drawn::Drawn;
-use crate::world::sensors::ConverterError;
 use core_algos::acquisition::oversampling::FULL_SCALE;
 use core_algos::params::{Button, Disarmed, Settings, TABLE};
 use core_algos::topology::Role;
@@ -80,15 +79,17 @@ fn calibrate(
     drawn: &Drawn,
 ) -> Result<(), Error> {
     let config = &scenario.world.sensors.bridge;
-    let converter = ConverterError::new(config, drawn);
+    let converter = config.converter(drawn);
     let amplified =
         f64::from(config.active_gauges) / 4.0 * config.gauge_factor * config.amplifier_gain;
     let nominal = 1.0 / (f64::from(FULL_SCALE) * amplified);
     let gain = nominal / f64::from(settings.robot.beam.calibration.strain_per_count);
+    let error = |ratio: f64| converter.as_ref().map_or(0.0, |error| error.at(ratio));
+    // The board divides by the excitation as the same converter reads it, at half of its range.
+    let excitation = 1.0 + 2.0 * error(0.5);
     for (k, parts) in bridges.iter().enumerate() {
         let ratio = zero(config, parts);
-        let error = converter.as_ref().map_or(0.0, |error| error.at(ratio));
-        let counts = f64::from(FULL_SCALE) * (ratio + error);
+        let counts = f64::from(FULL_SCALE) * (ratio + error(ratio)) / excitation;
         for (name, value) in [("zero_counts", counts), ("gain", gain)] {
             let name = format!("robot.beam.calibration.{name}[{k}]");
             let parameter = TABLE.iter().find(|parameter| parameter.name == name);

@@ -97,6 +97,12 @@ impl BridgeConfig {
         self.gauge_factor * f64::from(self.active_gauges) / 4.0 * self.amplifier_gain
     }
 
+    /// Error of the converter of a drawn robot; `None` for an ideal one.
+    pub fn converter(&self, drawn: &Drawn) -> Option<ConverterError> {
+        let noise = self.noise_strain * self.range_per_strain();
+        ConverterError::new(self.nonlinearity_counts, noise, drawn.converter)
+    }
+
     /// Strain of one count of a bridge without gain error: the board's nominal scale factor.
     pub fn strain_per_count(&self) -> f64 {
         1.0 / (self.range_per_strain() * f64::from(self.converter_bits).exp2())
@@ -111,7 +117,7 @@ impl BridgeConfig {
     /// them as its calibration.
     pub fn zero_counts(&self, drawn: &Drawn) -> [f64; MAX_GAUGES] {
         let limit = f64::from(self.full_scale_counts());
-        let converter = ConverterError::new(self, drawn);
+        let converter = self.converter(drawn);
         drawn.bridge_offset.map(|strain| {
             let counts = converted(strain / self.strain_per_count(), limit, converter.as_ref());
             counts.clamp(-limit, limit - 1.0)

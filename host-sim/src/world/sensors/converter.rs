@@ -1,7 +1,5 @@
 //! Nonlinearity of the converter behind the bridges, as an oversampled reading has it.
 
-use super::bridge::BridgeConfig;
-use crate::world::drawn::Drawn;
 use core_algos::acquisition::oversampling::SCANS;
 use virtual_board::chip::Nonlinearity;
 
@@ -19,13 +17,14 @@ const STEPS: f64 = 8.0;
 pub struct ConverterError(Vec<f64>);
 
 impl ConverterError {
-    /// That of a drawn robot; `None` for an ideal converter.
-    pub fn new(config: &BridgeConfig, drawn: &Drawn) -> Option<Self> {
-        if config.nonlinearity_counts == 0.0 {
+    /// Of a converter with this largest nonlinearity (counts) and seed, and readings with this noise (share of the range,
+    /// rms); `None` for an ideal converter.
+    pub fn new(nonlinearity_counts: f64, reading_noise: f64, seed: u32) -> Option<Self> {
+        if nonlinearity_counts == 0.0 {
             return None;
         }
-        let curve = Nonlinearity::new(config.nonlinearity_counts, drawn.converter.into());
-        let noise = config.noise_strain * (SCANS as f64).sqrt() * config.range_per_strain();
+        let curve = Nonlinearity::new(nonlinearity_counts, seed.into());
+        let noise = reading_noise * (SCANS as f64).sqrt();
         let steps = (REACH * STEPS) as i32;
         let kernel: Vec<_> = (-steps..=steps)
             .map(|step| {
@@ -61,18 +60,12 @@ mod tests {
     /// The mean of a million noisy conversions, one after another.
     #[test]
     fn error_of_a_reading_is_the_mean_of_noisy_conversions() {
-        let config = BridgeConfig {
-            nonlinearity_counts: 1.5,
-            ..BridgeConfig::default()
-        };
-        let drawn = Drawn {
-            converter: 5,
-            ..Drawn::none()
-        };
-        let error = ConverterError::new(&config, &drawn).unwrap();
+        // 0.7 µε of a bridge with a gain of 60.
+        let reading_noise = 0.7e-6 * 2.1 * 60.0;
+        let error = ConverterError::new(1.5, reading_noise, 5).unwrap();
         let curve = Nonlinearity::new(1.5, 5);
         let mut random = generator(1, 0, Stream::Other(0));
-        let noise = config.noise_strain * 96f64.sqrt() / config.strain_per_count() / 16384.0;
+        let noise = reading_noise * 96f64.sqrt();
         let mut largest = 0.0f64;
         for ratio in [0.41, 0.47, 0.497, 0.5, 0.503, 0.58] {
             let count = 200_000;
@@ -95,6 +88,6 @@ mod tests {
 
     #[test]
     fn ideal_converter_has_no_error() {
-        assert!(ConverterError::new(&BridgeConfig::default(), &Drawn::none()).is_none());
+        assert!(ConverterError::new(0.0, 1e-4, 5).is_none());
     }
 }

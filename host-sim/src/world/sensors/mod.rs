@@ -16,7 +16,6 @@ mod inertial;
 #[cfg(test)]
 mod tests;
 pub use bridge::{BridgeConfig, GaugeAgeing};
-pub use converter::ConverterError;
 pub use core_algos::beam::MAX_GAUGES;
 pub use delay::MAX_DELAY_MS;
 pub use inertial::{Accelerometer, Gyro, InertialConfig};
@@ -233,7 +232,7 @@ impl Sensors {
         // Noise continues on streams of their own, so that it does not depend on how many numbers
         // the imperfections took.
         let noise = |stream: Stream| generator(mix(seed), trial, stream);
-        let converter = ConverterError::new(&config.bridge, drawn).map(Arc::new);
+        let converter = config.bridge.converter(drawn).map(Arc::new);
         Ok(Self {
             counts_per_radian: f64::from(config.encoder.counts_per_revolution) / TAU,
             encoder_phase: drawn.encoder_phase,

@@ -80,17 +80,16 @@ impl VirtualRobot {
 
     /// Looks whether the motors are off, and whether the run must end.
     pub(super) fn watch_power(&mut self) {
-        let cuts = &mut self.tools.cuts;
-        if cuts.losses.events().is_empty() {
+        if self.tools.cuts.losses.events().is_empty() {
             return;
         }
-        let tick = self.tick as u32;
-        let axles = [Role::Front, Role::Rear]
-            .into_iter()
-            .zip(&self.plant.state().axle);
-        let off = axles
-            .filter(|(role, _)| !cuts.is_off(*role))
-            .all(|(_, axle)| axle.torque == [0.0; 2]);
+        let (tick, now) = (self.tick as u32, self.network.now());
+        // A motor that brakes in a short circuit is off.
+        let off = [Role::Front, Role::Rear].into_iter().all(|role| {
+            let on = !self.tools.cuts.is_off(role);
+            !on || self.axle(role).is_none_or(|axle| !axle.is_driven(now))
+        });
+        let cuts = &mut self.tools.cuts;
         cuts.losses.watch(tick, off);
         if let Some(why) = cuts.losses.end(tick) {
             self.failure.get_or_insert_with(|| why.to_owned());
