@@ -138,8 +138,10 @@ const AFTER_RESET: usize = 2;
 /// Registers that are read back: address, bits, their required value.
 const CHECKED: [(u8, u8, u8); 9] = [
     (WHO_AM_I, !0, IDENTITY),
-    (INTF_CONFIG0, SERIAL_PORT_BITS, I2C_OFF),
-    (INTF_CONFIG1, ADAPTIVE_RANGE_BITS, ADAPTIVE_RANGE_OFF),
+    // Big endian, I²C off.
+    (INTF_CONFIG0, 0x33, 0x33),
+    // Adaptive range off, clock of the PLL.
+    (INTF_CONFIG1, 0xc3, 0x41),
     (PWR_MGMT0, !0, LOW_NOISE),
     (GYRO_CONFIG0, !0, RANGE_AND_RATE),
     (ACCEL_CONFIG0, !0, RANGE_AND_RATE),
@@ -262,11 +264,15 @@ impl Icm42688 {
                 check_in: CHECK_EVERY,
             };
         };
-        // A transfer that failed shows when the register is read back.
         let kept = match step.bits {
             0xff => 0,
-            bits => register(step.address, transfer).unwrap_or_default() & !bits,
+            bits => match register(step.address, transfer) {
+                Some(value) => value & !bits,
+                // Without the other bits there is nothing to write: again.
+                None => return Phase::SetUp { wait: 0, next },
+            },
         };
+        // A write that failed shows when the register is read back.
         transfer(&mut [step.address, kept | step.value]);
         Phase::SetUp {
             wait: step.pause - 1,

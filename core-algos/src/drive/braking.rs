@@ -21,18 +21,27 @@ pub struct Limits {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Braking {
     limits: Limits,
+    /// Low-passed currents, A; `None` before the first reading.
+    mean_a: [Option<f32>; 2],
     still: u16,
 }
+
+/// Share of a new reading in the mean: noise and steps of the converter are larger than the limit.
+const SHARE: f32 = 1.0 / 64.0;
 
 impl Braking {
     /// Before the first period.
     pub const fn new(limits: Limits) -> Self {
-        Self { limits, still: 0 }
+        Self {
+            limits,
+            mean_a: [None; 2],
+            still: 0,
+        }
     }
 
     /// The motors are driven: the next braking begins anew.
     pub fn reset(&mut self) {
-        self.still = 0;
+        (self.mean_a, self.still) = ([None; 2], 0);
     }
 
     /// One period of braking with the currents (A; `None` if a reading is at a rail) and the latest known wheel
@@ -44,8 +53,16 @@ impl Braking {
             speed_rad_s: speed,
             periods,
         } = self.limits;
+        for (mean, reading) in self.mean_a.iter_mut().zip(current_a) {
+            *mean = match (*mean, reading) {
+                (Some(mean), Some(reading)) if mean.is_finite() => {
+                    Some(mean + SHARE * (reading - mean))
+                }
+                (_, reading) => reading,
+            };
+        }
         let without_current = |i: Option<f32>| i.is_some_and(|i| i.abs() <= current);
-        let still = current_a.into_iter().all(without_current)
+        let still = self.mean_a.into_iter().all(without_current)
             && speed_rad_s.into_iter().all(|w| w.abs() <= speed);
         self.still = if still {
             self.still.saturating_add(1)
@@ -92,13 +109,26 @@ mod tests {
     }
 
     #[test]
+    fn noise_about_zero_is_standstill_and_about_a_current_is_not() {
+        let periods = |offset: f32| {
+            let mut braking = Braking::new(LIMITS);
+            (1..=10_000).find(|k| {
+                let noise = 0.03 * ((k * 7919 % 101) as f32 / 50.0 - 1.0);
+                braking.step([Some(noise), Some(offset - noise)], [0.0; 2])
+            })
+        };
+        assert!(periods(0.0).is_some_and(|n| n < 500));
+        assert_eq!(periods(0.03), None);
+    }
+
+    #[test]
     fn a_single_period_of_motion_or_a_reset_begins_the_time_anew() {
         let mut braking = Braking::new(LIMITS);
         let rest = |braking: &mut Braking, count: usize| {
             (0..count).any(|_| braking.step([Some(0.0); 2], [0.0; 2]))
         };
         assert!(!rest(&mut braking, 99));
-        assert!(!braking.step([Some(1.0), Some(0.0)], [0.0; 2]));
+        assert!(!braking.step([Some(3.0), Some(0.0)], [0.0; 2]));
         assert!(!rest(&mut braking, 99));
         braking.reset();
         assert!(!rest(&mut braking, 99));

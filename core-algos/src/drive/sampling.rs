@@ -72,6 +72,20 @@ impl Timing {
     }
 }
 
+/// Timing of the axle board: 168 counts a microsecond, two conversions of 28 cycles at 21 MHz.
+pub const AXLE: Timing = Timing {
+    top: 4200,
+    trim: i8::MAX as u16,
+    // 3.24 µs.
+    window: 544,
+    // 5.5 µs.
+    settling: 930,
+    // Delay of the trigger: the converter's clock is an eighth of the timer's.
+    margin: 34,
+    // The trigger is low for twice that, 1 µs, and the converter's clock sees it.
+    earliest: 84,
+};
+
 /// The three places and where they are clean.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sampling {
@@ -126,14 +140,7 @@ impl Sampling {
 mod tests {
     use super::*;
 
-    const TIMING: Timing = Timing {
-        top: 4200,
-        trim: 127,
-        window: 544,
-        settling: 930,
-        margin: 34,
-        earliest: 84,
-    };
+    const TIMING: Timing = AXLE;
 
     /// Levels of the timer's outputs by the reference manual's rule for a counter that goes up and
     /// down: active below the compare value. The counter at every clock cycle of `periods` periods.

@@ -210,6 +210,11 @@ impl Contents {
         self.newest == 0
     }
 
+    /// True if bytes were found, and no item among them.
+    pub fn is_unreadable(&self) -> bool {
+        self.unreadable
+    }
+
     /// Notes that a store without an item is not blank.
     pub fn set_unreadable(&mut self) {
         self.unreadable = true;

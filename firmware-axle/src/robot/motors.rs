@@ -351,15 +351,21 @@ impl Drive {
     /// Latches the first cause and ends the pulses at once.
     fn trip(&mut self, condition: Condition) {
         self.fault.get_or_insert(condition);
+        let driven = self.driven;
         self.brake();
-        // A bridge that is broken or overloaded must not switch its transistors on to brake.
-        if matches!(condition, Condition::DriverFault | Condition::OverCurrent) {
+        // A bridge that is broken or overloaded must not switch its transistors on to brake. A fast motor in a short
+        // circuit may exceed the limit; the driver protects itself then.
+        let overloaded = condition == Condition::OverCurrent && driven;
+        if condition == Condition::DriverFault || overloaded {
             self.put_to_sleep();
         }
     }
 
     /// Drives the motors, or brakes them until they stand still and lets the drivers sleep.
     fn switch(&mut self, on: bool, currents: [Option<f32>; 2]) {
+        if self.awake == 0 {
+            self.asleep = self.asleep.saturating_add(1);
+        }
         if on && (self.awake > 0 || self.asleep >= SLEEP_PERIODS) {
             if !self.driven {
                 self.pwm.enable();
@@ -386,7 +392,6 @@ impl Drive {
     fn put_to_sleep(&mut self) {
         self.sleep.set_low();
         self.awake = 0;
-        self.asleep = self.asleep.saturating_add(1);
     }
 
     fn set_pins(&mut self, pins: [Pins; 2]) {

@@ -195,6 +195,8 @@ fn a_reset_is_seen_at_once_and_the_bias_is_sought_anew() {
 fn a_changed_register_is_found_and_a_disturbed_transfer_is_not_a_loss() {
     for (address, bit) in [
         (0x4c, 0x01),
+        (0x4c, 0x10),
+        (0x4d, 0x01),
         (0x4d, 0x40),
         (0x4d, 0x80),
         (0x4e, 0x01),
@@ -258,6 +260,24 @@ fn a_line_that_is_stuck_or_a_frozen_sample_is_a_loss() {
     part.frozen = true;
     let steps = until_lost(&mut sensor, |bytes| part.transfer(bytes));
     assert!(steps <= 51, "{steps}");
+}
+
+/// The bits beside those that a step writes are those of the reset, whichever transfer of the set-up fails.
+#[test]
+fn a_failed_transfer_in_the_set_up_leaves_no_wrong_register() {
+    for failing in 0..40 {
+        let (mut sensor, mut part) = (Icm42688::new(1.0, 1.0).unwrap(), Part::new());
+        let mut transfers = 0;
+        for _ in 0..3000 {
+            sensor.step(true, |bytes| {
+                transfers += 1;
+                transfers != failing + 1 && part.transfer(bytes)
+            });
+        }
+        assert!(!sensor.is_lost(), "{failing}");
+        assert_eq!(part.banks[0][0x4c..0x4e], [0x33, 0x51], "{failing}");
+        assert_eq!(part.banks[0][0x4e..0x54], SET_UP, "{failing}");
+    }
 }
 
 #[test]

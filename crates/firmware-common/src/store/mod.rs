@@ -101,7 +101,8 @@ impl<F: NorFlash> Store<F> {
     ) -> Result<usize, SaveError> {
         self.load().await;
         let mut values = self.contents.changes(settings, base).count();
-        for _ in 0..2 {
+        let attempts = if self.contents.is_unreadable() { 0 } else { 2 };
+        for _ in 0..attempts {
             // A library that cannot go on leaves the values out, which the check below notices.
             if self.tidy().await
                 && self.write(settings, base).await.is_ok()

@@ -280,6 +280,7 @@ fn a_store_that_is_not_blank_and_has_no_item_is_reported() {
             report.unverified && !report.conditions().is_empty(),
             "{fill:#x}"
         );
+        assert_repaired(&flash, &Settings::default());
         let mut changed = Settings::default();
         change(&mut changed, 1, &mut Random(3));
         assert_repaired(&flash, &changed);

@@ -1,7 +1,7 @@
 //! The bare Olimex STM32-H405: pins that the board itself uses, and pins that the chip's boot loader uses.
 //!
-//! Sources: Olimex, "STM32-H405 development board, user's manual" with its schematic; the board's header in NuttX
-//! (`boards/arm/stm32/olimex-stm32-h405`) and its board file in ChibiOS (`os/hal/boards/OLIMEX_STM32_H405`).
+//! Sources: the board's files in NuttX (`boards/arm/stm32/olimex-stm32-h405`), ChibiOS
+//! (`os/hal/boards/OLIMEX_STM32_H405`), Zephyr (`boards/arm/olimex_stm32_h405`) and, for USB_P, of the robot phobos.
 
 use crate::chip::{Net, Pin, Usable};
 
@@ -68,7 +68,7 @@ const fn loader(port: char, number: u8, signal: &'static str, driven: bool) -> L
     }
 }
 
-/// Pins that the boot loader uses while BOOT0 is high (ST AN2606, STM32F40xxx/41xxx).
+/// Pins that the boot loader uses while BOOT0 is high (DS8626, section 2.2.13).
 pub const LOADER: &[LoaderPin] = &[
     loader('A', 9, "USART1 TX", true),
     loader('A', 10, "USART1 RX", false),

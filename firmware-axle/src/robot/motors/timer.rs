@@ -25,12 +25,11 @@
 //! # Emergency stop
 //!
 //! The contact's pin is the timer's break input, so that an open contact drives both outputs low
-//! (the drivers brake) without any program. The program then puts the drivers to sleep and latches
-//! the stop; outputs are enabled again by [`Pwm::enable`] alone. The break input of this chip has no
+//! (the drivers brake) without any program. The program then latches the stop; outputs are enabled again by [`Pwm::enable`] alone. The break input of this chip has no
 //! filter: a pulse of nanoseconds stops the robot. That is the safe side of the two, and the
 //! capacitor at the pin (see the wiring) keeps such pulses away.
 
-use core_algos::drive::sampling::{Sampling, Timing};
+use core_algos::drive::sampling::{self, Sampling};
 use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
 use embassy_stm32::pac::TIM1;
 use embassy_stm32::pac::timer::vals::{Bkp, Cms, Mms, Ocm, Ossi};
@@ -38,7 +37,7 @@ use embassy_stm32::peripherals::{self, PA8, PA9, PB12};
 use embassy_stm32::{Peri, rcc};
 
 /// Top of the counter.
-pub const TOP: u16 = 4200;
+pub const TOP: u16 = sampling::AXLE.top;
 /// Counts in a microsecond.
 const COUNTS_PER_US: u16 = 168;
 /// TIM1 is alternate function 1 on all of its pins.
@@ -47,20 +46,7 @@ const ALTERNATE: u8 = 1;
 const TRIGGER: usize = 3;
 
 /// Sampling instants, see above.
-const SAMPLING: Sampling = match (Timing {
-    top: TOP,
-    trim: i8::MAX as u16,
-    // 3.24 µs.
-    window: 544,
-    // 5.5 µs.
-    settling: 930,
-    // Delay of the trigger: the converter's clock is an eighth of the timer's.
-    margin: 34,
-    // The trigger is low for twice that, 1 µs, and the converter's clock sees it.
-    earliest: COUNTS_PER_US / 2,
-})
-.build()
-{
+const SAMPLING: Sampling = match sampling::AXLE.build() {
     Some(sampling) => sampling,
     None => panic!("no clean place to sample"),
 };

@@ -411,7 +411,7 @@ impl Circuit for AxleBoard {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use core_algos::drive::sampling::Timing;
+    use core_algos::drive::sampling;
     use virtual_board::chip::Usable;
 
     /// Rows of the pin tables of docs/wiring.md: pins and function.
@@ -462,17 +462,9 @@ mod tests {
     /// Largest error of a current, A, as the axle's board samples it at these duties, with the slowest amplifier that
     /// the data sheet allows.
     fn sampling_error(duties: [f64; 2]) -> f64 {
-        const TOP: u16 = 4200;
-        let timing = Timing {
-            top: TOP,
-            trim: 127,
-            window: 544,
-            settling: 930,
-            margin: 34,
-            earliest: 84,
-        };
+        const TOP: u16 = sampling::AXLE.top;
         let compares = duties.map(|duty| (duty * f64::from(TOP)) as u16);
-        let trigger = timing.build().unwrap().compare(compares);
+        let trigger = sampling::AXLE.build().unwrap().compare(compares);
         let counts = |count: u64| Time::from_nanos(count * 1000 / 168);
         let config = AmplifierConfig {
             edge_tau_s: 4.8e-6,
