@@ -1,7 +1,7 @@
 //! Critical sections that the current loop does not wait for.
 //!
 //! A critical section of the program (`critical_section::with`, so all of embassy's) raises BASEPRI to
-//! priority 1: every interrupt waits except those of priority 0. Two handlers have that priority. The current
+//! priority 1: every interrupt of priority 1 and below waits. Two handlers have priority 0. The current
 //! loop's starts within a dozen cycles whatever else goes on. It may therefore use nothing that
 //! such a section guards, neither wake a task nor log nor ask for the time. What it shares with the
 //! rest is exchanged under [`all`], which masks it too and is kept short. The handler of the voltage detector

@@ -24,7 +24,7 @@
 //! | `link` | serial port: identity, orders, reports, and the session with a rig |
 //! | `tick_loop` | the tick that all boards share, and the trait of what differs |
 //!
-//! What is without hardware is built for tests on the host too; everything else is for the board.
+//! Modules without hardware also build for tests on the host; the others build for the board only.
 
 #![cfg_attr(target_os = "none", no_std)]
 

@@ -235,7 +235,7 @@ mod tests {
         entries(bytes).map(|entry| format!("{:?}", entry.expect("a whole entry")))
     }
 
-    /// What waits, to the last entry.
+    /// Takes all entries that wait.
     fn rest(reader: &mut Reader) -> Vec<String> {
         let mut rest = Vec::new();
         loop {

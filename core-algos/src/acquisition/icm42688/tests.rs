@@ -262,7 +262,7 @@ fn a_line_that_is_stuck_or_a_frozen_sample_is_a_loss() {
     assert!(steps <= 51, "{steps}");
 }
 
-/// The bits beside those that a step writes are those of the reset, whichever transfer of the set-up fails.
+/// Each of the first transfers fails once; the set-up still ends with the required registers.
 #[test]
 fn a_failed_transfer_in_the_set_up_leaves_no_wrong_register() {
     for failing in 0..40 {

@@ -34,7 +34,7 @@ impl Queues {
         }
     }
 
-    /// The ends: the tick's two, and those of the handlers.
+    /// Splits the queues into the two ends of the tick and the two ends of the interrupt handlers.
     pub fn split(&mut self) -> Ends<'_> {
         let (to_send, queue) = self.sending.split();
         let (from_bus, arrived) = self.arrived.split();

@@ -11,7 +11,7 @@ use core_algos::topology::Role;
 use super::ends::{LinkEnd, OrderResult};
 use super::{Output, Route};
 
-/// What ended a wait.
+/// Event that ends a wait of the link.
 pub enum Event<'a> {
     /// Bytes arrived at the serial port.
     Bytes(&'a [u8]),

@@ -190,7 +190,7 @@ impl<H: Hardware> Common<H> {
         self.link.put(&self.reference.tick(now, samples, torque_nm));
     }
 
-    /// Records that the nodes are no longer those of the board's configuration.
+    /// Records the end of what can be replayed: the nodes no longer match the board's configuration.
     pub fn record_end(&mut self) {
         self.link.put(&Entry::End);
     }

@@ -2,7 +2,7 @@
 
 use super::pin::Pin;
 
-/// What a program may do with a net of the board.
+/// Permitted use of a net of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Usable {
     /// Nothing: the board has its own use for the pin.
@@ -22,6 +22,6 @@ pub struct Net {
     pub name: &'static str,
     /// What the board has there.
     pub part: &'static str,
-    /// What a program may do with it.
+    /// Permitted use.
     pub usable: Usable,
 }

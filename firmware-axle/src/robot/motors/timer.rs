@@ -25,8 +25,8 @@
 //! # Emergency stop
 //!
 //! The contact's pin is the timer's break input, so that an open contact drives both outputs low
-//! (the drivers brake) without any program. The program then latches the stop; outputs are enabled again by [`Pwm::enable`] alone. The break input of this chip has no
-//! filter: a pulse of nanoseconds stops the robot. That is the safe side of the two, and the
+//! (the drivers brake) without any program. The program then latches the stop; [`Pwm::enable`] alone enables the
+//! outputs again. The break input of this chip has no filter: a pulse of nanoseconds stops the robot. That is the safe side of the two, and the
 //! capacitor at the pin (see the wiring) keeps such pulses away.
 
 use core_algos::drive::sampling::{self, Sampling};

@@ -29,11 +29,7 @@ const SLOPE_DEG: f64 = 5.0;
 
 /// Speed of the robot, m/s, and true while the drivers of both axles are awake: before the stop, then each millisecond.
 fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bool)>, Error> {
-    let mut campaign = Campaign {
-        scenario: campaign.scenario.clone(),
-        images: campaign.images.clone(),
-        quick: campaign.quick,
-    };
+    let mut campaign = campaign.clone();
     let world = &mut campaign.scenario.world;
     world.plant.slope_rad = slope_deg.to_radians();
     // With a chock at one wheel the robot creeps, so that no biases are found.

@@ -56,6 +56,7 @@ pub fn catalogue() -> Vec<Entry> {
 }
 
 /// Settings of all runs.
+#[derive(Clone)]
 pub struct Campaign {
     /// The robot.
     pub scenario: Scenario,
