@@ -66,3 +66,15 @@ enumeration! {
         Service,
     }
 }
+
+impl Node {
+    /// Board of the node; a service tool has none.
+    pub const fn board(self) -> Option<Role> {
+        match self {
+            Self::Lead | Self::FrontAxle => Some(Role::Front),
+            Self::RearAxle => Some(Role::Rear),
+            Self::Beam => Some(Role::Beam),
+            Self::Service => None,
+        }
+    }
+}

@@ -7,7 +7,7 @@
 
 use crate::bus::Message;
 use crate::time::Micros;
-use crate::topology::{Node, Role};
+use crate::topology::Role;
 
 /// Time after the latest message of the other board for which the conflict stands: ten health reports.
 const LASTS: Micros = 1_000_000;
@@ -43,12 +43,7 @@ impl RoleConflict {
 fn sender(message: &Message) -> Option<Role> {
     match message {
         Message::BoardHealth { board, .. } | Message::BoardIdentity { board, .. } => Some(*board),
-        Message::NodeStatus { node, .. } => match node {
-            Node::Lead | Node::FrontAxle => Some(Role::Front),
-            Node::RearAxle => Some(Role::Rear),
-            Node::Beam => Some(Role::Beam),
-            Node::Service => None,
-        },
+        Message::NodeStatus { node, .. } => node.board(),
         _ => None,
     }
 }
@@ -58,6 +53,7 @@ mod tests {
     use super::*;
     use crate::bus::field::Hash24;
     use crate::safety::{Conditions, OperatingState};
+    use crate::topology::Node;
 
     fn status(node: Node) -> Message {
         Message::NodeStatus {

@@ -2,7 +2,7 @@
 
 use core_algos::bus::{self, CanFrame, Message, layout};
 use core_algos::time::Micros;
-use core_algos::topology::{Node, Role};
+use core_algos::topology::Role;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
@@ -251,12 +251,7 @@ impl VirtualBus {
 
 /// The board that sends a frame; a service tool is none.
 pub fn sender(frame: &CanFrame) -> Option<Role> {
-    match layout::find(frame.id)?.sender {
-        Node::Lead | Node::FrontAxle => Some(Role::Front),
-        Node::RearAxle => Some(Role::Rear),
-        Node::Beam => Some(Role::Beam),
-        Node::Service => None,
-    }
+    layout::find(frame.id)?.sender.board()
 }
 
 /// True for a frame of the nodes; the others are those of drivers and clock.
