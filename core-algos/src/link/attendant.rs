@@ -41,13 +41,26 @@ pub enum Demand {
     Record,
 }
 
+/// State of the motors of a board, or of the robot as a board without motors knows it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum MotorState {
+    /// Off.
+    #[default]
+    Off,
+    /// Shorted by their drivers until the wheels stand still.
+    Braking,
+    /// Given a torque by the nodes.
+    Driven,
+}
+
 /// State of a board that its attendants share.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Station {
     /// Time of the board, µs.
     pub now: Micros,
-    /// True while its motors may be on.
-    pub armed: bool,
+    /// Its motors.
+    pub motors: MotorState,
     /// Host that commands the robot.
     pub lease: Lease,
 }
@@ -63,7 +76,7 @@ impl Station {
             return Ok(());
         };
         let begins = matches!(request, Request::Record(_));
-        if begins && self.armed {
+        if begins && self.motors != MotorState::Off {
             return Err(Refusal::Armed);
         }
         match role {
@@ -81,7 +94,7 @@ impl Station {
             Request::Order {
                 order: Order::Place(_),
                 ..
-            } if self.armed => Err(Refusal::Armed),
+            } if self.motors == MotorState::Driven => Err(Refusal::Armed),
             _ => Ok(()),
         }
     }
@@ -118,7 +131,9 @@ fn answer<'a>(
             station.lease.release();
             (Reply::Done, None)
         }
-        Some(Request::Rig) if station.armed => (Reply::Refused(Refusal::Armed), None),
+        Some(Request::Rig) if station.motors != MotorState::Off => {
+            (Reply::Refused(Refusal::Armed), None)
+        }
         Some(Request::Rig) => (Reply::Done, Some(Demand::Session)),
         Some(_) => (Reply::Refused(Refusal::NoSession), None),
         None => (Reply::Refused(Refusal::Malformed), None),
@@ -190,8 +205,8 @@ impl Attendant {
         }
     }
 
-    /// Takes bytes that arrived and gives each answer to `send`, whole. A board that is armed refuses a session and a
-    /// new place.
+    /// Takes bytes that arrived and gives each answer to `send`, whole. A board refuses a session and a record until
+    /// its motors are off, and a new place while its nodes drive.
     /// While an order is carried out, other requests stay without an answer, and the host repeats them.
     pub fn receive(
         &mut self,

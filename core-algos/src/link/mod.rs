@@ -39,7 +39,7 @@ pub mod stored_parameters;
 #[cfg(test)]
 mod tests;
 
-pub use attendant::{Attendant, Demand};
+pub use attendant::{Attendant, Demand, MotorState};
 pub use endpoint::{Endpoint, Identity};
 pub use lease::{Lease, Stamp};
 pub use order::Order;

@@ -327,8 +327,8 @@ pub enum Refusal<'a> {
     },
     /// A point of a path or trajectory, a goal or a speed was not taken.
     Point(PathError),
-    /// Motors may be on: a session, a new place, and parameters changed or saved need nodes that have not been started
-    /// or an axle that gives no torque.
+    /// Motors may be on: a session and a record need motors that are off; a new place, and parameters changed or saved,
+    /// need nodes that have not been started or an axle that gives no torque.
     Armed,
     /// There is no such parameter.
     Index {

@@ -1,6 +1,6 @@
 //! Endpoint, protocol and framing together, as a host sees them.
 
-use super::attendant::{Attendant, Demand, REPORT_ENTRIES, Station};
+use super::attendant::{Attendant, Demand, MotorState, REPORT_ENTRIES, Station};
 use super::endpoint::{Endpoint, Identity};
 use super::framing::{Counters, Decoder, MAX_FRAME, SerialFrame, crc32c};
 use super::lease::Stamp;
@@ -790,24 +790,24 @@ impl Driving {
     fn greeted(role: Role) -> Self {
         let mut board = Self::new(role);
         let (protocol, nonce) = (PROTOCOL, 1);
-        board.ask(200, &Request::Hello { protocol, nonce }, true);
+        board.ask(200, &Request::Hello { protocol, nonce }, MotorState::Driven);
         board
     }
 
     /// The payloads of its answers to a request.
-    fn ask(&mut self, number: u8, request: &Request, armed: bool) -> Vec<Vec<u8>> {
+    fn ask(&mut self, number: u8, request: &Request, motors: MotorState) -> Vec<Vec<u8>> {
         let frame = protocol::encode(number, request).unwrap();
         let mut sent = Vec::new();
         let mut send = |answer: &[u8]| sent.extend_from_slice(answer);
-        self.station.armed = armed;
+        self.station.motors = motors;
         self.demand = self
             .attendant
             .receive(frame.bytes(), &mut self.station, &mut send);
         payloads(&sent)
     }
 
-    fn expect(&mut self, number: u8, request: &Request, armed: bool, reply: Reply) {
-        assert_answered(&self.ask(number, request, armed), number, reply);
+    fn expect(&mut self, number: u8, request: &Request, motors: MotorState, reply: Reply) {
+        assert_answered(&self.ask(number, request, motors), number, reply);
     }
 
     fn done(&mut self, done: Result<(), PathError>) -> Vec<Vec<u8>> {
@@ -838,7 +838,11 @@ fn configuration_of_a_board_that_drives_is_read_in_parts() {
     let mut read = Vec::new();
     for number in 1.. {
         let offset = read.len() as u16;
-        let answers = board.ask(number, &Request::Configuration { offset }, true);
+        let answers = board.ask(
+            number,
+            &Request::Configuration { offset },
+            MotorState::Driven,
+        );
         let Some((_, Reply::Configuration { total, bytes })) = protocol::decode(&answers[0]) else {
             panic!("{answers:?}");
         };
@@ -851,7 +855,7 @@ fn configuration_of_a_board_that_drives_is_read_in_parts() {
     let beyond = Request::Configuration { offset: u16::MAX };
     let total = read.len() as u16;
     let none = Reply::Configuration { total, bytes: &[] };
-    board.expect(99, &beyond, true, none);
+    board.expect(99, &beyond, MotorState::Driven, none);
 }
 
 /// Nodes begin anew with the motors off; those of the front board for the host that holds the lease.
@@ -861,14 +865,15 @@ fn record_begins_with_motors_off_and_on_the_front_board_by_lease() {
         let mut board = Driving::greeted(role);
         let begin = |owner| Request::Record(stamp(owner, 1));
         let refused = Reply::Refused(Refusal::Armed);
-        board.expect(1, &begin(7), true, refused);
-        board.expect(2, &begin(7), false, Reply::Done);
+        board.expect(1, &begin(7), MotorState::Driven, refused);
+        board.expect(4, &begin(7), MotorState::Braking, refused);
+        board.expect(2, &begin(7), MotorState::Off, Reply::Done);
         assert_eq!(board.demand, Some(Demand::Record));
         let other = match role {
             Role::Front => Reply::Refused(Refusal::Leased),
             _ => Reply::Done,
         };
-        board.expect(3, &begin(8), false, other);
+        board.expect(3, &begin(8), MotorState::Off, other);
     }
 }
 
@@ -888,26 +893,31 @@ fn a_board_that_drives_says_who_it_is_and_goes_into_a_session_with_its_motors_of
         counters: Counters::default(),
         session: false,
     };
-    board.expect(3, &hello, true, reply);
+    board.expect(3, &hello, MotorState::Driven, reply);
     let refused = |refusal| Reply::Refused(refusal);
-    board.expect(4, &Request::Rig, true, refused(Refusal::Armed));
+    board.expect(
+        4,
+        &Request::Rig,
+        MotorState::Driven,
+        refused(Refusal::Armed),
+    );
     assert_eq!(board.demand, None);
     // Nothing of a session is done outside of one.
     for (number, other) in [(5, Request::SaveParameters), (6, Request::Leave)] {
-        let answers = board.ask(number, &other, false);
+        let answers = board.ask(number, &other, MotorState::Off);
         assert_answered(&answers, number, refused(Refusal::NoSession));
         assert_eq!(board.demand, None);
     }
-    board.expect(7, &Request::Stack, true, Reply::Stack(STACK));
+    board.expect(7, &Request::Stack, MotorState::Driven, Reply::Stack(STACK));
     let record = Reply::Crash {
         counts: [1, 2, 3, 4],
         message: "panicked at tick.rs:120",
     };
-    board.expect(10, &Request::Crash, true, record);
+    board.expect(10, &Request::Crash, MotorState::Driven, record);
     let other = refused(Refusal::OtherBoard { role: Role::Rear });
     let stop = order(Order::Task(Task::Stop));
-    board.expect(8, &stop, true, other);
-    board.expect(9, &Request::Rig, false, Reply::Done);
+    board.expect(8, &stop, MotorState::Driven, other);
+    board.expect(9, &Request::Rig, MotorState::Off, Reply::Done);
     assert_eq!(board.demand, Some(Demand::Session));
 }
 
@@ -924,7 +934,7 @@ fn request_for_another_board_is_relayed_and_its_reply_returned() {
         payload: inner,
     };
     for _ in 0..2 {
-        assert!(board.ask(9, &relay, true).is_empty());
+        assert!(board.ask(9, &relay, MotorState::Driven).is_empty());
         let frame = SerialFrame::new(inner).unwrap();
         assert_eq!(board.demand, Some(Demand::Relay(role, frame)));
     }
@@ -941,7 +951,7 @@ fn request_for_another_board_is_relayed_and_its_reply_returned() {
     // The identifiers on the bus do not name the relay: there is one.
     let mut rear = Driving::new(Role::Rear);
     let other = Refusal::OtherBoard { role: Role::Rear };
-    rear.expect(9, &relay, true, Reply::Refused(other));
+    rear.expect(9, &relay, MotorState::Driven, Reply::Refused(other));
     assert_eq!(rear.demand, None);
 }
 
@@ -971,10 +981,10 @@ fn messages_of_nodes_are_not_sent_for_a_host() {
             true => Reply::Done,
             false => Reply::Refused(Refusal::Malformed),
         };
-        board.expect(number, &Request::Send { bus }, true, reply);
+        board.expect(number, &Request::Send { bus }, MotorState::Driven, reply);
         assert_eq!(board.demand, sent.then_some(Demand::Send(frame)));
     }
-    let nothing = board.ask(3, &Request::Send { bus: &[] }, true);
+    let nothing = board.ask(3, &Request::Send { bus: &[] }, MotorState::Driven);
     assert_answered(&nothing, 3, Reply::Refused(Refusal::Malformed));
 }
 
@@ -985,29 +995,32 @@ fn an_order_is_carried_out_once_and_answered_when_it_is_done() {
     let goal = Posture::new(1.0, -0.5, 0.25);
     let drive = Order::Task(Task::regulate(goal));
     let request = order(drive);
-    assert!(board.ask(1, &request, true).is_empty());
+    assert!(board.ask(1, &request, MotorState::Driven).is_empty());
     assert_eq!(board.order(), Some(drive));
     // The host is impatient.
-    assert!(board.ask(1, &request, true).is_empty());
+    assert!(board.ask(1, &request, MotorState::Driven).is_empty());
     assert_eq!(board.demand, None);
     assert_answered(&board.done(Ok(())), 1, Reply::Done);
-    board.expect(1, &request, true, Reply::Done);
+    board.expect(1, &request, MotorState::Driven, Reply::Done);
     assert_eq!(board.demand, None);
 
     let stand = Order::Place(place());
     let armed = Reply::Refused(Refusal::Armed);
-    board.expect(3, &order(stand), true, armed);
+    board.expect(3, &order(stand), MotorState::Driven, armed);
     assert_eq!(board.demand, None);
-    assert!(board.ask(4, &order(stand), false).is_empty());
+    assert!(board.ask(5, &order(stand), MotorState::Braking).is_empty());
+    assert_eq!(board.order(), Some(stand));
+    assert_answered(&board.done(Ok(())), 5, Reply::Done);
+    assert!(board.ask(4, &order(stand), MotorState::Off).is_empty());
     assert_eq!(board.order(), Some(stand));
     assert_answered(&board.done(Ok(())), 4, Reply::Done);
 
     let points = [None; POINTS];
     let path = order(Order::Path { points, end: true });
-    assert!(board.ask(2, &path, true).is_empty());
+    assert!(board.ask(2, &path, MotorState::Driven).is_empty());
     let full = Reply::Refused(Refusal::Point(PathError::Full));
     assert_answered(&board.done(Err(PathError::Full)), 2, full);
-    board.expect(2, &path, true, full);
+    board.expect(2, &path, MotorState::Driven, full);
 }
 
 /// A frame of another host, or one that was late, does not reach the lead node.
@@ -1016,7 +1029,7 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     let mut board = Driving::new(Role::Front);
     let unknown = order(Order::Task(Task::Stop));
     let no_session = Reply::Refused(Refusal::NoSession);
-    board.expect(1, &unknown, true, no_session);
+    board.expect(1, &unknown, MotorState::Driven, no_session);
     let mut board = Driving::greeted(Role::Front);
     let stop = Order::Task(Task::Stop);
     let of = |owner, sequence| Request::Order {
@@ -1024,7 +1037,7 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
         order: stop,
     };
     let refused = Reply::Refused;
-    assert!(board.ask(1, &of(1, 10), true).is_empty());
+    assert!(board.ask(1, &of(1, 10), MotorState::Driven).is_empty());
     assert_eq!(board.order(), Some(stop));
     assert_answered(&board.done(Ok(())), 1, Reply::Done);
     for (number, request, refusal) in [
@@ -1033,18 +1046,18 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
         (4, Request::Keep(stamp(2, 11)), Refusal::Leased),
         (5, Request::Release(stamp(2, 12)), Refusal::Leased),
     ] {
-        board.expect(number, &request, true, refused(refusal));
+        board.expect(number, &request, MotorState::Driven, refused(refusal));
         assert_eq!(board.demand, None, "{request:?}");
     }
     // Watching needs no lease.
-    board.expect(6, &Request::Watch, true, Reply::Done);
+    board.expect(6, &Request::Watch, MotorState::Driven, Reply::Done);
     let keep = Request::Keep(stamp(1, 11));
-    board.expect(7, &keep, true, Reply::Done);
+    board.expect(7, &keep, MotorState::Driven, Reply::Done);
     let release = Request::Release(stamp(1, 12));
     board.station.now = 900_000;
-    board.expect(8, &release, true, Reply::Done);
+    board.expect(8, &release, MotorState::Driven, Reply::Done);
     board.station.now = 1_000_001;
-    assert!(board.ask(9, &of(2, 1), true).is_empty());
+    assert!(board.ask(9, &of(2, 1), MotorState::Driven).is_empty());
     assert_eq!(board.order(), Some(stop));
 }
 

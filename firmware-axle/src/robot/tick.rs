@@ -6,6 +6,7 @@
 use core_algos::acquisition::icm42688::Reading;
 use core_algos::control::wheel_observer::{self, WheelObserver};
 use core_algos::drive::winding::{self, Winding};
+use core_algos::link::MotorState;
 use core_algos::link::record::Entry;
 use core_algos::node::board::{Board, Samples};
 use core_algos::node::tick_sync::Step;
@@ -147,8 +148,12 @@ impl BoardTick for AxleTick {
         self.axle.motors.command(command);
     }
 
-    fn is_armed(&self) -> bool {
-        self.driving || self.axle.motors.feedback().on
+    fn motors(&self) -> MotorState {
+        match (self.driving, self.axle.motors.feedback().on) {
+            (true, _) => MotorState::Driven,
+            (false, true) => MotorState::Braking,
+            (false, false) => MotorState::Off,
+        }
     }
 
     fn report(&mut self, sampled: &Sampled, health: Health, common: &mut Common) -> Report {

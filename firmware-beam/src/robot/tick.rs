@@ -6,6 +6,7 @@ use core_algos::beam::{MAX_GAUGES, calibration};
 use core_algos::bus::Message;
 use core_algos::bus::field::CalibrationResult;
 use core_algos::config::ConfigError;
+use core_algos::link::MotorState;
 use core_algos::node::Outbox;
 use core_algos::node::beam::{self, BeamNode};
 use core_algos::node::board::Samples;
@@ -156,8 +157,11 @@ impl BoardTick for BeamTick {
         }
     }
 
-    fn is_armed(&self) -> bool {
-        !self.motors_off
+    fn motors(&self) -> MotorState {
+        match self.motors_off {
+            true => MotorState::Off,
+            false => MotorState::Driven,
+        }
     }
 
     fn report(&mut self, block: &Block, health: Health, common: &mut Common) -> Report {

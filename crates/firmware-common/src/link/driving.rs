@@ -63,7 +63,7 @@ impl Driving {
             self.report(output);
         }
         self.station.now = now;
-        self.station.armed = self.end.is_armed();
+        self.station.motors = self.end.motors();
         if self.station.lease.take_lapsed(now) {
             self.end.on_lease_lapsed();
         }

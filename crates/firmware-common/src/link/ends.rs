@@ -3,14 +3,14 @@
 //! | from → to | what |
 //! |---|---|
 //! | link → tick | an order with its number; that the lease lapsed; that the nodes are to begin anew |
-//! | tick → link | the result of an order; output of the lead node; entries for the record; that the motors may be on |
+//! | tick → link | the result of an order; output of the lead node; entries for the record; the state of the motors |
 
-use core::sync::atomic::{AtomicBool, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 use core_algos::control::path::PathError;
-use core_algos::link::Order;
 use core_algos::link::protocol::Telemetry;
 use core_algos::link::record::Entry;
+use core_algos::link::{MotorState, Order};
 use core_algos::node::lead::{LeadNode, Output};
 use core_algos::time::Micros;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -28,7 +28,7 @@ pub struct Channels {
 }
 
 struct Shared {
-    armed: AtomicBool,
+    motors: AtomicU8,
     begin: AtomicBool,
     lapsed: AtomicBool,
     order: Signal<CriticalSectionRawMutex, (u16, Order)>,
@@ -41,7 +41,7 @@ impl Channels {
     pub const fn new() -> Self {
         Self {
             shared: Shared {
-                armed: AtomicBool::new(false),
+                motors: AtomicU8::new(MotorState::Off as u8),
                 begin: AtomicBool::new(false),
                 lapsed: AtomicBool::new(false),
                 order: Signal::new(),
@@ -110,9 +110,9 @@ impl TickEnd {
         self.put(&Entry::Order(order));
     }
 
-    /// Sets whether the motors of this board may be on.
-    pub fn set_armed(&mut self, armed: bool) {
-        self.shared.armed.store(armed, Ordering::Relaxed);
+    /// Sets the state of the motors.
+    pub fn set_motors(&mut self, motors: MotorState) {
+        self.shared.motors.store(motors as u8, Ordering::Relaxed);
     }
 
     /// True once after a host has asked for nodes that begin anew.
@@ -128,9 +128,13 @@ pub struct LinkEnd {
 }
 
 impl LinkEnd {
-    /// True while the motors of this board may be on.
-    pub fn is_armed(&self) -> bool {
-        self.shared.armed.load(Ordering::Relaxed)
+    /// State of the motors.
+    pub fn motors(&self) -> MotorState {
+        let state = self.shared.motors.load(Ordering::Relaxed);
+        [MotorState::Off, MotorState::Braking]
+            .into_iter()
+            .find(|motors| *motors as u8 == state)
+            .unwrap_or(MotorState::Driven)
     }
 
     /// Gives the tick the order of this number.

@@ -9,7 +9,7 @@ use core_algos::link::order::POINTS;
 use core_algos::link::protocol::{self, CrashRecord, PROTOCOL, Refusal, Reply, Request, StackUse};
 use core_algos::link::record::{Entry, entries};
 use core_algos::link::segment::{self, Direction};
-use core_algos::link::{Attendant, Identity, Order, Stamp, lease};
+use core_algos::link::{Attendant, Identity, MotorState, Order, Stamp, lease};
 use core_algos::math::Posture;
 use core_algos::node::lead::{LeadNode, Output as LeadOutput, Task};
 use core_algos::node::robot::RobotConfig;
@@ -256,14 +256,16 @@ fn begin_request_reaches_the_tick_once() {
 }
 
 #[test]
-fn session_is_refused_while_the_tick_is_armed() {
+fn session_is_refused_until_the_motors_are_off() {
     for route in [Route::Serial, Route::Bus] {
         let mut bench = Bench::new();
-        bench.tick.set_armed(true);
-        let (replies, session) = bench.ask(route, &Request::Rig);
-        assert_eq!(decoded(&replies[0]), Reply::Refused(Refusal::Armed));
-        assert_eq!(session, None);
-        bench.tick.set_armed(false);
+        for motors in [MotorState::Driven, MotorState::Braking] {
+            bench.tick.set_motors(motors);
+            let (replies, session) = bench.ask(route, &Request::Rig);
+            assert_eq!(decoded(&replies[0]), Reply::Refused(Refusal::Armed));
+            assert_eq!(session, None);
+        }
+        bench.tick.set_motors(MotorState::Off);
         let (replies, session) = bench.ask(route, &Request::Rig);
         assert_eq!(decoded(&replies[0]), Reply::Done);
         assert_eq!(session, Some(route));

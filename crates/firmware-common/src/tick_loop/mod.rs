@@ -10,6 +10,7 @@ mod chip;
 mod tests;
 
 use core_algos::bus::Message;
+use core_algos::link::MotorState;
 use core_algos::link::record::{Entry, Reference};
 use core_algos::node::board::Samples;
 use core_algos::node::led::Led;
@@ -79,8 +80,8 @@ pub trait BoardTick {
     fn receive(&mut self, samples: &Self::Samples, arrived: &Arrived);
     /// Steps the nodes, sends their messages and commands the actuators.
     fn step(&mut self, samples: &Self::Samples, common: &mut Common<Self::Hardware>);
-    /// True while the motors may be on.
-    fn is_armed(&self) -> bool;
+    /// State of the motors.
+    fn motors(&self) -> MotorState;
     /// Sends the board's health; gives the report for the log.
     fn report(
         &mut self,
@@ -257,7 +258,7 @@ impl<B: BoardTick> TickLoop<B> {
             board.receive(&samples, &arrived);
         }
         board.step(&samples, common);
-        common.link.set_armed(board.is_armed());
+        common.link.set_motors(board.motors());
         common.hardware.send_link_frame();
         self.stopwatch.end(common.hardware.cycles());
         if self.health.tick() {

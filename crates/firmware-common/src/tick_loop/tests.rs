@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 
 use core_algos::bus::LeadMode;
+use core_algos::link::MotorState;
 use core_algos::safety::OperatingState;
 use core_algos::topology::Node;
 use embassy_futures::block_on;
@@ -75,7 +76,7 @@ struct Board {
     calls: Calls,
     ticks: VecDeque<Option<Micros>>,
     step_us: u32,
-    armed: bool,
+    motors: MotorState,
     status: Option<Message>,
 }
 
@@ -120,8 +121,8 @@ impl BoardTick for Board {
             .wrapping_add(self.step_us * CYCLES_PER_US);
     }
 
-    fn is_armed(&self) -> bool {
-        self.armed
+    fn motors(&self) -> MotorState {
+        self.motors
     }
 
     fn report(&mut self, _: &u8, health: Health, common: &mut Common<Fake>) -> Health {
@@ -159,7 +160,7 @@ impl Bench {
             calls: calls.clone(),
             ticks: VecDeque::new(),
             step_us: 10,
-            armed: false,
+            motors: MotorState::Off,
             status: None,
         };
         let identity = Identity::new(&[7; 12], "test build");
@@ -243,12 +244,18 @@ fn tick_without_samples_checks_in_and_is_left_out() {
 }
 
 #[test]
-fn armed_flag_follows_the_board_after_each_tick() {
+fn link_knows_the_motors_after_each_tick() {
     let mut bench = Bench::new();
-    for (tick, armed) in [(1, true), (2, false), (3, true)] {
-        bench.tick.board.armed = armed;
+    let states = [
+        MotorState::Driven,
+        MotorState::Braking,
+        MotorState::Off,
+        MotorState::Driven,
+    ];
+    for (tick, motors) in (1..).zip(states) {
+        bench.tick.board.motors = motors;
         bench.turn(Some(tick * TICK));
-        assert_eq!(bench.link.is_armed(), armed);
+        assert_eq!(bench.link.motors(), motors);
     }
 }
 
