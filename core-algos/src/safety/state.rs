@@ -1,4 +1,19 @@
 //! Operating states and the table of transitions between them.
+//!
+//! Next state for each state (row) and cause (column); · means no change. A state before a bar applies if no condition of
+//! class stop or cut is latched, the one behind it otherwise. Notices and degradations change no state.
+//!
+//! | | Ready | Arm | Start | Finish | Disarm | Clear | Halted | emergency stop | other stop | cut |
+//! |---|---|---|---|---|---|---|---|---|---|---|
+//! | Boot | Idle / · | · | · | · | · | · | · | Fault | · | Fault |
+//! | Idle | · | Armed / · | · | · | · | · | · | Fault | · | Fault |
+//! | Armed | · | · | Active | · | SafeStop | · | · | SafeStop | SafeStop | Fault |
+//! | Active | · | · | · | Armed | SafeStop | · | · | SafeStop | SafeStop | Fault |
+//! | SafeStop | · | · | · | · | · | · | Idle / Fault | · | · | Fault |
+//! | Fault | · | · | · | · | · | Idle / · | · | · | · | Fault |
+//!
+//! Motors come on by request alone, one step at a time, and never over a fault. While nothing moves a condition of class
+//! stop only keeps the node from arming; an emergency stop is latched wherever it comes.
 
 use super::condition::{Class, Condition};
 
@@ -109,96 +124,104 @@ pub const fn transition(state: OperatingState, cause: Cause, hard: bool) -> Oper
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
-    use OperatingState::{Active, Armed, Boot, Fault, Idle, SafeStop};
 
-    fn causes() -> impl Iterator<Item = Cause> {
-        let conditions = Condition::ALL.into_iter().map(Cause::Condition);
-        conditions.chain(StateRequest::ALL.into_iter().map(Cause::Request))
+    /// Cell of the table in this module's documentation.
+    fn cell(state: OperatingState, column: &str) -> &'static str {
+        let mut rows = include_str!("state.rs")
+            .lines()
+            .filter_map(|line| line.strip_prefix("//! |"))
+            .map(|line| line.split('|').map(str::trim).collect::<Vec<_>>());
+        let head = rows.next().expect("a table");
+        let column = head.iter().position(|name| *name == column).expect(column);
+        let name = format!("{state:?}");
+        rows.find(|row| row[0] == name).expect("a row")[column]
     }
 
+    /// The state that the table demands.
+    pub fn demanded(state: OperatingState, cause: Cause, hard: bool) -> OperatingState {
+        let request;
+        let column = match cause {
+            Cause::Request(it) => {
+                request = format!("{it:?}");
+                &request
+            }
+            Cause::Condition(Condition::EmergencyStop) => "emergency stop",
+            Cause::Condition(condition) => match condition.class() {
+                Class::Notice | Class::Degraded => return state,
+                Class::Stop => "other stop",
+                Class::Cut => "cut",
+            },
+        };
+        let cell = cell(state, column);
+        let (free, latched) = cell.split_once(" / ").unwrap_or((cell, cell));
+        match if hard { latched } else { free } {
+            "·" => state,
+            name => OperatingState::ALL
+                .into_iter()
+                .find(|state| format!("{state:?}") == name)
+                .expect(name),
+        }
+    }
+
+    /// Every state, cause, and whether a hard condition is latched.
     fn all() -> impl Iterator<Item = (OperatingState, Cause, bool)> {
         OperatingState::ALL.into_iter().flat_map(|state| {
-            causes().flat_map(move |cause| [(state, cause, false), (state, cause, true)])
+            let conditions = Condition::ALL.into_iter().map(Cause::Condition);
+            let causes = conditions.chain(StateRequest::ALL.into_iter().map(Cause::Request));
+            causes.flat_map(move |cause| [(state, cause, false), (state, cause, true)])
         })
     }
 
-    /// Motors come on only along Idle → Armed → Active, each step asked for, none while something
-    /// is wrong.
     #[test]
-    fn power_comes_by_request_only_and_never_over_a_fault() {
+    fn every_transition_is_that_of_the_table() {
         for (state, cause, hard) in all() {
             let next = transition(state, cause, hard);
-            if next == Armed && state != Armed {
-                let asked = matches!(
-                    (state, cause),
-                    (Idle, Cause::Request(StateRequest::Arm))
-                        | (Active, Cause::Request(StateRequest::Finish))
-                );
-                assert!(asked && !(state == Idle && hard), "{state:?} {cause:?}");
-            }
-            if next == Active && state != Active {
-                assert_eq!((state, cause), (Armed, Cause::Request(StateRequest::Start)));
-            }
+            assert_eq!(
+                next,
+                demanded(state, cause, hard),
+                "{state:?} {cause:?} {hard}"
+            );
         }
+        assert_eq!(all().count(), 2 * 6 * (Condition::ALL.len() + 7));
     }
 
     #[test]
-    fn no_hard_condition_leaves_the_robot_driving() {
-        for (state, cause, hard) in all() {
-            let Cause::Condition(condition) = cause else {
-                continue;
-            };
-            let next = transition(state, cause, hard);
-            match condition.class() {
-                Class::Notice | Class::Degraded => assert_eq!(next, state),
-                Class::Stop => assert!(!matches!(next, Active | Armed), "{state:?} {condition:?}"),
-                Class::Cut => assert_eq!(next, Fault, "{state:?} {condition:?}"),
-            }
+    fn motors_have_the_permit_of_the_state() {
+        use OperatingState::{Active, Armed, Boot, Fault, Idle, SafeStop};
+        for (permit, states) in [
+            (Permit::Off, &[Boot, Idle, Fault][..]),
+            (Permit::Hold, &[Armed]),
+            (Permit::Drive, &[Active]),
+            (Permit::Brake, &[SafeStop]),
+        ] {
+            assert!(
+                states.iter().all(|state| state.permit() == permit),
+                "{permit:?}"
+            );
         }
     }
 
-    #[test]
-    fn a_fault_is_left_by_clearing_alone_and_only_when_its_cause_is_gone() {
-        for (state, cause, hard) in all() {
-            if state == Fault && transition(state, cause, hard) != Fault {
-                assert_eq!(cause, Cause::Request(StateRequest::Clear));
-                assert!(!hard);
-                assert_eq!(transition(state, cause, hard), Idle);
-            }
-        }
-    }
-
-    /// From any state any sequence of stops and halts ends with motors off.
+    /// From any state any stop or cut ends with motors off once the robot rests.
     #[test]
     fn stopping_always_ends_with_the_motors_off() {
         for state in OperatingState::ALL {
             for condition in Condition::ALL.into_iter().filter(|c| c.class().is_hard()) {
-                let mut now = transition(state, Cause::Condition(condition), true);
-                now = transition(now, Cause::Request(StateRequest::Halted), true);
+                let mut now = demanded(state, Cause::Condition(condition), true);
+                now = demanded(now, Cause::Request(StateRequest::Halted), true);
                 assert_eq!(now.permit(), Permit::Off, "{state:?} {condition:?}");
             }
         }
     }
 
+    /// Clearing alone leaves a fault, and only when its cause is gone.
     #[test]
-    fn the_way_to_drive_and_back() {
-        let mut state = Boot;
-        for (request, expected) in [
-            (StateRequest::Start, Boot),
-            (StateRequest::Ready, Idle),
-            (StateRequest::Start, Idle),
-            (StateRequest::Arm, Armed),
-            (StateRequest::Start, Active),
-            (StateRequest::Finish, Armed),
-            (StateRequest::Start, Active),
-            (StateRequest::Disarm, SafeStop),
-            (StateRequest::Start, SafeStop),
-            (StateRequest::Halted, Idle),
-        ] {
-            state = transition(state, Cause::Request(request), false);
-            assert_eq!(state, expected, "{request:?}");
+    fn a_fault_is_left_by_clearing_alone() {
+        for (_, cause, hard) in all().filter(|(state, ..)| *state == OperatingState::Fault) {
+            let next = demanded(OperatingState::Fault, cause, hard);
+            let cleared = cause == Cause::Request(StateRequest::Clear) && !hard;
+            assert_eq!(next == OperatingState::Fault, !cleared, "{cause:?} {hard}");
         }
     }
 }

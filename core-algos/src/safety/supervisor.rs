@@ -5,6 +5,24 @@
 //! reason. Degradations start an allowance of time and distance; when it is used up,
 //! [`Condition::DegradedTooLong`] stops the robot.
 //!
+//! # Requirements
+//!
+//! | condition | reaction | within | until | reason |
+//! |---|---|---|---|---|
+//! | any | counts as present | its time without a break, to the tick | the tick at which it is gone | noise is no fault |
+//! | notice | told with the next heartbeat; no change of state | – | it was told | a user wants to know |
+//! | degraded, while *active* | `DegradedTooLong` | the tick beyond the time or the way allowed | the degradation ends, which gives both back | the estimate gets worse with time and way |
+//! | stop, while the motors are on | *safe stop*, latched, the first one kept as reason | the same tick | *fault*, and `Clear` without a cause there | axles that stop together do not bend the frame |
+//! | stop, while they are off | no arming | the same tick | the tick at which it is gone | nothing moves |
+//! | emergency stop, cut | *fault*, latched (an emergency stop while the motors are on: *safe stop*) | the same tick | `Clear` without a cause | control cannot be trusted |
+//! | *safe stop* and rest | *fault* with a reason, *idle* without | the same tick | – | the motors are not needed |
+//! | *safe stop* without rest | as with rest | the tick beyond `stop_timeout_s` of this stop | – | a stop must end |
+//! | `Clear` outside of *fault* | none | – | – | a stop under way keeps its reason |
+//! | a clock that stands still or runs back | no time passes until it is ahead of its latest time | – | – | a condition keeps its time |
+//! | a gap between ticks | counts as 100 ms at most | – | – | a missed tick is no proof that a condition held |
+//!
+//! The states and their transitions: [`super::state`].
+//!
 //! # Example
 //!
 //! ```

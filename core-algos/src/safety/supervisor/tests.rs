@@ -1,3 +1,4 @@
+use super::super::state::tests::demanded;
 use super::*;
 use proptest::prelude::{any, prop, prop_assert, prop_assert_eq};
 
@@ -18,110 +19,270 @@ impl Bench {
         }
     }
 
-    fn driving() -> Self {
+    /// A supervisor in this state, with nothing latched but the cause of a fault that is over.
+    fn in_state(state: OperatingState) -> Self {
+        use StateRequest::{Arm, Disarm, Ready, Start};
         let mut bench = Self::new();
-        for request in [StateRequest::Ready, StateRequest::Arm, StateRequest::Start] {
-            bench.ask(request);
+        let requests: &[StateRequest] = match state {
+            OperatingState::Boot => &[],
+            OperatingState::Idle => &[Ready],
+            OperatingState::Armed => &[Ready, Arm],
+            OperatingState::Active => &[Ready, Arm, Start],
+            OperatingState::SafeStop => &[Ready, Arm, Start, Disarm],
+            OperatingState::Fault => {
+                bench.with(CUT);
+                &[]
+            }
+        };
+        bench.tick(NOTHING);
+        for request in requests {
+            bench.ask(*request);
         }
-        assert_eq!(bench.state.operating(), OperatingState::Active);
+        assert_eq!(bench.state.operating(), state);
         bench
     }
 
+    fn driving() -> Self {
+        Self::in_state(OperatingState::Active)
+    }
+
     fn step(&mut self, input: Input) -> Output {
-        self.now += TICK;
         self.supervisor.step(&mut self.state, self.now, &input)
     }
 
+    /// A step a tick later.
+    fn tick(&mut self, input: Input) -> Output {
+        self.now += TICK;
+        self.step(input)
+    }
+
     fn ask(&mut self, request: StateRequest) -> Output {
-        self.step(Input {
-            request: Some(request),
-            ..Input::default()
-        })
+        self.tick(asked(NOTHING, request))
     }
 
     fn with(&mut self, condition: Condition) -> Output {
-        self.ask_with(condition, None)
+        self.tick(present(condition))
     }
 
-    fn ask_with(&mut self, condition: Condition, request: Option<StateRequest>) -> Output {
-        self.step(Input {
-            request,
-            ..present(condition)
-        })
-    }
-
-    /// Drives on without the beam.
-    fn degraded(&mut self, moved_m: f32) -> OperatingState {
-        let input = Input {
-            moved_m,
-            ..present(Condition::BeamLost)
-        };
-        self.step(input).state
+    /// Steps until the state is another one; their number.
+    fn ticks_until_change(&mut self, input: Input) -> usize {
+        (1..60_000)
+            .find(|_| self.tick(input).changed)
+            .expect("a change")
     }
 }
+
+/// A cut that counts at once.
+const CUT: Condition = Condition::DriverFault;
+
+const NOTHING: Input = Input {
+    conditions: Conditions::NONE,
+    request: None,
+    moved_m: 0.0,
+    halted: false,
+};
+
+const HALTED: Input = Input {
+    halted: true,
+    ..NOTHING
+};
 
 fn present(condition: Condition) -> Input {
     Input {
         conditions: Conditions::only(condition),
-        ..Input::default()
+        ..NOTHING
     }
 }
 
-/// A condition counts after its time, not before, and starts anew after a break.
+fn asked(input: Input, request: StateRequest) -> Input {
+    Input {
+        request: Some(request),
+        ..input
+    }
+}
+
+fn hard(condition: Condition) -> bool {
+    condition.class().is_hard()
+}
+
+/// The time of each condition in ticks, as its row of the table says.
+fn ticks_of(condition: Condition) -> u64 {
+    condition.entry().hold / TICK
+}
+
+/// Every state and condition, alone: nothing before the condition's time, the state of the table at its end, its whole
+/// time again after a break of one tick.
 #[test]
-fn a_condition_counts_after_its_time() {
-    for condition in Condition::ALL.into_iter().filter(|c| c.class().is_hard()) {
-        let ticks = condition.entry().hold / TICK;
-        let mut bench = Bench::driving();
-        for _ in 0..ticks {
-            let state = bench.with(condition).state;
-            assert_eq!(state, OperatingState::Active, "{condition:?}");
-        }
-        if ticks > 0 {
-            bench.step(Input::default());
+fn a_condition_counts_after_its_time_in_every_state() {
+    let mut tried = 0;
+    for (state, condition) in pairs() {
+        let ticks = ticks_of(condition);
+        let mut bench = Bench::in_state(state);
+        // The longest hold is twice as long as a stop would last.
+        bench.supervisor = patient();
+        let before = bench.state.count(condition.class());
+        for round in 0..2 {
             for _ in 0..ticks {
-                assert_eq!(bench.with(condition).state, OperatingState::Active);
+                let output = bench.with(condition);
+                assert_eq!(output.state, state, "{condition:?} {round}");
+                assert!(!bench.state.present.contains(condition));
+            }
+            if round == 0 && ticks > 0 {
+                bench.tick(NOTHING);
             }
         }
         let output = bench.with(condition);
-        let expected = match condition.class() {
-            Class::Stop => OperatingState::SafeStop,
-            _ => OperatingState::Fault,
-        };
-        assert_eq!(output.reason, Some(condition));
-        assert!(output.state == expected && output.changed, "{output:?}");
+        let next = demanded(state, Cause::Condition(condition), false);
+        let context = format!("{state:?} {condition:?}");
+        assert_eq!(output.state, next, "{context}");
+        assert_eq!(output.changed, next != state, "{context}");
+        assert_eq!(output.permit, next.permit(), "{context}");
+        assert!(bench.state.present.contains(condition));
+        let count = bench.state.count(condition.class());
+        assert_eq!(count, before + 1, "{context}: it came up once");
+        bench.with(condition);
+        assert_eq!(
+            bench.state.count(condition.class()),
+            count,
+            "{context}: and stays"
+        );
+        bench.tick(NOTHING);
+        assert!(!bench.state.present.contains(condition), "{context}: gone");
+        tried += 1;
+    }
+    assert_eq!(tried, 6 * Condition::ALL.len());
+}
+
+/// A supervisor whose stops last as long as they need.
+fn patient() -> Supervisor {
+    let config = Config {
+        stop_timeout_s: 10.0,
+        degraded_time_s: 3600.0,
+        ..Config::default()
+    };
+    config.build().unwrap()
+}
+
+fn pairs() -> impl Iterator<Item = (OperatingState, Condition)> {
+    let states = OperatingState::ALL.into_iter();
+    states.flat_map(|state| Condition::ALL.map(|condition| (state, condition)))
+}
+
+/// Every state, two conditions and a request in one tick: as the table says for the one condition, the other, and then
+/// the request; motors of a node with a hard condition neither hold nor drive.
+#[test]
+fn two_conditions_and_a_request_follow_the_table() {
+    let requests = [None].into_iter().chain(StateRequest::ALL.map(Some));
+    let requests: Vec<Option<StateRequest>> = requests.collect();
+    for (state, first) in pairs() {
+        let start = Bench::in_state(state);
+        for other in Condition::ALL.into_iter().filter(|other| *other >= first) {
+            let mut bench = Bench {
+                state: start.state,
+                ..Bench::new()
+            };
+            let both = Conditions::only(first).with(other, true);
+            // As if both had held for long.
+            bench.now = start.now;
+            bench.state.present = both;
+            bench.state.holding = both;
+            for request in &requests {
+                let mut bench = Bench {
+                    state: bench.state,
+                    ..Bench {
+                        now: bench.now,
+                        ..Bench::new()
+                    }
+                };
+                let output = bench.tick(Input {
+                    conditions: both,
+                    request: *request,
+                    ..NOTHING
+                });
+                let cleared = *request == Some(StateRequest::Clear);
+                let latched =
+                    hard(first) || hard(other) || (state == OperatingState::Fault && !cleared);
+                let mut next = state;
+                for cause in [first, other].map(Cause::Condition) {
+                    next = demanded(next, cause, latched);
+                }
+                if let Some(request) = request {
+                    next = demanded(next, Cause::Request(*request), latched);
+                }
+                let context = format!("{state:?} {first:?} {other:?} {request:?}");
+                assert_eq!(output.state, next, "{context}");
+                let drives = matches!(output.permit, Permit::Hold | Permit::Drive);
+                assert!(!(drives && latched), "{context}");
+                let reason = output.reason.is_some();
+                assert_eq!(reason, latched, "{context}");
+            }
+        }
     }
 }
 
+/// The first condition stays the reason; of those of one tick it is the worst.
 #[test]
-fn a_stop_ends_in_a_latched_fault_that_clears_when_its_cause_is_gone() {
+fn the_first_condition_is_the_reason_until_it_is_cleared() {
     let mut bench = Bench::driving();
-    while bench.with(Condition::SupplyLow).state == OperatingState::Active {}
-    let halted = Input {
-        halted: true,
-        ..Input::default()
-    };
-    assert_eq!(bench.step(halted).state, OperatingState::Fault);
-    for _ in 0..100 {
-        assert_eq!(bench.step(Input::default()).state, OperatingState::Fault);
-    }
-    for request in [
-        StateRequest::Ready,
-        StateRequest::Arm,
-        StateRequest::Start,
-        StateRequest::Disarm,
-    ] {
-        assert_eq!(bench.ask(request).state, OperatingState::Fault);
-    }
-    // Not while it still holds.
-    for _ in 0..50 {
-        bench.with(Condition::SupplyLow);
-    }
-    let output = bench.ask_with(Condition::SupplyLow, Some(StateRequest::Clear));
+    let both = Conditions::only(Condition::EmergencyStop).with(CUT, true);
+    bench.tick(Input {
+        conditions: both,
+        ..NOTHING
+    });
+    assert_eq!(bench.state.first(), Some(CUT));
+    bench.with(Condition::NotANumber);
+    assert_eq!(bench.state.first(), Some(CUT));
+    // Its cause is gone, another one has come: that is the reason after clearing.
+    let output = bench.tick(asked(
+        present(Condition::EmergencyStop),
+        StateRequest::Clear,
+    ));
     assert_eq!(output.state, OperatingState::Fault);
-    bench.step(Input::default());
+    assert_eq!(output.reason, Some(Condition::EmergencyStop));
     let output = bench.ask(StateRequest::Clear);
     assert_eq!((output.state, output.reason), (OperatingState::Idle, None));
+}
+
+/// `Clear` acts in a fault alone: a stop that is under way keeps its reason.
+#[test]
+fn clear_changes_nothing_outside_of_a_fault() {
+    for state in OperatingState::ALL {
+        let mut bench = Bench::in_state(state);
+        let clears = state == OperatingState::Fault;
+        assert_eq!(bench.ask(StateRequest::Clear).changed, clears, "{state:?}");
+    }
+    let mut bench = Bench::driving();
+    bench.with(Condition::EmergencyStop);
+    for _ in 0..100 {
+        let output = bench.ask(StateRequest::Clear);
+        assert_eq!(output.state, OperatingState::SafeStop);
+        assert_eq!(output.reason, Some(Condition::EmergencyStop));
+    }
+    let output = bench.tick(HALTED);
+    assert_eq!(output.state, OperatingState::Fault);
+    assert_eq!(output.reason, Some(Condition::EmergencyStop));
+}
+
+#[test]
+fn a_stop_condition_that_is_over_needs_no_clearing_while_nothing_moves() {
+    for state in [OperatingState::Boot, OperatingState::Idle] {
+        let request = match state {
+            OperatingState::Boot => StateRequest::Ready,
+            _ => StateRequest::Arm,
+        };
+        let mut bench = Bench::in_state(state);
+        for _ in 0..=ticks_of(Condition::SupplyLow) {
+            bench.with(Condition::SupplyLow);
+        }
+        let output = bench.tick(asked(present(Condition::SupplyLow), request));
+        assert_eq!(
+            (output.state, output.reason),
+            (state, Some(Condition::SupplyLow))
+        );
+        let output = bench.tick(NOTHING);
+        assert_eq!((output.state, output.reason), (state, None));
+        assert!(bench.ask(request).changed);
+    }
 }
 
 #[test]
@@ -133,68 +294,141 @@ fn what_was_present_for_a_tick_is_told_once() {
     let seen = bench.state.take_seen();
     assert_eq!(seen, lost.with(Condition::ClockStepped, true));
     assert_eq!(bench.state.take_seen(), lost, "still present");
-    bench.step(Input::default());
+    bench.tick(NOTHING);
     bench.state.take_seen();
     assert_eq!(bench.state.take_seen(), Conditions::NONE);
 }
 
+/// A stop ends with rest, or at the tick beyond 2 s; each stop has its whole time.
 #[test]
-fn a_stop_that_never_comes_to_rest_is_cut() {
+fn a_stop_ends_with_rest_or_after_two_seconds() {
     let mut bench = Bench::driving();
-    bench.ask(StateRequest::Disarm);
-    let ticks = (1..)
-        .find(|_| bench.step(Input::default()).permit == Permit::Off)
-        .unwrap();
-    assert_eq!(ticks, 2001, "the first tick beyond 2 s");
-    // Asked for, so no fault.
-    assert_eq!(bench.state.operating(), OperatingState::Idle);
+    for round in 0..3 {
+        // Asked for, so no fault.
+        assert_eq!(
+            bench.ask(StateRequest::Disarm).state,
+            OperatingState::SafeStop
+        );
+        assert_eq!(bench.ticks_until_change(NOTHING), 2001, "{round}");
+        assert_eq!(bench.state.operating(), OperatingState::Idle);
+        // One that is cut short by rest leaves nothing of its time to the next.
+        for request in [StateRequest::Arm, StateRequest::Start, StateRequest::Disarm] {
+            bench.ask(request);
+        }
+        for _ in 0..1500 {
+            assert!(!bench.tick(NOTHING).changed);
+        }
+        assert_eq!(bench.tick(HALTED).state, OperatingState::Idle);
+        for request in [StateRequest::Arm, StateRequest::Start] {
+            bench.ask(request);
+        }
+    }
+    let mut bench = Bench::driving();
+    // The tick of a condition belongs to its stop already.
+    bench.with(Condition::EmergencyStop);
+    assert_eq!(bench.ticks_until_change(NOTHING), 2000);
+    assert_eq!(bench.state.operating(), OperatingState::Fault);
+    // Rest means something in a stop alone.
+    let mut bench = Bench::driving();
+    assert!(!bench.tick(HALTED).changed);
 }
 
+/// The allowance ends at the tick beyond 20 s or beyond 2 m, in either direction.
 #[test]
 fn degraded_driving_ends_by_time_or_by_way() {
-    for (moved_m, least, most) in [(0.0, 20.0, 20.2), (0.25e-3, 8.0, 8.2), (f32::NAN, 0.0, 0.1)] {
+    // The first tick begins the degradation, 50 more make it count, the one after them begins the allowance.
+    for (moved_m, ticks) in [
+        (0.0, 51 + 20_001),
+        (0.25, 51 + 9),
+        (-0.25, 51 + 9),
+        (f32::NAN, 51 + 1),
+        (f32::INFINITY, 51 + 1),
+    ] {
         let mut bench = Bench::driving();
-        let ticks = (1..40_000)
-            .find(|_| bench.degraded(moved_m) != OperatingState::Active)
-            .unwrap();
-        let seconds = f64::from(ticks) * 1e-3;
-        assert!((least..=most).contains(&seconds), "{moved_m}: {seconds}");
-        assert_eq!(bench.state.first(), Some(Condition::DegradedTooLong));
-        // At rest a degradation that lasts is no reason to refuse clearing.
-        let mut rest = |request| {
-            bench.step(Input {
-                request,
-                halted: true,
-                ..present(Condition::BeamLost)
-            })
+        let degraded = Input {
+            moved_m,
+            ..present(Condition::BeamLost)
         };
-        assert_eq!(rest(None).state, OperatingState::Fault);
-        assert_eq!(rest(Some(StateRequest::Clear)).state, OperatingState::Idle);
+        assert_eq!(bench.ticks_until_change(degraded), ticks, "{moved_m}");
+        assert_eq!(bench.state.first(), Some(Condition::DegradedTooLong));
+        assert_eq!(bench.state.operating(), OperatingState::SafeStop);
+        // At rest a degradation that lasts is no reason to refuse clearing.
+        let rest = Input {
+            halted: true,
+            ..present(Condition::BeamLost)
+        };
+        assert_eq!(bench.tick(rest).state, OperatingState::Fault);
+        let cleared = bench.tick(asked(rest, StateRequest::Clear));
+        assert_eq!(cleared.state, OperatingState::Idle);
     }
 }
 
+/// Neither time nor way of a robot that holds counts, nor that of a degradation that is over.
 #[test]
-fn a_degradation_that_ends_gives_its_allowance_back() {
-    let mut bench = Bench::driving();
-    for round in 0..10 {
-        for _ in 0..7_000 {
-            assert_eq!(bench.degraded(0.25e-3), OperatingState::Active, "{round}");
+fn the_allowance_is_used_while_driving_and_given_back_at_the_end() {
+    let degraded = |moved_m| Input {
+        moved_m,
+        ..present(Condition::BeamLost)
+    };
+    let mut bench = Bench::in_state(OperatingState::Armed);
+    for _ in 0..25_000 {
+        assert!(!bench.tick(degraded(0.25)).changed);
+    }
+    bench.tick(asked(degraded(0.0), StateRequest::Start));
+    assert_eq!(bench.ticks_until_change(degraded(0.25)), 9);
+
+    for (moved_m, most) in [(0.0, 51 + 19_999), (0.25, 51 + 8)] {
+        let mut bench = Bench::driving();
+        for round in 0..3 {
+            for _ in 0..most {
+                assert!(!bench.tick(degraded(moved_m)).changed, "{round}");
+            }
+            // The tick of its end still belongs to it.
+            bench.tick(NOTHING);
+            bench.tick(NOTHING);
         }
-        bench.step(Input::default());
     }
 }
 
+/// A clock that stands still or runs back adds no time, and none twice; a gap counts as 100 ms.
 #[test]
-fn arming_is_refused_while_a_stop_condition_holds() {
-    let mut bench = Bench::new();
-    bench.ask(StateRequest::Ready);
-    for _ in 0..50 {
-        bench.with(Condition::NeighbourLost);
+fn the_clock_may_stand_still_run_back_and_jump() {
+    // 200 ms.
+    let condition = Condition::OverTemperature;
+    let mut bench = Bench::driving();
+    bench.with(condition);
+    let began = bench.now;
+    let mut at = |ms: i64| {
+        bench.now = began.saturating_add_signed(ms * 1_000);
+        bench.step(present(condition)).state == OperatingState::Active
+    };
+    assert!(
+        at(90) && at(90) && at(10) && at(0) && at(-1) && at(90),
+        "90 ms"
+    );
+    assert!(at(95) && at(5) && at(195), "195 ms");
+    assert!(at(199) && !at(200));
+    for (gap_ms, active) in [(100, true), (101, true), (100_000, true)] {
+        let mut bench = Bench::driving();
+        bench.with(condition);
+        bench.now += gap_ms * 1_000;
+        assert_eq!(
+            bench.step(present(condition)).state == OperatingState::Active,
+            active
+        );
+        bench.now += 99_000;
+        assert_eq!(
+            bench.step(present(condition)).state,
+            OperatingState::Active,
+            "{gap_ms}"
+        );
+        bench.now += 1_000;
+        assert_eq!(
+            bench.step(present(condition)).state,
+            OperatingState::SafeStop,
+            "{gap_ms}"
+        );
     }
-    let output = bench.ask_with(Condition::NeighbourLost, Some(StateRequest::Arm));
-    assert_eq!(output.state, OperatingState::Idle);
-    bench.step(Input::default());
-    assert_eq!(bench.ask(StateRequest::Arm).state, OperatingState::Armed);
 }
 
 properties! {
@@ -219,7 +453,7 @@ properties! {
             }
             let request = StateRequest::ALL.get(usize::from(request)).copied();
             let output = supervisor.step(&mut state, now, &Input { conditions, request, moved_m, halted });
-            let hard = state.latched.iter().any(|c| c.class().is_hard());
+            let hard = state.latched.iter().any(hard);
             prop_assert!(!(hard && matches!(output.permit, Permit::Drive | Permit::Hold)));
             let cut = conditions.iter().any(|c| c.class() == Class::Cut && c.entry().hold == 0);
             prop_assert!(!cut || output.permit == Permit::Off);

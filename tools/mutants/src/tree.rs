@@ -1,0 +1,295 @@
+//! A copy of the repository whose core-algos holds every change behind a switch.
+
+use crate::rules::Form;
+use crate::{Mutant, module};
+use anyhow::{Context, Result, bail};
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// The switch: the compiler's own evaluation never changes anything.
+const SWITCH: &str = r#"
+#[cfg(test)]
+pub(crate) mod mutant {
+    use std::sync::LazyLock;
+
+    static NUMBER: LazyLock<u32> = LazyLock::new(|| {
+        let number = std::env::var("CFMMR_MUTANT").ok();
+        number.and_then(|number| number.parse().ok()).unwrap_or(0)
+    });
+
+    const fn never(_: u32) -> bool { false }
+    fn is(number: u32) -> bool { *NUMBER == number }
+
+    #[inline(always)]
+    #[rustc_allow_const_fn_unstable(const_eval_select, core_intrinsics)]
+    pub const fn on(number: u32) -> bool {
+        core::intrinsics::const_eval_select((number,), never, is)
+    }
+
+    pub fn longer<T: Longer>(time: T) -> T { time.longer() }
+    pub trait Longer { fn longer(self) -> Self; }
+    macro_rules! longer {
+        ($($t:ty: $four:expr,)+) => {$(impl Longer for $t { fn longer(self) -> Self { $four(self) } })+};
+    }
+    longer! {
+        u8: |t: u8| t.saturating_mul(4), u16: |t: u16| t.saturating_mul(4), u32: |t: u32| t.saturating_mul(4),
+        u64: |t: u64| t.saturating_mul(4), usize: |t: usize| t.saturating_mul(4), i32: |t: i32| t.saturating_mul(4),
+        f32: |t: f32| t * 4.0,
+    }
+}
+"#;
+
+/// The copy.
+pub struct Tree {
+    folder: PathBuf,
+}
+
+/// Part of a changed file that belongs to one change.
+struct Part {
+    number: usize,
+    from: usize,
+    to: usize,
+}
+
+impl Tree {
+    /// Copies what git tracks of core-algos and of the crate that it needs.
+    pub fn copy(root: &Path) -> Result<Self> {
+        let folder = root.join("target/mutants");
+        let listed = Command::new("git")
+            .args([
+                "ls-files",
+                "-z",
+                "Cargo.toml",
+                "Cargo.lock",
+                "rust-toolchain.toml",
+            ])
+            .args(["core-algos", "crates/square-root"])
+            .current_dir(root)
+            .output()
+            .context("git ls-files")?;
+        let names = String::from_utf8(listed.stdout)?;
+        for name in names.split('\0').filter(|name| !name.is_empty()) {
+            write(&folder.join(name), &fs::read(root.join(name))?)?;
+        }
+        let workspace = fs::read_to_string(root.join("Cargo.toml"))?;
+        let lines = workspace.lines().map(|line| match line {
+            _ if line.starts_with("members =") => {
+                r#"members = ["core-algos", "crates/square-root"]"#
+            }
+            _ if line.starts_with("default-members =") => "",
+            _ => line,
+        });
+        let workspace: Vec<&str> = lines.collect();
+        write(&folder.join("Cargo.toml"), workspace.join("\n").as_bytes())?;
+        Ok(Self { folder })
+    }
+
+    /// Builds the tests of core-algos with the first changes of each file that compile; gives these and the program.
+    pub fn build(
+        &self,
+        root: &Path,
+        mutants: Vec<Mutant>,
+        per_file: usize,
+    ) -> Result<(Vec<Mutant>, PathBuf)> {
+        let mut files: BTreeMap<String, Vec<Mutant>> = BTreeMap::new();
+        for mutant in mutants {
+            files.entry(mutant.file.clone()).or_default().push(mutant);
+        }
+        self.switch()?;
+        for round in 1.. {
+            let mut parts = BTreeMap::new();
+            for (file, mutants) in &files {
+                let text = fs::read_to_string(root.join(file))?;
+                let chosen = &mutants[..per_file.min(mutants.len())];
+                let (text, found) = changed(&text, chosen);
+                write(&self.folder.join(file), text.as_bytes())?;
+                parts.insert(file.clone(), found);
+            }
+            let (program, errors) = self.compile()?;
+            if let Some(program) = program {
+                let chosen = files
+                    .into_values()
+                    .flat_map(|mutants| mutants.into_iter().take(per_file));
+                return Ok((chosen.collect(), program));
+            }
+            let refused = refused(&parts, &errors);
+            if refused.is_empty() || round > 40 {
+                let text: Vec<_> = errors.iter().map(|error| error.text.as_str()).collect();
+                bail!("the changed crate does not build:\n{}", text.join("\n"));
+            }
+            for mutants in files.values_mut() {
+                mutants.retain(|mutant| !refused.contains(&mutant.number));
+            }
+        }
+        unreachable!()
+    }
+
+    /// Adds the switch to the crate.
+    fn switch(&self) -> Result<()> {
+        let path = self.folder.join("core-algos/src/lib.rs");
+        let text = fs::read_to_string(&path)?
+            .replace("#![forbid(unsafe_code)]", "#![allow(warnings)]\n#![allow(internal_features)]\n#![cfg_attr(test, feature(core_intrinsics, const_eval_select, rustc_attrs, allow_internal_unstable))]");
+        write(&path, format!("{text}{SWITCH}").as_bytes())
+    }
+
+    fn compile(&self) -> Result<(Option<PathBuf>, Vec<Error>)> {
+        let output = Command::new("cargo")
+            .args([
+                "test",
+                "--offline",
+                "--package",
+                "core-algos",
+                "--features",
+                "link",
+                "--lib",
+            ])
+            .args(["--no-run", "--message-format", "json"])
+            .current_dir(&self.folder)
+            .env("RUSTC_BOOTSTRAP", "1")
+            .env("CARGO_TARGET_DIR", self.folder.join("target"))
+            .env("CARGO_PROFILE_TEST_OPT_LEVEL", "1")
+            .output()
+            .context("cargo")?;
+        let messages: Vec<Value> = String::from_utf8_lossy(&output.stdout)
+            .lines()
+            .filter_map(|line| serde_json::from_str(line).ok())
+            .collect();
+        let program = messages.iter().find_map(|message| {
+            let ours = message["target"]["name"] == "core_algos";
+            message["executable"].as_str().filter(|_| ours)
+        });
+        let errors: Vec<Error> = messages.iter().filter_map(Error::of).collect();
+        if errors.is_empty() && program.is_none() {
+            bail!("{}", String::from_utf8_lossy(&output.stderr));
+        }
+        let program = program.filter(|_| errors.is_empty()).map(PathBuf::from);
+        Ok((program, errors))
+    }
+}
+
+/// An error of the compiler.
+struct Error {
+    text: String,
+    /// File and bytes of each place that it names.
+    places: Vec<(String, usize)>,
+}
+
+impl Error {
+    fn of(message: &Value) -> Option<Self> {
+        let message = &message["message"];
+        if message["level"] != "error" {
+            return None;
+        }
+        let place = |span: &Value| {
+            let file = span["file_name"].as_str()?.to_owned();
+            Some((file, span["byte_start"].as_u64()? as usize))
+        };
+        let mut places: Vec<_> = message["spans"]
+            .as_array()?
+            .iter()
+            .filter_map(place)
+            .collect();
+        for child in message["children"].as_array().into_iter().flatten() {
+            places.extend(
+                child["spans"]
+                    .as_array()
+                    .into_iter()
+                    .flatten()
+                    .filter_map(place),
+            );
+        }
+        Some(Self {
+            text: message["rendered"].as_str().unwrap_or_default().to_owned(),
+            places,
+        })
+    }
+}
+
+/// The innermost change at each error.
+fn refused(parts: &BTreeMap<String, Vec<Part>>, errors: &[Error]) -> BTreeSet<usize> {
+    let at = |(file, byte): &(String, usize)| {
+        let within = |part: &&Part| (part.from..part.to).contains(byte);
+        let parts = parts.get(file)?.iter().filter(within);
+        parts
+            .min_by_key(|part| part.to - part.from)
+            .map(|part| part.number)
+    };
+    errors
+        .iter()
+        .filter_map(|error| error.places.iter().find_map(at))
+        .collect()
+}
+
+/// The text with each change behind its switch, and where each is.
+fn changed(text: &str, mutants: &[Mutant]) -> (String, Vec<Part>) {
+    let mut order: Vec<&Mutant> = mutants.iter().collect();
+    // What holds another one comes first.
+    order.sort_by_key(|mutant| (mutant.site.bytes.start, usize::MAX - mutant.site.bytes.end));
+    let mut parts = Vec::new();
+    let mut to = String::new();
+    let end = text.len();
+    insert(text, 0..end, &order, &mut to, &mut parts);
+    (to, parts)
+}
+
+/// Appends a range of the text with the changes in it.
+fn insert(
+    text: &str,
+    range: std::ops::Range<usize>,
+    mutants: &[&Mutant],
+    to: &mut String,
+    parts: &mut Vec<Part>,
+) {
+    let mut at = range.start;
+    let mut rest = mutants;
+    while let Some((first, later)) = rest.split_first() {
+        let bytes = first.site.bytes.clone();
+        let inside = later
+            .iter()
+            .take_while(|mutant| mutant.site.bytes.start < bytes.end)
+            .count();
+        let (inner, later) = later.split_at(inside);
+        to.push_str(&text[at..bytes.start]);
+        let from = to.len();
+        let number = first.number;
+        match &first.site.form {
+            Form::Instead(change) => {
+                to.push_str(&format!(
+                    "(if crate::mutant::on({number}) {{ {change} }} else {{ "
+                ));
+            }
+            Form::LeftOut => to.push_str(&format!("if !crate::mutant::on({number}) {{ ")),
+        }
+        insert(text, bytes.clone(), inner, to, parts);
+        to.push_str(match first.site.form {
+            Form::Instead(_) => " })",
+            Form::LeftOut => " }",
+        });
+        parts.push(Part {
+            number,
+            from,
+            to: to.len(),
+        });
+        at = bytes.end;
+        rest = later;
+    }
+    to.push_str(&text[at..range.end]);
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<()> {
+    if fs::read(path).is_ok_and(|found| found == bytes) {
+        return Ok(());
+    }
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder)?;
+    }
+    fs::write(path, bytes).with_context(|| path.display().to_string())
+}
+
+/// Modules whose tests see the changes.
+pub fn modules(mutants: &[Mutant]) -> BTreeSet<&str> {
+    mutants.iter().map(|mutant| module(&mutant.file)).collect()
+}
