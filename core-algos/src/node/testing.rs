@@ -2,7 +2,8 @@
 
 use crate::bus::{LeadMode, Message};
 use crate::math::Posture;
-use crate::safety::{Conditions, OperatingState};
+use crate::safety::supervisor;
+use crate::safety::{Condition, Conditions, OperatingState, StateRequest};
 use crate::time::{Micros, sequence};
 use crate::topology::{AxleId, Node};
 
@@ -63,4 +64,75 @@ pub(crate) fn axle_report(
             uptime,
         },
     ]
+}
+
+/// A supervisor in this state, without a fault that still holds.
+pub(crate) fn supervisor_in(state: OperatingState) -> supervisor::State {
+    use StateRequest::{Arm, Disarm, Ready, Start};
+    let supervisor = supervisor::Config::default().build().expect("the default");
+    let mut at = supervisor::State::default();
+    let requests: &[StateRequest] = match state {
+        OperatingState::Boot | OperatingState::Fault => &[],
+        OperatingState::Idle => &[Ready],
+        OperatingState::Armed => &[Ready, Arm],
+        OperatingState::Active => &[Ready, Arm, Start],
+        OperatingState::SafeStop => &[Ready, Arm, Start, Disarm],
+    };
+    let fault = Conditions::NONE.with(Condition::DriverFault, state == OperatingState::Fault);
+    let mut step = |request, conditions| {
+        let input = supervisor::Input {
+            conditions,
+            request,
+            ..supervisor::Input::default()
+        };
+        supervisor.step(&mut at, 0, &input);
+    };
+    step(None, fault);
+    requests
+        .iter()
+        .for_each(|request| step(Some(*request), Conditions::NONE));
+    assert_eq!(at.operating(), state);
+    at
+}
+
+/// Asserts that each cause brings its conditions and that what lies just within the limit brings none, alone and with
+/// every other cause that does not exclude it. `sound` has no condition.
+pub(crate) fn assert_watched<T: Clone>(
+    sound: &T,
+    causes: &[(&[Condition], fn(&mut T), fn(&mut T))],
+    watch: impl Fn(&T) -> Conditions,
+) {
+    let set = |conditions: &[Condition]| {
+        let mut set = Conditions::NONE;
+        conditions.iter().for_each(|it| set.set(*it, true));
+        set
+    };
+    let after = |changes: &[fn(&mut T)]| {
+        let mut changed = sound.clone();
+        changes.iter().for_each(|change| change(&mut changed));
+        watch(&changed)
+    };
+    assert_eq!(after(&[]), Conditions::NONE, "sound");
+    for (k, (conditions, beyond, within)) in causes.iter().enumerate() {
+        assert_eq!(
+            after(&[*beyond]),
+            set(conditions),
+            "cause {k}: {conditions:?}"
+        );
+        assert_eq!(
+            after(&[*within]),
+            Conditions::NONE,
+            "within {k}: {conditions:?}"
+        );
+        // The other conditions are there, this one is not unless another cause brings it.
+        let others = causes.iter().filter(|(other, ..)| other != conditions);
+        let mut changes: Vec<fn(&mut T)> = others.clone().map(|(_, beyond, _)| *beyond).collect();
+        let expected = others.fold(Conditions::NONE, |all, (other, ..)| all.union(set(other)));
+        changes.push(*within);
+        assert_eq!(after(&changes), expected, "all but {k}: {conditions:?}");
+        changes.pop();
+        changes.push(*beyond);
+        let all = expected.union(set(conditions));
+        assert_eq!(after(&changes), all, "all with {k}: {conditions:?}");
+    }
 }

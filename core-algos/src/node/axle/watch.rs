@@ -1,4 +1,36 @@
 //! Conditions that the axle node watches, and its requests to the supervisor.
+//!
+//! # Requirements
+//!
+//! A condition counts after its time in [`crate::safety::condition`] and ends when its cause does. *Driving* is the state
+//! *active*, *powered* any with motors on. Each side of the axle by itself is enough.
+//!
+//! | cause | condition | beyond | while | reason |
+//! |---|---|---|---|---|
+//! | lead node's mode or own reference too old, not dismissed | `CommandTimeout` | 60 ms | driving | nobody steers |
+//! | reference late | `MessageLost` | 30 ms | driving | three epochs are enough for node and bus |
+//! | other axle's heartbeat too old | `NeighbourLost` | 50 ms | always | the other may be off |
+//! | other axle or lead node stops for a reason | `NeighbourFault` | at once | powered | axles stop together |
+//! | output or estimate not finite | `NotANumber` | at once | always | control cannot be trusted |
+//! | encoder missing, or counts that jump | `EncoderFault` | at once | always | the wheel may run away unseen |
+//! | far from the reference | `TrackingLost` | 0.08 m, 0.35 rad | driving | something holds or pushes the axle |
+//! | twice as far from the ramp of a stop | `StopNotFollowed` | 0.16 m, 0.7 rad | stop, until the frame is let go | a motor stays on |
+//! | a wheel that turns | `StopNotFollowed` | 5 rad/s | stop, once the frame is let go | as above |
+//! | a wheel that stands at most of the torque | `MotorStall` | from 0.6 of the torque, up to 0.2 rad/s | always | blocked |
+//! | yaw rate of the gyro against that of the wheels | `WheelSlip` | 0.8 rad/s | always | a lifted wheel |
+//! | a measurement refused since the last report | `MeasurementRefused` | at once | always | told only |
+//! | torque limited | `TorqueLimited` | at once | always | told only |
+//!
+//! Requests, by the mode of the lead node that is no older than 60 ms; none before the first mode:
+//!
+//! | state | mode | request |
+//! |---|---|---|
+//! | *boot* | any | `Ready` |
+//! | *idle* | active or hold, with a reference, after a mode that did not drive | `Arm` |
+//! | *armed* | active or hold | `Start` |
+//! | *armed* | any other, or none | `Disarm` |
+//! | *active* | idle or clear | `Disarm` |
+//! | *fault* | clear | `Clear` |
 
 use super::{AxleNode, LATE, LET_GO_RAD_S, Samples};
 use crate::bus::LeadMode;
@@ -93,3 +125,6 @@ impl AxleNode {
             .with(Condition::MessageLost, active && late)
     }
 }
+
+#[cfg(test)]
+mod tests;

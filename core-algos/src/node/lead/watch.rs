@@ -1,4 +1,40 @@
 //! Conditions that the lead node watches, and its requests to the supervisor.
+//!
+//! # Requirements
+//!
+//! A condition counts after its time in [`crate::safety::condition`] and ends when its cause does. *Powered* is any state
+//! with motors on. Either axle by itself is enough.
+//!
+//! | cause | condition | beyond | while | reason |
+//! |---|---|---|---|---|
+//! | an axle's heartbeat too old | `NeighbourLost` | 50 ms | always | the axle may be off |
+//! | no estimate, for an axle's reports are too old | `NeighbourLost` | 50 ms | powered | nothing to drive by |
+//! | an axle stops for a reason | `NeighbourFault` | at once | powered | axles stop together |
+//! | an axle that does not arm | `NeighbourFault` | 300 ms after arming | powered | it would be dragged along |
+//! | an axle's posture late | `MessageLost` | 20 ms | powered | two epochs are enough for the bus |
+//! | no posture of the beam was used | `BeamLost` | 100 ms | a fusion that uses the beam | the estimate gets worse |
+//! | bend of the frame, by the beam or, without it, by the estimate | `FrameBent` | steering of 0.7 rad | always | the strip yields |
+//! | wrench of a frame that is bent by more than 0.05 rad | `WrenchHigh` | 25 N, 6 N m | a wrench no older than 50 ms | a blocked wheel |
+//! | estimate not finite | `NotANumber` | at once | always | control cannot be trusted |
+//! | posture of the beam refused | `EstimateInconsistent` | at once | *active* | wheels or gauges are wrong |
+//! | estimate says little | `EstimateVague` | 5 m, 0.5 rad | always | told only |
+//! | task done, but ellipse or a sensor in doubt | `ReachedUncertain` | tolerance of the task | done | the goal may be missed |
+//! | constants far from their calibration | `WheelsInconsistent`, `GaugesInconsistent`, `GyrosInconsistent` | see [`Doubt`] | always | told only |
+//! | mean innovation of the beam | `BeamInconsistent` | 3.0 | always | told only |
+//! | no speed command, or host lost | `CommanderSilent` | 200 ms, at once | driven by hand; always | nobody steers |
+//! | task without success | `GaveUp`, `NoProgress` | at once | until the next task | the user decides |
+//! | far from path or trajectory | `PathLost` | largest deviation | on a path | the robot drives elsewhere |
+//!
+//! Requests; a robot *rests* without a task or once it has been held for too long:
+//!
+//! | state | and | request |
+//! |---|---|---|
+//! | *boot* | | `Ready` |
+//! | *idle* | a task | `Arm` |
+//! | *armed*, *active* | rests | `Disarm` |
+//! | *armed* | a task that is not over, both axles at rest (0.02 m/s, 0.1 rad/s), beam not refused | `Start` |
+//! | *active* | task done; or failed, and the commanded speed is zero | `Finish` |
+//! | *fault* | task `Clear` | `Clear` |
 
 use super::{ARMING, BEAM_PATIENCE, LATE, LeadNode, NIS_LIMIT, STILL, Task, track};
 use crate::fusion::Estimate;
@@ -145,3 +181,6 @@ impl LeadNode {
             .with(Condition::PathLost, self.path_task.is_lost())
     }
 }
+
+#[cfg(test)]
+mod tests;
