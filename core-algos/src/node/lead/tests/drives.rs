@@ -52,14 +52,14 @@ impl World {
         }
         let uptime = self.number.min(255) as u8;
         let own = [0, 1].map(|k| (self.axles[k].relative_to(FRAMES[k]), uptime));
-        let (before, mut outbox) = (node.state.nis, Outbox::new());
+        let (before, lost, mut outbox) = (node.state.nis, node.state.lost, Outbox::new());
         let output = epoch_to(node, self.number, own, &mut outbox);
         let (nis, after) = (output.fused.beam.nis, node.state.nis);
         let mean = before + (nis - before) / 256.0;
         assert!(before == after || (after - mean).abs() < 1e-6, "{after}");
         let expected = match output.supervision.state {
             OperatingState::Armed if !output.done => LeadMode::Hold,
-            OperatingState::Active if !output.done => LeadMode::Active,
+            OperatingState::Active if !output.done && !lost => LeadMode::Active,
             _ => output.mode,
         };
         assert_eq!(output.mode, expected);
@@ -168,6 +168,32 @@ fn the_robot_comes_to_a_goal_aside_and_behind() {
     assert_eq!(world.node, new);
 }
 
+/// It stops and holds as on a command, but its task is not done.
+#[test]
+fn a_robot_whose_commander_is_lost_stops_and_is_not_done() {
+    for lost in [false, true] {
+        let mut world = World::new(Task::regulate(Posture::new(2.0, 0.0, 0.0)));
+        for _ in 0..300 {
+            assert!(!world.step().done);
+        }
+        assert!(world.node.state.governor.motion.v > 0.1);
+        match lost {
+            true => world.node.lose_commander(),
+            false => world.node.command(Task::Stop),
+        }
+        let ends: Vec<Output> = (0..200).map(|_| world.step()).collect();
+        assert!(ends.iter().all(|output| !(lost && output.done)));
+        let end = ends[199];
+        assert_eq!((end.mode, end.done), (LeadMode::Hold, !lost));
+        assert_eq!(end.supervision.state, OperatingState::Armed);
+        assert!(end.motion.v.abs() < 1e-3, "{end:?}");
+        world
+            .node
+            .command(Task::regulate(Posture::new(2.0, 0.0, 0.0)));
+        world.run(|_, _| ());
+    }
+}
+
 #[test]
 fn the_robot_follows_a_circle_and_rests_at_its_end() {
     let mut world = World::new(Task::Idle);
@@ -179,6 +205,10 @@ fn the_robot_follows_a_circle_and_rests_at_its_end() {
     let mut stopped = world.node.clone();
     stopped.command(Task::Stop);
     assert_eq!(stopped.path_task().path_room(), path_task::PATH_POINTS);
+    // It goes on after its faults were cleared.
+    let room = world.node.path_task().path_room();
+    world.node.command(Task::Clear);
+    assert_eq!(world.node.path_task().path_room(), room);
     world.node.command(Task::follow());
     let duration = world.run(|world, output| {
         let at = world.center();
