@@ -1,7 +1,7 @@
 //! Health of the gauges.
 //!
-//! Three kinds of evidence, from cheap to costly: a period's own samples, flatness, and consistency with the other gauges.
-//! Times are periods of the sensor; numbers are the defaults of [`Config`].
+//! Three kinds of evidence, from cheap to costly: a period's own samples, flatness, and consistency with the other
+//! gauges. Times are periods of the sensor; numbers are the defaults of [`Config`].
 //!
 //! | condition | reaction | after | until | reason |
 //! |---|---|---|---|---|
@@ -15,8 +15,8 @@
 //! | round complete: one gauge without which the residual is below 15, and all others more than 15 above that | verdict against this gauge | at the end of a round | a round with another result, a fit at 30 or below, a latched gauge | it could be two |
 //! | 2 verdicts in a row against one gauge | inconsistent | at once | reset | one round may be chance |
 //!
-//! A round counts only if the gauges tested in it are those in use at its end. [`Config::build`] validates; the rest never
-//! fails.
+//! A round counts only if the gauges tested in it are those in use at its end. [`Config::build`] validates; the rest
+//! never fails.
 
 use super::strip::{GaugeMask, MAX_GAUGES};
 use crate::config::{Allowed, ConfigError, config, require};
