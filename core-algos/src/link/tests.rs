@@ -1,26 +1,24 @@
 //! Endpoint, protocol and framing together, as a host sees them.
 
-use super::attendant::{Attendant, Demand, MotorState, REPORT_ENTRIES, Station};
 use super::endpoint::{Endpoint, Identity};
-use super::framing::{Counters, Decoder, MAX_FRAME, SerialFrame, crc32c};
+use super::framing::{Decoder, MAX_FRAME, SerialFrame, crc32c};
 use super::lease::Stamp;
 use super::order::Order;
 use super::protocol::{
-    self, CONFIG_CHUNK, CrashRecord, MAX_CONFIG, POINTS, PROTOCOL, Packed, Place, Refusal, Reply,
-    Request, StackUse, Telemetry,
+    self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
+    Telemetry,
 };
-use super::record::{self, Entry, MAX_ENTRY};
 use crate::beam::MAX_GAUGES;
-use crate::bus::{self, Message};
+use crate::bus;
 use crate::control::path::{PathError, PathPoint};
 use crate::fusion::Estimate;
 use crate::fusion::testing::Random;
 use crate::math::Posture;
 use crate::node::Outbox;
 use crate::node::axle;
-use crate::node::board::{Board, Ready, Samples};
-use crate::node::lead::{LeadNode, Task};
-use crate::node::robot::{RobotConfig, Told};
+use crate::node::board::{Board, Samples};
+use crate::node::lead::Task;
+use crate::node::robot::RobotConfig;
 use crate::params::{COUNT, Contents, Settings, Source, TABLE, fingerprint};
 use crate::safety::Conditions;
 use crate::time::{EPOCH, LEAD_PHASE, TICK};
@@ -29,14 +27,14 @@ use core::sync::atomic::{AtomicU16, Ordering};
 use std::sync::LazyLock;
 
 /// Stack use that the board reports.
-const STACK: StackUse = StackUse {
+pub(super) const STACK: StackUse = StackUse {
     used_bytes: 17_001,
     budget_bytes: 17_000,
     size_bytes: 90_000,
 };
 
 /// Configuration of the nodes of boards that drive.
-static CONFIG: LazyLock<RobotConfig> = LazyLock::new(RobotConfig::default);
+pub(super) static CONFIG: LazyLock<RobotConfig> = LazyLock::new(RobotConfig::default);
 
 /// A host that speaks to an endpoint without loss.
 struct Host {
@@ -170,7 +168,7 @@ fn board(role: Role, contents: &Contents) -> Endpoint {
     board
 }
 
-fn place() -> Place {
+pub(super) fn place() -> Place {
     Place {
         center: Estimate::with_sigmas(Posture::new(-1.0, -1.0, 0.2), [1e-3; 3]),
         relative: Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.0), [1e-3; 3]),
@@ -204,7 +202,7 @@ fn start(hash: u32, tick: u32, place: Option<Place>) -> Request<'static> {
     Request::Start { hash, tick, place }
 }
 
-fn stamp(owner: u16, sequence: u16) -> Stamp {
+pub(super) fn stamp(owner: u16, sequence: u16) -> Stamp {
     Stamp { owner, sequence }
 }
 
@@ -612,7 +610,7 @@ fn bus_frames_that_cannot_be_decoded_are_counted() {
 }
 
 /// Whole numbers below `end`.
-fn below(random: &mut Random, end: usize) -> usize {
+pub(super) fn below(random: &mut Random, end: usize) -> usize {
     (random.uniform() * end as f64) as usize
 }
 
@@ -621,7 +619,7 @@ fn random_bytes(random: &mut Random, length: usize) -> Vec<u8> {
 }
 
 /// A few of the things that happen to bytes.
-fn damage(random: &mut Random, bytes: &mut Vec<u8>) {
+pub(super) fn damage(random: &mut Random, bytes: &mut Vec<u8>) {
     for _ in 0..1 + below(random, 4) {
         let place = below(random, bytes.len());
         match below(random, 8) {
@@ -745,409 +743,18 @@ fn no_request_does_harm_whatever_it_holds() {
 }
 
 /// The order in a request, as the next one of a host.
-fn order(order: Order) -> Request<'static> {
+pub(super) fn order(order: Order) -> Request<'static> {
     static SEQUENCE: AtomicU16 = AtomicU16::new(0);
     let stamp = stamp(7, SEQUENCE.fetch_add(1, Ordering::Relaxed));
     Request::Order { stamp, order }
 }
 
-fn crash() -> CrashRecord {
-    CrashRecord {
-        counts: [1, 2, 3, 4],
-        message: heapless::String::try_from("panicked at tick.rs:120").unwrap(),
-    }
-}
-
-/// A board that drives, with what it answered.
-struct Driving {
-    attendant: Attendant,
-    station: Station,
-    demand: Option<Demand>,
-}
-
-impl Driving {
-    fn new(role: Role) -> Self {
-        let identity = Identity {
-            build: "test build",
-            role,
-        };
-        Self {
-            attendant: Attendant::new(identity, &CONFIG, || STACK, crash),
-            station: Station::default(),
-            demand: None,
-        }
-    }
-
-    /// Order that the latest request demands.
-    fn order(&self) -> Option<Order> {
-        match self.demand {
-            Some(Demand::Order(_, order)) => Some(order),
-            _ => None,
-        }
-    }
-
-    /// A board to which a host has said hello.
-    fn greeted(role: Role) -> Self {
-        let mut board = Self::new(role);
-        let (protocol, nonce) = (PROTOCOL, 1);
-        board.ask(200, &Request::Hello { protocol, nonce }, MotorState::Driven);
-        board
-    }
-
-    /// The payloads of its answers to a request.
-    fn ask(&mut self, number: u8, request: &Request, motors: MotorState) -> Vec<Vec<u8>> {
-        let frame = protocol::encode(number, request).unwrap();
-        let mut sent = Vec::new();
-        let mut send = |answer: &[u8]| sent.extend_from_slice(answer);
-        self.station.motors = motors;
-        self.demand = self
-            .attendant
-            .receive(frame.bytes(), &mut self.station, &mut send);
-        payloads(&sent)
-    }
-
-    fn expect(&mut self, number: u8, request: &Request, motors: MotorState, reply: Reply) {
-        assert_answered(&self.ask(number, request, motors), number, reply);
-    }
-
-    fn done(&mut self, done: Result<(), PathError>) -> Vec<Vec<u8>> {
-        let mut sent = Vec::new();
-        self.attendant
-            .done(done, &mut |answer| sent.extend_from_slice(answer));
-        payloads(&sent)
-    }
-}
-
-fn payloads(bytes: &[u8]) -> Vec<Vec<u8>> {
+pub(super) fn payloads(bytes: &[u8]) -> Vec<Vec<u8>> {
     let mut decoder = Decoder::new();
     let payloads = bytes
         .iter()
         .filter_map(|&byte| decoder.take_byte(byte).map(<[u8]>::to_vec));
     payloads.collect()
-}
-
-fn assert_answered(answers: &[Vec<u8>], number: u8, reply: Reply) {
-    assert_eq!(answers.len(), 1);
-    assert_eq!(protocol::decode(&answers[0]), Some((number, reply)));
-}
-
-/// The host reads the configuration of a board that drives in parts; it may be asked for the last one again.
-#[test]
-fn configuration_of_a_board_that_drives_is_read_in_parts() {
-    let mut board = Driving::new(Role::Rear);
-    let mut read = Vec::new();
-    for number in 1.. {
-        let offset = read.len() as u16;
-        let answers = board.ask(
-            number,
-            &Request::Configuration { offset },
-            MotorState::Driven,
-        );
-        let Some((_, Reply::Configuration { total, bytes })) = protocol::decode(&answers[0]) else {
-            panic!("{answers:?}");
-        };
-        read.extend_from_slice(bytes);
-        if read.len() == usize::from(total) {
-            break;
-        }
-    }
-    assert_eq!(postcard::from_bytes(&read), Ok(*CONFIG));
-    let beyond = Request::Configuration { offset: u16::MAX };
-    let total = read.len() as u16;
-    let none = Reply::Configuration { total, bytes: &[] };
-    board.expect(99, &beyond, MotorState::Driven, none);
-}
-
-/// Nodes begin anew with the motors off; those of the front board for the host that holds the lease.
-#[test]
-fn record_begins_with_motors_off_and_on_the_front_board_by_lease() {
-    for role in Role::ALL {
-        let mut board = Driving::greeted(role);
-        let begin = |owner| Request::Record(stamp(owner, 1));
-        let refused = Reply::Refused(Refusal::Armed);
-        board.expect(1, &begin(7), MotorState::Driven, refused);
-        board.expect(4, &begin(7), MotorState::Braking, refused);
-        board.expect(2, &begin(7), MotorState::Off, Reply::Done);
-        assert_eq!(board.demand, Some(Demand::Record));
-        let other = match role {
-            Role::Front => Reply::Refused(Refusal::Leased),
-            _ => Reply::Done,
-        };
-        board.expect(3, &begin(8), MotorState::Off, other);
-    }
-}
-
-#[test]
-fn a_board_that_drives_says_who_it_is_and_goes_into_a_session_with_its_motors_off() {
-    let mut board = Driving::new(Role::Rear);
-    let hello = Request::Hello {
-        protocol: PROTOCOL + 1,
-        nonce: 77,
-    };
-    // Of another version as well: the host is told what this one is.
-    let reply = Reply::Hello {
-        protocol: PROTOCOL,
-        nonce: 77,
-        role: Role::Rear,
-        build: "test build",
-        counters: Counters::default(),
-        session: false,
-    };
-    board.expect(3, &hello, MotorState::Driven, reply);
-    let refused = |refusal| Reply::Refused(refusal);
-    board.expect(
-        4,
-        &Request::Rig,
-        MotorState::Driven,
-        refused(Refusal::Armed),
-    );
-    assert_eq!(board.demand, None);
-    // Nothing of a session is done outside of one.
-    for (number, other) in [(5, Request::SaveParameters), (6, Request::Leave)] {
-        let answers = board.ask(number, &other, MotorState::Off);
-        assert_answered(&answers, number, refused(Refusal::NoSession));
-        assert_eq!(board.demand, None);
-    }
-    board.expect(7, &Request::Stack, MotorState::Driven, Reply::Stack(STACK));
-    let record = Reply::Crash {
-        counts: [1, 2, 3, 4],
-        message: "panicked at tick.rs:120",
-    };
-    board.expect(10, &Request::Crash, MotorState::Driven, record);
-    let other = refused(Refusal::OtherBoard { role: Role::Rear });
-    let stop = order(Order::Task(Task::Stop));
-    board.expect(8, &stop, MotorState::Driven, other);
-    board.expect(9, &Request::Rig, MotorState::Off, Reply::Done);
-    assert_eq!(board.demand, Some(Demand::Session));
-}
-
-/// A request for another board is handed on as often as it comes, and one reply of that board is handed back.
-#[test]
-fn request_for_another_board_is_relayed_and_its_reply_returned() {
-    let mut board = Driving::new(Role::Front);
-    let mut room = [[0; 32]; 2];
-    let [request, reply] = &mut room;
-    let inner = postcard::to_slice(&(9u8, Request::Stack), request).unwrap();
-    let role = Role::Beam;
-    let relay = Request::Relay {
-        role,
-        payload: inner,
-    };
-    for _ in 0..2 {
-        assert!(board.ask(9, &relay, MotorState::Driven).is_empty());
-        let frame = SerialFrame::new(inner).unwrap();
-        assert_eq!(board.demand, Some(Demand::Relay(role, frame)));
-    }
-    let reply = postcard::to_slice(&(9u8, Reply::Stack(STACK)), reply).unwrap();
-    let mut relayed = |from| {
-        let mut sent = Vec::new();
-        let mut send = |bytes: &[u8]| sent.extend_from_slice(bytes);
-        board.attendant.relayed(from, reply, &mut send);
-        payloads(&sent)
-    };
-    assert!(relayed(Role::Rear).is_empty());
-    assert_answered(&relayed(role), 9, Reply::Relayed { payload: reply });
-    assert!(relayed(role).is_empty());
-    // The identifiers on the bus do not name the relay: there is one.
-    let mut rear = Driving::new(Role::Rear);
-    let other = Refusal::OtherBoard { role: Role::Rear };
-    rear.expect(9, &relay, MotorState::Driven, Reply::Refused(other));
-    assert_eq!(rear.demand, None);
-}
-
-/// A host may speak for the service tool, and for no node.
-#[test]
-fn messages_of_nodes_are_not_sent_for_a_host() {
-    let calibrate = bus::field::Calibrate::Zero(0.0);
-    let sequence = 7;
-    let allowed = Message::BeamCalibration {
-        sequence,
-        calibrate,
-    };
-    let mode = bus::LeadMode::Active;
-    let forged = Message::LeadStatus {
-        sequence,
-        mode,
-        steering_rad: 0.0,
-        velocity_m_s: 0.1,
-    };
-    let mut board = Driving::new(Role::Front);
-    for (number, message, sent) in [(1, allowed, true), (2, forged, false)] {
-        let frame = bus::encode(&message).unwrap();
-        let mut packed = Packed::new();
-        assert!(packed.push(&frame));
-        let bus = packed.bytes();
-        let reply = match sent {
-            true => Reply::Done,
-            false => Reply::Refused(Refusal::Malformed),
-        };
-        board.expect(number, &Request::Send { bus }, MotorState::Driven, reply);
-        assert_eq!(board.demand, sent.then_some(Demand::Send(frame)));
-    }
-    let nothing = board.ask(3, &Request::Send { bus: &[] }, MotorState::Driven);
-    assert_answered(&nothing, 3, Reply::Refused(Refusal::Malformed));
-}
-
-/// Repeated requests are answered again and carried out once; an order is answered when it is done.
-#[test]
-fn an_order_is_carried_out_once_and_answered_when_it_is_done() {
-    let mut board = Driving::greeted(Role::Front);
-    let goal = Posture::new(1.0, -0.5, 0.25);
-    let drive = Order::Task(Task::regulate(goal));
-    let request = order(drive);
-    assert!(board.ask(1, &request, MotorState::Driven).is_empty());
-    assert_eq!(board.order(), Some(drive));
-    // The host is impatient.
-    assert!(board.ask(1, &request, MotorState::Driven).is_empty());
-    assert_eq!(board.demand, None);
-    assert_answered(&board.done(Ok(())), 1, Reply::Done);
-    board.expect(1, &request, MotorState::Driven, Reply::Done);
-    assert_eq!(board.demand, None);
-
-    let stand = Order::Place(place());
-    let armed = Reply::Refused(Refusal::Armed);
-    board.expect(3, &order(stand), MotorState::Driven, armed);
-    assert_eq!(board.demand, None);
-    assert!(board.ask(5, &order(stand), MotorState::Braking).is_empty());
-    assert_eq!(board.order(), Some(stand));
-    assert_answered(&board.done(Ok(())), 5, Reply::Done);
-    assert!(board.ask(4, &order(stand), MotorState::Off).is_empty());
-    assert_eq!(board.order(), Some(stand));
-    assert_answered(&board.done(Ok(())), 4, Reply::Done);
-
-    let points = [None; POINTS];
-    let path = order(Order::Path { points, end: true });
-    assert!(board.ask(2, &path, MotorState::Driven).is_empty());
-    let full = Reply::Refused(Refusal::Point(PathError::Full));
-    assert_answered(&board.done(Err(PathError::Full)), 2, full);
-    board.expect(2, &path, MotorState::Driven, full);
-}
-
-/// A frame of another host, or one that was late, does not reach the lead node.
-#[test]
-fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
-    let mut board = Driving::new(Role::Front);
-    let unknown = order(Order::Task(Task::Stop));
-    let no_session = Reply::Refused(Refusal::NoSession);
-    board.expect(1, &unknown, MotorState::Driven, no_session);
-    let mut board = Driving::greeted(Role::Front);
-    let stop = Order::Task(Task::Stop);
-    let of = |owner, sequence| Request::Order {
-        stamp: stamp(owner, sequence),
-        order: stop,
-    };
-    let refused = Reply::Refused;
-    assert!(board.ask(1, &of(1, 10), MotorState::Driven).is_empty());
-    assert_eq!(board.order(), Some(stop));
-    assert_answered(&board.done(Ok(())), 1, Reply::Done);
-    for (number, request, refusal) in [
-        (2, of(2, 11), Refusal::Leased),
-        (3, of(1, 10), Refusal::OldOrder),
-        (4, Request::Keep(stamp(2, 11)), Refusal::Leased),
-        (5, Request::Release(stamp(2, 12)), Refusal::Leased),
-    ] {
-        board.expect(number, &request, MotorState::Driven, refused(refusal));
-        assert_eq!(board.demand, None, "{request:?}");
-    }
-    // Watching needs no lease.
-    board.expect(6, &Request::Watch, MotorState::Driven, Reply::Done);
-    let keep = Request::Keep(stamp(1, 11));
-    board.expect(7, &keep, MotorState::Driven, Reply::Done);
-    let release = Request::Release(stamp(1, 12));
-    board.station.now = 900_000;
-    board.expect(8, &release, MotorState::Driven, Reply::Done);
-    board.station.now = 1_000_001;
-    assert!(board.ask(9, &of(2, 1), MotorState::Driven).is_empty());
-    assert_eq!(board.order(), Some(stop));
-}
-
-/// Frames of two hosts reach a board that drives: in order, late, of the other host, or damaged. The lead node gets those of
-/// the host with the lease, undamaged and once.
-#[test]
-fn late_foreign_and_damaged_orders_do_not_reach_the_lead_node() {
-    const FRAMES: u32 = 1_000_000;
-    let mut random = Random::new(17);
-    let mut board = Driving::greeted(Role::Front);
-    let (mut sequence, mut sent, mut carried) = (0u16, 0, 0);
-    for k in 0..FRAMES {
-        board.station.now += TICK;
-        let goal = Posture::new(k as f32, 0.0, 0.0);
-        let order = Order::Task(Task::regulate(goal));
-        // The first order takes the lease.
-        let kind = below(&mut random, if sent == 0 { 1 } else { 4 });
-        let next = sequence.wrapping_add(1);
-        let (owner, number) = match kind {
-            0 | 1 => (1, next),
-            2 => (1, sequence.wrapping_sub(below(&mut random, 1000) as u16)),
-            _ => (2, below(&mut random, 65536) as u16),
-        };
-        let stamp = stamp(owner, number);
-        let request = Request::Order { stamp, order };
-        let frame = protocol::encode((k % 255) as u8 + 1, &request).unwrap();
-        let mut bytes = frame.repeated().to_vec();
-        match kind {
-            0 => sent += 1,
-            1 => {
-                damage(&mut random, &mut bytes);
-                bytes.push(0);
-            }
-            _ => {}
-        }
-        let demand = board
-            .attendant
-            .receive(&bytes, &mut board.station, &mut |_| {});
-        if demand.is_none() {
-            assert_ne!(kind, 0);
-            continue;
-        }
-        // Damage at the zeros around a frame does no harm.
-        assert!(kind < 2, "{stamp:?}");
-        assert_eq!(demand, Some(Demand::Order(next, order)));
-        board.done(Ok(()));
-        (sequence, carried) = (next, carried + 1);
-    }
-    assert!(sent > FRAMES / 5 && carried >= sent, "{sent} {carried}");
-}
-
-#[test]
-fn orders_reach_the_lead_node() {
-    let drive = |speed_m_s, curvature| Task::Drive {
-        speed_m_s,
-        curvature,
-    };
-    let config = RobotConfig::default();
-    let mut nodes = Ready::new(&config, Role::Front).unwrap().begin();
-    let lead = nodes.lead().unwrap();
-    let place = config.put_down(Posture::new(2.0, 1.0, 0.5), &Told::default());
-    Order::Place(place).carry_out(lead).unwrap();
-    let mut other = lead.clone();
-    other.initialize(&place);
-    assert_eq!(lead.fusion(), other.fusion());
-    // Points within the curvature that the frame bends to are taken, others refused with the reason.
-    let bound = lead.cascade().max_curvature();
-    for (kappa, expected) in [
-        (bound, Ok(())),
-        (-bound, Ok(())),
-        (1.01 * bound, Err(PathError::TooTight)),
-        (-1.01 * bound, Err(PathError::TooTight)),
-        (f32::NAN, Err(PathError::NotFinite)),
-    ] {
-        let mut points = [None; POINTS];
-        let (posture, s) = (Posture::ORIGIN, 0.0);
-        points[0] = Some(PathPoint { posture, kappa, s });
-        lead.restart();
-        for order in [
-            Order::Path { points, end: true },
-            Order::Task(drive(0.1, kappa)),
-        ] {
-            assert_eq!(order.carry_out(lead), expected, "{order:?}");
-        }
-    }
-    let goal = Posture::new(0.0, f32::INFINITY, 0.0);
-    for task in [Task::regulate(goal), drive(f32::NAN, 0.0)] {
-        let refused = Order::Task(task).carry_out(lead);
-        assert_eq!(refused, Err(PathError::NotFinite), "{task:?}");
-    }
 }
 
 #[test]
@@ -1158,70 +765,4 @@ fn a_session_ends_when_the_host_leaves_and_not_before() {
     assert!(!host.board.has_left());
     host.expect(&Request::Leave, Reply::Done);
     assert!(host.board.has_left());
-}
-
-/// Bus frames and every output of the lead node reach a host that watches, and one only.
-#[test]
-fn a_host_that_watches_gets_bus_frames_and_outputs() {
-    let identity = Identity {
-        build: "test",
-        role: Role::Front,
-    };
-    let mut board = Attendant::new(identity, &CONFIG, StackUse::unknown, crash);
-    let mut sent = Vec::new();
-    let lead = RobotConfig::default().completed().build_lead();
-    let mut lead = LeadNode::new(lead.unwrap());
-    let telemetry = Telemetry::of(4_000, lead.step(4_000, &mut Outbox::new()), &mut lead);
-    assert!(board.wants_telemetry());
-    let watch = protocol::encode(9, &Request::Watch).unwrap();
-    let mut send = |bytes: &[u8]| sent.extend_from_slice(bytes);
-    let demand = board.receive(watch.bytes(), &mut Station::default(), &mut send);
-    assert_eq!(demand, Some(Demand::Watch));
-    board.tell(&telemetry);
-    assert!(!board.wants_telemetry());
-    let (epoch, last_delay_us) = (77, None);
-    let sync = Message::TimeSync {
-        epoch,
-        last_delay_us,
-    };
-    let frame = bus::encode(&sync).unwrap();
-    let mut room = [0; MAX_ENTRY];
-    let entry = Entry::of(&frame).encode(&mut room).unwrap();
-    let count = board.room() / entry.len();
-    let few = entry.repeat(count);
-    let longest = [0; REPORT_ENTRIES];
-    // Entries without a part of the output leave no room for it, and the report without anything in it is not sent.
-    for entries in [&few, &longest[..], &few, &[]] {
-        board.report(3, entries, &mut send);
-    }
-    assert!(board.wants_telemetry());
-    let (mut frames, mut parts, mut replies) = (0, Vec::new(), 0);
-    for payload in payloads(&sent) {
-        replies += 1;
-        match protocol::decode::<Reply>(&payload).unwrap() {
-            (9, Reply::Done) => {}
-            (
-                0,
-                Reply::Report {
-                    sequence,
-                    lost: 3,
-                    entries,
-                    offset,
-                    telemetry,
-                },
-            ) => {
-                assert_eq!(u32::from(sequence) + 2, replies);
-                assert_eq!(usize::from(offset), parts.len());
-                assert_eq!(telemetry.is_empty(), entries == longest);
-                parts.extend_from_slice(telemetry);
-                let found = record::entries(entries).filter_map(|entry| entry?.frame());
-                frames += found.filter(|it| *it == frame).count();
-            }
-            other => panic!("{other:?}"),
-        }
-    }
-    assert_eq!((replies, frames), (4, 2 * count));
-    let (length, bytes) = parts.split_first_chunk().unwrap();
-    assert_eq!(usize::from(u16::from_le_bytes(*length)), bytes.len());
-    assert_eq!(postcard::from_bytes(bytes), Ok(telemetry));
 }
