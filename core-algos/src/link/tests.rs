@@ -8,9 +8,7 @@ use super::protocol::{
     self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
     Telemetry,
 };
-use crate::beam::MAX_GAUGES;
 use crate::bus;
-use crate::control::path::{PathError, PathPoint};
 use crate::fusion::Estimate;
 use crate::fusion::testing::Random;
 use crate::math::Posture;
@@ -19,7 +17,7 @@ use crate::node::axle;
 use crate::node::board::{Board, Samples};
 use crate::node::lead::Task;
 use crate::node::robot::RobotConfig;
-use crate::params::{COUNT, Contents, Settings, Source, TABLE, fingerprint};
+use crate::params::Contents;
 use crate::safety::Conditions;
 use crate::time::{EPOCH, LEAD_PHASE, TICK};
 use crate::topology::Role;
@@ -37,17 +35,17 @@ pub(super) const STACK: StackUse = StackUse {
 pub(super) static CONFIG: LazyLock<RobotConfig> = LazyLock::new(RobotConfig::default);
 
 /// A host that speaks to an endpoint without loss.
-struct Host {
-    board: Endpoint,
-    number: u8,
+pub(super) struct Host {
+    pub(super) board: Endpoint,
+    pub(super) number: u8,
     /// Contents of the board's store, and its number of writes; a broken store is not written.
-    store: Contents,
-    saves: u32,
-    broken: bool,
+    pub(super) store: Contents,
+    pub(super) saves: u32,
+    pub(super) broken: bool,
 }
 
 impl Host {
-    fn new(role: Role) -> Self {
+    pub(super) fn new(role: Role) -> Self {
         Self {
             board: board(role, &Contents::EMPTY),
             number: 0,
@@ -58,12 +56,12 @@ impl Host {
     }
 
     /// Switches the board off and on again.
-    fn reset(&mut self, role: Role) {
+    pub(super) fn reset(&mut self, role: Role) {
         self.board = board(role, &self.store);
     }
 
     /// Writes the store, if the board asks for that.
-    fn serve(&mut self, send: &mut impl FnMut(&[u8])) {
+    pub(super) fn serve(&mut self, send: &mut impl FnMut(&[u8])) {
         let Some(save) = self.board.save() else {
             return;
         };
@@ -84,7 +82,7 @@ impl Host {
     }
 
     /// The answer's payload to raw bytes.
-    fn send(&mut self, bytes: &[u8]) -> Vec<u8> {
+    pub(super) fn send(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut sent = Vec::new();
         let mut take = |answer: &[u8]| sent.extend_from_slice(answer);
         self.board.receive(bytes, &mut take);
@@ -93,22 +91,22 @@ impl Host {
     }
 
     /// The answer's payload to a request with the next number.
-    fn ask(&mut self, request: &Request) -> Vec<u8> {
+    pub(super) fn ask(&mut self, request: &Request) -> Vec<u8> {
         self.number = self.number.wrapping_add(1);
         self.send(protocol::encode(self.number, request).unwrap().bytes())
     }
 
-    fn expect(&mut self, request: &Request, reply: Reply) {
+    pub(super) fn expect(&mut self, request: &Request, reply: Reply) {
         let payload = self.ask(request);
         assert_eq!(protocol::decode(&payload), Some((self.number, reply)));
     }
 
-    fn refused(&mut self, request: &Request, refusal: Refusal) {
+    pub(super) fn refused(&mut self, request: &Request, refusal: Refusal) {
         self.expect(request, Reply::Refused(refusal));
     }
 
     /// Says hello in a version of the protocol; gives the role in the answer.
-    fn greet(&mut self, version: u16) -> Role {
+    pub(super) fn greet(&mut self, version: u16) -> Role {
         let request = Request::Hello {
             protocol: version,
             nonce: 9,
@@ -131,12 +129,12 @@ impl Host {
         role
     }
 
-    fn hello(&mut self) {
+    pub(super) fn hello(&mut self) {
         self.greet(PROTOCOL);
     }
 
     /// Sends the parameters; gives their check sum.
-    fn configure(&mut self, config: &RobotConfig) -> u32 {
+    pub(super) fn configure(&mut self, config: &RobotConfig) -> u32 {
         let mut room = [0; MAX_CONFIG];
         let bytes = postcard::to_slice(config, &mut room).unwrap();
         for (k, part) in bytes.chunks(CONFIG_CHUNK).enumerate() {
@@ -152,7 +150,7 @@ impl Host {
         crc32c(bytes)
     }
 
-    fn started(role: Role, config: &RobotConfig, place: Option<Place>) -> Self {
+    pub(super) fn started(role: Role, config: &RobotConfig, place: Option<Place>) -> Self {
         let mut host = Self::new(role);
         host.hello();
         let hash = host.configure(config);
@@ -161,7 +159,7 @@ impl Host {
     }
 }
 
-fn board(role: Role, contents: &Contents) -> Endpoint {
+pub(super) fn board(role: Role, contents: &Contents) -> Endpoint {
     let build = "test build";
     let mut board = Endpoint::new(Identity { build, role }, || STACK);
     board.load(contents);
@@ -177,7 +175,7 @@ pub(super) fn place() -> Place {
 }
 
 /// An axle at rest, as the lead node wants it before it drives, and then on the move.
-fn axle_samples(tick: u32) -> axle::Samples {
+pub(super) fn axle_samples(tick: u32) -> axle::Samples {
     let moving = tick.saturating_sub(200);
     axle::Samples {
         encoder: [Some(moving as i32 / 7), Some(moving as i32 / 5)],
@@ -187,18 +185,18 @@ fn axle_samples(tick: u32) -> axle::Samples {
     }
 }
 
-fn axle(tick: u32, bus: &[u8]) -> Request<'_> {
+pub(super) fn axle(tick: u32, bus: &[u8]) -> Request<'_> {
     let samples = axle_samples(tick);
     Request::Axle { tick, samples, bus }
 }
 
 /// True if a payload is the reply to samples of an axle.
-fn is_axle_reply(payload: &[u8]) -> bool {
+pub(super) fn is_axle_reply(payload: &[u8]) -> bool {
     let reply = protocol::decode::<Reply>(payload);
     matches!(reply, Some((_, Reply::Axle { .. })))
 }
 
-fn start(hash: u32, tick: u32, place: Option<Place>) -> Request<'static> {
+pub(super) fn start(hash: u32, tick: u32, place: Option<Place>) -> Request<'static> {
     Request::Start { hash, tick, place }
 }
 
@@ -207,7 +205,7 @@ pub(super) fn stamp(owner: u16, sequence: u16) -> Stamp {
 }
 
 /// Echo of a front board's frames by the bus: each frame, and its reports as if from the other axle too.
-fn echo(frames: impl IntoIterator<Item = bus::CanFrame>) -> Vec<bus::CanFrame> {
+pub(super) fn echo(frames: impl IntoIterator<Item = bus::CanFrame>) -> Vec<bus::CanFrame> {
     let mut echo = Vec::new();
     for frame in frames {
         echo.push(frame);
@@ -350,240 +348,6 @@ fn either_side_may_start_again() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused_with_its_reason() {
-    let config = RobotConfig::default();
-    let beam = Request::Beam {
-        tick: 0,
-        samples: [0; MAX_GAUGES].into(),
-    };
-
-    let mut host = Host::new(Role::Front);
-    host.refused(&axle(0, &[]), Refusal::NoSession);
-    assert_eq!(host.greet(PROTOCOL + 1), Role::Front);
-    host.refused(&axle(0, &[]), Refusal::NoSession);
-    host.hello();
-    let unknown = [
-        SerialFrame::new(&[200, 99]).unwrap(),
-        SerialFrame::new(&[201]).unwrap(),
-    ];
-    for (number, frame) in (200..).zip(unknown) {
-        let payload = host.send(frame.bytes());
-        let malformed = Reply::Refused(Refusal::Malformed);
-        assert_eq!(protocol::decode(&payload), Some((number, malformed)));
-    }
-    host.refused(&axle(0, &[]), Refusal::NotStarted);
-    let role = Role::Front;
-    host.refused(&beam, Refusal::OtherBoard { role });
-
-    // Parameters: out of order, of another sum, not decodable, out of range.
-    let configure = |total, offset, bytes| Request::Configure {
-        total,
-        offset,
-        bytes,
-    };
-    let (ones, junk) = ([1; 100], [200; 100]);
-    let part = |total, offset| configure(total, offset, &ones);
-    host.refused(&part(300, 100), Refusal::Part { received: 0 });
-    let hash = crc32c(&ones);
-    host.expect(&part(300, 0), Reply::Configured { hash });
-    host.refused(&part(300, 200), Refusal::Part { received: 100 });
-    host.refused(&part(400, 100), Refusal::Part { received: 100 });
-    host.refused(&part(99, 0), Refusal::Part { received: 0 });
-    let hash = host.configure(&config);
-    host.refused(&start(hash ^ 1, 0, None), Refusal::Hash { found: hash });
-    host.ask(&configure(100, 0, &junk));
-    host.refused(&start(crc32c(&junk), 0, None), Refusal::Undecodable);
-    let mut wrong = config;
-    wrong.geometry.wheel_radius_m = f32::NAN;
-    let hash = host.configure(&wrong);
-    let text = &wrong.build().unwrap_err().to_string();
-    host.refused(&start(hash, 0, None), Refusal::Parameter { text });
-    assert!(text.contains("wheel_radius_m"));
-    host.refused(&axle(0, &[]), Refusal::NotStarted);
-
-    let mut host = Host::started(Role::Front, &config, None);
-    host.refused(&axle(1, &[]), Refusal::Tick { expected: 0 });
-    host.ask(&axle(0, &[]));
-    host.refused(&axle(0, &[]), Refusal::Tick { expected: 1 });
-    let mut points = [None; protocol::POINTS];
-    points[..2].fill(Some(PathPoint::default()));
-    let refusal = Refusal::Point(PathError::NotAdvancing);
-    host.refused(&order(Order::Path { points, end: true }), refusal);
-
-    let stop = order(Order::Task(Task::Stop));
-    for (role, request) in [(Role::Rear, stop), (Role::Beam, axle(0, &[]))] {
-        let mut host = Host::started(role, &config, None);
-        host.refused(&request, Refusal::OtherBoard { role });
-    }
-    let payload = Host::started(Role::Beam, &config, None).ask(&beam);
-    let reply = protocol::decode::<Reply>(&payload);
-    assert!(matches!(reply, Some((_, Reply::Beam { .. }))), "{reply:?}");
-}
-
-#[test]
-fn a_board_that_stood_still_goes_on_with_the_tick_it_is_told() {
-    let mut host = Host::new(Role::Rear);
-    host.hello();
-    host.refused(&Request::Resume { tick: 7 }, Refusal::NotStarted);
-    let config = RobotConfig::default();
-    let mut host = Host::started(Role::Rear, &config, None);
-    let mut board = Board::new(&config, Role::Rear).unwrap();
-    let mut outbox = Outbox::new();
-    for tick in (0..300).chain(600..900) {
-        if tick == 600 {
-            host.refused(&axle(600, &[]), Refusal::Tick { expected: 300 });
-            host.expect(&Request::Resume { tick: 600 }, Reply::Done);
-        }
-        outbox.clear();
-        let samples = Samples::Axle(axle_samples(tick));
-        let expected = board.step(u64::from(tick) * TICK, &samples, &mut outbox);
-        let payload = host.ask(&axle(tick, &[]));
-        let Some((_, Reply::Axle { torque_nm, bus, .. })) = protocol::decode(&payload) else {
-            panic!("tick {tick}");
-        };
-        assert_eq!(torque_nm, expected.torque_nm);
-        assert_eq!(protocol::unpack(bus).count(), outbox.iter().count());
-    }
-    // Time does not go back.
-    let expected = 900;
-    host.refused(&Request::Resume { tick: 899 }, Refusal::Tick { expected });
-}
-
-/// Place of a parameter in the table.
-fn index(name: &str) -> u8 {
-    TABLE.iter().position(|p| p.name == name).unwrap() as u8
-}
-
-fn set(index: u8, value: f32) -> Request<'static> {
-    Request::SetParameter { index, value }
-}
-
-fn kept(value: f32, source: Source, saved: bool) -> Reply<'static> {
-    Reply::Parameter {
-        value,
-        source,
-        saved,
-    }
-}
-
-#[test]
-fn parameters_are_kept_from_set_to_reset_and_from_save_for_good() {
-    let radius = index("robot.geometry.wheel_radius_m");
-    let get = Request::Parameter { index: radius };
-    let set = |value| set(radius, value);
-    let mut host = Host::new(Role::Rear);
-    host.refused(&get, Refusal::NoSession);
-    host.refused(&Request::SaveParameters, Refusal::NoSession);
-    host.hello();
-    let summary = Reply::Parameters {
-        table: fingerprint(),
-        count: COUNT as u8,
-        unusable: false,
-    };
-    host.expect(&Request::Parameters, summary);
-    host.expect(&get, kept(0.073, Source::Default, true));
-    host.expect(&set(0.0735), Reply::Done);
-    host.expect(&get, kept(0.0735, Source::Default, false));
-    // Another session finds it, a reset does not.
-    host.hello();
-    host.expect(&get, kept(0.0735, Source::Default, false));
-    host.reset(Role::Rear);
-    host.hello();
-    host.expect(&get, kept(0.073, Source::Default, true));
-    host.expect(&set(0.0735), Reply::Done);
-    host.expect(&Request::SaveParameters, Reply::Saved { values: 1 });
-    host.expect(&get, kept(0.0735, Source::Stored, true));
-    host.expect(&Request::SaveParameters, Reply::Saved { values: 0 });
-    // A request that is repeated is answered again and not carried out again.
-    let frame = protocol::encode(host.number, &Request::SaveParameters).unwrap();
-    let answer = host.send(frame.repeated());
-    let reply = Reply::Saved { values: 0 };
-    assert_eq!(protocol::decode(&answer), Some((host.number, reply)));
-    assert_eq!(host.saves, 2);
-    host.reset(Role::Rear);
-    host.hello();
-    host.expect(&get, kept(0.0735, Source::Stored, true));
-    // What the host sends counts for the nodes, whatever is kept.
-    let started = Host::started(Role::Rear, &RobotConfig::default(), None);
-    let hash = host.configure(&RobotConfig::default());
-    host.expect(&start(hash, 0, None), Reply::Done);
-    assert_eq!(host.board.board(), started.board.board());
-    host.broken = true;
-    host.expect(&set(0.074), Reply::Done);
-    host.refused(&Request::SaveParameters, Refusal::NotSaved);
-    host.expect(&get, kept(0.074, Source::Stored, false));
-}
-
-#[test]
-fn parameters_out_of_range_or_of_no_node_are_refused_by_name() {
-    let mut host = Host::new(Role::Beam);
-    host.hello();
-    let count = COUNT as u8;
-    for request in [Request::Parameter { index: count }, set(255, 1.0)] {
-        host.refused(&request, Refusal::Index { count });
-    }
-    for (i, parameter) in TABLE.iter().enumerate() {
-        let value = parameter.get(&Settings::of(Role::Beam));
-        let (_, high) = parameter.range;
-        for bad in [f32::NAN, f32::NEG_INFINITY, 1.01 * high + 1.0] {
-            let index = i as u8;
-            let text = &parameter.validate(bad).unwrap_err().to_string();
-            assert!(text.contains(parameter.name));
-            let refusal = Refusal::Parameter { text };
-            host.refused(&set(index, bad), refusal);
-            let get = Request::Parameter { index };
-            host.expect(&get, kept(value, Source::Default, true));
-        }
-    }
-    // In range, but behind the gauge after it.
-    let gauge = index("robot.beam.strip.gauges_m[0]");
-    host.expect(&set(gauge, 0.2), Reply::Done);
-    let payload = host.ask(&Request::SaveParameters);
-    let Some((_, Reply::Refused(Refusal::Parameter { text }))) = protocol::decode(&payload) else {
-        panic!("saved");
-    };
-    assert!(text.contains("gauges_m"), "{text}");
-    assert_eq!(host.saves, 0);
-}
-
-#[test]
-fn parameters_are_neither_set_nor_saved_while_motors_may_be_on() {
-    let set = set(0, 0.08);
-    let mut host = Host::started(Role::Front, &RobotConfig::default(), Some(place()));
-    host.expect(&set, Reply::Done);
-    let mut waiting = Vec::<bus::CanFrame>::new();
-    let mut drives = false;
-    for tick in 0..400u32 {
-        if tick == 100 {
-            let goal = Posture::ORIGIN;
-            host.expect(&order(Order::Task(Task::regulate(goal))), Reply::Done);
-        }
-        let mut packed = Packed::new();
-        for frame in &waiting {
-            packed.push(frame);
-        }
-        let payload = host.ask(&axle(tick, packed.bytes()));
-        let Some((_, Reply::Axle { active, bus, .. })) = protocol::decode(&payload) else {
-            panic!("tick {tick}");
-        };
-        drives = active;
-        waiting = echo(protocol::unpack(bus));
-    }
-    assert!(drives, "the motors are on");
-    host.refused(&set, Refusal::Armed);
-    host.refused(&Request::SaveParameters, Refusal::Armed);
-    assert_eq!(host.saves, 0);
-    // The nodes end with the session.
-    host.hello();
-    host.expect(&Request::SaveParameters, Reply::Saved { values: 1 });
-    // A beam board behind a link cannot know.
-    let mut host = Host::started(Role::Beam, &RobotConfig::default(), None);
-    host.refused(&set, Refusal::Armed);
-    host.hello();
-    host.expect(&set, Reply::Done);
-}
-
-#[test]
 fn the_stack_is_told_in_a_session() {
     let mut host = Host::new(Role::Beam);
     host.refused(&Request::Stack, Refusal::NoSession);
@@ -593,20 +357,6 @@ fn the_stack_is_told_in_a_session() {
     let mut within = STACK;
     within.used_bytes = STACK.budget_bytes;
     assert!(!within.is_beyond());
-}
-
-#[test]
-fn bus_frames_that_cannot_be_decoded_are_counted() {
-    let mut host = Host::started(Role::Rear, &RobotConfig::default(), None);
-    let mut packed = Packed::new();
-    packed.push(&bus::CanFrame {
-        id: 0x7ff,
-        length: 8,
-        data: [0; 8],
-    });
-    let payload = host.ask(&axle(0, packed.bytes()));
-    let reply = protocol::decode::<Reply>(&payload);
-    assert!(matches!(reply, Some((_, Reply::Axle { refused: 1, .. }))));
 }
 
 /// Whole numbers below `end`.
