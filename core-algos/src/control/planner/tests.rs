@@ -60,8 +60,7 @@ properties! { cases 100;
         let planner = Config::default().build(3.0).unwrap();
         let mut search = planner.start(Posture::new(x, y, phi), Posture::ORIGIN);
         let Progress::Found(plan) = planner.step(&mut search, 1_000_000) else { panic!() };
-        let steps = [-2e-3, 0.0, 2e-3];
-            for changes in steps.iter().flat_map(|&a| steps.map(|b| [a, b])) {
+        for changes in [[2e-3, 0.0], [-2e-3, 0.0], [0.0, 2e-3], [0.0, -2e-3]] {
             let (mut pose, mut spent, mut last) = (search.start, 0.0, None);
             for (segment, change) in plan.segments().zip(changes) {
                 let segment = segment.with_length((segment.length_m + change).max(1e-4));
@@ -72,7 +71,7 @@ properties! { cases 100;
                 last = Some(segment.direction);
             }
             let beside = planner.evaluate(pose, spent, last, None).1;
-            prop_assert!(beside.is_none_or(|(cost, _)| cost > plan.cost_m - 1e-4), "{changes:?}");
+            prop_assert!(beside.is_none_or(|(cost, _)| cost > plan.cost_m - 1e-3), "{changes:?}");
         }
     }
 
