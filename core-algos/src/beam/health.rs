@@ -1,16 +1,22 @@
 //! Health of the gauges.
 //!
-//! Three kinds of evidence, from cheap to costly:
-//! - **a period's own samples**: missing, saturated, or a strain the strip cannot have. Such a
-//!   reading is not used at once; the fault is reported after it lasted, and goes when it is over.
-//! - **flatness**: not one count of change over a window in which other gauges moved a lot. With
-//!   enough gauges, the reading must also contradict the others. The gauge is dead until reset.
-//! - **consistency**: with more gauges than the three an elastica needs, the residual of the fit
-//!   shows a reading that does not belong (stuck with noise, drifted, come loose). Which one is
-//!   found by leaving out one gauge after the other, one extra fit a period; the gauge stays out
-//!   until reset.
+//! Three kinds of evidence, from cheap to costly: a period's own samples, flatness, and consistency with the other
+//! gauges. Times are periods of the sensor; numbers are the defaults of [`Config`].
 //!
-//! [`Config::build`] validates; the rest never fails.
+//! | condition | reaction | after | until | reason |
+//! |---|---|---|---|---|
+//! | samples of a period missing, saturated or out of range | the latest such fault is reported | 5 bad periods in a row, of any kind | 50 good periods in a row | a glitch is no defect; the sensor leaves the period's reading out at once |
+//! | gauge dead or inconsistent | its samples change nothing, and no other gauge is compared with it | at once | reset | a latched gauge is not believed again |
+//! | gauge flat: not one count of change, while half of the other gauges, at least one, moved by 60 counts or more | 4 or more gauges with samples: suspect | a window of 50 periods | the next window closes | a strip at rest is flat too |
+//! | gauge flat, 3 or fewer gauges with samples | dead | a window of 50 periods | reset | the others are too few to contradict it |
+//! | suspect differs by more than 2e-5 strain from the fit of the others | dead | 5 fits in a row | reset | a healthy gauge may stand at a node of the bend |
+//! | several suspects | one fit a period, in turn | at once | as the suspicion | cost |
+//! | residual of the fit above 30, or not a number | search: fits without one gauge after the other, one a period | 5 fits in a row, 5 or more gauges used | a fit at 30 or below, which ends the count and the search | fewer gauges fit whatever is left out |
+//! | round complete: one gauge without which the residual is below 15, and all others more than 15 above that | verdict against this gauge | at the end of a round | a round with another result, a fit at 30 or below, a latched gauge | it could be two |
+//! | 2 verdicts in a row against one gauge | inconsistent | at once | reset | one round may be chance |
+//!
+//! A round counts only if the gauges tested in it are those in use at its end. [`Config::build`] validates; the rest
+//! never fails.
 
 use super::strip::{GaugeMask, MAX_GAUGES};
 use crate::config::{Allowed, ConfigError, config, require};
@@ -256,7 +262,11 @@ impl Monitor {
         if state.inconsistent_periods < self.config.trip_periods || used.count() < 5 {
             return None;
         }
-        (usize::from(state.next)..MAX_GAUGES).find(|&i| used.contains(i))
+        // A gauge that is no longer used may have been the last one of the round.
+        let next = usize::from(state.next);
+        (next..MAX_GAUGES)
+            .chain(0..next)
+            .find(|&i| used.contains(i))
     }
 
     /// Residual of the fit through `used` without gauge `i`.
@@ -305,93 +315,4 @@ impl Monitor {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const FIVE: GaugeMask = GaugeMask(0b11111);
-
-    fn monitor() -> Monitor {
-        Config::default().build().unwrap()
-    }
-
-    fn only(i: usize, fault: Fault) -> [Fault; MAX_GAUGES] {
-        core::array::from_fn(|j| if i == j { fault } else { Fault::None })
-    }
-
-    #[test]
-    fn faults_of_a_period_trip_and_clear_after_their_time() {
-        let (monitor, mut state) = (monitor(), State::default());
-        for _ in 0..4 {
-            monitor.close_period(&mut state, FIVE, &only(2, Fault::Saturated));
-        }
-        assert_eq!(state.faults()[2], Fault::None);
-        monitor.close_period(&mut state, FIVE, &only(2, Fault::Saturated));
-        assert_eq!(state.faults(), only(2, Fault::Saturated));
-        for _ in 0..49 {
-            monitor.close_period(&mut state, FIVE, &only(0, Fault::None));
-        }
-        assert_eq!(state.faults()[2], Fault::Saturated);
-        monitor.close_period(&mut state, FIVE, &only(0, Fault::None));
-        assert_eq!(state.faults()[2], Fault::None);
-    }
-
-    #[test]
-    fn flat_is_suspect_only_while_others_move() {
-        let (monitor, mut state) = (monitor(), State::default());
-        for period in 0..50 {
-            for i in 0..5 {
-                state.see(i, if i == 1 { 2048 } else { 2048 + period % 3 });
-            }
-            monitor.close_period(&mut state, FIVE, &[Fault::None; MAX_GAUGES]);
-        }
-        assert_eq!(state.suspect(), None);
-        for period in 0..50 {
-            for i in 0..5 {
-                state.see(i, if i == 1 { 2048 } else { 2048 + 3 * period });
-            }
-            monitor.close_period(&mut state, FIVE, &[Fault::None; MAX_GAUGES]);
-        }
-        assert_eq!(state.suspect(), Some(1));
-        for _ in 0..5 {
-            monitor.judge_flat(&mut state, 1, 1e-4);
-        }
-        assert_eq!(state.faults(), only(1, Fault::Dead));
-        assert_eq!(state.latched(), GaugeMask::NONE.with(1));
-    }
-
-    #[test]
-    fn the_gauge_without_which_the_rest_agree_is_guilty() {
-        let (monitor, mut state) = (monitor(), State::default());
-        let mut fits = 0;
-        for _ in 0..40 {
-            if state.latched() != GaugeMask::NONE {
-                break;
-            }
-            if let Some(i) = monitor.watch(&mut state, FIVE, 900.0) {
-                fits += 1;
-                monitor.hear(&mut state, FIVE, i, if i == 3 { 1.5 } else { 200.0 });
-            }
-        }
-        assert_eq!(state.faults(), only(3, Fault::Inconsistent));
-        assert_eq!(fits, 10);
-    }
-
-    #[test]
-    fn nobody_is_guilty_if_it_could_be_two() {
-        let (monitor, mut state) = (monitor(), State::default());
-        for _ in 0..200 {
-            if let Some(i) = monitor.watch(&mut state, FIVE, 900.0) {
-                monitor.hear(&mut state, FIVE, i, if i >= 3 { 1.5 } else { 200.0 });
-            }
-        }
-        assert_eq!(state.latched(), GaugeMask::NONE);
-    }
-
-    #[test]
-    fn bad_configuration_is_named() {
-        crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
-            ("dead_strain", |c| c.dead_strain = f32::NAN),
-            ("trip_periods", |c| c.trip_periods = 0),
-        ]);
-    }
-}
+mod tests;

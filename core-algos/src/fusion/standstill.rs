@@ -9,11 +9,23 @@
 //! encoders at its turning points: readings then lie further apart than noise. Creep is steady, so
 //! that for the accelerometer still wheels are enough.
 //!
-//! Readings beyond [`Config::limit`] are no bias and change nothing; nor do those after one until the next rest, of
-//! which only the outliers would be within it. A bias that was last seen so
-//! long ago that it may be anything makes the reading worse than none: it is then withheld, see
-//! [`Config::largest_sigma`]. [`Config::build`] validates;
-//! after it nothing fails or panics. Cost: a division a tick at rest, else an addition.
+//! Times are those of an axle node with its default configuration.
+//!
+//! | condition | reaction | after | until | reason |
+//! |---|---|---|---|---|
+//! | both encoders give the counts of the tick before | wheels at rest | 0.1 s | the tick at which a count changes or is missing | a wheel that creeps stays on its count for some ticks |
+//! | wheels still, motors off, and the gyro's readings since then are finite and differ by 14 σ of its noise at most | axle at rest | 0.1 s | the tick at which one of these ends | a swinging frame turns slowest where the encoders see least |
+//! | motors on | axle not at rest, wheels as they are | at once | 60 s after the last tick with motors on | the frame unwinds |
+//! | motors off since the start | no wait for the frame | at once | motors on | nothing has bent it |
+//! | no reading of the gyro | no objection to rest | at once | a reading | axles without a gyro rest too |
+//! | at rest, reading finite and [`Config::limit`] at most | bias follows | each reading | end of rest | a reading at rest is bias and noise |
+//! | at rest, magnitude of a reading above the limit | bias stays | at once | a reading outside of rest | of a motion only the outliers would be within the limit |
+//! | not at rest, or no reading, or not a number | bias stays, its variance grows | each tick | the variance is that of an unknown bias | random walk |
+//! | standard deviation of a bias once seen above [`Config::largest_sigma`] | reading withheld | at once | bias seen again | it makes the reading worse than none |
+//! | bias never seen | reading given with bias 0 | at once | bias seen | calibration has removed it |
+//! | reading not finite | given as it is | at once | the next reading | the receiver counts it |
+//!
+//! [`Config::build`] validates; after it nothing fails or panics. Cost: a division a tick at rest, else an addition.
 
 use crate::config::{ConfigError, non_negative, positive};
 use crate::math::trig::sqrt;

@@ -1,5 +1,24 @@
 //! A board that drives, at its link: it says who it is, takes orders for the lead node, and a request for a session
 //! with a rig.
+//!
+//! | request | reaction | after | until | reason |
+//! |---|---|---|---|---|
+//! | [`Request::Hello`] of any version | board named; no number is a repetition; the front board takes orders | at once | reset | host or board may have been restarted |
+//! | number of the last request | last answer again, nothing carried out | at once | another number or a hello | the answer was lost |
+//! | any, while an order is carried out | no answer | at once | [`Attendant::done`], which answers the order | the host repeats its request |
+//! | [`Request::Relay`] to another board, on the front board | handed on each time; one reply of the latest such board returned | its reply | the reply | the other board knows repetitions |
+//! | [`Request::Relay`] otherwise | refused: other board | at once | | the identifiers do not name the relay |
+//! | [`Request::Order`] before a hello, on the front board | refused: no session; takes no lease | at once | a hello | meant for the board before its restart |
+//! | order, [`Request::Keep`], [`Request::Release`] on another board | refused: other board | at once | | the lead node is on the front board |
+//! | order, keep, release, record on the front board, without the lease or with an old number | refused: leased, old order | at once | [`Lease`] | one host commands |
+//! | [`Order::Place`] while the nodes drive | refused: armed, and the lease renewed | at once | motors off or braking | the posture would jump under the controller |
+//! | [`Request::Record`] or [`Request::Rig`] unless the motors are off | refused: armed; takes no lease | at once | motors off | nodes and motors begin anew |
+//! | [`Request::Send`] of no frame, a damaged one or one of a node | refused: malformed | at once | | a host speaks for the service tool only |
+//! | [`Request::Watch`], [`Request::Stack`], [`Request::Crash`], [`Request::Configuration`] | carried out, whatever the motors are | at once | | reading is always safe |
+//! | requests of a session | refused: no session | at once | | the board drives by itself |
+//! | what cannot be decoded | refused: malformed | at once | | another version |
+//!
+//! Of several demands in one lot of bytes the last one counts: a host waits for each answer.
 
 use super::endpoint::Identity;
 use super::framing::{Decoder, SerialFrame};
@@ -363,3 +382,6 @@ impl Attendant {
         send(self.answer.bytes());
     }
 }
+
+#[cfg(test)]
+mod tests;

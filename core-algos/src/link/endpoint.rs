@@ -3,6 +3,23 @@
 //! Writing the board's store takes time and hardware, so it is not done here: whoever feeds the bytes
 //! asks [`Endpoint::save`] after each lot whether something is to be written, and answers with
 //! [`Endpoint::saved`]. Until then other requests stay without an answer, and the host repeats them.
+//!
+//! | request | reaction | refused if | until | reason |
+//! |---|---|---|---|---|
+//! | hello of this version | session open; nodes, configuration and leave forgotten; no number is a repetition | never | a hello of another version, or reset | either side may have been restarted |
+//! | hello of another version | as above, and the session is closed | never | a hello of this version | |
+//! | number of the last request | last answer again, nothing carried out | never | another number, or a hello | the answer was lost |
+//! | any but a hello | by the rows below | no session: no session; not decoded: malformed | | |
+//! | part of the configuration | appended; a part at 0 begins anew | not at the end of the parts before, of another total, or beyond the total: part | hello | |
+//! | start | nodes built in place of those before, lead node at the place given | incomplete or another sum: hash; not decoded, or out of range: named | hello, or a start, even one refused | |
+//! | tick | nodes run once, the next number is expected | samples of another board, not started, another tick | | the board's time is that of the frame |
+//! | resume | the next tick is the one given | not started; a tick carried out already: tick | | time has passed without the board |
+//! | order | lead node's | not started; no lead node: other board; the node's reason | | |
+//! | parameter set | kept until reset | motors may be on; no such parameter; out of range | reset | |
+//! | parameters saved | one write asked for; answered when it is done | motors may be on; no node can be built with them; store broken | answer | writing a flash holds the core |
+//! | any, while a save is under way | no answer | | the save is done | the host repeats its request |
+//! | leave | done, and the board is to be reset | never | hello | |
+//! | requests of a board that drives | none | always: malformed | | a rig is bus and commander |
 
 use super::framing::{Counters, Decoder, SerialFrame, crc32c};
 use super::protocol::{
@@ -466,3 +483,6 @@ impl Configuration {
 
 /// A line of text of bounded length.
 type Text = heapless::String<160>;
+
+#[cfg(test)]
+mod tests;

@@ -9,6 +9,15 @@
 //! become many errors in the payload, so it is that probability that counts: of a million damaged
 //! frames 2.3·10⁻⁴ are expected to pass.
 //!
+//! | condition | reaction | reason |
+//! |---|---|---|
+//! | payload of 1 to 248 bytes | frame of 6 bytes more | |
+//! | payload empty or longer | no frame | |
+//! | 0 after bytes with right stuffing, right check sum and a payload | payload; counted as received | |
+//! | 0 after other bytes, or after more than 255 | no payload; one damaged frame, however long | |
+//! | 0 after no byte | nothing, and not counted | a frame that repeats begins with a 0 |
+//! | next byte after a 0 | a new frame begins | damage ends with its frame |
+//!
 //! A payload has at least one byte: the check sum of none is 0, which is too easily met.
 //!
 //! A frame may have a 0 before it too. Frames that repeat something do: what was left of a frame
@@ -172,7 +181,6 @@ mod tests {
         }
         assert!(SerialFrame::new(&[0; MAX_PAYLOAD + 1]).is_none());
         assert!(SerialFrame::new(&[]).is_none());
-        assert!(decode(&mut Decoder::new(), &[1, 1, 1, 1, 1, 0]).is_empty());
     }
 
     #[test]
@@ -212,15 +220,39 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_long_is_one_damaged_frame() {
+    fn each_frame_is_counted_once_as_received_or_damaged() {
+        let good = SerialFrame::new(&[5, 0, 6]).unwrap();
+        let mut wrong_sum = good.bytes().to_vec();
+        wrong_sum[1] ^= 1;
+        // A valid frame of the most bytes that are kept, and one more.
+        let payload: Vec<u8> = (1..=250).collect();
+        let checked = [&payload[..], &crc32c(&payload).to_le_bytes()].concat();
+        let mut room = [0; 300];
+        let used = cobs::try_encode(&checked, &mut room).unwrap();
+        let mut too_long = room[..MAX_FRAME.min(used)].to_vec();
+        too_long.extend_from_slice(&[1, 0]);
         let mut decoder = Decoder::new();
-        assert!(decode(&mut decoder, &[7; 10 * MAX_FRAME]).is_empty());
-        assert!(decode(&mut decoder, &[0, 0, 0]).is_empty());
-        let counters = Counters {
-            received: 0,
-            damaged: 1,
-        };
-        assert_eq!(decoder.counters(), counters);
+        let mut expected = Counters::default();
+        for (bytes, received, damaged) in [
+            (good.bytes(), 1, 0),
+            (good.repeated(), 1, 0),
+            (&wrong_sum, 0, 1),
+            (&wrong_sum, 0, 1),
+            (good.bytes(), 1, 0),
+            (&[0, 0, 0], 0, 0),
+            (&[9, 0], 0, 1),
+            // Only a check sum, which is right.
+            (&[1, 1, 1, 1, 1, 0], 0, 1),
+            (&[7; 2550], 0, 0),
+            (&[0], 0, 1),
+            (&too_long, 0, 1),
+            (good.bytes(), 1, 0),
+        ] {
+            expected.received += received;
+            expected.damaged += damaged;
+            assert_eq!(decode(&mut decoder, bytes).len(), received as usize);
+            assert_eq!(decoder.counters(), expected, "{bytes:?}");
+        }
     }
 
     properties! {

@@ -1,7 +1,14 @@
 //! Lease: one host at a time commands the robot, any number may watch.
 //!
-//! The first order of a host takes the lease, each further order renews it. It ends when the host releases it, or lapses after
-//! [`TERM`] without an order.
+//! | condition | reaction | after | until | reason |
+//! |---|---|---|---|---|
+//! | no order yet, or lease released | order of any host taken | at once | it is taken | nobody commands |
+//! | order of the latest host, newer than its latest one | order taken, lease renewed | at once | more than 1 s without an order, or its release | the host lives |
+//! | order of the latest host, not newer: 0 or at least 32768 numbers on | refused: old order; lease not renewed | at once | release, or an order of another host | a frame was late; the end of the lease does not make it newer |
+//! | order of another host, latest order 1 s ago or less | refused: leased; lease not renewed | at once | more than 1 s after the latest order, or release | one host commands |
+//! | order of another host, latest order longer ago | order taken with any number, the lease is its own | at once | as above | the former host is gone |
+//! | lease held, latest order more than 1 s ago | lapsed, reported once | at once | the next order taken | a robot without a commander stops |
+//! | clock behind the latest order | counts as the time of that order | at once | | a clock does not run back |
 
 use crate::time::Micros;
 use serde::{Deserialize, Serialize};
@@ -74,42 +81,76 @@ mod tests {
     }
 
     #[test]
-    fn order_of_another_host_is_refused_until_the_lease_ends() {
+    fn lease_is_taken_renewed_and_lost_to_the_microsecond() {
+        const LEASED: Result<(), Denied> = Err(Denied::Leased);
+        const OLD: Result<(), Denied> = Err(Denied::OldOrder);
         let mut lease = Lease::default();
-        let began = 5 * TERM;
-        assert_eq!(lease.admit(began, stamp(1, 7)), Ok(()));
-        assert_eq!(lease.admit(began + TERM, stamp(2, 9)), Err(Denied::Leased));
-        assert_eq!(lease.admit(began + TERM, stamp(1, 8)), Ok(()));
-        assert_eq!(lease.admit(began + 2 * TERM + 1, stamp(2, 1)), Ok(()));
-        let former = lease.admit(began + 2 * TERM + 2, stamp(1, 9));
-        assert_eq!(former, Err(Denied::Leased));
-        lease.release();
-        assert_eq!(lease.admit(began + 2 * TERM + 3, stamp(1, 9)), Ok(()));
-    }
-
-    #[test]
-    fn lease_lapses_once_and_not_after_its_release() {
-        let mut lease = Lease::default();
-        assert!(!lease.take_lapsed(9 * TERM));
-        assert_eq!(lease.admit(0, stamp(1, 7)), Ok(()));
-        assert!(!lease.take_lapsed(TERM));
-        assert!(lease.take_lapsed(TERM + 1));
-        assert!(!lease.take_lapsed(TERM + 2));
-        assert_eq!(lease.admit(2 * TERM, stamp(1, 8)), Ok(()));
-        lease.release();
-        assert!(!lease.take_lapsed(9 * TERM));
-    }
-
-    #[test]
-    fn order_with_old_sequence_is_refused() {
-        let mut lease = Lease::default();
-        assert_eq!(lease.admit(0, stamp(1, u16::MAX)), Ok(()));
-        for old in [u16::MAX, u16::MAX - 1, 0x8000] {
-            assert_eq!(lease.admit(1, stamp(1, old)), Err(Denied::OldOrder));
+        for (now, owner, sequence, expected) in [
+            (5_000_000, 1, 7, Ok(())),
+            (6_000_000, 2, 9, LEASED),
+            // Refused orders renew nothing.
+            (6_000_000, 1, 7, OLD),
+            (6_000_001, 2, 1, Ok(())),
+            (6_000_001, 1, 9, LEASED),
+            (7_000_001, 1, 9, LEASED),
+            (7_000_001, 2, 2, Ok(())),
+            (8_000_001, 1, 9, LEASED),
+            // Its end makes no order newer.
+            (8_000_002, 2, 2, OLD),
+            (8_000_002, 2, 3, Ok(())),
+            (3_000_000, 1, 9, LEASED),
+            (9_000_002, 1, 9, LEASED),
+            (9_000_003, 1, 9, Ok(())),
+        ] {
+            let found = lease.admit(now, stamp(owner, sequence));
+            assert_eq!(found, expected, "{now} {owner} {sequence}");
         }
-        assert_eq!(lease.admit(1, stamp(1, 0)), Ok(()));
-        // A host that came back after the end of its lease is no other one.
-        assert_eq!(lease.admit(10 * TERM, stamp(1, 0)), Err(Denied::OldOrder));
-        assert_eq!(lease.admit(10 * TERM, stamp(1, 1)), Ok(()));
+        for owner in [2, 1, 1] {
+            lease.release();
+            assert_eq!(lease.admit(9_000_004, stamp(owner, 1)), Ok(()));
+        }
+    }
+
+    #[test]
+    fn lease_lapses_once_more_than_a_second_after_its_latest_order() {
+        let mut lease = Lease::default();
+        assert!(!lease.take_lapsed(9_000_000));
+        for (now, sequence) in [(5_000_000, 7), (7_000_000, 8)] {
+            assert_eq!(lease.admit(now, stamp(1, sequence)), Ok(()));
+            assert_eq!(lease.admit(now + 999_999, stamp(2, 1)), Err(Denied::Leased));
+            for (later, lapsed) in [
+                (now - 4_000_000, false),
+                (now + 1_000_000, false),
+                (now + 1_000_001, true),
+                (now + 1_000_002, false),
+            ] {
+                assert_eq!(lease.take_lapsed(later), lapsed, "{later}");
+            }
+        }
+        for sequence in 9..12 {
+            assert_eq!(lease.admit(9_000_000, stamp(1, sequence)), Ok(()));
+            assert!(!lease.take_lapsed(10_000_000));
+        }
+        lease.release();
+        assert!(!lease.take_lapsed(90_000_000));
+    }
+
+    #[test]
+    fn order_is_newer_by_1_to_32767_numbers() {
+        for latest in [0, 7, 32_768, u16::MAX] {
+            for (ahead, newer) in [
+                (0, false),
+                (1, true),
+                (32_767, true),
+                (32_768, false),
+                (65_535, false),
+            ] {
+                let mut lease = Lease::default();
+                assert_eq!(lease.admit(0, stamp(1, latest)), Ok(()));
+                let expected = if newer { Ok(()) } else { Err(Denied::OldOrder) };
+                let found = lease.admit(1, stamp(1, latest.wrapping_add(ahead)));
+                assert_eq!(found, expected, "{latest} {ahead}");
+            }
+        }
     }
 }

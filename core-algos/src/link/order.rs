@@ -1,4 +1,13 @@
 //! Orders of a host for the lead node.
+//!
+//! | order | reaction | refused if | reason |
+//! |---|---|---|---|
+//! | [`Order::Place`] | the node begins anew at this posture | never | |
+//! | [`Order::Task`]: regulate | task begins | goal not finite, or tolerance not a positive number: not finite | |
+//! | [`Order::Task`]: drive | task begins | curvature beyond the frame's bound by more than a thousandth: too tight; speed or curvature not finite: not finite | the governor would drive another curve |
+//! | [`Order::Task`]: others | task begins | never | |
+//! | [`Order::Path`], [`Order::Trajectory`] | points appended in turn; after the last one its end, if the order says so | a point is too tight, or the buffer refuses it: the points before it stay, the rest and the end are left out | the host sees from the room how far the order went |
+//! | [`Order::Lost`] | a robot that drives stops | never | nobody commands |
 
 use crate::control::path::{PathError, PathPoint, TrajectoryPoint};
 pub use crate::node::lead::Place;
@@ -89,3 +98,6 @@ impl Order {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests;

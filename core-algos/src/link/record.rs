@@ -3,6 +3,14 @@
 //! A board sends entries in the order in which its tick met them: frames that arrived, orders, the tick with its
 //! samples and torques, frames that were sent. From [`Entry::Begin`] on, and as long as none is lost, they are all that
 //! the nodes depend on: the same nodes do the same again, bit by bit.
+//!
+//! | entry | holds | reason |
+//! |---|---|---|
+//! | frame | identifier and data; more than 8 bytes are no frame | |
+//! | tick | ticks since the latest one or the beginning, counts since those of the latest tick that had them, all modulo 2³² | small numbers are short |
+//! | tick, torques | both, unless both are +0 to the bit | replay compares bits |
+//! | beginning | its first tick; counts begin at 0, and this tick is one after the reference | either side knows the reference |
+//! | entry cut short, or unknown | none, and nothing behind it | its length is unknown |
 
 use super::order::Order;
 use crate::beam::MAX_GAUGES;
@@ -195,44 +203,90 @@ mod tests {
         assert!(longest > MAX_ENTRY - 16, "{longest}");
     }
 
+    fn axle(left: Option<i32>, right: Option<i32>) -> Samples {
+        Samples::Axle(axle::Samples {
+            encoder: [left, right],
+            gyro_rad_s: Some(0.25),
+            acceleration_m_s2: None,
+            conditions: Conditions::NONE,
+        })
+    }
+
     #[test]
-    fn ticks_are_resolved_as_they_were() {
-        let axle = |left, right, conditions| {
-            Samples::Axle(axle::Samples {
-                encoder: [left, right],
-                gyro_rad_s: Some(0.25),
-                acceleration_m_s2: None,
-                conditions,
-            })
-        };
-        let none = Conditions::NONE;
+    fn tick_holds_its_distance_and_that_of_its_counts_and_is_resolved_as_it_was() {
         let counts = [9, -9, 2_000_000, 0, 1, 2, 3, 4];
-        let samples = [
-            (70_000, axle(Some(i32::MAX), Some(-3), none)),
-            (70_001, axle(Some(i32::MIN), None, none)),
-            (70_004, axle(Some(5), Some(-7), none)),
-            (70_005, Samples::Beam(counts.into())),
-        ];
-        let mut board = Reference::default();
-        let Entry::Begin { tick } = board.begin(70_000 * TICK) else {
-            unreachable!()
-        };
-        let mut host = Reference::before(tick);
-        for (tick, samples) in samples {
-            let entry = board.tick(tick * TICK, &samples, [1.0, -2.0]);
-            let mut room = [0; MAX_ENTRY];
-            let bytes = entry.encode(&mut room).unwrap();
-            let Some(Some(Entry::Tick {
-                step,
-                samples: since,
-                torque_nm: Some([1.0, -2.0]),
-            })) = entries(bytes).next()
-            else {
+        let moved = [9, -7, i32::MIN, 0, 1, 2, 3, 4];
+        let beam = |counts: [i32; MAX_GAUGES]| Samples::Beam(counts.into());
+        // Begun before it; tick, samples; step and samples in the entry.
+        for rows in [
+            &[
+                (
+                    70_000u64,
+                    axle(Some(i32::MAX), Some(-3)),
+                    1,
+                    axle(Some(i32::MAX), Some(-3)),
+                ),
+                (70_001, axle(Some(i32::MIN), None), 1, axle(Some(1), None)),
+                (70_004, axle(None, Some(-7)), 3, axle(None, Some(-4))),
+                (
+                    70_005,
+                    axle(Some(5), Some(-6)),
+                    1,
+                    axle(Some(i32::MIN + 5), Some(1)),
+                ),
+            ][..],
+            &[
+                (u64::from(u32::MAX), beam(counts), 1, beam(counts)),
+                (
+                    1 + (1 << 32),
+                    beam(moved),
+                    2,
+                    beam([0, 2, i32::MAX - 1_999_999, 0, 0, 0, 0, 0]),
+                ),
+            ],
+        ] {
+            // What was before the beginning does not count.
+            let mut board = Reference::default();
+            board.tick(5 * TICK, &beam([7; MAX_GAUGES]), [0.0; 2]);
+            let first = rows[0].0;
+            let tick = first as u32;
+            assert_eq!(board.begin(first * TICK), Entry::Begin { tick });
+            let mut host = Reference::before(tick);
+            assert_eq!(board, host);
+            for &(tick, samples, step, since) in rows {
+                let entry = board.tick(tick * TICK, &samples, [1.0, -2.0]);
+                let expected = Entry::Tick {
+                    step,
+                    samples: since,
+                    torque_nm: Some([1.0, -2.0]),
+                };
+                assert_eq!(entry, expected);
+                let mut room = [0; MAX_ENTRY];
+                let bytes = entry.encode(&mut room).unwrap();
+                assert_eq!(entries(bytes).next(), Some(Some(entry)));
+                assert_eq!(host.resolve(step, &since), (tick as u32, samples));
+                assert_eq!(board, host);
+            }
+        }
+    }
+
+    #[test]
+    fn torques_are_left_out_if_both_are_plus_zero() {
+        for (torque, left_out) in [
+            ([0.0, 0.0], true),
+            ([-0.0, 0.0], false),
+            ([0.0, -0.0], false),
+            ([0.5, 0.0], false),
+            ([0.0, 0.5], false),
+            ([1.0, -2.0], false),
+        ] {
+            let entry = Reference::default().tick(TICK, &axle(None, None), torque);
+            let Entry::Tick { torque_nm, .. } = entry else {
                 panic!("{entry:?}")
             };
-            assert_eq!(host.resolve(step, &since), (tick as u32, samples));
+            let expected = (!left_out).then_some(torque.map(f32::to_bits));
+            assert_eq!(torque_nm.map(|both| both.map(f32::to_bits)), expected);
         }
-        assert_eq!(board, host);
     }
 
     #[test]

@@ -7,6 +7,12 @@
 //! | 0x740 | requests to the beam board |
 //! | 0x750 | its replies |
 //!
+//! | condition | reaction | reason |
+//! |---|---|---|
+//! | bytes for a board | frames of eight bytes in turn, the last one with what is left; unused data is 0 | |
+//! | identifier of the table | board and direction | |
+//! | any other identifier, one of a message | none | messages are not for the link |
+//!
 //! The identifiers are the last ones of the bus: every message goes first. A frame that is lost breaks the check sum of
 //! the payload ([`super::framing`]), and the host repeats its request.
 
@@ -84,6 +90,38 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn each_identifier_names_its_board_and_direction() {
+        for id in 0..0x800u16 {
+            let expected = match id {
+                0x700 => Some((Role::Front, Direction::To)),
+                0x701 => Some((Role::Rear, Direction::To)),
+                0x710 => Some((Role::Front, Direction::From)),
+                0x711 => Some((Role::Rear, Direction::From)),
+                0x740 => Some((Role::Beam, Direction::To)),
+                0x750 => Some((Role::Beam, Direction::From)),
+                _ => None,
+            };
+            assert_eq!(address(id), expected, "{id:#x}");
+            if let Some((role, direction)) = expected {
+                let frames: Vec<_> = frames(role, direction, &[7; 17]).collect();
+                let full = CanFrame {
+                    id,
+                    length: 8,
+                    data: [7; 8],
+                };
+                let rest = CanFrame {
+                    id,
+                    length: 1,
+                    data: [7, 0, 0, 0, 0, 0, 0, 0],
+                };
+                assert_eq!(frames, [full, full, rest]);
+            }
+        }
+        assert_eq!(frames(Role::Rear, Direction::To, &[]).count(), 0);
+        assert_eq!(frames(Role::Rear, Direction::To, &[1; 8]).count(), 1);
     }
 
     #[test]

@@ -2,6 +2,13 @@
 //!
 //! They are the board's own and take no part in a session: its nodes run with the configuration that
 //! the host sends. Reading and writing the store is left to whoever has one.
+//!
+//! | event | values | source and "saved" of a value | reason |
+//! |---|---|---|---|
+//! | start of a board | those of the store, by [`Contents::settle`]; all defaults if no node can be built with them | source by the store; saved | |
+//! | value set | the value, if in range; else as before | source as before; saved if its bits are those that a reset would give | |
+//! | saved | as they are | source by the store; saved if the store took the value | the store is read back |
+//! | no such index | refused: index | | |
 
 use super::protocol::{Refusal, Reply};
 use crate::config::ConfigError;
@@ -121,3 +128,6 @@ impl StoredParameters {
 fn parameter(index: u8) -> Result<&'static Parameter, StoreError> {
     TABLE.get(usize::from(index)).ok_or(StoreError::Index)
 }
+
+#[cfg(test)]
+mod tests;

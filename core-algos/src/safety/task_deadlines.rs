@@ -4,6 +4,13 @@
 //! fed, whatever the others do. The driver of the watchdog asks [`TaskDeadlines::complete`] and feeds only
 //! if it says so; nothing else feeds.
 //!
+//! | condition | reaction | after | until | reason |
+//! |---|---|---|---|---|
+//! | count of a task as at the look before, latest change longer ago than its time | not complete; the first such task is late | the task's time, from the start if it never reported | the look at which its count has changed | it stopped, or is starved |
+//! | count of a task changed, up or down | its time begins again, at the look | at once | | counts wrap |
+//! | every task within its time | complete | at once | | |
+//! | clock behind the latest change | counts as standing still | at once | | no task is late before its time |
+//!
 //! # Panic contract
 //!
 //! [`TaskDeadlines::new`] takes any times; nothing here can fail.
@@ -74,11 +81,28 @@ mod tests {
     }
 
     #[test]
-    fn a_task_that_never_reports_has_its_time_from_the_start() {
-        let mut call = TaskDeadlines::new([10_000], 1_000_000);
-        assert!(call.complete(1_010_000, [0]));
-        assert!(!call.complete(1_010_001, [0]));
-        assert!(call.complete(1_020_000, [1]), "it is back");
+    fn task_has_its_time_from_each_change_of_its_count() {
+        let mut call = TaskDeadlines::new([10_000, 30_000], 1_000_000);
+        for (now, counts, late) in [
+            (1_010_000, [0, 0], None),
+            (1_010_001, [0, 0], Some(0)),
+            (1_020_000, [1, 0], None),
+            (1_030_000, [1, 0], None),
+            (1_030_001, [1, 0], Some(0)),
+            (1_030_001, [2, 0], Some(1)),
+            (1_040_002, [2, 0], Some(0)),
+            // Changes are seen at a look; any change is one.
+            (1_040_003, [1, 7], None),
+            (1_040_003, [0, 7], None),
+            (1_000_000, [0, 7], None),
+            (1_050_003, [0, 7], None),
+            (1_050_004, [0, 7], Some(0)),
+            (1_070_003, [u32::MAX, 7], None),
+            (1_070_004, [u32::MAX, 7], Some(1)),
+        ] {
+            assert_eq!(call.complete(now, counts), late.is_none(), "{now}");
+            assert_eq!(call.late(now), late, "{now}");
+        }
     }
 
     properties! {

@@ -49,6 +49,15 @@ impl Plan {
         }
     }
 
+    /// A plan of one segment.
+    #[cfg(test)]
+    pub(in crate::control) fn single(segment: Segment) -> Self {
+        Self {
+            first: Some(segment),
+            ..Self::default()
+        }
+    }
+
     /// Segment `index`; `None` past the last one.
     pub fn segment(&self, index: usize) -> Option<Segment> {
         match index {

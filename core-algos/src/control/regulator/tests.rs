@@ -1,6 +1,8 @@
 use super::*;
 use proptest::prelude::{any, prop, prop_assert};
 
+mod phases;
+
 /// A robot that does at once what it is told, except that it steers at 1 rad/s and changes speed
 /// at 0.4 m/s².
 struct Robot {

@@ -39,41 +39,103 @@ fn bias_is_found_as_well_as_claimed() {
     assert!((rms / claimed - 1.0).abs() < 0.15, "{rms} {claimed}");
 }
 
-#[test]
-fn motion_is_not_taken_for_a_bias() {
-    let zeroing = Config::GYRO.build(PERIOD).unwrap();
+/// Bias that has seen 0.01 u at rest for a second.
+fn seen(zeroing: &Zeroing) -> Bias {
     let mut bias = Bias::default();
     for _ in 0..1000 {
-        zeroing.step(&mut bias, true, Some(0.002));
+        zeroing.step(&mut bias, true, Some(0.01));
     }
-    let known = bias;
-    for _ in 0..1000 {
-        assert!(zeroing.step(&mut bias, false, Some(0.03)).is_some());
-        assert!(zeroing.step(&mut bias, true, Some(0.5)).is_some());
-        assert!(zeroing.step(&mut bias, true, Some(0.002)).is_some());
-    }
-    assert_eq!(bias.value(), known.value());
-    assert!(bias.variance > known.variance);
-    assert!((zeroing.step(&mut bias, false, Some(0.302)).unwrap() - 0.3).abs() < 1e-5);
+    bias
 }
 
 #[test]
-fn a_bias_beyond_the_limit_is_not_learnt_from_the_outliers_within_it() {
-    let config = Config::ACCELEROMETER;
-    let zeroing = config.build(PERIOD).unwrap();
-    let mut bias = Bias::default();
-    let rest = |bias: &mut Bias, reading: f32| zeroing.step(bias, true, Some(reading));
-    rest(&mut bias, 0.1);
-    let known = bias.value();
-    zeroing.step(&mut bias, false, Some(0.1));
-    // The axle sets off: the last reading of its rest is within the limit.
-    for reading in [-0.6, -0.6, 0.2] {
-        rest(&mut bias, reading);
+fn bias_follows_readings_at_rest_within_the_limit_until_one_is_beyond() {
+    for (config, limit) in [(Config::GYRO, 0.05f32), (Config::ACCELEROMETER, 0.5)] {
+        let zeroing = config.build(PERIOD).unwrap();
+        let beyond = limit.next_up();
+        for (at_rest, reading, follows, goes_on) in [
+            (true, Some(0.02), true, true),
+            (true, Some(limit), true, true),
+            (true, Some(-limit), true, true),
+            (true, Some(beyond), false, false),
+            (true, Some(-beyond), false, false),
+            (true, Some(f32::INFINITY), false, false),
+            (true, Some(f32::NEG_INFINITY), false, false),
+            (true, Some(f32::NAN), false, true),
+            (true, None, false, true),
+            (false, Some(0.02), false, true),
+            (false, Some(beyond), false, true),
+            (false, Some(f32::NAN), false, true),
+            (false, None, false, true),
+        ] {
+            let mut bias = seen(&zeroing);
+            let before = bias;
+            let given = zeroing.step(&mut bias, at_rest, reading);
+            assert_eq!(bias.value() != before.value(), follows, "{reading:?}");
+            assert_eq!(bias.variance > before.variance, !follows, "{reading:?}");
+            assert_eq!(
+                given.map(f32::to_bits),
+                reading.map(|r| (r - bias.value()).to_bits())
+            );
+            let before = bias.value();
+            for _ in 0..10 {
+                zeroing.step(&mut bias, true, Some(0.02));
+            }
+            assert_eq!(bias.value() != before, goes_on, "{reading:?}");
+            // A rest that ends without a reading is the same one.
+            zeroing.step(&mut bias, false, None);
+            zeroing.step(&mut bias, true, Some(0.02));
+            assert!(goes_on || bias.value() == before, "{reading:?}");
+            zeroing.step(&mut bias, false, Some(0.02));
+            zeroing.step(&mut bias, true, Some(0.02));
+            assert!(bias.value() != before, "{reading:?}");
+        }
     }
-    assert_eq!(bias.value(), known);
-    zeroing.step(&mut bias, false, Some(0.1));
-    rest(&mut bias, 0.2);
-    assert!(bias.value() > known);
+}
+
+#[test]
+fn reading_is_withheld_from_the_largest_sigma_on_but_for_a_bias_never_seen() {
+    let still = Config {
+        walk_per_sqrt_s: 0.0,
+        ..Config::ACCELEROMETER
+    };
+    let zeroing = still.build(PERIOD).unwrap();
+    let largest = 0.03f32 * 0.03;
+    for (variance, given) in [
+        (None, true),
+        (Some(largest), true),
+        (Some(largest.next_up()), false),
+    ] {
+        let (value, beyond) = (0.0, false);
+        for reading in [0.1, f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let mut bias = Bias {
+                value,
+                variance,
+                beyond,
+            };
+            let found = zeroing.step(&mut bias, false, Some(reading));
+            let expected = (given || !reading.is_finite()).then_some(reading);
+            assert_eq!(found.map(f32::to_bits), expected.map(f32::to_bits));
+        }
+    }
+    // The variance ends at that of an unknown bias, (0.5/√3)².
+    let fast = Config {
+        walk_per_sqrt_s: 1.0,
+        largest_sigma: 0.29,
+        ..Config::ACCELEROMETER
+    };
+    for (largest_sigma, given) in [(0.28, false), (0.29, true)] {
+        let config = Config {
+            largest_sigma,
+            ..fast
+        };
+        let zeroing = config.build(PERIOD).unwrap();
+        let mut bias = seen(&zeroing);
+        for _ in 0..1000 {
+            assert_eq!(zeroing.step(&mut bias, true, None), None);
+        }
+        assert_eq!(zeroing.step(&mut bias, false, Some(0.1)).is_some(), given);
+    }
 }
 
 #[test]
@@ -105,20 +167,6 @@ fn a_bias_seen_too_long_ago_withholds_the_reading_until_it_is_seen_again() {
     assert!(zeroing.step(&mut bias, true, Some(0.1)).is_some());
 }
 
-#[test]
-fn bad_readings_leave_no_trace() {
-    let zeroing = Config::ACCELEROMETER.build(PERIOD).unwrap();
-    let mut bias = Bias::default();
-    zeroing.step(&mut bias, true, Some(0.1));
-    let value = bias.value();
-    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-        let read = zeroing.step(&mut bias, true, Some(bad)).unwrap();
-        assert!(!read.is_finite());
-    }
-    assert_eq!(zeroing.step(&mut bias, true, None), None);
-    assert_eq!(bias.value(), value);
-}
-
 const TIMES: RestTimes = RestTimes {
     hold: 3,
     settle: 10,
@@ -133,30 +181,122 @@ const BOTH: Rest = Rest {
     axle: true,
 };
 
-#[test]
-fn rest_needs_still_wheels_and_motors_off_for_a_while() {
+/// Counts, motors on, and reading of the gyro.
+type Inputs = ([Option<i32>; 2], bool, Option<f32>);
+const LEFT: Option<i32> = Some(5);
+const RIGHT: Option<i32> = Some(-7);
+const RESTING: Inputs = ([LEFT, RIGHT], false, Some(0.0));
+
+fn step(detector: &mut RestDetector, (counts, motors_on, gyro): Inputs, times: &RestTimes) -> Rest {
+    detector.step(counts, motors_on, gyro, times)
+}
+
+/// A detector after 20 ticks of rest, which it reports from the fourth on: the first has nothing to compare with.
+fn rested(times: &RestTimes) -> RestDetector {
     let mut detector = RestDetector::default();
-    let mut step =
-        |count, motors_on| detector.step([Some(count), Some(7)], motors_on, Some(0.003), &TIMES);
-    assert_eq!(step(0, false), Rest::default(), "nothing to compare with");
-    // Motors that never were on need not settle.
-    for tick in 0..5 {
-        let expected = if tick >= 2 { BOTH } else { Rest::default() };
-        assert_eq!(step(0, false), expected);
+    for tick in 1..=20 {
+        let expected = if tick >= 4 { BOTH } else { Rest::default() };
+        assert_eq!(step(&mut detector, RESTING, times), expected, "{tick}");
     }
-    assert_eq!(step(1, false), Rest::default());
-    for _ in 0..3 {
-        step(1, false);
+    detector
+}
+
+/// One tick with each set of inputs disturbed, each in several ways.
+#[test]
+fn rest_ends_with_any_disturbance_and_returns_after_its_whole_time() {
+    let spread = 0.01f32;
+    let readings = [spread.next_up(), -spread.next_up(), f32::NAN, f32::INFINITY];
+    for (set, settle) in (0..16u8).flat_map(|set| [0, 2, 3, 4, 10].map(|settle| (set, settle))) {
+        let times = RestTimes { settle, ..TIMES };
+        let [left, right, motors_on, turns] = [1, 2, 4, 8].map(|bit| set & bit != 0);
+        for (moved, reading) in [Some(6), None]
+            .into_iter()
+            .flat_map(|moved| readings.map(|reading| (moved, reading)))
+        {
+            let counts = [
+                if left { moved } else { LEFT },
+                if right { moved } else { RIGHT },
+            ];
+            let gyro = Some(if turns { reading } else { 0.0 });
+            let disturbed = (counts, motors_on, gyro);
+            let mut detector = rested(&times);
+            let (wheels, axle) = (!(left || right), set == 0);
+            assert_eq!(
+                step(&mut detector, disturbed, &times),
+                Rest { wheels, axle }
+            );
+            // Counts change once more, back to those of before.
+            let wheels_after = if wheels { 0 } else { 4 };
+            let gyro_after = if turns { 3 } else { 0 };
+            let motors_after = if motors_on { settle.max(3) } else { 0 };
+            let axle_after = wheels_after.max(gyro_after).max(motors_after);
+            for tick in 1..=15 {
+                let (wheels, axle) = (tick >= wheels_after, tick >= axle_after);
+                let found = step(&mut detector, RESTING, &times);
+                assert_eq!(found, Rest { wheels, axle }, "{disturbed:?} {tick}");
+            }
+        }
     }
-    assert_eq!(step(1, false), BOTH);
-    assert_eq!(step(1, true), WHEELS, "a held bend creeps");
-    for tick in 1..20 {
-        let expected = if tick >= 10 { BOTH } else { WHEELS };
-        assert_eq!(step(1, false), expected, "{tick}");
+}
+
+#[test]
+fn rest_does_not_return_while_the_disturbance_lasts() {
+    let none = Rest::default();
+    for (inputs, expected) in [
+        (([None, RIGHT], false, Some(0.0)), none),
+        (([LEFT, None], false, Some(0.0)), none),
+        (([None, None], false, Some(0.0)), none),
+        (([LEFT, RIGHT], true, Some(0.0)), WHEELS),
+        (([LEFT, RIGHT], false, Some(f32::NAN)), WHEELS),
+        (([LEFT, RIGHT], false, None), BOTH),
+    ] {
+        let times = RestTimes { settle: 0, ..TIMES };
+        let mut detector = rested(&times);
+        for _ in 0..20 {
+            assert_eq!(step(&mut detector, inputs, &times), expected, "{inputs:?}");
+        }
     }
-    for _ in 0..100 {
-        let rest = detector.step([None, Some(7)], false, Some(0.003), &TIMES);
-        assert_eq!(rest, Rest::default(), "no encoder");
+    // An axle without a gyro rests after the same time.
+    let mut detector = RestDetector::default();
+    let rests = [(); 5].map(|()| step(&mut detector, ([LEFT, RIGHT], false, None), &TIMES).axle);
+    assert_eq!(rests, [false, false, false, true, true]);
+}
+
+#[test]
+fn spread_of_the_gyro_is_that_of_the_whole_rest() {
+    for sign in [1.0, -1.0] {
+        let mut detector = rested(&TIMES);
+        for (reading, expected) in [
+            (0.004f32, BOTH),
+            (0.01, BOTH),
+            (0.0, BOTH),
+            (0.0101, WHEELS),
+            // Rest from here on.
+            (0.02, WHEELS),
+            (0.029, WHEELS),
+            (0.021, BOTH),
+            (0.0195, BOTH),
+            (0.0185, WHEELS),
+        ] {
+            let inputs = ([LEFT, RIGHT], false, Some(sign * reading));
+            assert_eq!(step(&mut detector, inputs, &TIMES), expected, "{reading}");
+        }
+    }
+    // 14 standard deviations of 4.9e-5 rad/s/√Hz over 500 Hz.
+    let spread = Config::GYRO.build(PERIOD).unwrap().spread();
+    assert!((spread - 0.01534).abs() < 1e-5, "{spread}");
+}
+
+#[test]
+fn longest_hold_is_reached_and_kept() {
+    let times = RestTimes {
+        hold: u16::MAX,
+        ..TIMES
+    };
+    let mut detector = RestDetector::default();
+    for tick in 1..=70_000u32 {
+        let expected = if tick > 65_535 { BOTH } else { Rest::default() };
+        assert_eq!(step(&mut detector, RESTING, &times), expected);
     }
 }
 
@@ -183,18 +323,6 @@ fn a_frame_that_swings_is_not_at_rest_whatever_the_encoders_say() {
     // At its turning points it rests by the encoders for a tenth of a second.
     assert_eq!(settled(0.03, 20), 0);
     assert!(settled(1e-5, 20) > 17_000);
-}
-
-#[test]
-fn readings_that_are_none_do_not_rest() {
-    let mut detector = RestDetector::default();
-    let at = [Some(1), Some(2)];
-    for _ in 0..20 {
-        assert!(!detector.step(at, false, Some(f32::NAN), &TIMES).axle);
-    }
-    // No gyro is none that moves.
-    let rests = [(); 6].map(|()| detector.step(at, false, None, &TIMES).axle);
-    assert_eq!(rests, [false, false, true, true, true, true]);
 }
 
 #[test]

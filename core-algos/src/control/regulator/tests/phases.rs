@@ -1,0 +1,547 @@
+//! Limits, gains and transitions of the phases, each on both sides.
+
+use super::*;
+use crate::control::planner::Segment;
+
+const GOAL: Posture = Posture::ORIGIN;
+
+fn plain() -> Regulator {
+    Config::default().build().unwrap()
+}
+
+/// Input of a robot at rest with straight steering.
+fn at(x: f32, y: f32, phi: f32) -> Input {
+    Input {
+        posture: Posture::new(x, y, phi),
+        goal: GOAL,
+        ..Input::default()
+    }
+}
+
+/// State in a phase of the present goal.
+fn state(phase: Phase) -> State {
+    State {
+        phase,
+        goal: Some(GOAL),
+        ..State::default()
+    }
+}
+
+#[test]
+fn tolerance_holds_up_to_both_bounds() {
+    let within = Tolerance {
+        position_m: 0.1,
+        heading_rad: 0.05,
+    };
+    let nan = f32::NAN;
+    for (position, heading, holds) in [
+        (0.1, 0.05, true),
+        (0.1f32.next_up(), 0.05, false),
+        (0.1, 0.05f32.next_up(), false),
+        (nan, 0.0, false),
+        (0.0, nan, false),
+    ] {
+        assert_eq!(
+            within.holds([position, heading]),
+            holds,
+            "{position} {heading}"
+        );
+    }
+    for (posture, near) in [
+        ((0.0, -0.099, 0.049), true),
+        ((0.0, 0.0, -0.051), false),
+        ((-0.08, 0.08, 0.0), false),
+        ((nan, 0.0, 0.0), false),
+    ] {
+        assert_eq!(
+            within.is_near(posture.into_posture(), GOAL),
+            near,
+            "{posture:?}"
+        );
+    }
+    for (position_m, heading_rad, valid) in [
+        (1e-6, 1e-6, true),
+        (0.0, 0.1, false),
+        (0.1, 0.0, false),
+        (-0.1, 0.1, false),
+        (nan, 0.1, false),
+        (0.1, nan, false),
+        (f32::INFINITY, 0.1, false),
+        (0.1, f32::INFINITY, false),
+    ] {
+        let within = Tolerance {
+            position_m,
+            heading_rad,
+        };
+        assert_eq!(within.is_valid(), valid, "{within:?}");
+    }
+}
+
+trait IntoPosture {
+    fn into_posture(self) -> Posture;
+}
+
+impl IntoPosture for (f32, f32, f32) {
+    fn into_posture(self) -> Posture {
+        Posture::new(self.0, self.1, self.2)
+    }
+}
+
+/// y'' = −y/λ² − 2 y'/λ: 25/m² and 10/m for λ of 0.2 m.
+#[test]
+fn path_feedback_has_the_gains_of_critical_decay() {
+    for (y, phi, sign, kappa) in [
+        (0.01, 0.0, 1.0, -0.25),
+        (-0.01, 0.0, 1.0, 0.25),
+        (0.01, 0.0, -1.0, -0.25),
+        (0.0, 0.02, 1.0, -0.2),
+        (0.0, 0.02, -1.0, 0.2),
+        (0.01, 0.02, 1.0, -0.45),
+    ] {
+        let found = path_feedback(Posture::new(0.3, y, phi), sign, 0.2);
+        assert!((found - kappa).abs() < 1e-6, "{y} {phi} {sign}: {found}");
+    }
+}
+
+#[test]
+fn goal_that_moves_by_more_than_1_cm_or_20_mrad_starts_afresh() {
+    let regulator = plain();
+    for (x, y, phi, same) in [
+        (0.0099, 0.0, 0.0, true),
+        (0.0, -0.0099, 0.0199, true),
+        (0.0101, 0.0, 0.0, false),
+        (0.0, 0.0101, 0.0, false),
+        (0.0, -0.0101, 0.0, false),
+        (0.008, 0.008, 0.0, false),
+        (0.0, 0.0, 0.0201, false),
+        (0.0, 0.0, -0.0201, false),
+    ] {
+        let mut state = State {
+            attempts: 3,
+            kappa: 0.5,
+            ..state(Phase::GaveUp)
+        };
+        let goal = Posture::new(x, y, phi);
+        let input = Input {
+            goal,
+            ..at(-1.0, 0.0, 0.0)
+        };
+        regulator.tick(&mut state, &input);
+        let expected = if same { 3 } else { 0 };
+        assert_eq!(state.attempts, expected, "{goal:?}");
+        assert_eq!(state.goal, Some(if same { GOAL } else { goal }));
+        assert_eq!(state.kappa, 0.5);
+    }
+    for lost in [0, 1] {
+        let mut input = at(-1.0, 0.0, 0.0);
+        let posture = [&mut input.posture, &mut input.goal];
+        posture.into_iter().nth(lost).unwrap().phi = f32::NAN;
+        let mut found = state(Phase::Hold);
+        regulator.tick(&mut found, &input);
+        assert_eq!(found, state(Phase::Hold));
+    }
+    let mut found = state(Phase::Done);
+    found.forget_goal();
+    assert_eq!(found.goal, None);
+}
+
+/// At ψ = 0 a steering error is half the frame's length times the difference in curvature.
+#[test]
+fn speed_is_free_up_to_half_the_steering_wait_and_zero_from_it_on() {
+    let regulator = plain();
+    for (error, factor) in [
+        (0.0, 1.0),
+        (0.1, 1.0),
+        (0.125, 0.75),
+        (0.15, 0.5),
+        (0.2, 0.0),
+        (0.3, 0.0),
+    ] {
+        for sign in [1.0, -1.0] {
+            let kappa = sign * 2.0 * error / 0.37;
+            let found = regulator.patience(kappa, Steering::STRAIGHT);
+            assert!((found - factor).abs() < 1e-4, "{error}: {found}");
+        }
+    }
+}
+
+/// 1.15 times the greatest curvature, and 0.1 rad over the distance.
+#[test]
+fn reach_is_the_funnel_with_its_slack() {
+    let regulator = plain();
+    let max = regulator.limits.max_curvature();
+    for distance in [0.2f32, 0.5, 1.0] {
+        let bound = 1.15 * max + 0.1 / distance;
+        for (share, within) in [(0.999, true), (1.001, false)] {
+            // With the line of sight ahead, the funnel needs 3 |η| / e.
+            let eta = share * bound * distance / 3.0;
+            let seen = PolarError {
+                distance_m: distance,
+                theta: eta,
+                alpha: 0.0,
+            };
+            assert_eq!(regulator.within_reach(seen), within, "{distance} {share}");
+        }
+    }
+}
+
+#[test]
+fn goal_is_reached_within_bounds_that_each_attempt_widens_to_the_tolerance() {
+    let regulator = plain();
+    for (attempts, position, heading) in [
+        (0, 0.01f32, 0.026f32),
+        (1, 0.016, 0.0416),
+        (2, 0.0256, 0.06656),
+        (4, 0.065_536, 0.0873),
+        (5, 0.1, 0.0873),
+        (255, 0.1, 0.0873),
+    ] {
+        for factor in [1.0, 2.5] {
+            let state = State {
+                attempts,
+                ..State::default()
+            };
+            let reached = |x, y, phi| regulator.reached(&state, &at(x, y, phi), factor);
+            let (d, h) = (factor * position, factor * heading);
+            assert!(reached(0.0, 0.999 * d, 0.999 * h), "{attempts}");
+            assert!(!reached(0.0, -1.001 * d, 0.0), "{attempts}");
+            assert!(!reached(0.0, 0.0, 1.001 * h) && !reached(0.0, 0.0, -1.001 * h));
+            assert!(!reached(2.0 * d, 0.0, 2.0 * h));
+        }
+    }
+    // A tolerance below the accepted error asks for no more than that.
+    let mut strict = at(0.0099, 0.0, 0.0259);
+    (strict.within.position_m, strict.within.heading_rad) = (1e-3, 1e-3);
+    for (attempts, x) in [(0, 0.0099), (9, 0.0099), (0, 0.0101), (9, 0.0101)] {
+        strict.posture.x = x;
+        let state = State {
+            attempts,
+            ..State::default()
+        };
+        assert_eq!(regulator.reached(&state, &strict, 1.0), x < 0.01);
+    }
+}
+
+/// Phase after one tick of a robot in a phase, at a posture, with a speed.
+#[test]
+fn phases_follow_each_other_at_their_limits() {
+    let regulator = plain();
+    let (far, near) = (at(-1.0, 0.0, 0.0), at(0.005, 0.0, 0.0));
+    let beside = at(0.0, -0.3, 0.0);
+    let direct = Next::Step(0);
+    use Phase::{Approach, Done, GaveUp, Hold, Plan, Steer, Stop};
+    // Phase, what follows, time in it, attempts; input, speed; phase after, attempts after.
+    for (phase, next, elapsed, attempts, input, speed, expected, after) in [
+        (Stop, Next::Plan, 0.0, 0, far, 0.0041, Stop, 0),
+        (Stop, Next::Plan, 0.0, 0, far, -0.0041, Stop, 0),
+        (Stop, Next::Plan, 0.0, 0, far, 0.0039, Plan, 0),
+        (Stop, Next::Plan, 0.0, 0, near, -0.0039, Hold, 0),
+        (Stop, Next::Plan, 0.0, 0, near, 0.0041, Stop, 0),
+        (Stop, direct, 0.0, 0, far, 0.0201, Stop, 0),
+        (Stop, direct, 0.0, 0, far, 0.0199, Steer, 0),
+        (Stop, direct, 0.0, 0, far, -0.0199, Steer, 0),
+        // Outside of the funnel another plan is made, as often as attempts are left.
+        (Stop, direct, 0.0, 0, beside, 0.0, Stop, 1),
+        (Stop, direct, 0.0, 19, beside, 0.0, Stop, 20),
+        (Stop, direct, 0.0, 20, beside, 0.0, GaveUp, 21),
+        (GaveUp, direct, 9.0, 21, near, 0.0, GaveUp, 21),
+        (Plan, Next::Plan, 0.0, 0, far, 0.0, Stop, 0),
+        // After 3 s whatever the steering.
+        (Steer, direct, 2.985, 0, beside, 0.0, Steer, 0),
+        (Steer, direct, 2.995, 0, beside, 0.0, Approach, 0),
+        // After 0.2 s at rest.
+        (Hold, Next::Plan, 0.185, 0, near, 0.0, Hold, 0),
+        (Hold, Next::Plan, 0.195, 0, near, 0.0039, Done, 0),
+        (Hold, Next::Plan, 0.195, 0, near, -0.0039, Done, 0),
+        (Hold, Next::Plan, 0.195, 0, near, 0.0041, Hold, 0),
+        (Hold, Next::Plan, 0.195, 0, near, -0.0041, Hold, 0),
+        (Hold, Next::Plan, 0.195, 0, far, 0.0, Stop, 1),
+        (Hold, Next::Plan, 0.195, 20, far, 0.0, GaveUp, 21),
+        // Left at 2.5 times the error that was accepted.
+        (Done, Next::Plan, 9.0, 0, at(0.0249, 0.0, 0.0), 0.0, Done, 0),
+        (Done, Next::Plan, 9.0, 0, at(0.0251, 0.0, 0.0), 0.0, Stop, 0),
+        (Done, Next::Plan, 9.0, 1, at(0.0399, 0.0, 0.0), 0.0, Done, 1),
+        (Done, Next::Plan, 9.0, 1, at(0.0401, 0.0, 0.0), 0.0, Stop, 0),
+        (Done, Next::Plan, 9.0, 0, at(0.0, 0.0, 0.0649), 0.0, Done, 0),
+        (
+            Done,
+            Next::Plan,
+            9.0,
+            0,
+            at(0.0, 0.0, -0.0651),
+            0.0,
+            Stop,
+            0,
+        ),
+    ] {
+        let mut state = State {
+            next,
+            elapsed,
+            attempts,
+            doubt: 0.05,
+            ..state(phase)
+        };
+        let input = Input {
+            speed_m_s: speed,
+            ..input
+        };
+        let output = regulator.tick(&mut state, &input);
+        let row = std::format!("{phase:?} {next:?} {elapsed} {input:?}");
+        assert_eq!((state.phase, state.attempts), (expected, after), "{row}");
+        assert_eq!(output.command.v, 0.0, "{row}");
+        if phase != expected {
+            assert_eq!((state.elapsed, state.doubt), (0.0, 0.0), "{row}");
+            let fresh = matches!(expected, Steer | Approach);
+            assert!(
+                !fresh || (state.origin, state.progress) == (input.posture, 0.0),
+                "{row}"
+            );
+        } else if phase == Hold && speed.abs() > 0.004 {
+            assert_eq!(state.elapsed, 0.0, "{row}");
+        }
+    }
+}
+
+/// A segment is begun with a steering error of 0.05 rad: at ψ = 0 a curvature of 0.1 rad over the frame's length.
+#[test]
+fn segment_begins_with_the_steering_near_its_curvature() {
+    let regulator = plain();
+    for (error, phase) in [(0.0495, Phase::Segment), (0.0505, Phase::Steer)] {
+        let mut state = State {
+            next: Next::Step(0),
+            ..state(Phase::Steer)
+        };
+        state.plan = planner::Plan::single(Segment {
+            curvature: -2.0 * error / 0.37,
+            length_m: 0.5,
+            ..Segment::default()
+        });
+        regulator.tick(&mut state, &at(-1.0, 0.0, 0.0));
+        assert_eq!(state.phase, phase, "{error}");
+    }
+}
+
+/// Speed along a straight segment with some way left, braking at so much: the least of √(2 a s), 2.5/s · s + 5 mm/s, and
+/// the greatest speed. It ends where the robot needs the way to stop, or 2 mm before.
+#[test]
+fn segment_is_driven_at_the_speed_of_the_way_left_and_ends_at_the_stopping_distance() {
+    for (braking_m_s2, left, speed, expected) in [
+        (0.4, 0.02, 0.0, Some(0.055)),
+        (0.4, 0.08, 0.0, Some(0.205)),
+        (0.4, 0.2, 0.0, Some(0.25)),
+        (0.1, 0.1, 0.0, Some(0.141_421)),
+        (0.4, 0.0021, 0.0, Some(0.010_25)),
+        (0.4, 0.0019, 0.0, None),
+        // 0.06 m/s for 1/6 s, at 0.2 m/s ((0.2² − (1/15)²) / 0.8 + 1/90) m.
+        (0.4, 0.0101, 0.06, Some(0.030_25)),
+        (0.4, 0.0099, 0.06, None),
+        (0.4, 0.0557, -0.2, Some(0.144_25)),
+        (0.4, 0.0554, -0.2, None),
+    ] {
+        for (direction, sign) in [(Direction::Forward, 1.0), (Direction::Reverse, -1.0)] {
+            let config = Config {
+                braking_m_s2,
+                ..Config::default()
+            };
+            let regulator = config.build().unwrap();
+            for phi in [0.0f32, 1.0] {
+                let begin = Posture::new(-1.0, 0.2, phi);
+                let mut state = State {
+                    next: Next::Step(0),
+                    origin: begin,
+                    last: begin.advance(sign * 0.25, 0.0),
+                    progress: 0.25,
+                    ..state(Phase::Segment)
+                };
+                state.plan = planner::Plan::single(Segment {
+                    direction,
+                    curvature: 0.0,
+                    length_m: 0.3 + left,
+                });
+                let mut input = at(0.0, 0.0, 0.0);
+                (input.posture, input.speed_m_s) = (begin.advance(sign * 0.3, 0.0), speed);
+                let mut turned = (state, input);
+                let found = regulator.tick(&mut state, &input).command.v;
+                let v = sign * expected.unwrap_or(0.0);
+                assert!((found - v).abs() < 1e-4, "{left} {speed} {sign}: {found}");
+                let phase = if expected.is_some() {
+                    Phase::Segment
+                } else {
+                    Phase::Stop
+                };
+                assert_eq!(state.phase, phase, "{left} {speed}");
+                if phase == Phase::Stop {
+                    assert_eq!(state.next, Next::Step(1));
+                }
+                // Half of it with a steering error of 0.15 rad.
+                turned.1.steering = Steering(0.15);
+                let found = regulator.tick(&mut turned.0, &turned.1).command.v;
+                assert!(
+                    (found - 0.5 * v).abs() < 0.06 * v.abs() + 1e-4,
+                    "{found} {v}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn approach_outside_of_the_funnel_ends_after_100_ms_and_one_without_demand_after_a_second() {
+    // A law without demand: what is within reach and idle at once.
+    let regulator = plain();
+    let (inside, outside) = (at(-1.0, 0.0, 0.0), at(-0.2, -0.3, 0.0));
+    for (doubt, input, phase, left) in [
+        (0.0, outside, Phase::Approach, 0.01),
+        (0.085, outside, Phase::Approach, 0.095),
+        (0.095, outside, Phase::Stop, 0.0),
+        (0.085, inside, Phase::Approach, 0.0),
+        (5.0, inside, Phase::Approach, 0.0),
+    ] {
+        let mut state = State {
+            doubt,
+            next: Next::Step(0),
+            ..state(Phase::Approach)
+        };
+        regulator.tick(&mut state, &input);
+        assert_eq!(state.phase, phase, "{doubt}");
+        assert!(
+            (state.doubt - left).abs() < 1e-6,
+            "{doubt}: {}",
+            state.doubt
+        );
+        assert_eq!(state.attempts, u8::from(phase == Phase::Stop));
+    }
+    let mut config = Config::default();
+    config.approach.approach_gain_m_s = 1e-4;
+    let idle = config.build().unwrap();
+    for (doubt, phase) in [
+        (0.095, Phase::Approach),
+        (0.985, Phase::Approach),
+        (0.995, Phase::Hold),
+    ] {
+        let mut state = State {
+            doubt,
+            next: Next::Step(0),
+            ..state(Phase::Approach)
+        };
+        idle.tick(&mut state, &inside);
+        assert_eq!(state.phase, phase, "{doubt}");
+    }
+}
+
+#[test]
+fn final_arc_begins_at_15_cm_and_ends_3_mm_before_the_goal() {
+    let regulator = plain();
+    let max = regulator.limits.max_curvature();
+    for (direction, sign) in [(Direction::Forward, 1.0f32), (Direction::Reverse, -1.0)] {
+        for (x, on_arc) in [(0.1499f32, true), (0.1501, false)] {
+            let mut state = State {
+                next: Next::Step(0),
+                ..state(Phase::Approach)
+            };
+            state.plan.approach = direction;
+            regulator.tick(&mut state, &at(-sign * x, 0.0, 0.0));
+            assert_eq!(state.final_curvature.is_some(), on_arc, "{x}");
+        }
+        // 2 sin α / e, positive to the left of the heading, at most the greatest curvature.
+        for (y, wide) in [
+            (0.002f32, 0.2f32),
+            (-0.002, -0.2),
+            (0.06, 9.0),
+            (-0.06, -9.0),
+        ] {
+            let mut state = State {
+                next: Next::Step(0),
+                ..state(Phase::Approach)
+            };
+            state.plan.approach = direction;
+            regulator.tick(&mut state, &at(-sign * 0.12, y, 0.0));
+            let found = state.final_curvature.unwrap();
+            let e2 = 0.12f32 * 0.12 + y * y;
+            let expected = if wide.abs() < 1.0 {
+                -2.0 * y / e2
+            } else {
+                -max * wide.signum()
+            };
+            assert!(
+                (found - expected).abs() < 1e-4,
+                "{direction:?} {y}: {found} {expected}"
+            );
+        }
+        // 2/s of the way left; critical decay over 0.06 m about the arc.
+        for (left, y, curvature, v) in [
+            (0.0031f32, 0.0f32, 0.0f32, 0.0062f32),
+            (0.0029, 0.0, 0.0, 0.0),
+            (0.1, 0.0, 0.0, 0.2),
+            (0.1, 0.0002, 0.0, 0.2),
+            (0.1, 0.0, 0.4, 0.2),
+        ] {
+            let mut state = State {
+                final_curvature: Some(curvature),
+                next: Next::Step(0),
+                ..state(Phase::Approach)
+            };
+            state.plan.approach = direction;
+            // Backwards along the arc, and beside it.
+            let turn = -sign * left * curvature;
+            let mut input = at(0.0, 0.0, 0.0);
+            input.posture = GOAL
+                .advance(-sign * left, turn)
+                .compose(Posture::new(0.0, y, 0.0));
+            let output = regulator.tick(&mut state, &input);
+            let patience = regulator.patience(output.command.kappa, Steering::STRAIGHT);
+            assert_eq!(patience, 1.0);
+            let found = output.command.v;
+            assert!((found - sign * v).abs() <= 2e-3 * v, "{left} {y}: {found}");
+            let hold = if v == 0.0 {
+                Phase::Hold
+            } else {
+                Phase::Approach
+            };
+            assert_eq!(state.phase, hold, "{left}");
+            if v > 0.0 {
+                let kappa = curvature - y / (0.06 * 0.06);
+                let found = output.command.kappa;
+                assert!((found - kappa).abs() < 2e-3, "{left} {y}: {found} {kappa}");
+            }
+        }
+    }
+}
+
+/// A robot that is stuck twice within 1 cm, outside the goal's tolerance, is blocked.
+#[test]
+fn robot_stuck_again_in_the_same_place_off_its_goal_is_blocked() {
+    let regulator = plain();
+    for (x, before, within_m, blocked) in [
+        (-1.0, Some(-1.0099), 0.1, true),
+        (-1.0, Some(-1.0101), 0.1, false),
+        (-1.0, None, 0.1, false),
+        (-0.099, Some(-0.099), 0.1, false),
+        (-0.101, Some(-0.101), 0.1, true),
+        (-0.009, Some(-0.009), 0.001, false),
+        (-0.011, Some(-0.011), 0.001, true),
+    ] {
+        let mut input = at(x, 0.0, 0.0);
+        input.within.position_m = within_m;
+        let mut state = State {
+            next: Next::Step(0),
+            stuck_at: before.map(|x| Posture::new(x, 0.0, 0.0)),
+            // The approach is not left for other reasons.
+            final_curvature: Some(0.0),
+            ..state(Phase::Approach)
+        };
+        // The first tick notes the posture.
+        for _ in 0..202 {
+            if state.phase == Phase::Approach {
+                regulator.tick(&mut state, &input);
+            }
+        }
+        let phase = if blocked { Phase::GaveUp } else { Phase::Hold };
+        assert_eq!(
+            (state.phase, state.is_blocked()),
+            (phase, blocked),
+            "{x} {before:?}"
+        );
+        assert_eq!(state.stuck_at, Some(input.posture));
+    }
+}

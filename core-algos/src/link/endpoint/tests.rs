@@ -1,0 +1,271 @@
+use super::*;
+use crate::beam::MAX_GAUGES;
+use crate::control::path::{PathError, PathPoint};
+use crate::link::Order;
+use crate::link::tests::{Host, axle, axle_samples, board, is_axle_reply, order, place, start};
+use crate::node::lead::Task;
+
+#[test]
+fn what_does_not_fit_is_refused_with_its_reason() {
+    let config = RobotConfig::default();
+    let beam = Request::Beam {
+        tick: 0,
+        samples: [0; MAX_GAUGES].into(),
+    };
+
+    let mut host = Host::new(Role::Front);
+    host.refused(&axle(0, &[]), Refusal::NoSession);
+    assert_eq!(host.greet(PROTOCOL + 1), Role::Front);
+    host.refused(&axle(0, &[]), Refusal::NoSession);
+    host.hello();
+    let unknown = [
+        SerialFrame::new(&[200, 99]).unwrap(),
+        SerialFrame::new(&[201]).unwrap(),
+    ];
+    for (number, frame) in (200..).zip(unknown) {
+        let payload = host.send(frame.bytes());
+        let malformed = Reply::Refused(Refusal::Malformed);
+        assert_eq!(protocol::decode(&payload), Some((number, malformed)));
+    }
+    host.refused(&axle(0, &[]), Refusal::NotStarted);
+    let role = Role::Front;
+    host.refused(&beam, Refusal::OtherBoard { role });
+
+    // Parameters: out of order, of another sum, not decodable, out of range.
+    let configure = |total, offset, bytes| Request::Configure {
+        total,
+        offset,
+        bytes,
+    };
+    let (ones, junk) = ([1; 100], [200; 100]);
+    let part = |total, offset| configure(total, offset, &ones);
+    host.refused(&part(300, 100), Refusal::Part { received: 0 });
+    let hash = crc32c(&ones);
+    host.expect(&part(300, 0), Reply::Configured { hash });
+    host.refused(&part(300, 200), Refusal::Part { received: 100 });
+    host.refused(&part(400, 100), Refusal::Part { received: 100 });
+    host.refused(&part(99, 0), Refusal::Part { received: 0 });
+    let hash = host.configure(&config);
+    host.refused(&start(hash ^ 1, 0, None), Refusal::Hash { found: hash });
+    host.ask(&configure(100, 0, &junk));
+    host.refused(&start(crc32c(&junk), 0, None), Refusal::Undecodable);
+    let mut wrong = config;
+    wrong.geometry.wheel_radius_m = f32::NAN;
+    let hash = host.configure(&wrong);
+    let text = &wrong.build().unwrap_err().to_string();
+    host.refused(&start(hash, 0, None), Refusal::Parameter { text });
+    assert!(text.contains("wheel_radius_m"));
+    host.refused(&axle(0, &[]), Refusal::NotStarted);
+
+    let mut host = Host::started(Role::Front, &config, None);
+    host.refused(&axle(1, &[]), Refusal::Tick { expected: 0 });
+    host.ask(&axle(0, &[]));
+    host.refused(&axle(0, &[]), Refusal::Tick { expected: 1 });
+    let mut points = [None; protocol::POINTS];
+    points[..2].fill(Some(PathPoint::default()));
+    let refusal = Refusal::Point(PathError::NotAdvancing);
+    host.refused(&order(Order::Path { points, end: true }), refusal);
+
+    let stop = order(Order::Task(Task::Stop));
+    for (role, request) in [(Role::Rear, stop), (Role::Beam, axle(0, &[]))] {
+        let mut host = Host::started(role, &config, None);
+        host.refused(&request, Refusal::OtherBoard { role });
+    }
+    let payload = Host::started(Role::Beam, &config, None).ask(&beam);
+    let reply = protocol::decode::<Reply>(&payload);
+    assert!(matches!(reply, Some((_, Reply::Beam { .. }))), "{reply:?}");
+}
+
+#[test]
+fn a_board_that_stood_still_goes_on_with_the_tick_it_is_told() {
+    let mut host = Host::new(Role::Rear);
+    host.hello();
+    host.refused(&Request::Resume { tick: 7 }, Refusal::NotStarted);
+    let config = RobotConfig::default();
+    let mut host = Host::started(Role::Rear, &config, None);
+    let mut board = Board::new(&config, Role::Rear).unwrap();
+    let mut outbox = Outbox::new();
+    for tick in (0..300).chain(600..900) {
+        if tick == 600 {
+            host.refused(&axle(600, &[]), Refusal::Tick { expected: 300 });
+            host.expect(&Request::Resume { tick: 600 }, Reply::Done);
+        }
+        outbox.clear();
+        let samples = Samples::Axle(axle_samples(tick));
+        let expected = board.step(u64::from(tick) * TICK, &samples, &mut outbox);
+        let payload = host.ask(&axle(tick, &[]));
+        let Some((_, Reply::Axle { torque_nm, bus, .. })) = protocol::decode(&payload) else {
+            panic!("tick {tick}");
+        };
+        assert_eq!(torque_nm, expected.torque_nm);
+        assert_eq!(protocol::unpack(bus).count(), outbox.iter().count());
+    }
+    // Time does not go back.
+    let expected = 900;
+    host.refused(&Request::Resume { tick: 899 }, Refusal::Tick { expected });
+}
+
+#[test]
+fn build_is_cut_between_characters_to_64_bytes() {
+    let sixty_three = "123456789 123456789 123456789 123456789 123456789 123456789 123";
+    let role = Role::Rear;
+    for (rest, kept) in [("", 63), ("4", 64), ("45", 64), ("µ", 63), ("4µ", 64)] {
+        let text = std::format!("{sixty_three}{rest}").leak();
+        let identity = Identity { build: text, role };
+        assert_eq!(identity.short_build(), &text[..kept], "{rest}");
+    }
+}
+
+#[test]
+fn hello_closes_or_opens_the_session_and_forgets_nodes_configuration_and_leave() {
+    let config = RobotConfig::default();
+    for version in [PROTOCOL, PROTOCOL - 1, PROTOCOL + 1] {
+        let mut host = Host::started(Role::Rear, &config, None);
+        host.expect(&Request::Leave, Reply::Done);
+        let received = host.board.counters().received;
+        let hello = Request::Hello {
+            protocol: version,
+            nonce: 5,
+        };
+        let reply = Reply::Hello {
+            protocol: PROTOCOL,
+            nonce: 5,
+            role: Role::Rear,
+            build: "test build",
+            counters: Counters {
+                received: received + 1,
+                damaged: 0,
+            },
+            session: true,
+        };
+        host.expect(&hello, reply);
+        assert!(!host.board.has_left() && host.board.board().is_none());
+        if version != PROTOCOL {
+            host.refused(&Request::Stack, Refusal::NoSession);
+            host.hello();
+        }
+        let found = crc32c(&[]);
+        for hash in [found ^ 1, found] {
+            let refusal = match hash == found {
+                false => Refusal::Hash { found },
+                true => Refusal::Undecodable,
+            };
+            host.refused(&start(hash, 0, None), refusal);
+        }
+        host.refused(&axle(0, &[]), Refusal::NotStarted);
+    }
+}
+
+#[test]
+fn start_that_is_refused_ends_the_nodes_and_one_of_a_part_is_refused() {
+    let config = RobotConfig::default();
+    let mut host = Host::started(Role::Rear, &config, None);
+    let part = Request::Configure {
+        total: 300,
+        offset: 0,
+        bytes: &[1; 100],
+    };
+    let found = crc32c(&[1; 100]);
+    host.expect(&part, Reply::Configured { hash: found });
+    assert!(is_axle_reply(&host.ask(&axle(0, &[]))));
+    host.refused(&start(found, 1, None), Refusal::Hash { found });
+    host.refused(&axle(1, &[]), Refusal::NotStarted);
+}
+
+#[test]
+fn nodes_that_are_started_anew_send_nothing_of_those_before() {
+    let config = RobotConfig::default();
+    let mut host = Host::started(Role::Front, &config, Some(place()));
+    let part = |payload: &[u8]| match protocol::decode(payload) {
+        Some((_, Reply::Axle { telemetry, .. })) => telemetry.len(),
+        other => panic!("{other:?}"),
+    };
+    // The tick of the first output, which needs several replies.
+    let mut tick = 0;
+    while part(&host.ask(&axle(tick, &[]))) == 0 {
+        tick += 1;
+        assert!(tick < 20);
+    }
+    let hash = host.configure(&config);
+    host.expect(&start(hash, tick + 1, Some(place())), Reply::Done);
+    assert_eq!(part(&host.ask(&axle(tick + 1, &[]))), 0);
+}
+
+#[test]
+fn repeated_answer_begins_with_a_0() {
+    let mut board = board(Role::Rear, &Contents::EMPTY);
+    let request = protocol::encode(7, &Request::Stack).unwrap();
+    let mut answer = |bytes: &[u8]| {
+        let mut sent = Vec::new();
+        board.receive(bytes, &mut |answer| sent.extend_from_slice(answer));
+        sent
+    };
+    let first = answer(request.bytes());
+    assert_eq!(answer(request.bytes()), [&[0], &first[..]].concat());
+}
+
+#[test]
+fn save_is_asked_for_once_and_other_requests_wait_for_it() {
+    let mut board = board(Role::Rear, &Contents::EMPTY);
+    let send = |board: &mut Endpoint, number, request: &Request| {
+        let mut sent = Vec::new();
+        let frame = protocol::encode(number, request).unwrap();
+        board.receive(frame.bytes(), &mut |answer| sent.extend_from_slice(answer));
+        sent
+    };
+    let (protocol, nonce) = (PROTOCOL, 1);
+    let hello = Request::Hello { protocol, nonce };
+    for (number, values, told) in [(1, 3, 3), (11, 255, 255), (21, 256, 255), (31, 300, 255)] {
+        assert!(!send(&mut board, 0, &hello).is_empty());
+        assert_eq!(board.save(), None);
+        assert!(send(&mut board, number, &Request::SaveParameters).is_empty());
+        assert!(board.save().is_some());
+        assert_eq!(board.save(), None);
+        for request in [Request::SaveParameters, Request::Stack, hello] {
+            assert!(send(&mut board, number + 1, &request).is_empty());
+            assert_eq!(board.save(), None);
+        }
+        let mut sent = Vec::new();
+        let mut take = |answer: &[u8]| sent.extend_from_slice(answer);
+        board.saved(Some((values, &Contents::EMPTY)), &mut take);
+        board.saved(None, &mut take);
+        let reply = Reply::Saved { values: told };
+        let expected = protocol::encode(number, &reply).unwrap();
+        assert_eq!(sent, expected.bytes());
+        assert!(!send(&mut board, number + 1, &Request::Stack).is_empty());
+    }
+}
+
+#[test]
+fn resume_takes_the_next_tick_or_a_later_one() {
+    let mut host = Host::started(Role::Rear, &RobotConfig::default(), None);
+    host.ask(&axle(0, &[]));
+    host.refused(&Request::Resume { tick: 0 }, Refusal::Tick { expected: 1 });
+    for tick in [1, 1, 2, 70] {
+        host.expect(&Request::Resume { tick }, Reply::Done);
+    }
+    host.refused(&axle(69, &[]), Refusal::Tick { expected: 70 });
+    host.refused(&axle(71, &[]), Refusal::Tick { expected: 70 });
+    assert!(is_axle_reply(&host.ask(&axle(70, &[]))));
+}
+
+#[test]
+fn bus_frames_that_cannot_be_decoded_are_counted() {
+    let unknown = bus::CanFrame {
+        id: 0x7ff,
+        length: 8,
+        data: [0; 8],
+    };
+    for count in [0u8, 1, 2, 21] {
+        let mut host = Host::started(Role::Rear, &RobotConfig::default(), None);
+        let mut packed = Packed::new();
+        for _ in 0..count {
+            assert!(packed.push(&unknown));
+        }
+        let payload = host.ask(&axle(0, packed.bytes()));
+        let Some((_, Reply::Axle { refused, .. })) = protocol::decode(&payload) else {
+            panic!("{payload:?}");
+        };
+        assert_eq!(refused, count);
+    }
+}

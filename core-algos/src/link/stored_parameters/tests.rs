@@ -1,0 +1,237 @@
+use super::*;
+use crate::bus;
+use crate::link::order::Order;
+use crate::link::protocol::{self, Packed, Request};
+use crate::link::tests::{Host, axle, echo, order, place, start};
+use crate::math::Posture;
+use crate::node::lead::Task;
+use crate::node::robot::RobotConfig;
+use crate::params::Source;
+
+/// Place of a parameter in the table.
+fn index(name: &str) -> u8 {
+    TABLE.iter().position(|p| p.name == name).unwrap() as u8
+}
+
+fn set(index: u8, value: f32) -> Request<'static> {
+    Request::SetParameter { index, value }
+}
+
+fn kept(value: f32, source: Source, saved: bool) -> Reply<'static> {
+    Reply::Parameter {
+        value,
+        source,
+        saved,
+    }
+}
+
+#[test]
+fn parameters_are_kept_from_set_to_reset_and_from_save_for_good() {
+    let radius = index("robot.geometry.wheel_radius_m");
+    let get = Request::Parameter { index: radius };
+    let set = |value| set(radius, value);
+    let mut host = Host::new(Role::Rear);
+    host.refused(&get, Refusal::NoSession);
+    host.refused(&Request::SaveParameters, Refusal::NoSession);
+    host.hello();
+    let summary = Reply::Parameters {
+        table: fingerprint(),
+        count: COUNT as u8,
+        unusable: false,
+    };
+    host.expect(&Request::Parameters, summary);
+    host.expect(&get, kept(0.073, Source::Default, true));
+    host.expect(&set(0.0735), Reply::Done);
+    host.expect(&get, kept(0.0735, Source::Default, false));
+    // Another session finds it, a reset does not.
+    host.hello();
+    host.expect(&get, kept(0.0735, Source::Default, false));
+    host.reset(Role::Rear);
+    host.hello();
+    host.expect(&get, kept(0.073, Source::Default, true));
+    host.expect(&set(0.0735), Reply::Done);
+    host.expect(&Request::SaveParameters, Reply::Saved { values: 1 });
+    host.expect(&get, kept(0.0735, Source::Stored, true));
+    host.expect(&Request::SaveParameters, Reply::Saved { values: 0 });
+    // A request that is repeated is answered again and not carried out again.
+    let frame = protocol::encode(host.number, &Request::SaveParameters).unwrap();
+    let answer = host.send(frame.repeated());
+    let reply = Reply::Saved { values: 0 };
+    assert_eq!(protocol::decode(&answer), Some((host.number, reply)));
+    assert_eq!(host.saves, 2);
+    host.reset(Role::Rear);
+    host.hello();
+    host.expect(&get, kept(0.0735, Source::Stored, true));
+    // What the host sends counts for the nodes, whatever is kept.
+    let started = Host::started(Role::Rear, &RobotConfig::default(), None);
+    let hash = host.configure(&RobotConfig::default());
+    host.expect(&start(hash, 0, None), Reply::Done);
+    assert_eq!(host.board.board(), started.board.board());
+    host.broken = true;
+    host.expect(&set(0.074), Reply::Done);
+    host.refused(&Request::SaveParameters, Refusal::NotSaved);
+    host.expect(&get, kept(0.074, Source::Stored, false));
+}
+
+#[test]
+fn parameters_out_of_range_or_of_no_node_are_refused_by_name() {
+    let mut host = Host::new(Role::Beam);
+    host.hello();
+    let count = COUNT as u8;
+    for request in [Request::Parameter { index: count }, set(255, 1.0)] {
+        host.refused(&request, Refusal::Index { count });
+    }
+    for (i, parameter) in TABLE.iter().enumerate() {
+        let value = parameter.get(&Settings::of(Role::Beam));
+        let (_, high) = parameter.range;
+        for bad in [f32::NAN, f32::NEG_INFINITY, 1.01 * high + 1.0] {
+            let index = i as u8;
+            let text = &parameter.validate(bad).unwrap_err().to_string();
+            assert!(text.contains(parameter.name));
+            let refusal = Refusal::Parameter { text };
+            host.refused(&set(index, bad), refusal);
+            let get = Request::Parameter { index };
+            host.expect(&get, kept(value, Source::Default, true));
+        }
+    }
+    // In range, but behind the gauge after it.
+    let gauge = index("robot.beam.strip.gauges_m[0]");
+    host.expect(&set(gauge, 0.2), Reply::Done);
+    let payload = host.ask(&Request::SaveParameters);
+    let Some((_, Reply::Refused(Refusal::Parameter { text }))) = protocol::decode(&payload) else {
+        panic!("saved");
+    };
+    assert!(text.contains("gauges_m"), "{text}");
+    assert_eq!(host.saves, 0);
+}
+
+#[test]
+fn parameters_are_neither_set_nor_saved_while_motors_may_be_on() {
+    let set = set(0, 0.08);
+    let mut host = Host::started(Role::Front, &RobotConfig::default(), Some(place()));
+    host.expect(&set, Reply::Done);
+    let mut waiting = Vec::<bus::CanFrame>::new();
+    let mut drives = false;
+    for tick in 0..400u32 {
+        if tick == 100 {
+            let goal = Posture::ORIGIN;
+            host.expect(&order(Order::Task(Task::regulate(goal))), Reply::Done);
+        }
+        let mut packed = Packed::new();
+        for frame in &waiting {
+            packed.push(frame);
+        }
+        let payload = host.ask(&axle(tick, packed.bytes()));
+        let Some((_, Reply::Axle { active, bus, .. })) = protocol::decode(&payload) else {
+            panic!("tick {tick}");
+        };
+        drives = active;
+        waiting = echo(protocol::unpack(bus));
+    }
+    assert!(drives, "the motors are on");
+    host.refused(&set, Refusal::Armed);
+    host.refused(&Request::SaveParameters, Refusal::Armed);
+    assert_eq!(host.saves, 0);
+    // The nodes end with the session.
+    host.hello();
+    host.expect(&Request::SaveParameters, Reply::Saved { values: 1 });
+    // A beam board behind a link cannot know.
+    let mut host = Host::started(Role::Beam, &RobotConfig::default(), None);
+    host.refused(&set, Refusal::Armed);
+    host.hello();
+    host.expect(&set, Reply::Done);
+}
+
+/// A store that holds these values.
+fn contents(role: Role, values: &[(u8, f32)]) -> Contents {
+    let base = Settings::of(role);
+    let mut settings = base;
+    for &(index, value) in values {
+        parameter(index).unwrap().set(&mut settings, value).unwrap();
+    }
+    let mut contents = Contents::EMPTY;
+    for (key, item) in contents.changes(&settings, &base).collect::<Vec<_>>() {
+        contents.take(key, &item.to_bytes());
+    }
+    if let Some(manifest) = contents.manifest() {
+        contents.take(0, &manifest.to_bytes());
+    }
+    contents
+}
+
+#[test]
+fn source_and_saved_are_those_of_each_value() {
+    let off = Disarmed::of(None).unwrap();
+    let (radius, gap) = (index("robot.geometry.wheel_radius_m"), COUNT as u8 - 1);
+    let default = |index: u8| parameter(index).unwrap().get(&Settings::of(Role::Rear));
+    let (_, high) = parameter(gap).unwrap().range;
+    let other = if default(gap) < high {
+        high
+    } else {
+        parameter(gap).unwrap().range.0
+    };
+    let mut stored = StoredParameters::new(Role::Rear);
+    stored.load(&contents(Role::Rear, &[(gap, other)]));
+    let is = |stored: &StoredParameters, index, value, source, saved| {
+        assert_eq!(stored.get(index), Ok(kept(value, source, saved)), "{index}");
+    };
+    is(&stored, radius, default(radius), Source::Default, true);
+    is(&stored, gap, other, Source::Stored, true);
+    assert_eq!(stored.set(radius, 0.074, off), Ok(()));
+    is(&stored, radius, 0.074, Source::Default, false);
+    is(&stored, gap, other, Source::Stored, true);
+    // The store is read back: it has not taken the one, and has lost the other.
+    stored.saved(&contents(Role::Rear, &[(radius, 0.0735)]));
+    is(&stored, radius, 0.074, Source::Stored, false);
+    is(&stored, gap, other, Source::Default, false);
+    let save = stored.save(off);
+    assert_eq!(
+        (save.settings, save.base),
+        (*stored.settings(), Settings::of(Role::Rear))
+    );
+    stored.load(&contents(Role::Rear, &[(radius, 0.0735)]));
+    is(&stored, radius, 0.0735, Source::Stored, true);
+    is(&stored, gap, default(gap), Source::Default, true);
+}
+
+#[test]
+fn saved_is_compared_to_the_bit() {
+    let off = Disarmed::of(None).unwrap();
+    let zero = TABLE.iter().position(|parameter| {
+        let value = parameter.get(&Settings::of(Role::Beam));
+        value.to_bits() == 0 && parameter.validate(-0.0).is_ok()
+    });
+    let zero = zero.unwrap() as u8;
+    let mut stored = StoredParameters::new(Role::Beam);
+    for (value, saved) in [(0.0, true), (-0.0, false), (0.0, true)] {
+        assert_eq!(stored.set(zero, value, off), Ok(()));
+        assert_eq!(stored.get(zero), Ok(kept(value, Source::Default, saved)));
+    }
+}
+
+#[test]
+fn store_of_which_no_node_can_be_built_is_unusable() {
+    let gauge = index("robot.beam.strip.gauges_m[0]");
+    for (role, unusable) in [
+        (Role::Beam, true),
+        (Role::Rear, false),
+        (Role::Front, false),
+    ] {
+        // Behind the gauge after it.
+        let behind = contents(role, &[(gauge, 0.2)]);
+        let mut stored = StoredParameters::new(role);
+        stored.load(&behind);
+        let summary = Reply::Parameters {
+            table: fingerprint(),
+            count: COUNT as u8,
+            unusable,
+        };
+        assert_eq!(stored.summary(), summary, "{role:?}");
+        let usable = *stored.settings() != Settings::of(role);
+        assert_eq!(usable, !unusable, "{role:?}");
+        let off = Disarmed::of(None).unwrap();
+        assert_eq!(stored.check(), Ok(()));
+        assert_eq!(stored.set(gauge, 0.2, off), Ok(()));
+        assert_eq!(stored.check().is_err(), unusable, "{role:?}");
+    }
+}
