@@ -217,6 +217,12 @@ impl Monitor {
             flat = GaugeMask::NONE;
         }
         state.flat = flat;
+        for i in 0..MAX_GAUGES {
+            // Fits in a row speak on one spell of flatness.
+            if !flat.contains(i) {
+                state.flat_periods[i] = 0;
+            }
+        }
         if present <= 3 {
             // Too few gauges to speak on each other.
             for i in flat.iter() {

@@ -128,8 +128,9 @@ impl Zeroing {
     pub fn step(&self, bias: &mut Bias, at_rest: bool, reading: Option<f32>) -> Option<f32> {
         let variance = bias.variance.map(|v| (v + self.walk).min(self.unknown));
         bias.variance = variance;
+        bias.beyond &= at_rest;
         let reading = reading?;
-        bias.beyond = at_rest && (bias.beyond || reading.abs() > self.limit);
+        bias.beyond |= at_rest && reading.abs() > self.limit;
         if at_rest && !bias.beyond && reading.is_finite() {
             let before = variance.unwrap_or(self.unknown);
             let gain = before / (before + self.noise);
@@ -162,8 +163,8 @@ pub struct RestDetector {
     off: u16,
     /// Since the motors were on.
     since_on: u32,
-    /// Lowest and highest reading of the gyro since `off` was 0.
-    readings: [f32; 2],
+    /// Lowest and highest reading of the gyro since `off` was 0; `None` before the first.
+    readings: Option<[f32; 2]>,
 }
 
 impl Default for RestDetector {
@@ -174,7 +175,7 @@ impl Default for RestDetector {
             still: 0,
             off: 0,
             since_on: u32::MAX,
-            readings: [0.0; 2],
+            readings: None,
         }
     }
 }
@@ -208,15 +209,15 @@ impl RestDetector {
             self.since_on.saturating_add(1)
         };
         let mut quiet = still && !motors_on;
+        if self.off == 0 {
+            self.readings = None;
+        }
         if let Some(reading) = gyro {
-            let [low, high] = self.readings;
+            let [low, high] = self.readings.unwrap_or([reading; 2]);
             let (low, high) = (low.min(reading), high.max(reading));
             // Not a number is not quiet either.
-            quiet &= reading.is_finite() && (self.off == 0 || high - low <= times.spread);
-            self.readings = match self.off {
-                0 => [reading; 2],
-                _ => [low, high],
-            };
+            quiet &= reading.is_finite() && high - low <= times.spread;
+            self.readings = Some([low, high]);
         }
         self.off = count(self.off, quiet);
         Rest {

@@ -18,7 +18,7 @@
 //! | requests of a session | refused: no session | at once | | the board drives by itself |
 //! | what cannot be decoded | refused: malformed | at once | | another version |
 //!
-//! Of several demands in one lot of bytes the last one counts: a host waits for each answer.
+//! What follows a demand in one lot of bytes has no answer, and the host repeats it: a demand is carried out before the next.
 
 use super::endpoint::Identity;
 use super::framing::{Decoder, SerialFrame};
@@ -240,7 +240,10 @@ impl Attendant {
             let Some(payload) = self.decoder.take_byte(byte) else {
                 continue;
             };
-            let Some(&number) = payload.first().filter(|_| self.pending.is_none()) else {
+            let Some(&number) = payload
+                .first()
+                .filter(|_| self.pending.is_none() && demand.is_none())
+            else {
                 continue;
             };
             let request = protocol::decode::<Request>(payload).map(|(_, request)| request);
@@ -292,7 +295,7 @@ impl Attendant {
                         (Ok(()), request) => {
                             let reports = (self.stack, self.crash);
                             let (reply, wanted) = answer(request, station, reports, &mut crash);
-                            demand = wanted.or(demand);
+                            demand = wanted;
                             reply
                         }
                     }

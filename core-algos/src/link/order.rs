@@ -4,6 +4,7 @@
 //! |---|---|---|---|
 //! | [`Order::Place`] | the node begins anew at this posture | never | |
 //! | [`Order::Task`]: regulate | task begins | goal not finite, or tolerance not a positive number: not finite | |
+//! | [`Order::Task`]: follow, track | task begins | tolerance not a positive number: not finite | |
 //! | [`Order::Task`]: drive | task begins | curvature beyond the frame's bound by more than a thousandth: too tight; speed or curvature not finite: not finite | the governor would drive another curve |
 //! | [`Order::Task`]: others | task begins | never | |
 //! | [`Order::Path`], [`Order::Trajectory`] | points appended in turn; after the last one its end, if the order says so | a point is too tight, or the buffer refuses it: the points before it stay, the rest and the end are left out | the host sees from the room how far the order went |
@@ -67,7 +68,8 @@ impl Order {
                         bends(curvature)?;
                         (speed_m_s + curvature).is_finite()
                     }
-                    _ => true,
+                    Task::Follow { within } | Task::Track { within } => within.is_valid(),
+                    Task::Idle | Task::Stop | Task::Clear => true,
                 };
                 match finite {
                     true => lead.command(*task),

@@ -171,10 +171,10 @@ mod tests {
         )
     }
 
-    /// Messages of two epochs with the same counts.
+    /// Messages of the last epoch of 1.2 s.
     fn run(node: &mut BeamNode, counts: impl Fn(u64) -> [i32; MAX_GAUGES]) -> Vec<Message> {
         let mut outbox = Outbox::new();
-        for tick in 1..=200u64 {
+        for tick in 1..=1200u64 {
             outbox.clear();
             node.step(tick * TICK, &counts(tick).into(), &mut outbox);
         }
@@ -186,9 +186,35 @@ mod tests {
         // 2 1/m of curvature: strain 1e-3 on all gauges, noise of one count so that none is stuck.
         let config = Config::default();
         let bent = (1e-3 / config.calibration.strain_per_count) as i32;
-        let messages = run(&mut node(), |tick| {
+        let mut node = node();
+        let messages = run(&mut node, |tick| {
             [2048 + bent + (tick % 2) as i32; MAX_GAUGES]
         });
+        // The covariance goes before its posture.
+        let [
+            _,
+            Message::BeamUncertainty { covariance, .. },
+            Message::BeamPosture { .. },
+            Message::BeamWrench { wrench, .. },
+        ] = messages[..]
+        else {
+            panic!("{messages:?}");
+        };
+        let latest = node.latest().unwrap();
+        assert_eq!(covariance, latest.relative.unwrap().noise);
+        // Pure bending: EI over the radius at both ends.
+        assert!(
+            (wrench.moment_root.abs() - 0.833 / 0.5).abs() < 0.02,
+            "{wrench:?}"
+        );
+        assert!(
+            (wrench.moment_root - wrench.moment_end).abs() < 0.02,
+            "{wrench:?}"
+        );
+        assert!(
+            wrench.force_x.abs() + wrench.force_y.abs() < 0.1,
+            "{wrench:?}"
+        );
         let posture = messages.iter().find_map(|message| match message {
             Message::BeamPosture {
                 posture, gauges, ..

@@ -320,6 +320,11 @@ mod tests {
             };
             board.receive(0, &message);
             assert!(board != new, "{role:?}");
+            // Both nodes of the front board.
+            if let (Board::Front { axle, lead }, Board::Front { axle: a, lead: l }) = (&board, &new)
+            {
+                assert!(axle != a && lead != l);
+            }
         }
     }
 

@@ -295,6 +295,32 @@ mod tests {
         assert_eq!(clock.common(30_100), Some(80_130));
     }
 
+    /// A pair that is off by more than 100 µs is left out; the tenth in a row begins anew, and a good one begins the
+    /// count anew.
+    #[test]
+    fn pairs_that_are_far_off_are_left_out_until_ten_came_in_a_row() {
+        let begun = || {
+            let mut clock = CommonClock::default();
+            clock.pair(0, 1_000_000);
+            clock
+        };
+        for (error, taken) in [(100, true), (-100, true), (101, false), (-101, false)] {
+            let mut clock = begun();
+            clock.pair(10_000, 1_000_000 + error);
+            assert_eq!(clock.fit != begun().fit, taken, "{error}");
+            assert_eq!(clock.left_out, u8::from(!taken));
+        }
+        let mut clock = begun();
+        for (good, bad) in [(0, 9), (1, 9), (1, 9)] {
+            (0..good).for_each(|_| clock.pair(0, 1_000_000));
+            assert!(good == 0 || clock.left_out == 0);
+            (0..bad).for_each(|_| clock.pair(10_000, 2_000_000));
+            assert_eq!(clock.common(0), Some(1_000_000));
+        }
+        clock.pair(10_000, 2_000_000);
+        assert_eq!((clock.common(10_000), clock.left_out), (Some(2_010_000), 0));
+    }
+
     /// A timer trimmed by one count in 4200 meets the milliseconds and stays there.
     #[test]
     fn ticks_come_in_step_with_the_common_time() {

@@ -86,7 +86,8 @@ fn files(root: &Path, paths: &[PathBuf]) -> Result<Vec<String>> {
             bail!("{name}: no file or folder of core-algos/src");
         }
         let tests = ["tests.rs", "testing.rs", "properties.rs"];
-        if name.ends_with(".rs") && !tests.iter().any(|end| name.ends_with(end)) {
+        let of_tests = name.contains("/tests/") || tests.iter().any(|end| name.ends_with(end));
+        if name.ends_with(".rs") && !of_tests {
             found.insert(name);
         }
     }

@@ -82,13 +82,13 @@ fn bias_follows_readings_at_rest_within_the_limit_until_one_is_beyond() {
                 zeroing.step(&mut bias, true, Some(0.02));
             }
             assert_eq!(bias.value() != before, goes_on, "{reading:?}");
-            // A rest that ends without a reading is the same one.
-            zeroing.step(&mut bias, false, None);
-            zeroing.step(&mut bias, true, Some(0.02));
-            assert!(goes_on || bias.value() == before, "{reading:?}");
-            zeroing.step(&mut bias, false, Some(0.02));
-            zeroing.step(&mut bias, true, Some(0.02));
-            assert!(bias.value() != before, "{reading:?}");
+            // The next rest begins anew, whether or not the motion between them had a reading.
+            for between in [None, Some(0.02)] {
+                let mut bias = bias;
+                zeroing.step(&mut bias, false, between);
+                zeroing.step(&mut bias, true, Some(0.02));
+                assert!(bias.value() != before, "{reading:?} {between:?}");
+            }
         }
     }
 }
@@ -281,6 +281,13 @@ fn spread_of_the_gyro_is_that_of_the_whole_rest() {
             let inputs = ([LEFT, RIGHT], false, Some(sign * reading));
             assert_eq!(step(&mut detector, inputs, &TIMES), expected, "{reading}");
         }
+    }
+    // A gyro whose first reading comes in the middle of a rest is compared with nothing before it.
+    let mut detector = rested(&TIMES);
+    step(&mut detector, ([LEFT, RIGHT], true, Some(9.0)), &TIMES);
+    for (ticks, gyro) in [(20, None), (1, Some(5.0)), (1, None), (1, Some(5.005))] {
+        let rests = (0..ticks).map(|_| step(&mut detector, ([LEFT, RIGHT], false, gyro), &TIMES));
+        assert_eq!(rests.last(), Some(BOTH), "{gyro:?}");
     }
     // 14 standard deviations of 4.9e-5 rad/s/√Hz over 500 Hz.
     let spread = Config::GYRO.build(PERIOD).unwrap().spread();

@@ -77,7 +77,17 @@ fn task_that_is_not_finite_or_too_tight_is_refused_and_changes_nothing() {
         speed_m_s,
         curvature,
     };
+    let within = |position_m, heading_rad| Tolerance {
+        position_m,
+        heading_rad,
+    };
+    let follow = |within| Task::Follow { within };
+    let track = |within| Task::Track { within };
     for (task, expected) in [
+        (follow(within(f32::NAN, 0.1)), not_finite),
+        (follow(within(0.1, 0.0)), not_finite),
+        (track(within(-0.1, 0.1)), not_finite),
+        (track(within(0.1, f32::NAN)), not_finite),
         (regulate(1.0, 0.1), Ok(())),
         (regulate(f32::NAN, 0.1), not_finite),
         (regulate(f32::INFINITY, 0.1), not_finite),

@@ -297,6 +297,14 @@ fn stop_bounds_torque_by_the_share_that_is_held() {
         stop.let_go(&mut torque_nm);
         assert_eq!(torque_nm, expected);
     }
+    // Of both wheels the one that pushes harder counts, then and now.
+    stop.hold = 1.0;
+    stop.let_go(&mut [0.5, -4.0]);
+    stop.hold = 0.5;
+    for (mut torque_nm, expected) in [([1.0, -8.0], [0.25, -2.0]), ([4.0, 0.0], [2.0, 0.0])] {
+        stop.let_go(&mut torque_nm);
+        assert_eq!(torque_nm, expected);
+    }
 }
 
 /// Constant accelerations for 20 ms, wheels 0.324 m apart, and the moment EI·2ψ/L of a bent frame.
@@ -404,17 +412,69 @@ fn a_dismissed_axle_comes_to_rest_without_a_fault() {
 /// A board that comes up in the middle of a drive is not to join in.
 #[test]
 fn an_axle_that_starts_while_the_robot_drives_waits_for_it_to_stop() {
-    let mut node = node(AxleId::Rear);
-    node.state = State::default();
-    let samples = still();
-    for tick in 0..200u64 {
-        let now = referred(&mut node, tick, 0.1, Posture::ORIGIN);
-        if tick == 100 {
-            lead(&mut node, now, LeadMode::Idle);
+    for pause in [LeadMode::Idle, LeadMode::Clear] {
+        let mut node = node(AxleId::Rear);
+        node.state = State::default();
+        for tick in 0..200u64 {
+            let now = referred(&mut node, tick, 0.1, Posture::ORIGIN);
+            if tick == 100 {
+                lead(&mut node, now, pause);
+            }
+            let output = step(&mut node, now, &still());
+            assert_eq!(output.active, tick >= 110, "{tick}");
         }
-        let output = step(&mut node, now, &samples);
-        assert_eq!(output.active, tick >= 110, "{tick}");
     }
+}
+
+/// A stop takes as long as the one before.
+#[test]
+fn each_stop_has_its_whole_ramp() {
+    let mut node = node(AxleId::Front);
+    let mut tick = 20;
+    let mut stops = [0; 2];
+    for braked in &mut stops {
+        let end = tick + 1500;
+        while tick < end {
+            let now = referred(&mut node, tick, 0.0, Posture::ORIGIN);
+            if tick + 1400 >= end {
+                lead(&mut node, now, LeadMode::Idle);
+            }
+            step(&mut node, now, &still());
+            *braked += u32::from(operating(&node) == OperatingState::SafeStop);
+            tick += 1;
+        }
+        assert_eq!(operating(&node), OperatingState::Idle);
+    }
+    assert!(stops[0] > 900 && stops[0] == stops[1], "{stops:?}");
+}
+
+/// 0.5 m/s at the faster wheel, 0.162 m from the middle.
+#[test]
+fn references_beyond_the_speed_of_a_wheel_are_not_taken() {
+    let limits = Limits::default();
+    for (v, omega, allowed) in [
+        (0.5, 0.0, true),
+        (-0.5, 0.0, true),
+        (0.5001, 0.0, false),
+        (0.3, 1.2, true),
+        (0.3, 1.3, false),
+        (-0.3, -1.3, false),
+        (0.3, -1.3, false),
+        (f32::NAN, 0.0, false),
+        (0.0, f32::NAN, false),
+    ] {
+        let found = limits.allow(Twist::new(v, omega), 0.162);
+        assert_eq!(found, allowed, "{v} {omega}");
+    }
+    // 0.1 s of rest, 60 s after the motors, in ticks; a stop has to end within 2 s.
+    let node = node(AxleId::Front);
+    assert_eq!((node.rest.hold, node.rest.settle / 10), (100, 5_999));
+    let mut config = Config::default();
+    config.stop.release_s = 1.75;
+    assert_eq!(
+        config.build(AxleId::Front, FRAME).unwrap_err().field,
+        "release_s"
+    );
 }
 
 /// Every reason to stop, from outside and from the samples, each from driving.

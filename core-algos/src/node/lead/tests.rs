@@ -1,8 +1,9 @@
 use super::*;
 use crate::bus::Message;
+use crate::math::Steering;
 use crate::math::matrix::diagonal;
 use crate::node::robot::RobotConfig;
-use crate::node::testing::{axle_report, beat};
+use crate::node::testing::{axle_report, beat, supervisor_in};
 use crate::safety::{Class, Condition};
 use crate::time::LEAD_PHASE;
 use crate::topology::AxleId;
@@ -175,6 +176,72 @@ fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
     assert!((0.0..NIS_LIMIT).contains(&node.state.nis));
 }
 
+/// In either order.
+#[test]
+fn posture_and_covariance_of_one_epoch_make_a_measurement() {
+    let posture = Posture::new(0.37, 0.0, 0.1);
+    for swapped in [false, true] {
+        let mut node = node();
+        for (now, complete) in [(5 * EPOCH, true), (6 * EPOCH, false)] {
+            let mut messages = beam(now, posture);
+            if swapped {
+                messages.reverse();
+            }
+            for message in &messages[..if complete { 2 } else { 1 }] {
+                node.receive(now, message);
+            }
+            assert_eq!(node.state.beam.at(now).is_some(), complete, "{swapped}");
+        }
+    }
+}
+
+#[test]
+fn fault_of_either_axle_or_of_the_lead_node_is_one_of_the_robot() {
+    for sender in [Node::FrontAxle, Node::RearAxle, Node::Beam] {
+        let mut node = node();
+        let reason = Condition::SupplyLow.code();
+        node.receive(0, &beat(sender, 0, OperatingState::Fault, reason));
+        let faulted = node.activity(0) == Activity::Faulted;
+        assert_eq!(faulted, sender != Node::Beam, "{sender:?}");
+    }
+    let mut node = node();
+    node.state.supervisor = supervisor_in(OperatingState::Fault);
+    assert_eq!(node.activity(0), Activity::Faulted);
+}
+
+/// Without a drive the axles hear that they are let go, and with which motion.
+#[test]
+fn a_lead_node_that_does_not_drive_says_so_each_epoch() {
+    for (task, expected) in [(Task::Idle, LeadMode::Idle), (Task::Clear, LeadMode::Clear)] {
+        let mut node = node();
+        node.command(task);
+        node.state.governor.motion.v = 0.1;
+        let mut outbox = Outbox::new();
+        let output = epoch_to(&mut node, 1, [(Posture::ORIGIN, 1); 2], &mut outbox);
+        let status = outbox.iter().find_map(|message| match *message {
+            Message::LeadStatus {
+                mode, velocity_m_s, ..
+            } => Some((mode, velocity_m_s)),
+            _ => None,
+        });
+        // It brakes.
+        let v = output.motion.v;
+        assert_eq!(status, Some((expected, v)));
+        assert!(v < 0.1 && v > 0.0, "{v}");
+    }
+}
+
+/// Without power the frame straightens: the next drive begins with the bend that it has.
+#[test]
+fn a_drive_begins_with_the_bend_of_the_frame() {
+    for (commanded, begins) in [(0.3, 0.0), (-0.3, 0.0), (0.04, 0.04), (-0.04, -0.04)] {
+        let mut node = node();
+        node.state.governor.motion.psi = Steering(commanded);
+        let output = epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]);
+        assert!((output.motion.psi.0 - begins).abs() < 1e-3, "{commanded}");
+    }
+}
+
 #[test]
 fn a_beam_whose_innovations_stay_far_too_large_is_named() {
     let mut node = node();
@@ -249,7 +316,11 @@ fn wrench_and_uncertainty_beyond_their_limits_are_noticed() {
         beyond[k] = value;
         assert!(limits.exceeded_by(&wrench(beyond)), "{beyond:?}");
     }
+    assert!(!limits.exceeded_by(&wrench([25.0, 0.0, 6.0, -6.0])));
     let vague = |sigmas| limits.is_vague(&Estimate::with_sigmas(Posture::ORIGIN, sigmas));
-    assert!(!vague([4.9, 4.9, 0.49]));
+    assert!(!vague([4.9, 4.9, 0.49]) && !vague([5.0, 5.0, 0.5]));
+    let mut config = RobotConfig::default();
+    config.lead.stop.release_s = 1.75;
+    assert_eq!(config.build_lead().unwrap_err().field, "release_s");
     assert!(vague([5.1, 0.1, 0.1]) && vague([0.1, 5.1, 0.1]) && vague([0.1, 0.1, 0.51]));
 }

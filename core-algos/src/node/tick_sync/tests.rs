@@ -180,3 +180,52 @@ fn a_board_that_gets_in_step_misses_no_tick() {
     assert!(runs > 1_000, "{runs}");
     assert_eq!(ticks.missed(), 0);
 }
+
+/// Up to 5 ms between two ticks are passed over and told; more is a restart, and so is a step back.
+#[test]
+fn missed_ticks_are_passed_over_up_to_5_ms() {
+    let late = Conditions::only(Condition::TickLate).with(Condition::TickOverrun, true);
+    let stepped = Conditions::only(Condition::ClockStepped);
+    for (ms, restart, conditions, missed) in [
+        (1, false, Conditions::NONE, 0),
+        (2, false, late, 1),
+        (5, false, late, 4),
+        (6, true, stepped, 0),
+        (0, true, stepped, 0),
+    ] {
+        let mut ticks = TickSync::leading();
+        let first = ticks.step(10 * TICK);
+        assert_eq!(first, Step::Run(10 * TICK));
+        let now = (10 + ms) * TICK;
+        let expected = if restart {
+            Step::Restart(now)
+        } else {
+            Step::Run(now)
+        };
+        assert_eq!(ticks.step(now), expected, "{ms}");
+        assert_eq!(
+            (ticks.conditions(), ticks.missed()),
+            (conditions, missed),
+            "{ms}"
+        );
+        assert_eq!(ticks.restarts(), u16::from(restart), "{ms}");
+        ticks.step(now + TICK);
+        assert_eq!(ticks.conditions(), Conditions::NONE);
+    }
+}
+
+/// The delay of the message before, if that left within its epoch.
+#[test]
+fn a_delay_of_a_whole_epoch_is_not_told() {
+    for (delay, told) in [(9_999, Some(9_999)), (10_000, None)] {
+        let mut ticks = TickSync::leading();
+        ticks.step(0);
+        ticks.sync(0, None);
+        let message = ticks.sync(EPOCH, Some(delay));
+        let found = message.map(|message| match message {
+            Message::TimeSync { last_delay_us, .. } => last_delay_us,
+            _ => panic!("{message:?}"),
+        });
+        assert_eq!(found, Some(told));
+    }
+}

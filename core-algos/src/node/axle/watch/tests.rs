@@ -344,6 +344,8 @@ fn a_stop_that_is_not_followed_is_noticed_while_it_lasts() {
 #[test]
 fn slip_is_the_yaw_rate_that_the_wheels_do_not_explain() {
     let mut watched = driving();
+    watched.samples.gyro_rad_s = Some(0.8);
+    assert_eq!(watched.conditions(), Conditions::NONE);
     watched.wheels(1.0, 2.0);
     for (rate, slips) in [(0.79, false), (0.81, true), (-0.79, false), (-0.81, true)] {
         watched.samples.gyro_rad_s = Some(0.073 / 0.324 + rate);
