@@ -207,7 +207,8 @@ impl Attendant {
 
     /// Takes bytes that arrived and gives each answer to `send`, whole. A board refuses a session and a record until
     /// its motors are off, and a new place while its nodes drive.
-    /// While an order is carried out, other requests stay without an answer, and the host repeats them.
+    /// While an order is carried out, other requests stay without an answer, and the host repeats them. So do requests
+    /// that arrive in one piece with a request that demands an action: each action is given to the caller.
     pub fn receive(
         &mut self,
         bytes: &[u8],
@@ -221,7 +222,8 @@ impl Attendant {
             let Some(payload) = self.decoder.take_byte(byte) else {
                 continue;
             };
-            let Some(&number) = payload.first().filter(|_| self.pending.is_none()) else {
+            let busy = self.pending.is_some() || demand.is_some();
+            let Some(&number) = payload.first().filter(|_| !busy) else {
                 continue;
             };
             let request = protocol::decode::<Request>(payload).map(|(_, request)| request);
@@ -237,7 +239,9 @@ impl Attendant {
                     session: false,
                 },
                 // The other board knows a repetition. One board relays: the identifiers do not name it.
-                Some(Request::Relay { role: to, payload }) if role == Role::Front && to != role => {
+                Some(Request::Relay { role: to, payload })
+                    if role == Role::Front && to != role && !payload.is_empty() =>
+                {
                     self.relaying = Some(to);
                     let frame = SerialFrame::new(payload);
                     demand = frame.map(|frame| Demand::Relay(to, frame));
@@ -247,6 +251,7 @@ impl Attendant {
                     send(self.answer.repeated());
                     continue;
                 }
+                Some(Request::Relay { payload: [], .. }) => Reply::Refused(Refusal::Malformed),
                 Some(Request::Relay { .. }) => Reply::Refused(Refusal::OtherBoard { role }),
                 Some(Request::Configuration { offset }) => {
                     let mut room = [0; MAX_CONFIG];

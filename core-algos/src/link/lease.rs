@@ -30,7 +30,9 @@ pub enum Denied {
 /// Lease of the front board.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lease {
+    /// The latest order, and its time.
     latest: Option<(Stamp, Micros)>,
+    /// True from an order to the end of the lease.
     held: bool,
 }
 
@@ -39,7 +41,7 @@ impl Lease {
     /// than the latest.
     pub fn admit(&mut self, now: Micros, stamp: Stamp) -> Result<(), Denied> {
         if let Some((latest, renewed)) = self.latest {
-            let lasts = now.saturating_sub(renewed) <= TERM;
+            let lasts = self.held && now.saturating_sub(renewed) <= TERM;
             let newer = stamp.sequence.wrapping_sub(latest.sequence).cast_signed() > 0;
             match stamp.owner == latest.owner {
                 true if !newer => return Err(Denied::OldOrder),
@@ -59,9 +61,9 @@ impl Lease {
         lapsed
     }
 
-    /// Ends the lease.
+    /// Ends the lease. The latest order stays known: a repetition that comes late is refused.
     pub fn release(&mut self) {
-        (self.latest, self.held) = (None, false);
+        self.held = false;
     }
 }
 
@@ -111,5 +113,16 @@ mod tests {
         // A host that came back after the end of its lease is no other one.
         assert_eq!(lease.admit(10 * TERM, stamp(1, 0)), Err(Denied::OldOrder));
         assert_eq!(lease.admit(10 * TERM, stamp(1, 1)), Ok(()));
+    }
+
+    #[test]
+    fn order_from_before_the_release_is_refused_after_it() {
+        let mut lease = Lease::default();
+        for sequence in [7, 8] {
+            assert_eq!(lease.admit(0, stamp(1, sequence)), Ok(()));
+        }
+        lease.release();
+        assert_eq!(lease.admit(1, stamp(1, 7)), Err(Denied::OldOrder));
+        assert_eq!(lease.admit(1, stamp(1, 9)), Ok(()));
     }
 }

@@ -37,8 +37,8 @@ pub enum Order {
 }
 
 impl Order {
-    /// Hands it to the node. Points after one that the node refuses are not taken. Goals and speeds must be finite, and the
-    /// frame must bend to the curvature.
+    /// Hands it to the node. Points after one that the node refuses are not taken. Postures, goals, tolerances and speeds
+    /// must be finite, and the frame must bend to the curvature.
     pub fn carry_out(&self, lead: &mut LeadNode) -> Result<(), PathError> {
         let bound = (1.0 + ROUNDING) * lead.cascade().max_curvature();
         let bends = |kappa: f32| match kappa.abs() > bound {
@@ -46,7 +46,10 @@ impl Order {
             false => Ok(()),
         };
         match self {
-            Self::Place(place) => lead.initialize(place),
+            Self::Place(place) => match place.is_sound() {
+                true => lead.initialize(place),
+                false => return Err(PathError::NotFinite),
+            },
             Self::Lost => lead.lose_commander(),
             Self::Task(task) => {
                 let finite = match *task {
@@ -58,7 +61,8 @@ impl Order {
                         bends(curvature)?;
                         (speed_m_s + curvature).is_finite()
                     }
-                    _ => true,
+                    Task::Follow { within } | Task::Track { within } => within.is_valid(),
+                    Task::Idle | Task::Stop | Task::Clear => true,
                 };
                 match finite {
                     true => lead.command(*task),

@@ -13,6 +13,7 @@ use super::record::{self, Entry, MAX_ENTRY};
 use crate::beam::MAX_GAUGES;
 use crate::bus::{self, Message};
 use crate::control::path::{PathError, PathPoint};
+use crate::control::regulator::Tolerance;
 use crate::fusion::Estimate;
 use crate::fusion::testing::Random;
 use crate::math::Posture;
@@ -955,6 +956,35 @@ fn request_for_another_board_is_relayed_and_its_reply_returned() {
     assert_eq!(rear.demand, None);
 }
 
+#[test]
+fn relay_without_a_request_is_malformed() {
+    let mut board = Driving::new(Role::Front);
+    let (role, payload) = (Role::Beam, &[][..]);
+    let malformed = Reply::Refused(Refusal::Malformed);
+    let relay = Request::Relay { role, payload };
+    board.expect(9, &relay, MotorState::Driven, malformed);
+    assert_eq!(board.demand, None);
+}
+
+/// The caller takes one action for each piece of bytes. The second request is repeated by its host.
+#[test]
+fn request_in_one_piece_with_an_action_waits_for_its_repetition() {
+    let mut board = Driving::greeted(Role::Rear);
+    let begin = protocol::encode(1, &Request::Record(stamp(7, 1))).unwrap();
+    let watch = protocol::encode(2, &Request::Watch).unwrap();
+    let mut sent = Vec::new();
+    let both = [begin.bytes(), watch.bytes()].concat();
+    let demand = board
+        .attendant
+        .receive(&both, &mut board.station, &mut |reply| {
+            sent.extend_from_slice(reply);
+        });
+    assert_eq!(demand, Some(Demand::Record));
+    assert_answered(&payloads(&sent), 1, Reply::Done);
+    board.expect(2, &Request::Watch, MotorState::Off, Reply::Done);
+    assert_eq!(board.demand, Some(Demand::Watch));
+}
+
 /// A host may speak for the service tool, and for no node.
 #[test]
 fn messages_of_nodes_are_not_sent_for_a_host() {
@@ -1144,9 +1174,45 @@ fn orders_reach_the_lead_node() {
         }
     }
     let goal = Posture::new(0.0, f32::INFINITY, 0.0);
-    for task in [Task::regulate(goal), drive(f32::NAN, 0.0)] {
+    let within = Tolerance {
+        position_m: f32::NAN,
+        ..Tolerance::default()
+    };
+    for task in [
+        Task::regulate(goal),
+        drive(f32::NAN, 0.0),
+        Task::Follow { within },
+        Task::Track { within },
+    ] {
         let refused = Order::Task(task).carry_out(lead);
         assert_eq!(refused, Err(PathError::NotFinite), "{task:?}");
+    }
+}
+
+#[test]
+fn posture_that_no_estimate_can_begin_at_is_refused() {
+    let config = RobotConfig::default();
+    let mut nodes = Ready::new(&config, Role::Front).unwrap().begin();
+    let lead = nodes.lead().unwrap();
+    let place = config.put_down(Posture::ORIGIN, &Told::default());
+    let changed = |change: fn(&mut Place)| {
+        let mut place = place;
+        change(&mut place);
+        place
+    };
+    for place in [
+        changed(|place| place.center.posture.x = f32::NAN),
+        changed(|place| place.center.posture.y = 1e6),
+        changed(|place| place.relative.covariance[1][1] = 1e7),
+        changed(|place| place.floor_drift = -0.1),
+        changed(|place| place.relative.posture.phi = f32::INFINITY),
+        changed(|place| place.relative.covariance[0][1] = f32::NAN),
+        changed(|place| place.center.covariance[2][2] = -1.0),
+        changed(|place| place.floor_drift = f32::NAN),
+    ] {
+        let refused = Order::Place(place).carry_out(lead);
+        assert_eq!(refused, Err(PathError::NotFinite), "{place:?}");
+        assert!(lead.fusion().is_none());
     }
 }
 
