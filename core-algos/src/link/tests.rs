@@ -969,7 +969,7 @@ fn relay_without_a_request_is_malformed() {
 /// The caller takes one action for each piece of bytes. The second request is repeated by its host.
 #[test]
 fn request_in_one_piece_with_an_action_waits_for_its_repetition() {
-    let mut board = Driving::greeted(Role::Rear);
+    let mut board = Driving::new(Role::Rear);
     let begin = protocol::encode(1, &Request::Record(stamp(7, 1))).unwrap();
     let watch = protocol::encode(2, &Request::Watch).unwrap();
     let mut sent = Vec::new();

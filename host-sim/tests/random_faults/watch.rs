@@ -51,7 +51,8 @@ fn drives(state: OperatingState) -> bool {
 
 /// True if a number in the text of a value is not finite.
 fn is_unsound(value: &dyn std::fmt::Debug) -> bool {
-    let text = format!("{value:?}");
+    // An innovation without a usable covariance has this figure, and is not used.
+    let text = format!("{value:?}").replace("nis: inf", "");
     text.contains("NaN") || text.contains(" inf") || text.contains("-inf") || text.contains("[inf")
 }
 
