@@ -17,6 +17,7 @@ mod params;
 mod posture;
 #[path = "shared/program.rs"]
 mod program;
+mod random_faults;
 mod soak;
 mod sources;
 mod starts;

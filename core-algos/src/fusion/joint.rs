@@ -281,7 +281,7 @@ pub struct BeamUpdate {
     pub verdict: Verdict,
     /// Measured minus predicted relative posture (m, m, rad).
     pub innovation: [f32; 3],
-    /// Normalised innovation squared; 3 on average.
+    /// Normalised innovation squared, 3 on average; infinite if the covariance of the innovation cannot be factored.
     pub nis: f32,
 }
 

@@ -7,6 +7,7 @@
 //! | number of the last request | last answer again, nothing carried out | at once | another number or a hello | the answer was lost |
 //! | any, while an order is carried out | no answer | at once | [`Attendant::done`], which answers the order | the host repeats its request |
 //! | [`Request::Relay`] to another board, on the front board | handed on each time; one reply of the latest such board returned | its reply | the reply | the other board knows repetitions |
+//! | [`Request::Relay`] of no request | refused: malformed | at once | | there is nothing to hand on |
 //! | [`Request::Relay`] otherwise | refused: other board | at once | | the identifiers do not name the relay |
 //! | [`Request::Order`] before a hello, on the front board | refused: no session; takes no lease | at once | a hello | meant for the board before its restart |
 //! | order, [`Request::Keep`], [`Request::Release`] on another board | refused: other board | at once | | the lead node is on the front board |
@@ -226,7 +227,8 @@ impl Attendant {
 
     /// Takes bytes that arrived and gives each answer to `send`, whole. A board refuses a session and a record until
     /// its motors are off, and a new place while its nodes drive.
-    /// While an order is carried out, other requests stay without an answer, and the host repeats them.
+    /// While an order is carried out, other requests stay without an answer, and the host repeats them. So do requests
+    /// that arrive in one piece with a request that demands an action: each action is given to the caller.
     pub fn receive(
         &mut self,
         bytes: &[u8],
@@ -240,10 +242,8 @@ impl Attendant {
             let Some(payload) = self.decoder.take_byte(byte) else {
                 continue;
             };
-            let Some(&number) = payload
-                .first()
-                .filter(|_| self.pending.is_none() && demand.is_none())
-            else {
+            let busy = self.pending.is_some() || demand.is_some();
+            let Some(&number) = payload.first().filter(|_| !busy) else {
                 continue;
             };
             let request = protocol::decode::<Request>(payload).map(|(_, request)| request);
@@ -259,7 +259,9 @@ impl Attendant {
                     session: false,
                 },
                 // The other board knows a repetition. One board relays: the identifiers do not name it.
-                Some(Request::Relay { role: to, payload }) if role == Role::Front && to != role => {
+                Some(Request::Relay { role: to, payload })
+                    if role == Role::Front && to != role && !payload.is_empty() =>
+                {
                     self.relaying = Some(to);
                     let frame = SerialFrame::new(payload);
                     demand = frame.map(|frame| Demand::Relay(to, frame));
@@ -269,6 +271,7 @@ impl Attendant {
                     send(self.answer.repeated());
                     continue;
                 }
+                Some(Request::Relay { payload: [], .. }) => Reply::Refused(Refusal::Malformed),
                 Some(Request::Relay { .. }) => Reply::Refused(Refusal::OtherBoard { role }),
                 Some(Request::Configuration { offset }) => {
                     let mut room = [0; MAX_CONFIG];

@@ -4,7 +4,7 @@
 //! |---|---|---|---|---|
 //! | no order yet, or lease released | order of any host taken | at once | it is taken | nobody commands |
 //! | order of the latest host, newer than its latest one | order taken, lease renewed | at once | more than 1 s without an order, or its release | the host lives |
-//! | order of the latest host, not newer: 0 or at least 32768 numbers on | refused: old order; lease not renewed | at once | release, or an order of another host | a frame was late; the end of the lease does not make it newer |
+//! | order of the latest host, not newer: 0 or at least 32768 numbers on | refused: old order; lease not renewed | at once | an order of another host | a frame was late; neither end nor release of the lease makes it newer |
 //! | order of another host, latest order 1 s ago or less | refused: leased; lease not renewed | at once | more than 1 s after the latest order, or release | one host commands |
 //! | order of another host, latest order longer ago | order taken with any number, the lease is its own | at once | as above | the former host is gone |
 //! | lease held, latest order more than 1 s ago | lapsed, reported once | at once | the next order taken | a robot without a commander stops |
@@ -37,7 +37,9 @@ pub enum Denied {
 /// Lease of the front board.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lease {
+    /// The latest order, and its time.
     latest: Option<(Stamp, Micros)>,
+    /// True from an order to the end of the lease.
     held: bool,
 }
 
@@ -46,7 +48,7 @@ impl Lease {
     /// than the latest.
     pub fn admit(&mut self, now: Micros, stamp: Stamp) -> Result<(), Denied> {
         if let Some((latest, renewed)) = self.latest {
-            let lasts = now.saturating_sub(renewed) <= TERM;
+            let lasts = self.held && now.saturating_sub(renewed) <= TERM;
             let newer = stamp.sequence.wrapping_sub(latest.sequence).cast_signed() > 0;
             match stamp.owner == latest.owner {
                 true if !newer => return Err(Denied::OldOrder),
@@ -66,9 +68,9 @@ impl Lease {
         lapsed
     }
 
-    /// Ends the lease.
+    /// Ends the lease. The latest order stays known: a repetition that comes late is refused.
     pub fn release(&mut self) {
-        (self.latest, self.held) = (None, false);
+        self.held = false;
     }
 }
 
@@ -105,9 +107,13 @@ mod tests {
             let found = lease.admit(now, stamp(owner, sequence));
             assert_eq!(found, expected, "{now} {owner} {sequence}");
         }
-        for owner in [2, 1, 1] {
+        // After a release any host may begin; an order from before it stays old.
+        for (owner, sequence, expected) in
+            [(1, 9, OLD), (2, 1, Ok(())), (1, 1, Ok(())), (1, 2, Ok(()))]
+        {
             lease.release();
-            assert_eq!(lease.admit(9_000_004, stamp(owner, 1)), Ok(()));
+            let found = lease.admit(9_000_004, stamp(owner, sequence));
+            assert_eq!(found, expected, "{owner} {sequence}");
         }
     }
 

@@ -2,7 +2,7 @@
 //!
 //! | order | reaction | refused if | reason |
 //! |---|---|---|---|
-//! | [`Order::Place`] | the node begins anew at this posture | never | |
+//! | [`Order::Place`] | the node begins anew at this posture | a number is not finite or out of range: not finite | no estimate can begin there |
 //! | [`Order::Task`]: regulate | task begins | goal not finite, or tolerance not a positive number: not finite | |
 //! | [`Order::Task`]: follow, track | task begins | tolerance not a positive number: not finite | |
 //! | [`Order::Task`]: drive | task begins | curvature beyond the frame's bound by more than a thousandth: too tight; speed or curvature not finite: not finite | the governor would drive another curve |
@@ -47,8 +47,8 @@ pub enum Order {
 }
 
 impl Order {
-    /// Hands it to the node. Points after one that the node refuses are not taken. Goals and speeds must be finite, and the
-    /// frame must bend to the curvature.
+    /// Hands it to the node. Points after one that the node refuses are not taken. Postures, goals, tolerances and speeds
+    /// must be finite, and the frame must bend to the curvature.
     pub fn carry_out(&self, lead: &mut LeadNode) -> Result<(), PathError> {
         let bound = (1.0 + ROUNDING) * lead.cascade().max_curvature();
         let bends = |kappa: f32| match kappa.abs() > bound {
@@ -56,7 +56,10 @@ impl Order {
             false => Ok(()),
         };
         match self {
-            Self::Place(place) => lead.initialize(place),
+            Self::Place(place) => match place.is_sound() {
+                true => lead.initialize(place),
+                false => return Err(PathError::NotFinite),
+            },
             Self::Lost => lead.lose_commander(),
             Self::Task(task) => {
                 let finite = match *task {

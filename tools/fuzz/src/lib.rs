@@ -3,6 +3,7 @@
 //! The modules of the simulator that read input are compiled here by their paths, without the rest
 //! of it: pictures, log decoders and the command line would take most of the time of a build.
 
+pub mod attendant_model;
 pub mod numbers;
 pub use plant;
 

@@ -579,3 +579,13 @@ fn late_foreign_and_damaged_orders_do_not_reach_the_lead_node() {
     }
     assert!(sent > FRAMES / 5 && carried >= sent, "{sent} {carried}");
 }
+
+#[test]
+fn relay_without_a_request_is_malformed() {
+    let mut board = Driving::new(Role::Front);
+    let (role, payload) = (Role::Beam, &[][..]);
+    let malformed = Reply::Refused(Refusal::Malformed);
+    let relay = Request::Relay { role, payload };
+    board.expect(9, &relay, MotorState::Driven, malformed);
+    assert_eq!(board.demand, None);
+}

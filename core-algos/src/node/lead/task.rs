@@ -16,6 +16,30 @@ pub struct Place {
     pub floor_drift: f32,
 }
 
+/// Largest coordinate of a place, m: single precision resolves 8 mm there.
+const FARTHEST_M: f32 = 1e5;
+/// Largest standard deviation of a place, m and rad.
+const WIDEST: f32 = 1e3;
+
+impl Place {
+    /// True if an estimate can begin there: every number is finite and within its range, and no variance is negative.
+    pub fn is_sound(&self) -> bool {
+        let near = |estimate: &Estimate| {
+            let Posture { x, y, phi } = estimate.posture;
+            [x, y, phi].iter().all(|part| part.abs() <= FARTHEST_M)
+        };
+        let known = |estimate: &Estimate| {
+            let p = &estimate.covariance;
+            let variances = [0, 1, 2].map(|i| p[i][i]);
+            let bounded = p.iter().flatten().all(|part| part.abs() <= WIDEST * WIDEST);
+            bounded && variances.iter().all(|&variance| variance >= 0.0)
+        };
+        let estimates = [&self.center, &self.relative];
+        estimates.into_iter().all(|one| near(one) && known(one))
+            && (0.0..=1.0).contains(&self.floor_drift)
+    }
+}
+
 /// Task of the robot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

@@ -1,0 +1,249 @@
+//! A board in this process whose samples and messages have the faults of the plan, and whose nodes are watched.
+
+use super::plan::{BusFault, Distorted, Plan};
+use super::watch::{AxleWatch, BeamWatch, LeadWatch, Violation};
+use core_algos::bus::{CanFrame, Message};
+use core_algos::link::protocol::Place;
+use core_algos::node::board::{Board, Samples};
+use core_algos::node::lead::{LeadNode, Task};
+use core_algos::node::robot::RobotConfig;
+use core_algos::node::{Outbox, axle};
+use core_algos::time::{Micros, TICK};
+use core_algos::topology::{AxleId, Role};
+use host_sim::base::error::Error;
+use host_sim::targets::{Fault, HostCommand, InProcess, Output, Posted, Report, Room, Target};
+use std::sync::{Arc, Mutex};
+
+/// Findings of the boards at a tick.
+#[derive(Debug, Default)]
+pub struct Findings {
+    pub violation: Option<(u32, Violation)>,
+    /// Axles whose motors came on.
+    pub armed: [bool; 2],
+    /// The lead node began to drive.
+    pub began: bool,
+    /// Ticks at which the motors of an axle were on.
+    pub driven: u32,
+    /// Orders that the board refused.
+    pub refused: u32,
+}
+
+/// Nodes of a board under watch.
+enum Watch {
+    Front(AxleWatch, LeadWatch),
+    Rear(AxleWatch),
+    Beam(BeamWatch),
+}
+
+/// A board under watch.
+pub struct Watched {
+    role: Role,
+    plan: Arc<Plan>,
+    findings: Arc<Mutex<Findings>>,
+    nodes: Option<(Board, Watch)>,
+    distorted: Distorted,
+    /// Frames on the way, by the tick at which they arrive.
+    late: Vec<(u32, Message)>,
+    begun: Option<(u32, Samples)>,
+    torque_nm: [f32; 2],
+}
+
+impl Watched {
+    pub fn new(role: Role, plan: &Arc<Plan>, seed: u64, findings: &Arc<Mutex<Findings>>) -> Self {
+        Self {
+            role,
+            plan: Arc::clone(plan),
+            findings: Arc::clone(findings),
+            nodes: None,
+            distorted: Distorted::new(role, seed),
+            late: Vec::new(),
+            begun: None,
+            torque_nm: [0.0; 2],
+        }
+    }
+
+    fn bus_faults(&self, tick: u32) -> impl Iterator<Item = BusFault> + use<> {
+        let (plan, role) = (Arc::clone(&self.plan), self.role);
+        (0..plan.bus.len()).filter_map(move |i| {
+            let (of, fault, span) = plan.bus[i];
+            (of == role && span.holds(tick)).then_some(fault)
+        })
+    }
+
+    fn lead(&mut self) -> Option<&mut LeadNode> {
+        self.nodes.as_mut().and_then(|(board, _)| board.lead())
+    }
+
+    fn deliver(&mut self, tick: u32) {
+        let due = |(at, _): &(u32, Message)| *at <= tick;
+        let arrived: Vec<_> = self.late.extract_if(.., |one| due(one)).collect();
+        let Some((board, watch)) = &mut self.nodes else {
+            return;
+        };
+        for (_, message) in arrived {
+            board.receive(Micros::from(tick) * TICK, &message);
+            match watch {
+                Watch::Front(axle, lead) => {
+                    axle.receive(tick, &message);
+                    lead.receive(tick, &message);
+                }
+                Watch::Rear(axle) => axle.receive(tick, &message),
+                Watch::Beam(beam) => beam.receive(&message),
+            }
+        }
+    }
+
+    /// One tick of the nodes and of their watch.
+    fn step(
+        &mut self,
+        tick: u32,
+        samples: &Samples,
+        outbox: &mut Outbox,
+    ) -> Result<Output, Violation> {
+        let Some((board, watch)) = &mut self.nodes else {
+            return Ok(Output::default());
+        };
+        let output = board.step(Micros::from(tick) * TICK, samples, outbox);
+        let none = axle::Samples::default();
+        let readings = match samples {
+            Samples::Axle(samples) => samples,
+            Samples::Beam(_) => &none,
+        };
+        let torque_nm = output.torque_nm;
+        for message in outbox.iter() {
+            match watch {
+                Watch::Front(axle, _) | Watch::Rear(axle) => axle.sends(tick, message)?,
+                Watch::Beam(beam) => beam.sends(tick, message)?,
+            }
+        }
+        match (&*board, watch) {
+            (Board::Front { axle, lead }, Watch::Front(watch, of_lead)) => {
+                let armed = watch.step(tick, readings, axle.supervision(), torque_nm)?;
+                let mut findings = self.findings.lock().unwrap();
+                findings.armed[0] = armed;
+                if let Some(output) = &output.lead {
+                    findings.began = of_lead.step(tick, lead.supervision(), output)?;
+                }
+            }
+            (Board::Rear(axle), Watch::Rear(watch)) => {
+                let armed = watch.step(tick, readings, axle.supervision(), torque_nm)?;
+                self.findings.lock().unwrap().armed[1] = armed;
+            }
+            (Board::Beam(beam), Watch::Beam(watch)) => watch.step(tick, beam.supervision())?,
+            _ => unreachable!("a board has its own watch"),
+        }
+        Ok(Output {
+            torque_nm,
+            lead: output.lead,
+        })
+    }
+}
+
+impl Target for Watched {
+    fn start(&mut self, config: &RobotConfig, _: u32, place: Option<&Place>) -> Result<(), Fault> {
+        let board = Board::new(config, self.role).map_err(Error::from)?;
+        let axle = |of| AxleWatch::new(of, config.axle.controller.max_torque_nm);
+        let watch = match self.role {
+            Role::Front => Watch::Front(axle(AxleId::Front), LeadWatch::new()),
+            Role::Rear => Watch::Rear(axle(AxleId::Rear)),
+            Role::Beam => Watch::Beam(BeamWatch::new()),
+        };
+        self.nodes = Some((board, watch));
+        if let (Some(lead), Some(place)) = (self.lead(), place) {
+            lead.initialize(place);
+        }
+        Ok(())
+    }
+
+    /// As at the link: a posture is refused while the motors are driven.
+    fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
+        let driven = self.torque_nm != [0.0; 2];
+        if driven && matches!(command, HostCommand::Place(_)) {
+            return Ok(());
+        }
+        let Some((board, Watch::Front(_, watch))) = &mut self.nodes else {
+            return Ok(());
+        };
+        let Some(lead) = board.lead() else {
+            return Ok(());
+        };
+        let mut orders = command.orders().into_iter();
+        let done = orders.try_for_each(|order| order.carry_out(lead));
+        match (command, done) {
+            (HostCommand::Task(task), Ok(())) => watch.clears = *task == Task::Clear,
+            // The node begins anew.
+            (HostCommand::Place(_), Ok(())) => *watch = LeadWatch::new(),
+            (HostCommand::Lost, Ok(())) | (_, Ok(())) => {}
+            (_, Err(_)) => self.findings.lock().unwrap().refused += 1,
+        }
+        Ok(())
+    }
+
+    fn room(&mut self) -> Room {
+        let path = self.lead().map(LeadNode::path_task);
+        Room {
+            path: path.as_ref().map_or(0, |path| path.path_room()),
+            trajectory: path.map_or(0, |path| path.trajectory_room()),
+        }
+    }
+
+    fn receive(&mut self, now: Micros, _frame: &CanFrame, message: &Message) {
+        let tick = (now / TICK) as u32;
+        let mut at = tick;
+        for fault in self.bus_faults(tick) {
+            match fault {
+                BusFault::Deaf => return,
+                BusFault::Loss(share) if self.distorted.lost(share) => return,
+                BusFault::Late(ms) => at += ms,
+                BusFault::Loss(_) | BusFault::Mute => {}
+            }
+        }
+        self.late.push((at, *message));
+    }
+
+    fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault> {
+        self.begun = Some((tick, *samples));
+        Ok(())
+    }
+
+    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
+        let Some((tick, samples)) = self.begun.take() else {
+            return Ok(Output::default());
+        };
+        self.deliver(tick);
+        let samples = self.distorted.samples(&self.plan, tick, &samples);
+        let mut outbox = Outbox::new();
+        let output = self.step(tick, &samples, &mut outbox);
+        let mute = self
+            .bus_faults(tick)
+            .any(|fault| matches!(fault, BusFault::Mute));
+        if !mute {
+            for message in outbox.iter() {
+                post(Posted::Message(message));
+            }
+        }
+        let mut findings = self.findings.lock().unwrap();
+        let output = output.unwrap_or_else(|violation| {
+            let what = format!("{} board: {violation}", self.role.name());
+            findings.violation.get_or_insert((tick, what));
+            Output::default()
+        });
+        self.torque_nm = output.torque_nm;
+        findings.driven += u32::from(output.torque_nm != [0.0; 2]);
+        Ok(output)
+    }
+
+    fn kill(&mut self) -> Result<(), Error> {
+        self.nodes = None;
+        self.late.clear();
+        Ok(())
+    }
+
+    fn revive(&mut self) -> Result<(), Error> {
+        Ok(())
+    }
+
+    fn report(&self) -> Report {
+        InProcess::new(self.role).report()
+    }
+}

@@ -1,0 +1,108 @@
+//! The whole robot in this process for 10 s under random faults of bus, sensors, drivers and boards, and random commands.
+//! What must hold at every tick is in `watch`.
+//!
+//! `RANDOM_FAULT_RUNS` is the number of runs and `RANDOM_FAULT_SEED` the first seed, for longer checks.
+
+mod board;
+mod plan;
+mod watch;
+
+use board::{Findings, Watched};
+use core_algos::topology::Role;
+use host_sim::run::robot::Robot as _;
+use host_sim::run::simulation::Simulation;
+use host_sim::targets::Target;
+use plan::{Plan, RUN_MS};
+use std::sync::{Arc, Mutex};
+
+/// Runs without a number in the environment.
+const RUNS: u64 = 30;
+/// Speed of a wheel up to which an axle may arm, rad/s.
+const ARMING_RAD_S: f64 = 5.0;
+/// Speed of an axle up to which the robot may begin to drive, m/s.
+const BEGIN_M_S: f64 = 0.05;
+
+fn from_environment(name: &str, default: u64) -> u64 {
+    std::env::var(name).map_or(default, |text| text.parse().unwrap())
+}
+
+/// Figures of runs.
+#[derive(Debug, Default)]
+struct Figures {
+    /// Time for which the motors of an axle were on, ms.
+    driven_ms: u64,
+    /// Fastest wheel of an axle that armed, rad/s.
+    armed_rad_s: f64,
+    /// Fastest axle as the robot began to drive, m/s.
+    began_m_s: f64,
+    /// Orders that the lead node refused.
+    refused: u32,
+}
+
+/// Runs the plan of a seed, or gives the violated invariant.
+fn run(seed: u64, figures: &mut Figures) -> Result<(), String> {
+    let plan = Arc::new(Plan::draw(seed));
+    let findings = Arc::new(Mutex::new(Findings::default()));
+    let targets = Role::ALL
+        .map(|role| Box::new(Watched::new(role, &plan, seed, &findings)) as Box<dyn Target>);
+    let mut simulation = Simulation::on(targets, &plan.scenario(), seed, 0).unwrap();
+    if let Some((fault, at)) = plan.injected {
+        simulation.inject(fault, at);
+    }
+    let mut commands = plan.commands.iter().peekable();
+    for tick in 0..RUN_MS {
+        while let Some((_, command)) = commands.next_if(|(at, _)| *at <= tick) {
+            simulation.command(command).unwrap();
+        }
+        let axles = simulation.plant().state().axle.clone();
+        simulation.step().map_err(|error| error.to_string())?;
+        let mut findings = findings.lock().unwrap();
+        for (i, axle) in axles.iter().enumerate() {
+            if std::mem::take(&mut findings.armed[i]) {
+                let fastest = axle.wheel_speed[0].abs().max(axle.wheel_speed[1].abs());
+                figures.armed_rad_s = figures.armed_rad_s.max(fastest);
+                if fastest > ARMING_RAD_S {
+                    let what = format!("no axle arms while its wheels turn: {fastest:.2} rad/s");
+                    findings.violation.get_or_insert((tick, what));
+                }
+            }
+        }
+        if std::mem::take(&mut findings.began) {
+            let [front, rear] = axles.map(|axle| axle.velocity[0].abs());
+            let fastest = front.max(rear);
+            figures.began_m_s = figures.began_m_s.max(fastest);
+            if fastest > BEGIN_M_S {
+                let what = format!("no drive begins while the robot moves: {fastest:.3} m/s");
+                findings.violation.get_or_insert((tick, what));
+            }
+        }
+        if let Some((tick, violation)) = &findings.violation {
+            return Err(format!("seed {seed}, t = {tick} ms: {violation}"));
+        }
+    }
+    let findings = findings.lock().unwrap();
+    figures.driven_ms += u64::from(findings.driven);
+    figures.refused += findings.refused;
+    Ok(())
+}
+
+#[test]
+fn robot_under_random_faults_keeps_every_invariant() {
+    let first = from_environment("RANDOM_FAULT_SEED", 1);
+    let runs = from_environment("RANDOM_FAULT_RUNS", RUNS);
+    let (mut violations, mut figures) = (Vec::new(), Figures::default());
+    for seed in first..first + runs {
+        if let Err(violation) = run(seed, &mut figures) {
+            println!("{violation}");
+            violations.push(violation);
+        }
+    }
+    println!("{runs} runs: {figures:?}");
+    assert!(
+        violations.is_empty(),
+        "{} of {runs}: {}",
+        violations.len(),
+        violations[0]
+    );
+    assert!(figures.driven_ms > 1000 * runs, "the robot drives");
+}

@@ -1,0 +1,383 @@
+//! What must hold at every tick of a node. The times are those of docs/codes.md and docs/bus.md, written out here.
+
+use core_algos::bus::{self, LeadMode, Message};
+use core_algos::node::axle;
+use core_algos::node::lead;
+use core_algos::safety::OperatingState::{self, Active, Armed, Boot, Fault, Idle, SafeStop};
+use core_algos::safety::{Condition, supervisor};
+use core_algos::topology::{AxleId, Node};
+use std::collections::BTreeMap;
+
+/// Conditions of class cut, and the time that each must hold, ms: the motors are off at the tick at which it counts.
+const CUTS: [(Condition, u32); 8] = [
+    (Condition::NotANumber, 0),
+    (Condition::EncoderFault, 5),
+    (Condition::OverCurrent, 2),
+    (Condition::MotorStall, 300),
+    (Condition::DriverFault, 0),
+    (Condition::MotorUnresponsive, 50),
+    (Condition::Restarted, 0),
+    (Condition::RoleTaken, 0),
+];
+/// Conditions of class stop that drivers report, likewise: the axle stops from the tick at which it counts.
+const STOPS: [(Condition, u32); 6] = [
+    (Condition::EmergencyStop, 0),
+    (Condition::BusOff, 20),
+    (Condition::OverTemperature, 200),
+    (Condition::SupplyLow, 20),
+    (Condition::TickOverrun, 5),
+    (Condition::SupplyHigh, 20),
+];
+/// Longest stop, ms: `stop_timeout_s` of 2 s, and the tick at which it has passed.
+const STOP_MS: u32 = 2001;
+/// Age of the lead node's mode and of references beyond which an axle stops, ms.
+const COMMAND_MS: u32 = 60;
+/// Age of a heartbeat beyond which its node is lost, ms.
+const HEARTBEAT_MS: u32 = 50;
+
+/// Period of the messages, ms.
+const EPOCH_MS: u32 = 10;
+
+/// Name of the violated invariant, with figures.
+pub type Violation = String;
+
+fn is_off(state: OperatingState) -> bool {
+    matches!(state, Boot | Idle | Fault)
+}
+
+fn drives(state: OperatingState) -> bool {
+    matches!(state, Armed | Active)
+}
+
+/// True if a number in the text of a value is not finite.
+fn is_unsound(value: &dyn std::fmt::Debug) -> bool {
+    // An innovation without a usable covariance has this figure, and is not used.
+    let text = format!("{value:?}").replace("nis: inf", "");
+    text.contains("NaN") || text.contains(" inf") || text.contains("-inf") || text.contains("[inf")
+}
+
+/// State of a node as it was, and since when.
+#[derive(Debug)]
+struct Course {
+    state: OperatingState,
+    /// It has a reason to stop that lasts until it is cleared.
+    latched: bool,
+    stopping_since: Option<u32>,
+    /// Latest epoch of each message.
+    epochs: BTreeMap<u16, u32>,
+}
+
+impl Course {
+    fn new() -> Self {
+        Self {
+            state: Boot,
+            latched: false,
+            stopping_since: None,
+            epochs: BTreeMap::new(),
+        }
+    }
+
+    /// Checks the change to the state at this tick; `cleared` if the node was asked to clear its faults.
+    fn step(
+        &mut self,
+        tick: u32,
+        supervisor: &supervisor::State,
+        cleared: bool,
+    ) -> Result<(), Violation> {
+        let (before, state) = (self.state, supervisor.operating());
+        let latched = self.latched;
+        (self.state, self.latched) = (state, supervisor.first().is_some());
+        if before == Fault && state != Fault && !cleared {
+            return Err(format!("a fault is left by Clear alone: {state:?}"));
+        }
+        if before == SafeStop && latched && !cleared && !matches!(state, SafeStop | Fault) {
+            return Err(format!("a stop with a reason ends in a fault: {state:?}"));
+        }
+        if state == Fault && supervisor.first().is_none() {
+            return Err("a fault has a reason".to_owned());
+        }
+        if state != SafeStop {
+            self.stopping_since = None;
+            return Ok(());
+        }
+        let since = *self.stopping_since.get_or_insert(tick);
+        match tick - since > STOP_MS {
+            true => Err(format!("a stop lasts 2 s at most: {} ms", tick - since)),
+            false => Ok(()),
+        }
+    }
+
+    /// Checks a message that the node sends. One beyond the range of its signals is refused by the bus.
+    fn sends(&mut self, tick: u32, message: &Message) -> Result<(), Violation> {
+        if is_unsound(message) {
+            return Err(format!("messages are finite: {message:?}"));
+        }
+        let Ok(frame) = bus::encode(message) else {
+            return Ok(());
+        };
+        let now = tick / EPOCH_MS;
+        let epoch = now - u32::from((now as u8).wrapping_sub(frame.data[0]));
+        let before = self.epochs.insert(frame.id, epoch);
+        match epoch + 1 < now || before.is_some_and(|before| epoch < before) {
+            true => Err(format!("times of messages never run back: {message:?}")),
+            false => Ok(()),
+        }
+    }
+}
+
+/// What a board sent and received of a node: state, reason and time.
+type Beat = (OperatingState, u8, u32);
+
+fn failed(beat: Option<Beat>, tick: u32) -> bool {
+    beat.is_some_and(|(state, reason, at)| {
+        matches!(state, SafeStop | Fault) && reason != 0 && tick - at <= HEARTBEAT_MS
+    })
+}
+
+fn older(at: Option<u32>, tick: u32, ms: u32) -> bool {
+    at.is_none_or(|at| tick - at > ms)
+}
+
+/// An axle node under watch.
+pub struct AxleWatch {
+    axle: AxleId,
+    limit_nm: f32,
+    course: Course,
+    mode: Option<(LeadMode, u32)>,
+    posture: Option<u32>,
+    motion: Option<u32>,
+    other: Option<Beat>,
+    lead: Option<Beat>,
+    since: BTreeMap<Condition, u32>,
+    blind_since: Option<u32>,
+}
+
+impl AxleWatch {
+    pub fn new(axle: AxleId, limit_nm: f32) -> Self {
+        Self {
+            axle,
+            limit_nm,
+            course: Course::new(),
+            mode: None,
+            posture: None,
+            motion: None,
+            other: None,
+            lead: None,
+            since: BTreeMap::new(),
+            blind_since: None,
+        }
+    }
+
+    pub fn receive(&mut self, tick: u32, message: &Message) {
+        let other = match self.axle {
+            AxleId::Front => Node::RearAxle,
+            AxleId::Rear => Node::FrontAxle,
+        };
+        match *message {
+            Message::LeadStatus { mode, .. } => self.mode = Some((mode, tick)),
+            Message::ReferencePosture { axle, .. } if axle == self.axle => {
+                self.posture = Some(tick);
+            }
+            Message::ReferenceMotion { axle, .. } if axle == self.axle => self.motion = Some(tick),
+            Message::NodeStatus {
+                node,
+                state,
+                reason,
+                ..
+            } => {
+                let beat = Some((state, reason, tick));
+                if node == other {
+                    self.other = beat;
+                } else if node == Node::Lead {
+                    self.lead = beat;
+                }
+            }
+            _ => {}
+        }
+    }
+
+    pub fn sends(&mut self, tick: u32, message: &Message) -> Result<(), Violation> {
+        self.course.sends(tick, message)
+    }
+
+    /// True at a tick at which the motors come on.
+    pub fn step(
+        &mut self,
+        tick: u32,
+        samples: &axle::Samples,
+        supervisor: &supervisor::State,
+        torque_nm: [f32; 2],
+    ) -> Result<bool, Violation> {
+        let before = self.course.state;
+        let mode = self.mode.filter(|(_, at)| tick - at <= COMMAND_MS);
+        let mode = mode.map(|(mode, _)| mode);
+        self.course
+            .step(tick, supervisor, mode == Some(LeadMode::Clear))?;
+        let state = self.course.state;
+        // Also false for NaN.
+        let allowed = |torque: &f32| torque.abs() <= self.limit_nm;
+        if !torque_nm.iter().all(allowed) {
+            return Err(format!("torques are within the limit: {torque_nm:?}"));
+        }
+        if is_off(state) && torque_nm != [0.0; 2] {
+            return Err(format!("motors off is no torque: {torque_nm:?}"));
+        }
+        self.conditions(tick, samples, state)?;
+        if drives(state) {
+            self.may_drive(tick, mode, before)?;
+        }
+        Ok(!drives(before) && drives(state))
+    }
+
+    /// Conditions that the samples have had for their time.
+    fn conditions(
+        &mut self,
+        tick: u32,
+        samples: &axle::Samples,
+        state: OperatingState,
+    ) -> Result<(), Violation> {
+        self.since
+            .retain(|condition, _| samples.conditions.contains(*condition));
+        for condition in samples.conditions.iter() {
+            self.since.entry(condition).or_insert(tick);
+        }
+        let held = |condition, ms| {
+            let since = self.since.get(&condition);
+            since.is_some_and(|since| tick - since >= ms)
+        };
+        for (condition, ms) in CUTS {
+            if held(condition, ms) && state != Fault {
+                return Err(format!("{condition:?} cuts the motors at once: {state:?}"));
+            }
+        }
+        for (condition, ms) in STOPS {
+            if held(condition, ms) && drives(state) {
+                return Err(format!("{condition:?} stops the axle: {state:?}"));
+            }
+        }
+        match samples.encoder.iter().any(Option::is_none) {
+            true => _ = self.blind_since.get_or_insert(tick),
+            false => self.blind_since = None,
+        }
+        match self.blind_since {
+            Some(since) if tick - since >= 5 && state != Fault => {
+                Err(format!("a missing encoder cuts the motors: {state:?}"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// What an axle that holds or drives needs. It notices a neighbour's state a tick after it has armed.
+    fn may_drive(
+        &self,
+        tick: u32,
+        mode: Option<LeadMode>,
+        before: OperatingState,
+    ) -> Result<(), Violation> {
+        let state = self.course.state;
+        match mode {
+            None => return Err(format!("an axle without a mode stops: {state:?}")),
+            Some(LeadMode::Idle | LeadMode::Clear) => {
+                return Err(format!("an axle that is let go stops: {state:?}"));
+            }
+            Some(_) => {}
+        }
+        let stale = [self.posture, self.motion].map(|at| older(at, tick, COMMAND_MS));
+        if state == Active && stale != [false; 2] {
+            return Err("an axle without references stops".to_owned());
+        }
+        if older(self.other.map(|(.., at)| at), tick, HEARTBEAT_MS) {
+            return Err("an axle without its neighbour stops".to_owned());
+        }
+        if !is_off(before) && (failed(self.other, tick) || failed(self.lead, tick)) {
+            return Err("an axle stops with its neighbour".to_owned());
+        }
+        Ok(())
+    }
+}
+
+/// The lead node under watch.
+pub struct LeadWatch {
+    course: Course,
+    /// True if the latest task is to clear faults.
+    pub clears: bool,
+    axles: [Option<Beat>; 2],
+}
+
+impl LeadWatch {
+    pub fn new() -> Self {
+        Self {
+            course: Course::new(),
+            clears: false,
+            axles: [None; 2],
+        }
+    }
+
+    pub fn receive(&mut self, tick: u32, message: &Message) {
+        if let Message::NodeStatus {
+            node,
+            state,
+            reason,
+            ..
+        } = *message
+        {
+            match node {
+                Node::FrontAxle => self.axles[0] = Some((state, reason, tick)),
+                Node::RearAxle => self.axles[1] = Some((state, reason, tick)),
+                _ => {}
+            }
+        }
+    }
+
+    /// True at a step at which the robot begins to drive.
+    pub fn step(
+        &mut self,
+        tick: u32,
+        supervisor: &supervisor::State,
+        output: &lead::Output,
+    ) -> Result<bool, Violation> {
+        let before = self.course.state;
+        self.course.step(tick, supervisor, self.clears)?;
+        let state = self.course.state;
+        if is_unsound(output) {
+            return Err(format!("outputs are finite: {output:?}"));
+        }
+        let commands = matches!(output.mode, LeadMode::Active | LeadMode::Hold);
+        if commands && !drives(state) {
+            return Err(format!("axles are driven by permit: {state:?}"));
+        }
+        let lost = |beat: &Option<Beat>| older(beat.map(|(.., at)| at), tick, HEARTBEAT_MS);
+        if drives(state) && self.axles.iter().any(lost) {
+            return Err("the robot stops without an axle".to_owned());
+        }
+        let stopped = |beat: &Option<Beat>| failed(*beat, tick);
+        if drives(state) && !is_off(before) && self.axles.iter().any(stopped) {
+            return Err("the robot stops with an axle".to_owned());
+        }
+        Ok(state == Active && before != Active)
+    }
+}
+
+/// The beam node under watch.
+pub struct BeamWatch(Course, Option<LeadMode>);
+
+impl BeamWatch {
+    pub fn new() -> Self {
+        Self(Course::new(), None)
+    }
+
+    pub fn receive(&mut self, message: &Message) {
+        if let Message::LeadStatus { mode, .. } = *message {
+            self.1 = Some(mode);
+        }
+    }
+
+    pub fn sends(&mut self, tick: u32, message: &Message) -> Result<(), Violation> {
+        self.0.sends(tick, message)
+    }
+
+    pub fn step(&mut self, tick: u32, supervisor: &supervisor::State) -> Result<(), Violation> {
+        self.0
+            .step(tick, supervisor, self.1 == Some(LeadMode::Clear))
+    }
+}
