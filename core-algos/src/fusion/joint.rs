@@ -186,12 +186,6 @@ impl State {
         self.loading
     }
 
-    /// Sets a constant as if it had been learnt, for tests.
-    #[cfg(test)]
-    pub(crate) fn set_constant(&mut self, constant: usize, value: f32) {
-        self.constants[constant] = value;
-    }
-
     /// Estimates of the constants.
     pub fn constants(&self) -> [f32; constants::COUNT] {
         self.constants

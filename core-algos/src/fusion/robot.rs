@@ -214,15 +214,6 @@ impl State {
         (self.heading, self.moved)
     }
 
-    /// The joint filter, in the mode that runs it, for tests.
-    #[cfg(test)]
-    pub(crate) fn joint_mut(&mut self) -> Option<&mut joint::State> {
-        match &mut self.tracks {
-            Tracks::Joint(joint) => Some(joint),
-            Tracks::Separate { .. } => None,
-        }
-    }
-
     /// The joint filter, in the mode that runs it.
     pub fn joint(&self) -> Option<&joint::State> {
         match &self.tracks {

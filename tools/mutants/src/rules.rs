@@ -5,7 +5,10 @@ use std::collections::BTreeSet;
 use std::ops::Range;
 use syn::spanned::Spanned;
 use syn::visit::{self, Visit};
-use syn::{BinOp, Block, Expr, ExprMethodCall, ImplItemFn, Item, ItemFn, Lit, Member, Stmt, UnOp};
+use syn::{
+    BinOp, Block, Expr, ExprMethodCall, ImplItemFn, Item, ItemFn, Lit, Member, Signature, Stmt,
+    UnOp, Visibility,
+};
 
 /// Kind of a change.
 #[derive(
@@ -358,11 +361,15 @@ impl<'ast> Visit<'ast> for Finder<'_> {
     }
 
     fn visit_item_fn(&mut self, item: &'ast ItemFn) {
-        self.visit_block(&item.block);
+        if runs(&item.vis, &item.sig) {
+            self.visit_block(&item.block);
+        }
     }
 
     fn visit_impl_item_fn(&mut self, item: &'ast ImplItemFn) {
-        self.visit_block(&item.block);
+        if runs(&item.vis, &item.sig) {
+            self.visit_block(&item.block);
+        }
     }
 
     fn visit_impl_item_const(&mut self, _: &'ast syn::ImplItemConst) {}
@@ -428,6 +435,11 @@ impl<'ast> Visit<'ast> for Finder<'_> {
             _ => visit::visit_expr(self, expr),
         }
     }
+}
+
+/// True for a function that is not only evaluated by the compiler, as private ones that are `const` are.
+fn runs(visibility: &Visibility, signature: &Signature) -> bool {
+    signature.constness.is_none() || matches!(visibility, Visibility::Public(_))
 }
 
 /// True for `+=` and its like.

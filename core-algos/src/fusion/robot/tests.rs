@@ -277,3 +277,13 @@ fn configuration_is_checked() {
         ("scale_sigma", |c| c.joint.scale_sigma = f32::INFINITY),
     ]);
 }
+
+impl State {
+    /// Sets a constant of the joint filter as if it had been learnt.
+    pub(crate) fn set_constant(&mut self, constant: usize, value: f32) {
+        let Tracks::Joint(joint) = &mut self.tracks else {
+            panic!("no joint filter");
+        };
+        joint.set_constant(constant, value);
+    }
+}

@@ -70,7 +70,7 @@ impl Watched {
 
     fn learnt(&mut self, constant: usize, value: f32) {
         let fusion = self.node.state.fusion.as_mut().unwrap();
-        fusion.joint_mut().unwrap().set_constant(constant, value);
+        fusion.set_constant(constant, value);
     }
 }
 
