@@ -45,6 +45,7 @@ packages=$!
 step "formatting"
 cargo fmt --all --check
 cargo fmt --manifest-path tools/fuzz/Cargo.toml --check
+cargo fmt --manifest-path tools/mutants/Cargo.toml --check
 step "licences, sources and versions of the dependencies"
 tools/scripts/check_dependencies.py
 step "clippy"

@@ -42,7 +42,7 @@ def main():
     allowed, skipped = set(deny["licenses"]["allow"]), set(deny["bans"]["skip"])
     wrong, used = set(), set()
     versions = defaultdict(set)
-    for one in found + packages(ROOT / "tools/fuzz"):
+    for one in found + packages(ROOT / "tools/fuzz") + packages(ROOT / "tools/mutants"):
         name = f"{one['name']}@{one['version']}"
         if not is_allowed(one["license"] or "none", allowed):
             wrong.add(f"{name}: licence {one['license']}")
