@@ -167,6 +167,11 @@ fn service(packed: &[u8]) -> Option<CanFrame> {
     (sender == Node::Service && bus::decode(&frame).is_ok()).then_some(frame)
 }
 
+/// True if the board `role` relays this request to the board `to`.
+fn relays(role: Role, to: Role, payload: &[u8]) -> bool {
+    role == Role::Front && to != role && !payload.is_empty()
+}
+
 /// The part of an encoded configuration that begins at `offset`.
 fn configuration<'a>(config: &RobotConfig, offset: u16, room: &'a mut [u8]) -> Reply<'a> {
     // Its largest size is known to fit.
@@ -242,8 +247,8 @@ impl Attendant {
             let Some(payload) = self.decoder.take_byte(byte) else {
                 continue;
             };
-            let busy = self.pending.is_some() || demand.is_some();
-            let Some(&number) = payload.first().filter(|_| !busy) else {
+            let free = self.pending.is_none() && demand.is_none();
+            let Some(&number) = payload.first().filter(|_| free) else {
                 continue;
             };
             let request = protocol::decode::<Request>(payload).map(|(_, request)| request);
@@ -259,12 +264,9 @@ impl Attendant {
                     session: false,
                 },
                 // The other board knows a repetition. One board relays: the identifiers do not name it.
-                Some(Request::Relay { role: to, payload })
-                    if role == Role::Front && to != role && !payload.is_empty() =>
-                {
+                Some(Request::Relay { role: to, payload }) if relays(role, to, payload) => {
                     self.relaying = Some(to);
-                    let frame = SerialFrame::new(payload);
-                    demand = frame.map(|frame| Demand::Relay(to, frame));
+                    demand = SerialFrame::new(payload).map(|frame| Demand::Relay(to, frame));
                     continue;
                 }
                 _ if self.last == Some(number) => {
@@ -305,8 +307,7 @@ impl Attendant {
                 }
             };
             let again = matches!(reply, Reply::Hello { .. });
-            let frame = protocol::encode(number, &reply);
-            self.respond(number, frame, send);
+            self.respond(number, protocol::encode(number, &reply), send);
             if again {
                 (self.last, self.greeted) = (None, true);
             }

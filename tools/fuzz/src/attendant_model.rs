@@ -245,35 +245,41 @@ impl Attendants {
             }
             Some(Request::Rig) => done(Demand::Session),
             Some(Request::Record(_)) if role != Role::Front => done(Demand::Record),
-            Some(Request::Record(stamp)) => match self.commander.admit(now, stamp) {
-                Some(refusal) => refused(refusal),
-                None => done(Demand::Record),
-            },
             Some(Request::Keep(_) | Request::Release(_) | Request::Order { .. })
                 if role != Role::Front =>
             {
                 other()
             }
-            Some(Request::Keep(stamp)) => match self.commander.admit(now, stamp) {
-                Some(refusal) => refused(refusal),
-                None => Due::Reply(reply(Reply::Done)),
-            },
-            Some(Request::Release(stamp)) => match self.commander.admit(now, stamp) {
-                Some(refusal) => refused(refusal),
-                None => {
-                    self.commander.ends = None;
-                    Due::Reply(reply(Reply::Done))
-                }
-            },
             Some(Request::Order { .. }) if !self.ports[port].greeted => refused(Refusal::NoSession),
-            Some(Request::Order { stamp, order }) => match self.commander.admit(now, stamp) {
-                Some(refusal) => refused(refusal),
-                None if matches!(order, Order::Place(_)) && motors == MotorState::Driven => {
-                    refused(Refusal::Armed)
-                }
-                None => Due::Later(Demand::Order(stamp.sequence, order)),
+            Some(request) => self.commanded(number, now, motors, &request),
+        }
+    }
+
+    /// What is due for a request that the front board takes from the host with the lease.
+    fn commanded(&mut self, number: u8, now: u64, motors: MotorState, request: &Request) -> Due {
+        let reply = |reply: Reply| encoded(number, &reply);
+        let refused = |refusal| Due::Reply(reply(Reply::Refused(refusal)));
+        let (Request::Keep(stamp)
+        | Request::Release(stamp)
+        | Request::Record(stamp)
+        | Request::Order { stamp, .. }) = request
+        else {
+            return refused(Refusal::NoSession);
+        };
+        if let Some(refusal) = self.commander.admit(now, *stamp) {
+            return refused(refusal);
+        }
+        match request {
+            Request::Record(_) => Due::Act(reply(Reply::Done), Demand::Record),
+            Request::Release(_) => {
+                self.commander.ends = None;
+                Due::Reply(reply(Reply::Done))
+            }
+            Request::Order { order, .. } => match order {
+                Order::Place(_) if motors == MotorState::Driven => refused(Refusal::Armed),
+                order => Due::Later(Demand::Order(stamp.sequence, *order)),
             },
-            Some(_) => refused(Refusal::NoSession),
+            _ => Due::Reply(reply(Reply::Done)),
         }
     }
 
