@@ -95,11 +95,14 @@ pub(crate) fn supervisor_in(state: OperatingState) -> supervisor::State {
     at
 }
 
+/// Conditions, a cause beyond its limit and one within it.
+pub(crate) type Cause<T> = (&'static [Condition], fn(&mut T), fn(&mut T));
+
 /// Asserts that each cause brings its conditions and that what lies just within the limit brings none, alone and with
 /// every other cause that does not exclude it. `sound` has no condition.
 pub(crate) fn assert_watched<T: Clone>(
     sound: &T,
-    causes: &[(&[Condition], fn(&mut T), fn(&mut T))],
+    causes: &[Cause<T>],
     watch: impl Fn(&T) -> Conditions,
 ) {
     let set = |conditions: &[Condition]| {

@@ -2,7 +2,7 @@ use super::super::{Config, FrameProperties, Stop};
 use super::*;
 use crate::control::cascade::AxleReference;
 use crate::math::{Posture, Steering};
-use crate::node::testing::{assert_watched, beat, supervisor_in};
+use crate::node::testing::{Cause, assert_watched, beat, supervisor_in};
 use crate::time::Stamped;
 
 const FRAME: FrameProperties = FrameProperties {
@@ -83,7 +83,7 @@ fn in_state(axle: AxleId, state: OperatingState) -> Watched {
 
 /// Rows of the table while the axle drives: 60, 30 and 50 ms, 0.08 m and 0.35 rad, 0.6 of the torque at 0.2 rad/s, and
 /// 0.8 rad/s less what pushed wheels turn.
-const WHILE_DRIVING: &[(&[Condition], fn(&mut Watched), fn(&mut Watched))] = {
+const WHILE_DRIVING: &[Cause<Watched>] = {
     use Condition::{
         CommandTimeout, EncoderFault, MeasurementRefused, MessageLost, MotorStall, NeighbourFault,
         NeighbourLost, NotANumber, SupplyLow, TorqueLimited, TrackingLost, WheelSlip,

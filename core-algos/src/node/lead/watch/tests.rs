@@ -4,7 +4,7 @@ use crate::fusion::constants::{GYRO_BIAS, SCALE, ZERO};
 use crate::fusion::robot::Mode;
 use crate::math::{Posture, Wrench};
 use crate::node::robot::RobotConfig;
-use crate::node::testing::{assert_watched, beat, supervisor_in};
+use crate::node::testing::{Cause, assert_watched, beat, supervisor_in};
 use crate::time::Stamped;
 
 const NOW: Micros = 1_000_000;
@@ -112,11 +112,8 @@ fn with_mode(state: OperatingState, mode: Mode) -> Watched {
     watched
 }
 
-/// Conditions, a cause beyond its limit and one within it.
-type Cause = (&'static [Condition], fn(&mut Watched), fn(&mut Watched));
-
 /// Rows of heartbeats: one axle is silent, the other one stops or does not arm.
-const HEARTBEATS: [[Cause; 3]; 2] = {
+const HEARTBEATS: [[Cause<Watched>; 3]; 2] = {
     use OperatingState::{Active, Fault, Idle, SafeStop};
     const LOST: &[Condition] = &[Condition::NeighbourLost];
     const FAULT: &[Condition] = &[Condition::NeighbourFault];
@@ -159,7 +156,7 @@ const HEARTBEATS: [[Cause; 3]; 2] = {
 };
 
 /// Rows of the table while the robot drives.
-const WHILE_DRIVING: &[Cause] = {
+const WHILE_DRIVING: &[Cause<Watched>] = {
     use Condition::{
         BeamInconsistent, BeamLost, CommanderSilent, EstimateInconsistent, EstimateVague,
         FrameBent, GaveUp, MessageLost, NotANumber, WheelsInconsistent, WrenchHigh,
