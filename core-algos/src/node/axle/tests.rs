@@ -335,8 +335,12 @@ fn a_stop_brakes_on_the_path_of_a_bent_frame() {
     (node.state.velocity, node.state.steering) = (0.2, Steering(0.3));
     node.state.followed = Some(AxleReference::default());
     let mut reference = AxleReference::default();
-    let ticks = (1..2000).find(|_| {
+    let ticks = (1..2000).find(|tick| {
         reference = node.brake();
+        // 0.2 s to slow down and 0.1 s of rest; then the hold fades over 0.75 s.
+        let hold = (1.0 - (0.001 * f64::from(*tick) - 0.3) / 0.75).clamp(0.0, 1.0);
+        let found = node.state.stop.unwrap().hold;
+        assert!((f64::from(found) - hold).abs() < 2e-3, "{tick}: {found}");
         node.state.halted
     });
     assert!((1049..=1052).contains(&ticks.unwrap()), "{ticks:?}");

@@ -45,6 +45,20 @@ pub(super) fn step(
 mod tests {
     use super::*;
 
+    /// A way long enough for the whole difference draws it, and no more.
+    #[test]
+    fn odom_never_goes_beyond_map() {
+        let last = Posture::new(0.0, 0.0, 0.0);
+        for way in [1.0f32, 100.0] {
+            let map = Posture::new(way + 1e-3, -2e-3, 1e-3);
+            let odom = step(Some(last), (0.0, Posture::new(way, 0.0, 0.0)), map, true);
+            assert!(odom.distance(map) < 1e-5 * way, "{odom:?} {map:?}");
+        }
+        // Nothing moved, and nothing to draw.
+        let still = step(Some(last), (0.0, Posture::ORIGIN), last, true);
+        assert_eq!(still, last);
+    }
+
     /// 10 cm ahead an epoch in both frames; `map` jumps once.
     #[test]
     fn a_jump_of_map_reaches_odom_by_a_share_of_the_way_and_whole_at_rest() {

@@ -320,3 +320,79 @@ fn trajectory_with_a_rest_is_no_lack_of_progress() {
         assert!(!step.stuck, "{epoch}");
     }
 }
+
+/// Points after one that was driven to its end begin a new path or trajectory.
+#[test]
+fn points_pushed_to_a_task_that_rests_begin_anew() {
+    let mut filled = State::default();
+    push(&mut filled, 0..=9);
+    (0..5).for_each(|number| push_in_time(&mut filled, number, 0.1));
+    for (resting, room) in [
+        (false, [PATH_POINTS - 11, TRAJECTORY_POINTS - 5]),
+        (true, [PATH_POINTS - 1, TRAJECTORY_POINTS]),
+    ] {
+        let mut state = filled.clone();
+        state.resting = resting;
+        push(&mut state, 10..=10);
+        assert_eq!([state.path_room(), state.trajectory_room()], room);
+        let mut state = filled.clone();
+        state.resting = resting;
+        push_in_time(&mut state, 5, 0.1);
+        let room = match resting {
+            false => [PATH_POINTS - 10, TRAJECTORY_POINTS - 6],
+            true => [PATH_POINTS, TRAJECTORY_POINTS - 1],
+        };
+        assert_eq!([state.path_room(), state.trajectory_room()], room);
+    }
+}
+
+/// At the end of the course, once both wish and motion have faded.
+#[test]
+fn robot_rests_when_wish_and_motion_have_faded() {
+    let task = task();
+    let slow = task.rest_speed;
+    for finished in [false, true] {
+        for (wished, driven, faded) in [
+            (slow, -slow, true),
+            (-slow, slow, true),
+            (slow.next_up(), 0.0, false),
+            (-slow.next_up(), 0.0, false),
+            (0.0, slow.next_up(), false),
+            (0.0, -slow.next_up(), false),
+        ] {
+            let mut state = State::default();
+            let course = Course {
+                finished,
+                end: None,
+                asked: true,
+            };
+            let wish = Wish {
+                v: wished,
+                ..Wish::default()
+            };
+            let at = (Posture::ORIGIN, &WITHIN);
+            let step = task.conclude(&mut state, &course, at, wish, &moving(driven));
+            let rests = finished && faded;
+            assert_eq!(
+                (state.resting, step.wish.is_none()),
+                (rests, rests),
+                "{wished} {driven}"
+            );
+            assert!(!step.done, "it still moves");
+        }
+    }
+}
+
+#[test]
+fn progress_along_the_path_is_kept() {
+    let (task, mut state) = (task(), State::default());
+    push(&mut state, 0..=50);
+    for x in [0.1f32, 0.2, 0.3] {
+        task.follow(&mut state, Posture::new(x, 0.0, 0.0), &WITHIN, &moving(0.1));
+        assert!(
+            (state.progress.s - x).abs() < 0.02,
+            "{x} {}",
+            state.progress.s
+        );
+    }
+}

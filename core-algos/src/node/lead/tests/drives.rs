@@ -165,6 +165,8 @@ fn the_robot_comes_to_a_goal_aside_and_behind() {
     assert_eq!(world.node.supervision().operating(), OperatingState::Idle);
     world.node.command(Task::regulate(goal));
     world.run(|_, _| ());
+    // The second stop has its whole time.
+    assert!((94..=96).contains(&world.epochs(OperatingState::SafeStop)));
     world.node.restart();
     let new = LeadNode::new(RobotConfig::default().build_lead().unwrap());
     assert_eq!(world.node, new);
