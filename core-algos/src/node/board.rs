@@ -328,6 +328,64 @@ mod tests {
         }
     }
 
+    /// The front board steps its lead node once an epoch, and has it work ahead at each other tick that begins no epoch.
+    #[test]
+    fn the_lead_node_works_ahead_between_its_steps() {
+        use crate::math::Posture;
+        use crate::node::robot::Told;
+        use crate::node::testing::{axle_report, beat};
+        use crate::safety::OperatingState;
+        use crate::topology::Node;
+        let config = RobotConfig::default();
+        let mut board = Board::new(&config, Role::Front).unwrap();
+        let lead = board.lead().unwrap();
+        lead.initialize(&config.put_down(Posture::ORIGIN, &Told::default()));
+        lead.command(lead::Task::regulate(Posture::new(-1.0, 0.5, 0.0)));
+        let Board::Front { mut axle, mut lead } = board.clone() else {
+            panic!("no lead node");
+        };
+        let samples = axle::Samples {
+            encoder: [Some(0); 2],
+            ..axle::Samples::default()
+        };
+        let (mut works, mut own) = ([0; 3], Outbox::new());
+        for tick in 0..2000u64 {
+            let now = tick * TICK;
+            let mut messages: Vec<Message> = core::mem::take(&mut own).iter().copied().collect();
+            if is_epoch_start(now) {
+                let uptime = (now / EPOCH).min(255) as u8;
+                let report = axle_report(AxleId::Rear, now, Posture::ORIGIN, uptime, None);
+                messages.extend(report);
+                messages.push(beat(Node::RearAxle, now, OperatingState::Active, 0));
+            }
+            for message in &messages {
+                board.receive(now, message);
+                axle.receive(now, message);
+                lead.receive(now, message);
+            }
+            board.step(now, &Samples::Axle(samples), &mut own);
+            let mut outbox = Outbox::new();
+            axle.step(now, &samples, &mut outbox);
+            let before = lead.clone();
+            match tick % 10 {
+                0 => {}
+                3 => {
+                    lead.step(now, &mut outbox);
+                    works[0] += 1;
+                }
+                phase => {
+                    lead.prepare();
+                    works[if phase < 3 { 1 } else { 2 }] += u32::from(lead != before);
+                }
+            }
+            let Board::Front { axle: a, lead: l } = &board else {
+                panic!("another board");
+            };
+            assert!(a == &axle && l == &lead, "{tick}");
+        }
+        assert!(works[0] == 200 && works[2] > 0, "{works:?}");
+    }
+
     #[test]
     fn samples_of_another_board_are_none() {
         let mut board = Board::new(&RobotConfig::default(), Role::Rear).unwrap();

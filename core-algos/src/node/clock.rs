@@ -295,6 +295,33 @@ mod tests {
         assert_eq!(clock.common(30_100), Some(80_130));
     }
 
+    #[test]
+    fn ticks_are_in_step_within_50_us_or_100_us_after_one_that_was() {
+        for (late_us, first, next) in [
+            (50, true, true),
+            (-50, true, true),
+            (51, false, true),
+            (-51, false, true),
+            (100, false, true),
+            (-100, false, true),
+            (101, false, false),
+            (-101, false, false),
+        ] {
+            let tick = Tick { now: 0, late_us };
+            assert_eq!(
+                (tick.in_step(false), tick.in_step(true)),
+                (first, next),
+                "{late_us}"
+            );
+        }
+        let mut clock = CommonClock::default();
+        for (rest, expected) in [(0.5, 101), (0.49, 100), (-0.5, 100), (-0.51, 99)] {
+            clock.begin(0, 100);
+            clock.fit.as_mut().unwrap().rest = rest;
+            assert_eq!(clock.common(0), Some(expected), "{rest}");
+        }
+    }
+
     /// A pair that is off by more than 100 µs is left out; the tenth in a row begins anew, and a good one begins the
     /// count anew.
     #[test]

@@ -294,6 +294,13 @@ mod tests {
         near(completed.lead.fusion.ipec.track_m, 0.4);
         near(completed.lead.fusion.joint.frame_moment_n_m, 0.5 / 0.4);
         near(completed.lead.course.path.max_speed_m_s, 0.15);
+        let exact = Told {
+            placement_m: 0.0,
+            placement_rad: 0.0,
+            ..Told::default()
+        };
+        let certain = config.put_down(START, &exact).center.covariance;
+        assert!((0..3).all(|i| certain[i][i] > 0.0), "{certain:?}");
         let place = config.put_down(START, &Told::default());
         near(place.relative.posture.x, 0.5);
         near(place.center.posture.x, -1.342);

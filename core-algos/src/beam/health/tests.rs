@@ -159,6 +159,22 @@ fn gauges_that_are_foreign_or_latched_are_no_others_and_faulty_ones_are() {
     assert_eq!(state.flat, GaugeMask(0b10));
 }
 
+/// Contradictions count within one spell of flatness, however many windows that lasts.
+#[test]
+fn contradictions_of_a_suspect_count_until_it_moves() {
+    let monitor = monitor();
+    let flat = [0, 60, 60, 60, 60, NONE, NONE, NONE];
+    let moving = [60; MAX_GAUGES];
+    for (between, dead) in [(flat, true), (moving, false)] {
+        let mut state = State::default();
+        for (ranges, fits) in [(flat, 4), (between, 0), (flat, 1)] {
+            pass_window(&monitor, &mut state, ALL, ranges);
+            (0..fits).for_each(|_| monitor.judge_flat(&mut state, 0, 1e-3));
+        }
+        assert_eq!(state.latched() == GaugeMask(1), dead);
+    }
+}
+
 #[test]
 fn suspects_take_turns_by_the_period() {
     let monitor = monitor();
