@@ -171,3 +171,22 @@ properties! {
         prop_assert_eq!(back.acceleration_m_s2.map(f32::to_bits), Some(bits[1]));
     }
 }
+
+/// 20 frames of ten bytes and one of five leave five bytes.
+#[test]
+fn a_frame_without_room_leaves_the_others_as_they_are() {
+    let frame = |length| bus::CanFrame {
+        id: 0x123,
+        length,
+        data: [7; 8],
+    };
+    let mut packed = Packed::new();
+    assert!(packed.push(&frame(3)));
+    assert!((0..20).all(|_| packed.push(&frame(8))));
+    let before = packed.bytes().to_vec();
+    assert_eq!(before.len(), 205);
+    assert!(!packed.push(&frame(8)) && !packed.push(&frame(4)));
+    assert_eq!(packed.bytes(), before);
+    assert!(packed.push(&frame(3)));
+    assert_eq!(unpack(packed.bytes()).count(), 22);
+}

@@ -283,6 +283,52 @@ fn stalled_wheel_is_noticed_in_either_direction() {
     }
 }
 
+/// Each sensor's refusal counts once, until it is reported.
+#[test]
+fn refused_measurements_are_counted() {
+    let mut settled = node(AxleId::Front);
+    (1..=55).for_each(|tick| {
+        step(&mut settled, tick * TICK, &still());
+    });
+    let refused = |samples: &Samples| {
+        let mut node = settled;
+        node.state.refused = 0;
+        step(&mut node, 56 * TICK, samples);
+        (
+            node.state.refused,
+            node.state.wheels.map(|wheel| wheel.jumped),
+        )
+    };
+    let with = |gyro_rad_s, acceleration_m_s2| Samples {
+        gyro_rad_s,
+        acceleration_m_s2,
+        ..still()
+    };
+    let nan = Some(f32::NAN);
+    for (samples, count) in [
+        (still(), 0),
+        (with(nan, None), 1),
+        (with(None, nan), 1),
+        (with(nan, nan), 2),
+        (with(Some(30.0), None), 1),
+    ] {
+        assert_eq!(refused(&samples).0, count, "{samples:?}");
+    }
+    // A wheel that is too fast for its filter, and one whose count jumps.
+    for side in 0..2 {
+        let mut seen = [false; 2];
+        for counts in (0..4000).step_by(20) {
+            let mut samples = still();
+            samples.encoder[side] = Some(counts);
+            let (count, jumped) = refused(&samples);
+            assert!(count <= 1 && !jumped[1 - side], "{counts} {count}");
+            assert!(count == 1 || !jumped[side], "{counts}");
+            seen[usize::from(jumped[side])] |= count == 1;
+        }
+        assert_eq!(seen, [true; 2], "{side}");
+    }
+}
+
 #[test]
 fn stop_bounds_torque_by_the_share_that_is_held() {
     let ramp = node(AxleId::Front).ramp;
