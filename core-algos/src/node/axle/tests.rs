@@ -266,23 +266,6 @@ fn load_measured_by_the_beam_holds_for_its_timeout() {
     }
 }
 
-#[test]
-fn stalled_wheel_is_noticed_in_either_direction() {
-    let mut node = node(AxleId::Front);
-    let most = Config::default().controller.max_torque_nm;
-    for share in [0.59, -0.59, 0.61, -0.61f32] {
-        for torque_nm in [[share * most, 0.0], [0.0, share * most]] {
-            node.state.output.torque_nm = torque_nm;
-            node.state.refused = u8::from(share > 0.0);
-            let conditions = node.watch(0, &still());
-            let stalls = conditions.contains(Condition::MotorStall);
-            assert_eq!(stalls, share.abs() > 0.6);
-            let refused = conditions.contains(Condition::MeasurementRefused);
-            assert_eq!(refused, share > 0.0);
-        }
-    }
-}
-
 /// Each sensor's refusal counts once, until it is reported.
 #[test]
 fn refused_measurements_are_counted() {
@@ -660,26 +643,6 @@ fn a_turn_that_quickens_is_told_without_the_delay_of_the_gyro() {
     let told = f64::from(node.state.filter.posture().phi);
     let lag = (heading - told) / (QUICKENS_RAD_S2 * 1.5);
     assert!(lag.abs() < 1e-4, "{lag} s");
-}
-
-/// Wheels at 1 and 2 rad/s: the yaw rate is their difference times the radius over the track.
-#[test]
-fn a_gyro_that_contradicts_the_wheels_is_slip() {
-    let mut node = node(AxleId::Front);
-    let mut samples = still();
-    for tick in 0..500u64 {
-        let t = tick as f64 * 1e-3;
-        samples = turned([t, 2.0 * t]);
-        step(&mut node, tick * TICK, &samples);
-    }
-    let limit = Limits::default().slip_rad_s;
-    for times in [0.0, 0.9, -0.9, 1.1, -1.1f32] {
-        samples.gyro_rad_s = Some(0.073 / 0.324 + times * limit);
-        let slips = node
-            .watch(500 * TICK, &samples)
-            .contains(Condition::WheelSlip);
-        assert_eq!(slips, times.abs() > 1.0, "{times}");
-    }
 }
 
 #[test]

@@ -60,27 +60,6 @@ fn node_of(config: &RobotConfig) -> LeadNode {
     node
 }
 
-/// A robot that drives to a goal stops when its host is lost; a robot at rest stays as it is.
-#[test]
-fn lost_commander_stops_a_robot_that_drives() {
-    let mut node = node();
-    let goal = Posture::new(1.0, 0.0, 0.0);
-    let still = [(Posture::ORIGIN, 0); 2];
-    node.lose_commander();
-    assert!(!node.state.lost && node.activity(0) == Activity::Resting);
-    node.command(Task::regulate(goal));
-    assert_eq!(node.activity(0), Activity::Busy);
-    node.lose_commander();
-    assert_eq!(node.state.task, Task::Stop);
-    let stopped = node.decide(0, &Transform::from(Posture::ORIGIN));
-    assert!(stopped.done && stopped.mode == LeadMode::Hold);
-    let output = epoch(&mut node, 1, still);
-    assert!(!output.done && node.state.is_silent());
-    // The next task drives again.
-    node.command(Task::regulate(goal));
-    assert!(!node.state.is_silent());
-}
-
 #[test]
 fn odometry_that_begins_anew_is_no_motion() {
     let mut node = node();
@@ -380,38 +359,6 @@ fn a_drive_begins_with_the_bend_of_the_frame() {
         node.state.governor.motion.psi = Steering(commanded);
         let output = epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]);
         assert!((output.motion.psi.0 - begins).abs() < 2e-3, "{commanded}");
-    }
-}
-
-#[test]
-fn a_beam_whose_innovations_stay_far_too_large_is_named() {
-    let mut node = node();
-    let output = epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]);
-    let named = |node: &LeadNode| {
-        let conditions = node.watch(EPOCH, Some(&output.fused));
-        conditions.contains(Condition::BeamInconsistent)
-    };
-    node.state.nis = 0.5;
-    assert!(!named(&node));
-    for nis in [NIS_LIMIT + 0.1, f32::NAN] {
-        node.state.nis = nis;
-        assert!(named(&node));
-    }
-}
-
-#[test]
-fn bend_that_is_too_large_or_unknown_is_a_bent_frame() {
-    let mut node = node();
-    let fused = epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]).fused;
-    for (turn, bent) in [(1.3, false), (1.5, true), (-1.5, true), (f32::NAN, true)] {
-        let mut odometry = fused;
-        odometry.front.posture.phi = odometry.rear.posture.phi + turn;
-        let beam = Stamped::new(Posture::new(0.37, 0.0, turn), EPOCH);
-        for (beam, fused) in [(None, odometry), (Some(beam), fused)] {
-            node.state.beam_posture = beam;
-            let conditions = node.watch(EPOCH, Some(&fused));
-            assert_eq!(conditions.contains(Condition::FrameBent), bent, "{turn}");
-        }
     }
 }
 

@@ -213,6 +213,11 @@ const WHILE_DRIVING: &[Cause<Watched>] = {
             |w| w.node.state.nis = 3.0,
         ),
         (
+            &[BeamInconsistent],
+            |w| w.node.state.nis = f32::NAN,
+            |w| w.node.state.nis = 0.0,
+        ),
+        (
             &[CommanderSilent],
             |w| w.node.state.lost = true,
             |w| w.node.state.lost = false,
