@@ -253,6 +253,8 @@ impl Monitor {
 
     /// Looks at the residual of the fit through `used`. Gives the gauge to be left out of one more
     /// fit, whose residual goes to [`Self::hear`]; `None` if there is nothing to search.
+    // Its variables are not to be in the stack of every tick.
+    #[inline(never)]
     pub(super) fn watch(
         &self,
         state: &mut State,
