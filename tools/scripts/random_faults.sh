@@ -1,0 +1,7 @@
+#!/usr/bin/env bash
+# The whole robot in this process under random faults: random_faults.sh RUNS [FIRST_SEED]
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+runs=${1:?random_faults.sh: give the number of runs}
+RANDOM_FAULT_RUNS=$runs RANDOM_FAULT_SEED=${2:-1} \
+  cargo test --locked --release --package host-sim --test suite -- random_faults --nocapture
