@@ -57,7 +57,7 @@ struct Part {
 impl Tree {
     /// Copies what git tracks of core-algos and of the crate that it needs.
     pub fn copy(root: &Path) -> Result<Self> {
-        let folder = root.join("target/mutants");
+        let folder = root.join("target/meaning");
         let listed = Command::new("git")
             .args([
                 "ls-files",
