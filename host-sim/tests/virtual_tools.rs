@@ -156,6 +156,6 @@ fn soak_on_virtual_boards_reaches_goals_in_bounded_memory() {
     assert!(memory(9) < memory(0) + 400, "{report}");
     for board in report["boards"].as_array().unwrap() {
         assert_eq!(board["missed_ticks"], 0, "{board}");
-        assert!(board["longest_tick_us"].as_u64().unwrap() <= 750, "{board}");
+        assert!(board["longest_tick_us"].as_u64().unwrap() <= 800, "{board}");
     }
 }
