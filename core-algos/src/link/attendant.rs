@@ -19,7 +19,7 @@
 //! | requests of a session | refused: no session | at once | | the board drives by itself |
 //! | what cannot be decoded | refused: malformed | at once | | another version |
 //!
-//! What follows a demand in one lot of bytes has no answer, and the host repeats it: a demand is carried out before the next.
+//! A request behind a demand in the same bytes gets no answer. Its host repeats it.
 
 use super::endpoint::Identity;
 use super::framing::{Decoder, SerialFrame};
