@@ -115,8 +115,8 @@ pub struct BoardReport {
     pub can: Can,
 }
 
-/// Limit of a tick, µs: a quarter of the millisecond is kept in reserve.
-const TICK_LIMIT_US: u64 = 750;
+/// Limit of a tick, µs: a fifth of the millisecond is kept in reserve. The longest ticks search for a plan.
+const TICK_LIMIT_US: u64 = 800;
 
 impl BoardReport {
     /// First thing that a sound board does not do, if any. Power that is cut may cut a frame.
