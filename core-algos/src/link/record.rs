@@ -7,7 +7,7 @@
 //! | entry | holds | reason |
 //! |---|---|---|
 //! | frame | identifier and data; more than 8 bytes are no frame | |
-//! | tick | ticks since the latest one or the beginning, counts since those of the latest tick that had them, all modulo 2³² | small numbers are short |
+//! | tick | difference to the latest recorded tick or the beginning, and of the encoder counts to the latest ones recorded, all modulo 2³² | small numbers are short |
 //! | tick, torques | both, unless both are +0 to the bit | replay compares bits |
 //! | beginning | its first tick; counts begin at 0, and this tick is one after the reference | either side knows the reference |
 //! | entry cut short, or unknown | none, and nothing behind it | its length is unknown |

@@ -5,7 +5,7 @@
 //!
 //! | event | values | source and "saved" of a value | reason |
 //! |---|---|---|---|
-//! | start of a board | those of the store, by [`Contents::settle`]; all defaults if no node can be built with them | source by the store; saved | |
+//! | start of a board | values of the store, by [`Contents::settle`]; all defaults if no node can be built with them | source by the store; saved | |
 //! | value set | the value, if in range; else as before | source as before; saved if its bits are those that a reset would give | |
 //! | saved | as they are | source by the store; saved if the store took the value | the store is read back |
 //! | no such index | refused: index | | |
