@@ -217,6 +217,11 @@ mod tests {
             for sign in [1.0, -1.0] {
                 let found = arc.steering(sign * kappa, 1.5);
                 prop_assert!((sign * found.0 - psi).abs() < tolerance, "{found:?} {psi}");
+                // Whatever the search begins with: Newton's method alone may end at another root.
+                for begin in [0.0, 0.3, 0.8, 1.5] {
+                    let found = arc.search(sign * begin, sign * kappa, 1.5);
+                    prop_assert!((sign * found - psi).abs() < tolerance, "{begin}: {found} {psi}");
+                }
             }
         }
 

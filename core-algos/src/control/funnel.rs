@@ -205,4 +205,30 @@ mod tests {
         };
         assert!(!contains(nan, 3.0));
     }
+
+    #[test]
+    fn bearing_counts_the_arrival_on_the_other_side_of_the_line_of_sight() {
+        let bound = MAX_BEARING_RAD;
+        for (alpha, eta, allowed) in [
+            (bound, 0.0, true),
+            (bound.next_up(), 0.0, false),
+            (-bound, -1.0, true),
+            (bound, 1.0, true),
+            (2.0, -0.39, true),
+            (-2.0, 0.39, true),
+            (2.0, -0.41, false),
+            (-2.0, 0.41, false),
+            (f32::NAN, 0.0, false),
+        ] {
+            assert_eq!(bearing_allowed(alpha, eta), allowed, "{alpha} {eta}");
+        }
+        let at = |distance_m, theta, alpha| PolarError {
+            distance_m,
+            theta,
+            alpha,
+        };
+        assert_eq!(needed_curvature(at(0.0, 0.0, 0.0)), f32::INFINITY);
+        assert!(contains(at(1.0, 0.0, 0.0), 0.0), "the line itself");
+        assert!(!contains(at(1.0, 0.0, 1e-3), 0.0));
+    }
 }

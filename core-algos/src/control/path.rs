@@ -276,7 +276,7 @@ impl Follower {
         let reach = sqrt(reach * reach + 2.0 * a * distance.max(0.0));
         let speed = (reach - delay).max(0.0);
         // v dv/ds of the line above.
-        let rate = if distance > 0.0 && reach > 0.0 {
+        let rate = if distance > 0.0 {
             -a * speed / reach
         } else {
             0.0

@@ -40,3 +40,31 @@ impl Stuck {
         self.time_s = 0.0;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn time_counts_while_asked_and_within_a_millimetre_of_the_last_motion() {
+        let mut stuck = Stuck::NEW;
+        for (asked, x, y, time_s) in [
+            (true, MOVED_M, 0.0, 0.5),
+            (true, 0.0, -MOVED_M, 1.0),
+            (true, MOVED_M.next_up(), 0.0, 0.0),
+            // From where it moved last.
+            (true, 0.0, 0.0, 0.0),
+            (true, 0.0, 0.0, 0.5),
+            (false, 0.0, 0.0, 0.0),
+            (true, 0.0, 0.0, 0.5),
+            (true, f32::NAN, 0.0, 0.0),
+        ] {
+            let found = stuck.step(asked, Posture::new(x, y, 1.0), 0.5);
+            assert_eq!(found, time_s, "{asked} {x} {y}");
+        }
+        let mut waited = Stuck::NEW;
+        waited.step(true, Posture::ORIGIN, 0.5);
+        waited.reset();
+        assert_eq!(waited.step(true, Posture::ORIGIN, 0.25), 0.25);
+    }
+}

@@ -187,12 +187,33 @@ fn straight_frame_moves_as_one_body() {
 fn bounds_hold_and_nan_counts_as_straight() {
     let cascade = Config::default().build().unwrap();
     assert_eq!(cascade.steering(1e9).0, 0.5);
+    assert_eq!(cascade.steering(cascade.max_curvature()).0, 0.5);
     assert_eq!(cascade.steering(f32::NEG_INFINITY).0, -0.5);
     assert_eq!(cascade.steering(f32::NAN).0, 0.0);
     assert_eq!(cascade.curvature(Steering(f32::NAN)), 0.0);
     assert_eq!(cascade.curvature(Steering(9.0)), cascade.max_curvature());
     // 2 · 0.5/(0.37 cos 0.5)
     assert!((cascade.max_curvature() - 3.079_712).abs() < 1e-5);
+}
+
+#[test]
+fn headings_of_the_axles_are_within_half_a_turn() {
+    for phi in [-3.1f32, -2.9, -2.5, 0.0, 2.5, 2.9, 3.1] {
+        for psi in [-0.4f32, 0.0, 0.4] {
+            let motion = Motion {
+                psi: Steering(psi),
+                ..Motion::default()
+            };
+            let axles = cascade(0.0, Form::Exact).references(Posture::new(0.0, 0.0, phi), &motion);
+            for (axle, turned) in axles.iter().zip([phi + psi, phi - psi]) {
+                let exact = f64::from(turned).sin().atan2(f64::from(turned).cos());
+                assert!(
+                    (f64::from(axle.posture.phi) - exact).abs() < 1e-6,
+                    "{phi} {psi}"
+                );
+            }
+        }
+    }
 }
 
 #[test]

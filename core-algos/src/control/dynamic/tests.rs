@@ -171,16 +171,18 @@ properties! { cases 40;
     #[test]
     fn velocity_errors_make_force_and_moment_with_xi_squared(
         v in -0.4f32..0.4, omega in -0.8f32..0.8, v_r in -0.3f32..0.3, y in -0.02f32..0.02,
+        most in 1.0f32..4.0,
     ) {
         let reference = AxleReference {
             posture: Posture::new(0.0, y, 0.0), twist: Twist::new(v_r, 0.0), ..Default::default()
         };
         let input = Input { twist: Twist::new(v, omega), reference, ..Input::default() };
-        let config = Config { max_torque_nm: 50.0, max_xi_squared: 10.0, ..Config::default() };
+        let config = Config { max_torque_nm: 50.0, max_xi_squared: most, ..Config::default() };
         let command = config.build().unwrap().step(&input);
         let square = |t: Twist| f64::from(t.v).powi(2) + f64::from(t.omega).powi(2);
         let speed = square(input.twist);
         let xi = square(command.velocity) + speed + f64::from(v_r).powi(2) + speed * speed + 1.0;
+        let xi = xi.min(most.into());
         let [left, right] = command.torque_nm.map(f64::from);
         let (force, moment) = ((left + right) / 0.073, (right - left) / 0.073 * 0.162);
         let [dv, dw] = [command.velocity.v - v, command.velocity.omega - omega].map(f64::from);
@@ -191,13 +193,14 @@ properties! { cases 40;
     #[test]
     fn saturation_keeps_the_direction(
         x in -5.0f32..5.0, omega in -20.0f32..20.0, motor: bool,
+        v in -2.0f32..2.0, turn in -8.0f32..8.0,
     ) {
         let config = Config {
             motor: motor.then_some(Motor { stall_torque_nm: 2.5, no_load_speed_rad_s: 20.0 }),
             ..Config::default()
         };
         let input = Input {
-            twist: Twist::new(0.2, 0.3),
+            twist: Twist::new(v, turn),
             reference: AxleReference {
                 posture: Posture::new(x, 0.0, 0.0),
                 twist: Twist::new(0.2, omega),
@@ -208,16 +211,19 @@ properties! { cases 40;
         let limited = config.build().unwrap().step(&input);
         let free = Config { max_torque_nm: 1e6, motor: None, ..config }.build().unwrap().step(&input);
         prop_assert!(limited.torque_nm.iter().all(|t| t.abs() <= 2.0));
-        prop_assert!(limited.scale > 0.0 && limited.scale <= 1.0);
         for i in 0..2 {
             let gap = limited.torque_nm[i] - limited.scale * free.torque_nm[i];
             prop_assert!(gap.abs() < 1e-5);
         }
-        if motor {
-            let fast = (0.2 + 0.162 * 0.3) / 0.073;
-            let right = limited.torque_nm[1];
-            prop_assert!(right <= 2.5 * (1.0 - fast / 20.0) + 1e-5);
+        // What each wheel can give in the direction of its torque; one of two that ask for more gives all of it.
+        let mut most = f64::INFINITY;
+        for (side, torque) in [-1.0, 1.0].into_iter().zip(free.torque_nm.map(f64::from)) {
+            let speed = (f64::from(input.twist.v) + side * 0.162 * f64::from(input.twist.omega)) / 0.073;
+            let line = 2.5 * (1.0 - torque.signum() * speed / 20.0);
+            let limit = if motor { line.clamp(0.0, 2.0) } else { 2.0 };
+            most = most.min(limit / torque.abs());
         }
+        prop_assert!((f64::from(limited.scale) - most.min(1.0)).abs() < 1e-5, "{most}");
     }
 
     #[test]
@@ -242,6 +248,21 @@ properties! { cases 40;
             prop_assert!(!command.valid);
             prop_assert_eq!(command.torque_nm, [0.0; 2]);
         }
+    }
+}
+
+/// The sum of two large torques overflows at one wheel, their difference does not.
+#[test]
+fn one_torque_that_is_not_finite_gives_none() {
+    let dynamic = Dynamic {
+        mass: 2e38,
+        yaw_inertia: 2e38,
+        ..controller()
+    };
+    for omega in [1.0, -1.0] {
+        let mut input = Input::default();
+        input.reference.acceleration = Twist::new(1.0, omega);
+        assert_eq!(dynamic.step(&input), Command::default());
     }
 }
 

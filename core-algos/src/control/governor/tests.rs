@@ -245,6 +245,63 @@ fn absent_wish_brakes_and_a_bad_interval_changes_nothing() {
 }
 
 #[test]
+fn wish_beyond_the_curvature_of_the_frame_is_its_largest_steering() {
+    for (kappa, psi) in [(3.0f32, 0.491_6f32), (3.2, 0.5), (1e30, 0.5), (-1e30, -0.5)] {
+        let found = Wish::from_curvature(&frame(), 0.1, kappa).psi.0;
+        assert!((found - psi).abs() < 2e-3, "{kappa}: {found}");
+    }
+}
+
+#[test]
+fn steering_is_no_faster_than_speed_can_brake_for_it() {
+    let config = Config {
+        max_wheel_speed_m_s: 0.35,
+        max_speed_m_s: 1.0,
+        max_acceleration_m_s2: 0.1,
+        ..Config::default()
+    };
+    let governor = config.build(&frame()).unwrap();
+    let limit = |psi| f64::from(governor.speed_limit(Steering(psi)));
+    let slopes = (1..5000).map(|i| (limit(1e-4 * i as f32 - 1e-4) - limit(1e-4 * i as f32)) / 1e-4);
+    let steepest = slopes.fold(0.0, f64::max);
+    let rate = 0.1 / steepest;
+    let found = f64::from(governor.max_steering_rate);
+    assert!(found < rate && found > 0.9 * rate, "{found} {rate}");
+}
+
+#[test]
+fn wish_to_slow_down_at_rest_does_not_back_the_robot() {
+    let wish = Wish {
+        v: 1e-4,
+        v_rate: -0.3,
+        ..Wish::default()
+    };
+    let state = stepped(&governor(), &State::default(), &wish, 0.01);
+    assert_eq!((state.motion.v, state.direction), (0.0, 0.0));
+}
+
+#[test]
+fn each_change_of_direction_has_its_own_rest() {
+    let governor = governor();
+    let mut state = State::default();
+    for v in [0.1, -0.1, 0.1] {
+        let before = state.rest_s;
+        state = run(&governor, state, wish(v, 0.0), 0.01, 2.0);
+        assert!(state.motion.v * v > 0.0 && before == 0.0);
+        assert_eq!(state.rest_s, 0.0, "in motion");
+    }
+}
+
+#[test]
+fn stop_may_be_as_gentle_as_braking() {
+    let config = Config {
+        stop_deceleration_m_s2: Config::default().max_acceleration_m_s2,
+        ..Config::default()
+    };
+    assert!(config.build(&frame()).is_ok());
+}
+
+#[test]
 fn impossible_limits_are_named() {
     crate::config::refusal_of(Config::default(), |c| c.build(&frame())).names(&[
         ("max_wheel_speed_m_s", |c| c.max_wheel_speed_m_s = 0.1),

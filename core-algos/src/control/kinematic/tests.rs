@@ -216,3 +216,144 @@ fn steering_bound_gives_the_curvature_bound() {
     let limits = LimitsConfig::default().build().unwrap();
     assert!((limits.max_curvature() - 3.079_7).abs() < 1e-3);
 }
+
+#[test]
+fn error_without_a_line_of_sight_is_that_of_the_headings() {
+    let reference = Posture::new(0.3, -0.2, 0.7);
+    let error = PolarError::between(Posture::new(0.3, -0.2, 0.5), reference);
+    assert_eq!((error.distance_m, error.theta), (0.0, 0.0));
+    assert!((error.alpha - 0.2).abs() < 1e-6);
+}
+
+#[test]
+fn command_with_a_number_that_is_not_finite_is_rest() {
+    let limits = LimitsConfig::default().build().unwrap();
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        for (v, kappa) in [(bad, 0.1), (0.1, bad)] {
+            let command = Command {
+                v,
+                kappa,
+                phi_dot: 0.0,
+            };
+            assert_eq!(limits.limit(command), Command::REST, "{v} {kappa}");
+        }
+    }
+}
+
+/// Equation 4 with the guards of its docs, in f64.
+fn equation_four(c: &Config, [e, theta, alpha]: [f64; 3], v_r: f64, kappa_r: f64) -> [f64; 2] {
+    let [r, k1, k2] = [c.circle_radius_m, c.approach_gain_m_s, c.heading_gain_rad_s].map(f64::from);
+    let shape = (f64::from(c.epsilon) + 2.0 * theta.sin().powi(2)).sqrt();
+    let (es, root) = (e * shape, r * std::f64::consts::SQRT_2);
+    let double = root * (2.0 * theta).sin();
+    let turning = double * alpha.sin();
+    let denominator = match (c.form, f64::from(c.denominator_floor)) {
+        (Form::Printed, _) => es + turning,
+        (Form::Derived, 0.0) => es * alpha.cos() + turning,
+        (Form::Derived, floor) => (es * alpha.cos() + turning).max(floor * es),
+    };
+    let feedforward = v_r * (es * theta.cos() + double * (theta.sin() + kappa_r * e));
+    let v = (k1 * es * (e - root * shape).tanh() + feedforward) / denominator;
+    let turn = (2.0 / e) * (v * alpha.sin() - v_r * theta.sin());
+    [v, k2 * (theta + alpha).tanh() + turn - v_r * kappa_r]
+}
+
+properties! { cases 400;
+    #[test]
+    fn command_is_equation_four(
+        e in 0.05f32..2.0, theta in -3.0f32..3.0, alpha in -3.0f32..3.0,
+        v_r in -0.3f32..0.3, kappa_r in -2.0f32..2.0, printed: bool, floored: bool,
+    ) {
+        let config = Config {
+            form: if printed { Form::Printed } else { Form::Derived },
+            denominator_floor: if floored { 0.3 } else { 0.0 },
+            ..Config::default()
+        };
+        let error = PolarError { distance_m: e, theta, alpha };
+        let found = config.build().unwrap().command(error, v_r, kappa_r);
+        let seen = [e, theta, alpha].map(f64::from);
+        let [v, phi_dot] = equation_four(&config, seen, v_r.into(), kappa_r.into());
+        prop_assume!(v.abs() < 20.0 && v.abs() > 1e-3);
+        let tolerance = 1e-4 * (1.0 + v * v) / seen[0];
+        prop_assert!((f64::from(found.v) - v).abs() < tolerance, "{found:?} {v}");
+        prop_assert!((f64::from(found.phi_dot) - phi_dot).abs() < 10.0 * tolerance, "{found:?} {phi_dot}");
+        let kappa = f64::from(found.phi_dot) / f64::from(found.v);
+        prop_assert!((f64::from(found.kappa) - kappa).abs() < 1e-5 * (1.0 + kappa.abs()));
+        // A reference that backs is followed rear first.
+        let (center, goal) = (Posture::new(0.1, -0.2, alpha), Posture::new(0.4, 0.3, theta));
+        let law = config.build().unwrap();
+        let tracked = law.track(center, Reference { posture: goal, v: v_r, kappa: kappa_r });
+        let seen = PolarError::between(center, goal);
+        let seen = if v_r < 0.0 { seen.reversed() } else { seen };
+        let same = law.command(seen, v_r.abs(), kappa_r * 1f32.copysign(v_r));
+        prop_assume!(same.v.abs() < 20.0 && same.v.abs() > 1e-3);
+        prop_assert!((tracked.v - same.v * 1f32.copysign(v_r)).abs() < 1e-3, "{tracked:?} {same:?}");
+        prop_assert!((tracked.phi_dot - same.phi_dot).abs() < 1e-2, "{tracked:?} {same:?}");
+    }
+
+    /// From two to four softening lengths the speed passes over into that times max(0, cos α).
+    #[test]
+    fn approach_slows_down_abeam_of_the_goal(
+        e in 0.01f32..0.3, theta in -3.0f32..3.0, alpha in -1.5f32..1.5, reverse: bool,
+    ) {
+        let config = Config::default();
+        let law = config.build().unwrap();
+        let direction = if reverse { Direction::Reverse } else { Direction::Forward };
+        let seen = PolarError { distance_m: e, theta, alpha };
+        let found = law.approach(seen.along(direction), direction);
+        let [d, t, a] = [e, theta, alpha].map(f64::from);
+        let [v, _] = equation_four(&config, [d, t, a], 0.0, 0.0);
+        let far = (d / 0.06 - 1.0).clamp(0.0, 1.0);
+        let v = v.max(0.0) * (far + (1.0 - far) * a.cos().max(0.0));
+        let eta = (t + a).sin().atan2((t + a).cos());
+        prop_assume!(eta.abs() < 3.1);
+        let kappa = (2.0 * a.sin() + 3.0 * eta) * d / (d * d + 0.03 * 0.03);
+        let sign = f64::from(direction.sign());
+        prop_assert!((f64::from(found.v) - sign * v).abs() < 2e-3 * (0.1 + v), "{found:?} {v}");
+        prop_assert!((f64::from(found.kappa) - sign * kappa).abs() < 2e-4 * (1.0 + kappa.abs()), "{found:?} {kappa}");
+    }
+}
+
+/// Below the least distance the angles themselves count; just above, their sines.
+#[test]
+fn reference_at_hand_is_tracked_by_the_angles() {
+    let law = Config::default().build().unwrap();
+    for distance in [0.0, 0.5, 1.0, 1.5, 40.0].map(|part| part * MIN_DISTANCE_M) {
+        for (phi, v) in [(0.3, 0.2), (-0.4, 0.0), (0.0, 0.1)] {
+            let (center, posture) = (
+                Posture::new(0.0, 0.0, phi),
+                Posture::new(distance, 0.0, 0.0),
+            );
+            let found = law.track(
+                center,
+                Reference {
+                    posture,
+                    v,
+                    kappa: 0.5,
+                },
+            );
+            let same = law.command(PolarError::between(center, posture), v, 0.5);
+            for (a, b) in [(found.v, same.v), (found.phi_dot, same.phi_dot)] {
+                assert!(
+                    (a - b).abs() <= 1e-4 * (1.0 + b.abs()),
+                    "{distance} {phi}: {found:?} {same:?}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn number_near_zero_is_kept_away_from_it() {
+    for (x, expected) in [
+        (0.0, 1e-6),
+        (1e-7, 1e-6),
+        (-1e-7, -1e-6),
+        (1e-6, 1e-6),
+        (-1e-6, -1e-6),
+        (2e-6, 2e-6),
+        (-2e-6, -2e-6),
+    ] {
+        assert_eq!(away_from_zero(x, 1e-6), expected, "{x}");
+    }
+}

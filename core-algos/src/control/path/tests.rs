@@ -249,7 +249,12 @@ fn unfinished_path_is_driven_to_its_last_point_but_not_ended() {
     let (open, out) = follower.step(&start, &path, near).unwrap();
     assert!(!open.finished && out.reference.v < 0.01);
     path.finish();
-    assert!(follower.step(&start, &path, near).unwrap().0.finished);
+    let (end, out) = follower.step(&start, &path, near).unwrap();
+    assert!(end.finished && end.s == path.end());
+    assert_eq!((out.reference.v, out.v_rate), (0.0, 0.0));
+    // It stays so.
+    let pushed = Posture::new(0.9, 0.0, 0.0);
+    assert!(follower.step(&end, &path, pushed).unwrap().0.finished);
 }
 
 #[test]
@@ -278,12 +283,15 @@ fn trajectory_is_met_at_its_times() {
         assert!((out.reference.posture.x - out.target.x - rest).abs() < 1e-5);
         assert!(!out.finished);
     }
+    assert!(tracker.at(&buffer, 2.0).unwrap().finished);
     let end = tracker.at(&buffer, 5.0).unwrap();
     assert!(end.finished && end.reference.v == 0.0 && (end.target.x - 0.2).abs() < 1e-6);
     assert!(tracker.at(&buffer, f32::NAN).is_none());
     assert!(tracker.at(&TrajectoryBuffer::<4>::new(), 0.0).is_none());
-    buffer.discard_before(1.05);
-    assert_eq!(buffer.len(), 11);
+    for (key, len) in [(1.05, 11), (11.0f32 * 0.1, 10)] {
+        buffer.discard_before(key);
+        assert_eq!(buffer.len(), len, "{key}");
+    }
 }
 
 #[test]
@@ -291,4 +299,255 @@ fn bad_configuration_is_named() {
     crate::config::refusal_of(Config::default(), |c| c.build(&frame(), &law()))
         .names(&[("min_speed_m_s", |c| c.min_speed_m_s = 0.5)]);
     assert!(Tracker::new(&frame(), &law(), f32::NAN).is_err());
+}
+
+#[test]
+fn point_that_no_path_has_is_refused() {
+    let good = TrajectoryPoint {
+        time_s: 1.0,
+        v: 0.0,
+        point: on_line(0.5),
+    };
+    let push = |spoil: &dyn Fn(&mut TrajectoryPoint)| {
+        let mut point = good;
+        spoil(&mut point);
+        let path = PathBuffer::<4>::new().push(point.point);
+        (TrajectoryBuffer::<4>::new().push(point), path)
+    };
+    assert_eq!(push(&|_| ()), (Ok(()), Ok(())));
+    let bad = Err(PathError::NotFinite);
+    for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        assert_eq!(push(&|p| p.point.posture.x = value), (bad, bad));
+        assert_eq!(push(&|p| p.point.posture.phi = value), (bad, bad));
+        assert_eq!(push(&|p| p.point.kappa = value), (bad, bad));
+        assert_eq!(push(&|p| p.point.s = value), (bad, bad));
+        assert_eq!(push(&|p| p.time_s = value).0, bad);
+        assert_eq!(push(&|p| p.v = value).0, bad);
+    }
+    assert_eq!(push(&|p| p.v = -1e-6).0, bad);
+    // Arc length may stand still while time goes on.
+    let mut buffer = TrajectoryBuffer::<4>::new();
+    for (time_s, s, expected) in [
+        (1.0, 0.5, Ok(())),
+        (2.0, 0.5, Ok(())),
+        (3.0, 0.49, Err(PathError::NotAdvancing)),
+        (2.0, 0.6, Err(PathError::NotAdvancing)),
+    ] {
+        let point = TrajectoryPoint {
+            time_s,
+            v: 0.0,
+            point: on_line(s),
+        };
+        assert_eq!(buffer.push(point), expected, "{time_s} {s}");
+    }
+}
+
+/// The docs' speed in f64: the least, over all that is ahead, from which braking after the reaction time meets its limit.
+fn speed_by_the_docs(config: &Config, points: &[PathPoint], s: f32, end: f64) -> f64 {
+    let [a, t] = [config.deceleration_m_s2, config.reaction_time_s].map(f64::from);
+    let [rate, bend] = [
+        config.max_steering_rate_rad_s,
+        config.max_steering_acceleration_rad_s2,
+    ]
+    .map(f64::from);
+    // v T + (v² − limit²)/2a = distance + limit T.
+    let braking = |limit: f64, distance: f64| {
+        let reach = limit + a * t;
+        (reach * reach + 2.0 * a * distance.max(0.0)).sqrt() - a * t
+    };
+    let mut speed = braking(0.0, end - f64::from(s)).min(config.max_speed_m_s.into());
+    let mut before: Option<(f64, f64)> = None;
+    let first = points.iter().rposition(|p| p.s <= s).unwrap_or(0);
+    for pair in points[first..].windows(2) {
+        let [from, to] = [0, 1].map(|i| f64::from(frame().steering(pair[i].kappa).0));
+        let length = f64::from(pair[1].s) - f64::from(pair[0].s);
+        let slope = (to - from) / length;
+        let mut limit = rate / slope.abs().max(1e-6);
+        if let Some((last, last_length)) = before {
+            let second = 2.0 * (slope - last).abs() / (last_length + length);
+            let left = (bend - slope.abs().max(last.abs()) * a).max(0.0);
+            limit = limit.min((left / second.max(1e-6)).sqrt());
+        }
+        before = Some((slope, length));
+        let limit = limit.max(config.min_speed_m_s.into());
+        speed = speed.min(braking(limit, f64::from(pair[0].s) - f64::from(s)));
+    }
+    speed
+}
+
+properties! { cases 64;
+    /// On a path of straights, bends that begin with a corner of curvature and clothoids; the rate is that of a robot that
+    /// drives at the speed.
+    #[test]
+    fn speed_is_the_largest_from_which_all_limits_ahead_are_met(
+        kappas in prop::collection::vec(-2.8f32..2.8, 4..8), at in 0.0f32..1.0, gentle: bool,
+    ) {
+        let config = Config {
+            deceleration_m_s2: if gentle { 0.1 } else { 0.3 },
+            max_steering_acceleration_rad_s2: if gentle { 3.0 } else { 6.0 },
+            ..Config::default()
+        };
+        let (follower, mut path) = (follower(config), PathBuffer::<256>::new());
+        let mut points = std::vec::Vec::new();
+        for pair in kappas.windows(2) {
+            for i in 0..20 {
+                let u = if pair[0] > 1.0 { 0.0 } else { i as f32 / 20.0 };
+                let s = points.len() as f32 / 64.0;
+                let point = PathPoint {
+                    kappa: pair[0] + u * (pair[1] - pair[0]),
+                    ..on_line(s)
+                };
+                points.push(point);
+                path.push(point).unwrap();
+            }
+        }
+        let (end, s) = (path.end(), at * path.end());
+        let (v, v_rate) = follower.speed(&path, s, end);
+        let exact = speed_by_the_docs(&config, &points, s, end.into());
+        prop_assert!((f64::from(v) - exact).abs() < 2e-4 * (1.0 + exact), "{v} {exact}");
+        let h = 1e-4f32;
+        let around = [s - h, s + h].map(|s| speed_by_the_docs(&config, &points, s, end.into()));
+        let rate = (around[1] - around[0]) / (2.0 * f64::from(h)) * exact;
+        // Not where the limit that binds changes.
+        let smooth = [s - 3.0 * h, s + 3.0 * h].map(|s| speed_by_the_docs(&config, &points, s, end.into()));
+        let wide = (smooth[1] - smooth[0]) / (6.0 * f64::from(h)) * exact;
+        if s > 1e-3 && (rate - wide).abs() < 1e-3 && s < end - 1e-3 {
+            prop_assert!((f64::from(v_rate) - rate).abs() < 0.02, "{v_rate} {rate}");
+        }
+    }
+}
+
+#[test]
+fn search_for_the_robot_reaches_to_the_window_from_the_last_point() {
+    // Numbers that are exact, so that a segment begins where the window ends.
+    let config = Config {
+        search_window_m: 0.125,
+        ..Config::default()
+    };
+    let path = straight::<128>(65, 1.0 / 64.0);
+    let last = Progress {
+        s: 0.5,
+        started: true,
+        finished: false,
+    };
+    let beyond = Posture::new(0.9, 0.0, 0.0);
+    let (progress, _) = follower(config).step(&last, &path, beyond).unwrap();
+    assert_eq!(progress.s, 0.5 + 0.125 + 1.0 / 64.0);
+    // The first search sees the whole path.
+    let (progress, _) = follower(config)
+        .step(&Progress::default(), &path, beyond)
+        .unwrap();
+    assert!((progress.s - 0.9).abs() < 1e-5);
+}
+
+#[test]
+fn speed_at_a_limit_is_the_limit_and_does_not_fall() {
+    let follower = follower(Config::default());
+    for (limit, distance) in [(0.1, 0.0), (0.1, -1.0), (0.0, 0.0)] {
+        let (speed, rate) = follower.braking(limit, distance);
+        assert!(
+            (speed - limit).abs() < 1e-7 && rate == 0.0,
+            "{limit} {distance}: {speed} {rate}"
+        );
+    }
+}
+
+/// Points that change in heading, speed and time: position and speed of the cubic, and its acceleration by differences.
+#[test]
+fn trajectory_between_its_points_is_one_motion() {
+    let mut buffer = TrajectoryBuffer::<8>::new();
+    for (time_s, v, s) in [
+        (0.5, 0.1, 0.0),
+        (1.0, 0.3, 0.08),
+        (2.0, 0.2, 0.4),
+        (2.5, 0.0, 0.45),
+    ] {
+        let point = on_line(s);
+        buffer.push(TrajectoryPoint { time_s, v, point }).unwrap();
+        if buffer.len() > 1 {
+            let [at, speed, _] = buffer.time_law(time_s - 1e-6).unwrap();
+            assert!(
+                (at - s).abs() < 1e-5 && (speed - v).abs() < 1e-4,
+                "{time_s}"
+            );
+        }
+    }
+    for k in 0..190 {
+        let t = 0.505 + 0.01 * k as f32;
+        let near = |t: f32| [0.5, 1.0, 2.0].iter().any(|knot| (t - knot).abs() < 5e-3);
+        let h = 2e-3;
+        let [low, here, high] = [t - h, t, t + h].map(|t| buffer.time_law(t).unwrap());
+        if !near(t) {
+            assert!(
+                ((high[0] - low[0]) / (2.0 * h) - here[1]).abs() < 2e-3,
+                "{t}"
+            );
+            assert!(
+                ((high[1] - low[1]) / (2.0 * h) - here[2]).abs() < 1e-2,
+                "{t}"
+            );
+        }
+    }
+    for (time, s) in [(0.0, 0.0), (0.5, 0.0), (2.5, 0.45), (9.0, 0.45)] {
+        assert_eq!(buffer.time_law(time), Some([s, 0.0, 0.0]), "{time}");
+    }
+}
+
+/// Beyond its ends a path has a constant curvature, at the end point too.
+#[test]
+fn curvature_rises_between_points_only() {
+    let (a, b) = (clothoid(0.0, 1.0, 1.0, 0.5), clothoid(0.0, 1.0, 1.0, 0.6));
+    for (s, slope) in [
+        (0.49, 0.0),
+        (0.5, 0.0),
+        (0.51, 1.0),
+        (0.59, 1.0),
+        (0.6, 0.0),
+        (0.61, 0.0),
+    ] {
+        let found = buffer::between(a, b, s).kappa_slope;
+        assert!((found - slope).abs() < 1e-5, "{s}: {found}");
+    }
+    // Two points in one place, as the only one of a path is taken.
+    for s in [0.4, 0.5, 0.6] {
+        let found = buffer::between(a, a, s);
+        let exact = a.posture.advance(s - 0.5, 0.5 * (s - 0.5));
+        assert!(
+            found.posture.distance(exact) < 1e-6 && found.kappa == a.kappa,
+            "{s}"
+        );
+    }
+}
+
+properties! { cases 200;
+    /// The law of the docs: heading gain per length, curvature within the frame's, that of the path at rest.
+    #[test]
+    fn wish_is_law_four_with_its_heading_gain_by_length(
+        x in -0.3f32..0.0, y in -0.3f32..0.3, phi in -1.0f32..1.0, v in 0.0f32..0.3, kappa in -2.0f32..2.0,
+    ) {
+        let law = law();
+        let center = Posture::new(x, y, phi);
+        let reference = Reference { posture: Posture::new(0.05, 0.0, 0.1), v, kappa };
+        let command = law.track(center, reference);
+        let error = kinematic::PolarError::between(center, reference.posture);
+        let by_heading = f64::from(law.config().heading_gain_rad_s)
+            * (f64::from(error.theta) + f64::from(error.alpha)).tanh();
+        let speed = f64::from(command.v);
+        prop_assume!(speed.abs() > 2e-3);
+        let turned = (f64::from(command.phi_dot) - by_heading) / speed + by_heading / 0.25 * speed.signum();
+        let most = f64::from(frame().max_curvature());
+        let share = (speed.abs() / 0.03).min(1.0);
+        let wanted = share * turned.clamp(-most, most) + (1.0 - share) * 1.2;
+        let seen = PathReference { reference, kappa: 1.2, v_rate: -0.2, psi_rate: 0.3, ..PathReference::default() };
+        let wish = follower(Config::default()).wish(center, &seen);
+        let found = f64::from(frame().curvature(wish.psi));
+        prop_assert!((found - wanted.clamp(-most, most)).abs() < 2e-2, "{found} {wanted}");
+        prop_assert_eq!((wish.v, wish.v_rate, wish.psi_rate), (command.v, -0.2, 0.3));
+        prop_assert_eq!(wish.steering_slack, STEERING_SLACK_RAD);
+        let tracker = Tracker::new(&frame(), &law, 0.25).unwrap();
+        let seen = TrajectoryReference {
+            reference, kappa: 1.2, acceleration: -0.2, psi_rate: 0.3, ..TrajectoryReference::default()
+        };
+        prop_assert_eq!(tracker.wish(center, &seen), wish);
+    }
 }

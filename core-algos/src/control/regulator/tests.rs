@@ -333,8 +333,19 @@ fn a_new_goal_starts_afresh_and_a_lost_estimate_stops() {
 #[test]
 fn bad_parameters_are_named() {
     crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
-        ("steering_wait_rad", |c| c.steering_wait_rad = 0.01),
+        ("steering_wait_rad", |c| {
+            c.steering_wait_rad = c.steering_tolerance_rad
+        }),
         ("accept_distance_m", |c| c.accept_distance_m = f32::NAN),
+        ("accept_distance_m", |c| c.accept_distance_m = f32::INFINITY),
+        ("accept_distance_m", |c| {
+            c.accept_distance_m = c.latch_distance_m.next_down()
+        }),
         ("approach.circle_radius_m", |c| c.approach = c.law),
     ]);
+    let equal = Config {
+        accept_distance_m: 0.003,
+        ..Config::default()
+    };
+    assert!(equal.build().is_ok());
 }

@@ -144,3 +144,34 @@ properties! {
         }
     }
 }
+
+/// The bound of a jump grows with each interval that had no count, up to a thousand of them.
+#[test]
+fn largest_change_of_a_count_is_that_of_all_intervals_since_the_last() {
+    let observer = WheelObserver {
+        largest_error: 10.0,
+        ..observer()
+    };
+    for (missing, largest) in [
+        (0, 10),
+        (1, 20),
+        (7, 80),
+        (999, 10_000),
+        (1000, 10_010),
+        (5000, 10_010),
+    ] {
+        for (change, jumped) in [(largest, false), (largest + 1, true)] {
+            for sign in [1, -1] {
+                let mut state = observer.step(&State::default(), Some(40));
+                for _ in 0..missing {
+                    state = observer.step(&state, None);
+                }
+                state = observer.step(&state, Some(40 + sign * change));
+                assert_eq!(state.jumped, jumped, "{missing} {change}");
+                // What was missed counts once.
+                let next = observer.step(&state, Some(40 + sign * (change + 1000)));
+                assert!(next.jumped);
+            }
+        }
+    }
+}

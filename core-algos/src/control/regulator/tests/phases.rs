@@ -47,17 +47,14 @@ fn tolerance_holds_up_to_both_bounds() {
             "{position} {heading}"
         );
     }
-    for (posture, near) in [
-        ((0.0, -0.099, 0.049), true),
-        ((0.0, 0.0, -0.051), false),
-        ((-0.08, 0.08, 0.0), false),
-        ((nan, 0.0, 0.0), false),
+    for (x, y, phi, near) in [
+        (0.0, -0.099, 0.049, true),
+        (0.0, 0.0, -0.051, false),
+        (-0.08, 0.08, 0.0, false),
+        (nan, 0.0, 0.0, false),
     ] {
-        assert_eq!(
-            within.is_near(posture.into_posture(), GOAL),
-            near,
-            "{posture:?}"
-        );
+        let found = within.is_near(Posture::new(x, y, phi), GOAL);
+        assert_eq!(found, near, "{x} {y} {phi}");
     }
     for (position_m, heading_rad, valid) in [
         (1e-6, 1e-6, true),
@@ -74,16 +71,6 @@ fn tolerance_holds_up_to_both_bounds() {
             heading_rad,
         };
         assert_eq!(within.is_valid(), valid, "{within:?}");
-    }
-}
-
-trait IntoPosture {
-    fn into_posture(self) -> Posture;
-}
-
-impl IntoPosture for (f32, f32, f32) {
-    fn into_posture(self) -> Posture {
-        Posture::new(self.0, self.1, self.2)
     }
 }
 
@@ -316,8 +303,12 @@ fn segment_begins_with_the_steering_near_its_curvature() {
             length_m: 0.5,
             ..Segment::default()
         });
-        regulator.tick(&mut state, &at(-1.0, 0.0, 0.0));
+        let input = at(-1.0, 0.0, 0.0);
+        regulator.tick(&mut state, &input);
         assert_eq!(state.phase, phase, "{error}");
+        if phase == Phase::Segment {
+            assert_eq!((state.origin, state.last), (input.posture, input.posture));
+        }
     }
 }
 
@@ -508,6 +499,31 @@ fn final_arc_begins_at_15_cm_and_ends_3_mm_before_the_goal() {
     }
 }
 
+/// Time without motion counts within a phase: 1.5 s in each of two are none of 2 s.
+#[test]
+fn phase_begins_without_time_in_which_the_robot_did_not_move() {
+    let (regulator, input) = (plain(), at(-1.0, 0.0, 0.0));
+    let mut state = State {
+        next: Next::Step(0),
+        final_curvature: Some(0.0),
+        ..state(Phase::Approach)
+    };
+    for (ticks, phase) in [
+        (151, Phase::Approach),
+        (199, Phase::Approach),
+        (2, Phase::Hold),
+    ] {
+        for _ in 0..ticks {
+            regulator.tick(&mut state, &input);
+        }
+        assert_eq!(state.phase, phase, "{ticks}");
+        if ticks == 151 {
+            state.enter(Phase::Approach);
+            state.final_curvature = Some(0.0);
+        }
+    }
+}
+
 /// A robot that is stuck twice within 1 cm, outside the goal's tolerance, is blocked.
 #[test]
 fn robot_stuck_again_in_the_same_place_off_its_goal_is_blocked() {
@@ -543,5 +559,78 @@ fn robot_stuck_again_in_the_same_place_off_its_goal_is_blocked() {
             "{x} {before:?}"
         );
         assert_eq!(state.stuck_at, Some(input.posture));
+    }
+}
+
+/// Equation 4 alone: posture beside the led goal (m, m, rad), phase, doubt (s), speed (m/s); phase after.
+#[test]
+fn papers_law_stops_at_its_led_goal_and_gives_up_where_it_asks_for_no_speed() {
+    let regulator = regulator(Strategy::PaperLaw);
+    let rest = 0.2 * 2e-3f32.sqrt();
+    let command = |posture| {
+        let led = Posture::new(rest, 0.0, 0.0);
+        let law = regulator
+            .law
+            .command(PolarError::between(posture, led), 0.0, 0.0);
+        regulator.limits.limit(law)
+    };
+    // Beside the goal on the manifold, across its heading: the law asks for a turn on the spot.
+    let (mut low, mut high) = (-0.5f32, -0.3);
+    let turned = |y| Posture::new(rest, y, 1.0);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        let same = command(turned(middle)).v * command(turned(low)).v > 0.0;
+        *(if same { &mut low } else { &mut high }) = middle;
+    }
+    let (far, home, stall) = (Posture::new(-1.0, 0.3, 0.4), GOAL, turned(low));
+    assert!(command(stall).v.abs() < 0.004, "{:?}", command(stall));
+    let at_distance = |metres: f32| Posture::new(-metres, 0.0, 0.0);
+    use Phase::{Approach, Done, GaveUp, Hold, Plan, Stop};
+    for (posture, phase, doubt, speed, expected) in [
+        (far, Stop, 0.0, 0.0, Approach),
+        (far, Plan, 0.0, 0.0, Approach),
+        (far, Approach, 0.5, 0.0, Approach),
+        (Posture::new(0.7, -0.3, 0.4), Approach, 5.0, 0.0, Approach),
+        (far, GaveUp, 0.0, 0.0, GaveUp),
+        (stall, Approach, 0.985, 0.0, Approach),
+        (stall, Approach, 0.995, 0.0, GaveUp),
+        (home, Approach, 0.0, 0.1, Hold),
+        (home, Hold, 0.0, 0.0041, Hold),
+        (home, Hold, 0.0, -0.0039, Done),
+        // 2.5 times 3 cm.
+        (at_distance(0.0749), Done, 0.0, 0.0, Done),
+        (at_distance(0.0751), Done, 0.0, 0.0, Approach),
+        (at_distance(-0.074), Hold, 0.0, 0.1, Hold),
+    ] {
+        let mut state = State {
+            doubt,
+            kappa: 0.25,
+            ..state(phase)
+        };
+        let mut input = at(posture.x, posture.y, posture.phi);
+        input.speed_m_s = speed;
+        let output = regulator.tick(&mut state, &input);
+        let row = std::format!("{posture:?} {phase:?} {doubt}");
+        assert_eq!(state.phase, expected, "{row}");
+        let slow = if posture == stall { doubt + 0.01 } else { 0.0 };
+        if expected == Approach {
+            let asked = command(posture);
+            assert!(
+                (output.command.v - asked.v).abs() < 1e-6,
+                "{row}: {output:?}"
+            );
+            assert!((output.command.kappa - asked.kappa).abs() < 1e-5, "{row}");
+            let forward = state.plan.approach == Direction::Forward;
+            assert_eq!(forward, asked.v > 0.0, "{row}");
+        } else {
+            assert_eq!(
+                (output.command.v, output.command.kappa),
+                (0.0, 0.25),
+                "{row}"
+            );
+        }
+        if (phase, expected) == (Approach, Approach) {
+            assert!((state.doubt - slow).abs() < 1e-6, "{row}: {}", state.doubt);
+        }
     }
 }
