@@ -289,6 +289,34 @@ fn phases_follow_each_other_at_their_limits() {
     }
 }
 
+/// From where no plan leads into the funnel the law alone drives on, with the end that is nearer to the goal first.
+#[test]
+fn goal_out_of_reach_of_a_plan_is_approached_at_once() {
+    let regulator = plain();
+    for (x, direction) in [(-1.0, Direction::Forward), (1.0, Direction::Reverse)] {
+        let mut state = State {
+            search: Some(
+                regulator
+                    .planner
+                    .start(Posture::new(f32::NAN, 0.0, 0.0), GOAL),
+            ),
+            elapsed: 5.0,
+            ..state(Phase::Plan)
+        };
+        let output = regulator.tick(&mut state, &at(x, 0.2, 0.0));
+        assert_eq!(
+            (state.phase, state.next),
+            (Phase::Steer, Next::Step(0)),
+            "{x}"
+        );
+        assert_eq!(
+            (state.plan, output.command.v),
+            (planner::Plan::direct(direction), 0.0)
+        );
+        assert_eq!((state.search, state.elapsed), (None, 0.0));
+    }
+}
+
 /// A segment is begun with a steering error of 0.05 rad: at ψ = 0 a curvature of 0.1 rad over the frame's length.
 #[test]
 fn segment_begins_with_the_steering_near_its_curvature() {
