@@ -391,6 +391,40 @@ mod tests {
         }
     }
 
+    /// Newton's method from one half leaves [0, 1] for these variances of B, A's being one, and weights of the trace.
+    #[test]
+    fn weight_of_least_trace_is_found_where_a_step_leaves_the_bracket() {
+        for (b, weights) in [
+            ([0.803, 4.08, 1.84], [7.04, 0.11, 0.111]),
+            ([1.1, 1.01, 0.29], [2.77, 1.02, 0.15]),
+            ([1.01, 0.8, 4.3], [0.06, 8.71, 0.17]),
+            ([0.96, 1.35, 0.23], [0.37, 2.37, 0.3]),
+        ] {
+            let (mut low, mut high) = (0.0, 1.0);
+            for _ in 0..40 {
+                let omega = 0.5 * (low + high);
+                let slope: f64 = (0..3)
+                    .map(|k| {
+                        let (b, s) = (f64::from(b[k]), 1.0 + omega * (f64::from(b[k]) - 1.0));
+                        f64::from(weights[k]) * b * (1.0 - b) / (s * s)
+                    })
+                    .sum();
+                *if slope < 0.0 { &mut low } else { &mut high } = omega;
+            }
+            let inputs = Inputs {
+                a: &crate::math::matrix::identity(),
+                b: &crate::math::matrix::diagonal(b),
+                gap: crate::math::matrix::diagonal(b.map(|b| b - 1.0)),
+                difference: [0.0; 3],
+            };
+            let ([omega, _], ..) = fuse(&inputs, Criterion::Trace, &weights).unwrap();
+            assert!(
+                (f64::from(omega) - low).abs() < 3e-6,
+                "{b:?}: {omega} {low}"
+            );
+        }
+    }
+
     /// Answers in `f32` equal those of two floats; few cases are left to two floats where neither
     /// input is much worse and errors are hardly correlated.
     #[test]

@@ -349,10 +349,29 @@ fn weights_at_and_beside_the_ends_are_exact() {
         }
         let [a, b] = [identity, diagonal(b)].map(|m| extended([0.0; 3], &m));
         assert_eq!(intersection.fuse_wide(&a, &b).unwrap().omega, 0.0);
-        assert_eq!(
-            intersection.fuse_wide(&b, &a).unwrap().omega > 0.999_999,
-            true
+        assert!(intersection.fuse_wide(&b, &a).unwrap().omega > 0.999_999);
+    }
+}
+
+/// Two variances of B are half of A's, the third is a million times A's and hardly weighs.
+#[test]
+fn a_small_weight_is_found_to_its_own_digits() {
+    for heading_length_m in [1e-5f32, 1e-4, 1e-3] {
+        let config = Config {
+            criterion: Criterion::Trace,
+            heading_length_m,
+        };
+        let [a, b] = [[1.0; 3], [0.5, 0.5, 1e6]].map(diagonal);
+        let square = f64::from(heading_length_m * heading_length_m);
+        let omega = reference_trace(&a, &b, [1.0, 1.0, square]);
+        let [wide_a, wide_b] = [&a, &b].map(|m| extended([0.0; 3], m));
+        let fused = config.build().unwrap().fuse_wide(&wide_a, &wide_b).unwrap();
+        assert!(
+            (f64::from(fused.omega) / omega - 1.0).abs() < 1e-5,
+            "{omega}"
         );
+        let p = fused_covariance(&a, &b, omega);
+        assert!(covariance_error(&fused.estimate.covariance, &p) < 1e-5);
     }
 }
 

@@ -133,6 +133,11 @@ fn variance_grows_by_the_derivatives_of_the_direction() {
                 &narrow(r),
             )
             .unwrap();
+        // Both axles have slid along the line by half of what their distance lacked.
+        let [p, q] = state.postures().map(<[f32; 3]>::from);
+        assert!((f64::from(p[0] - q[0]).hypot(f64::from(p[1] - q[1])) - baseline).abs() < 1e-6);
+        let gone = ds[1] * (phi - alpha).cos();
+        assert!((f64::from(p[0] + q[0]) - baseline - gone).abs() < 1e-6);
         let ratio = f64::from(state.variance) / expected;
         assert!((ratio - 1.0).abs() < 3e-3, "{alpha} {phi}: {ratio}");
         let claimed =

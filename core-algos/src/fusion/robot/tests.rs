@@ -562,6 +562,11 @@ fn middle_follows_the_axle_that_is_known() {
             "{covariance:?}"
         );
     }
+    // Axles and beam without errors have no intersection: halfway, whatever the beam says.
+    let [front, rear] = [of(0.4, 0.0), of(0.0, 0.0)];
+    let exact = Estimate::new(straight().posture, [[0.0; 3]; 3]);
+    let middle = fusion.middle(&front, &rear, &exact).posture;
+    assert!(near(middle, [0.2, 0.0, 0.0], 1e-6), "{middle:?}");
 }
 
 #[test]
