@@ -240,4 +240,18 @@ mod tests {
             prop_assert!(back.iter().all(|d| d.abs() < 2e-6));
         }
     }
+
+    #[test]
+    fn axles_in_one_place_leave_the_heading_of_the_middle_without_derivatives() {
+        let (q, by) = midpoint_seen_from_rear(Posture::new(0.0, 0.0, 1.0));
+        let at = Posture::new(1.0, -2.0, 0.5);
+        let chain = Chain::midpoint(at, Posture { phi: 0.7, ..at });
+        assert_eq!(
+            (q, chain.posture),
+            (Posture::ORIGIN, Posture { phi: 0.0, ..at })
+        );
+        for by in [by, chain.by_base, chain.by_relative] {
+            assert_eq!(by, [[0.5, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0; 3]]);
+        }
+    }
 }

@@ -170,3 +170,115 @@ impl<const N: usize> Covariance<N> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fusion::testing::{Matrix, Random, cholesky, random_covariance, wide};
+
+    const N: usize = 5;
+
+    fn random(seed: u64, sigmas: [f32; N]) -> Mat<N, N> {
+        random_covariance(&mut Random::new(seed), sigmas, 0.5)
+    }
+
+    fn conditioned(matrix: &Mat<N, N>) -> Mat<N, N> {
+        let mut covariance = Covariance::from_matrix(matrix);
+        covariance.condition();
+        covariance.matrix()
+    }
+
+    /// Each entry against its expected value, as a share of the standard deviations.
+    fn assert_near(found: &Mat<N, N>, expected: &Matrix<N, N>, what: usize) {
+        for (i, j) in (0..N * N).map(|k| (k / N, k % N)) {
+            let scale = (expected[i][i] * expected[j][j]).sqrt();
+            let error = (f64::from(found[i][j]) - expected[i][j]).abs();
+            assert!(error <= 1e-6 * scale, "{what}: {i} {j}");
+        }
+    }
+
+    #[test]
+    fn fading_scales_one_state_and_adds_to_its_variance() {
+        for m in 0..N {
+            let before = random(1, [1.0, 0.1, 3.0, 1e-3, 2.0]);
+            let mut covariance = Covariance::from_matrix(&before);
+            covariance.fade(m, 0.75, 0.5);
+            let mut expected = wide(&before);
+            for j in 0..N {
+                expected[m][j] *= 0.75;
+                expected[j][m] *= 0.75;
+            }
+            expected[m][m] += 0.5;
+            assert_near(&covariance.matrix(), &expected, m);
+        }
+    }
+
+    #[test]
+    fn variance_grown_without_bound_is_scaled_back_with_its_correlations() {
+        for m in 0..N {
+            let mut sigmas = [1.0; N];
+            sigmas[m] = 3e3;
+            let before = random(2, sigmas);
+            let mut expected = wide(&before);
+            let shrink = 1e3 / expected[m][m].sqrt();
+            assert!(shrink < 1.0);
+            for j in 0..N {
+                expected[m][j] *= shrink;
+                expected[j][m] *= shrink;
+            }
+            let found = conditioned(&before);
+            assert_near(&found, &expected, m);
+            assert_eq!(found[m][m], MAX_VARIANCE);
+        }
+        let infinite = matrix::diagonal([1.0, f32::INFINITY, 2.0, 0.0, 3.0]);
+        let bounded = matrix::diagonal([1.0, MAX_VARIANCE, 2.0, 0.0, 3.0]);
+        assert_eq!(conditioned(&infinite), bounded);
+    }
+
+    #[test]
+    fn sound_covariance_and_states_of_no_variance_stay_to_the_bit() {
+        let mut sound = random(3, [1.0, 0.1, 3.0, 1e-3, 2.0]);
+        assert_eq!(conditioned(&sound), sound);
+        for k in 0..N {
+            (sound[1][k], sound[k][1]) = (0.0, 0.0);
+        }
+        assert_eq!(conditioned(&sound), sound);
+    }
+
+    /// Two states that say almost, or more than, the same; a third follows them, up to `apart`.
+    #[test]
+    fn lost_pivot_is_lifted_and_the_others_are_left() {
+        // Pivot of the second state as a share of its variance, and what its variance gains.
+        for (pivot, apart, gain) in [
+            (0.0, 0.0, 1e-4),
+            (1e-6, 3e-3, 9.9e-5),
+            (9.9e-5, 3e-3, 4e-6),
+            (-1e-6, 3e-3, 1.01e-4),
+            (-3.0, 3e-3, 1.0),
+            (-3.0, 0.02, 1.0),
+        ] {
+            let correlation = f64::sqrt(1.0 - pivot) as f32;
+            let mut before = matrix::diagonal([4.0, 0.25, 9.0, 1.0, 2.0]);
+            let tied = 0.75 * correlation + apart;
+            for (i, j, entry) in [(0, 1, correlation), (0, 2, 3.0), (1, 2, tied)] {
+                (before[i][j], before[j][i]) = (entry, entry);
+            }
+            let found = conditioned(&before);
+            let gained = f64::from(found[1][1] - before[1][1]) / 0.25;
+            assert!(
+                (gained - gain).abs() < 0.02 * gain + 3e-7,
+                "{pivot}: {gained}"
+            );
+            // A pivot at its floor leaves a variance of 6.75 for that of the third state.
+            let lost = apart * apart / (LEAST_PIVOT * 0.25) > 6.75;
+            assert_eq!(found[2][2] > before[2][2], lost, "{pivot} {apart}");
+            let mut others = found;
+            (others[1][1], others[2][2]) = (before[1][1], before[2][2]);
+            assert_eq!(others, before, "{pivot}");
+            if pivot > -1.0 {
+                let pivots = cholesky(&wide(&found));
+                assert!((0..N).all(|k| pivots[k][k].powi(2) > 5e-5 * wide(&found)[k][k]));
+            }
+        }
+    }
+}

@@ -227,9 +227,6 @@ impl Pair {
         let mut difference = difference(a, b);
         for i in 0..3 {
             scale[i] = power_of_two_below(sqrt(a.covariance[i][i].high))?;
-            if !difference[i].is_finite() || !a.posture[i].is_finite() {
-                return None;
-            }
             difference[i] = scaled(difference[i], 1.0 / scale[i]);
         }
         let in_scale = |m: &Wide33| {

@@ -195,7 +195,7 @@ impl State {
     pub(crate) fn constant_sigmas(&self) -> [f32; constants::COUNT] {
         let mut sigmas = [0.0; constants::COUNT];
         for (k, sigma) in sigmas.iter_mut().enumerate() {
-            *sigma = sqrt(self.covariance.upper[FIRST + k][FIRST + k].max(0.0));
+            *sigma = sqrt(self.covariance.upper[FIRST + k][FIRST + k]);
         }
         sigmas
     }

@@ -243,13 +243,37 @@ mod tests {
     }
 
     #[test]
+    fn an_input_that_dominates_is_taken_to_the_bit() {
+        let spread = |size: f32| {
+            let mut track = Track::random(Estimate::with_sigmas(Posture::ORIGIN, [1e-3 * size; 3]));
+            track.constants = [0, 1, 2].map(|i| {
+                core::array::from_fn(|k| size * 0.01 * crate::math::trig::sin((7 * i + k) as f32))
+            });
+            track
+        };
+        let (good, bad) = (spread(1.0), spread(10.0));
+        for criterion in [Criterion::Determinant, Criterion::Trace] {
+            let intersection = intersection(criterion);
+            assert_eq!(good.intersect(&bad, &intersection), Some((good, 1.0)));
+            assert_eq!(bad.intersect(&good, &intersection), Some((good, 0.0)));
+        }
+    }
+
+    #[test]
     fn constants_that_would_leave_less_than_nothing_are_given_up() {
-        let mut a = Track::random(Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]));
-        a.constants[0][0] = 1e3;
-        let mut b = a;
-        b.random = matrix::diagonal([1.1e-6, 0.9e-6, 1e-6]);
-        let (fused, _) = a.intersect(&b, &intersection(Criterion::Trace)).unwrap();
-        assert!(matrix::cholesky(&fused.random).is_some());
-        assert!((fused.estimate().covariance[0][0] / 1e6 - 1.0).abs() < 1e-3);
+        let intersection = intersection(Criterion::Determinant);
+        let mut given_up = 0;
+        for k in 0..50 {
+            let mut a = Track::random(Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]));
+            a.constants[0][0] = 1e3 + 10.0 * k as f32;
+            let mut b = a;
+            b.random = matrix::diagonal([1e-6, 0.5e-6, 2e-6]);
+            let (fused, _) = a.intersect(&b, &intersection).unwrap();
+            assert!(matrix::cholesky(&fused.random).is_some());
+            let square = a.constants[0][0] * a.constants[0][0];
+            assert!((fused.estimate().covariance[0][0] / square - 1.0).abs() < 1e-3);
+            given_up += u32::from(fused.constants == [[0.0; CONSTANTS]; 3]);
+        }
+        assert!(given_up > 0);
     }
 }

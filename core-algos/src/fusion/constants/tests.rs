@@ -135,6 +135,78 @@ fn unequal_wheels_and_tyres_move_each_side_by_its_own() {
     }
 }
 
+/// Up to the sliding tyres' share of the friction, and beyond, where it stays; at the bound from beyond.
+#[test]
+fn error_follows_the_relative_heading_by_its_derivative() {
+    let tyres = Tyres {
+        sliding: 1.0,
+        ..TYRES
+    };
+    let mut constants = [0.0; COUNT];
+    constants[COMPLIANCE..GYRO_BIAS].copy_from_slice(&[0.03, 0.02, 0.05, -0.04]);
+    for (axle, x, phi) in [(0, 0.3, 0.1), (1, 0.3, 0.1), (0, 0.02, 0.4), (1, -0.2, 0.4)] {
+        let error = |heading: f64| {
+            let step = bent(axle, x, phi, heading);
+            step.error(&tyres, &step.by_constants(&tyres), &constants)
+        };
+        for heading in [-1.4f64, -0.75, -0.6, 0.0, 0.3, 0.65, 0.7, 0.9, 1.2] {
+            let (_, by_heading) = error(heading);
+            let (low, high) = match heading == 0.7 {
+                true => (heading, heading + 0.02),
+                false => (heading - 0.01, heading + 0.01),
+            };
+            let (low, high) = (error(low).0, error(high).0);
+            for i in 0..3 {
+                let found = (high[i] - low[i]) / 0.02;
+                let slack = 2e-5 + 0.02 * by_heading[i].abs();
+                assert!(
+                    (found - by_heading[i]).abs() < slack,
+                    "{axle} {heading} {i}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn way_is_the_mean_of_the_wheels_without_sign() {
+    for (x, phi) in [
+        (0.4, 0.3),
+        (-0.4, 0.3),
+        (0.02, 0.3),
+        (-0.02, -0.3),
+        (0.0, 0.3),
+    ] {
+        let d = f64::from(TYRES.half_track) * phi;
+        let way = 0.5 * (f64::abs(x - d) + f64::abs(x + d));
+        assert!((f64::from(bent(0, x, phi, 0.0).way(&TYRES)) - way).abs() < 1e-7);
+    }
+}
+
+#[test]
+fn any_axle_but_the_first_is_the_rear() {
+    let [rear, other] = [1, 2].map(|axle| {
+        let step = step(axle, 0.5);
+        let by = step.by_constants(&TYRES);
+        (by, step.error(&TYRES, &by, &[0.01; COUNT]))
+    });
+    assert_eq!(rear, other);
+}
+
+/// The series of small angles and the quotient of large ones.
+#[test]
+fn shortening_is_half_the_logarithmic_derivative_of_sinc() {
+    for k in 1..=150 {
+        let a = 0.01 * f64::from(k);
+        let exact = 0.5 * (1.0 / a.tan() - 1.0 / a);
+        for sign in [-1.0, 1.0] {
+            let found = f64::from(shortening((sign * a) as f32));
+            assert!((found - sign * exact).abs() < 5e-7, "{a} {found} {exact}");
+        }
+    }
+    assert_eq!(shortening(0.0), 0.0);
+}
+
 /// Against the sensor itself: the posture from strains that are too large, all alike, in proportion
 /// or rising from root to tip.
 #[test]

@@ -560,3 +560,6 @@ impl Covariance {
         own
     }
 }
+
+#[cfg(test)]
+mod tests;

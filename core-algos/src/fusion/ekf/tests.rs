@@ -3,8 +3,8 @@
 use super::*;
 use crate::fusion::compound::Chain;
 use crate::fusion::testing::{
-    Matrix, Random, covariance_error, is_definite, product, random_covariance, transpose, wide,
-    wrap,
+    Matrix, Random, covariance_error, inverse, is_definite, product, quadratic, random_covariance,
+    transpose, wide, wrap,
 };
 use crate::math::matrix::Mat3;
 
@@ -451,39 +451,180 @@ fn nan_is_counted_and_changes_nothing() {
 }
 
 #[test]
-fn gate_refuses_a_nis_that_is_not_a_number() {
+fn gate_refuses_a_nis_beyond_it_or_not_a_number_until_patience_ends() {
     let mut refusals = Refusals::default();
     let nan = refusals.judge(|| f32::NAN, Some(20.0), 5);
     // An infinite square over an infinite variance.
     let undefined = refusals.judge_scalar(1e30, 1.0, || f32::INFINITY, Some(20.0), 5);
     assert_eq!([nan, undefined], [Verdict::Gated; 2]);
+
+    let beyond = 20.0f32.next_up();
+    let (gated, used) = (Verdict::Gated, Verdict::Used);
+    let mut refusals = Refusals::default();
+    for (nis, gate, patience, verdict) in [
+        (20.0, Some(20.0), 2, used),
+        (beyond, Some(20.0), 0, used),
+        (beyond, None, 2, used),
+        (beyond, Some(20.0), 2, gated),
+        (beyond, Some(20.0), 2, gated),
+        (beyond, Some(20.0), 2, used),
+        (beyond, Some(20.0), 2, gated),
+        (20.0, Some(20.0), 2, used),
+        (beyond, Some(20.0), 2, gated),
+        (beyond, Some(20.0), 2, gated),
+        (beyond, Some(20.0), 2, used),
+    ] {
+        assert_eq!(refusals.judge(|| nis, gate, patience), verdict);
+    }
+    assert_eq!(refusals.gated, 5);
+    // A square of 9 over the noise 1 and the prediction's 8, or 3.
+    for (predicted, gate, verdict) in [(8.0, 1.0, used), (3.0, 2.25, used), (3.0, 2.24, gated)] {
+        let mut refusals = Refusals::default();
+        let found = refusals.judge_scalar(-3.0, 1.0, || predicted, Some(gate), 5);
+        assert_eq!(found, verdict, "{predicted} {gate}");
+    }
 }
 
 #[test]
 fn an_outlier_is_gated_and_a_sensor_that_insists_is_believed() {
     let filter = node_filter(true);
-    let mut state = start();
-    let rest = measured([Some(0.0); 4]);
-    for _ in 0..200 {
-        filter.step(&mut state, &rest);
-    }
-    let spike = Measurements {
-        left_m_s: Some(3.0),
-        ..rest
-    };
-    let verdicts = filter.step(&mut state, &spike);
-    assert_eq!(verdicts.left, Verdict::Gated);
-    assert_eq!(verdicts.right, Verdict::Used);
-    assert!(state.twist().v.abs() < 0.01);
-    // One believed sample in between clears the run; then patience runs out.
-    filter.step(&mut state, &rest);
     let patience = usize::from(Config::default().gate_patience);
-    let verdicts: Vec<_> = (0..=patience)
-        .map(|_| filter.step(&mut state, &spike).left)
-        .collect();
-    assert!(verdicts[..patience].iter().all(|v| *v == Verdict::Gated));
-    assert_eq!(verdicts[patience], Verdict::Used);
-    assert_eq!(state.counters.left.gated as usize, 1 + patience);
+    for sensor in 0..4 {
+        let mut state = start();
+        let rest = measured([Some(0.0); 4]);
+        for _ in 0..200 {
+            filter.step(&mut state, &rest);
+        }
+        let mut values = [Some(0.0); 4];
+        values[sensor] = Some([3.0, 3.0, 1.0, 50.0][sensor]);
+        let spike = measured(values);
+        values[sensor] = None;
+        let without = measured(values);
+        let verdict = |verdicts: Verdicts| {
+            let Verdicts {
+                left,
+                right,
+                gyro,
+                accelerometer,
+            } = verdicts;
+            let mut all = [left, right, gyro, accelerometer];
+            let own = std::mem::replace(&mut all[sensor], Verdict::Used);
+            assert_eq!(all, [Verdict::Used; 4]);
+            own
+        };
+        // What is refused changes nothing, and counts as its own sensor's.
+        let mut plain = state;
+        assert_eq!(verdict(filter.step(&mut state, &spike)), Verdict::Gated);
+        filter.step(&mut plain, &without);
+        let mut refused = state;
+        refused.counters = plain.counters;
+        assert_eq!(refused, plain);
+        // One believed sample in between clears the run; then patience runs out.
+        filter.step(&mut state, &rest);
+        let verdicts: Vec<_> = (0..=patience)
+            .map(|_| verdict(filter.step(&mut state, &spike)))
+            .collect();
+        assert!(verdicts[..patience].iter().all(|v| *v == Verdict::Gated));
+        assert_eq!(verdicts[patience], Verdict::Used);
+        let counters = &state.counters;
+        let counted = [
+            counters.left,
+            counters.right,
+            counters.gyro,
+            counters.accelerometer,
+        ];
+        for (k, refusals) in counted.iter().enumerate() {
+            let expected = if k == sensor { 1 + patience } else { 0 };
+            assert_eq!(refusals.gated as usize, expected);
+        }
+    }
+}
+
+/// The gate lies a thousandth beside the NIS by `f64`.
+#[test]
+fn fix_is_gated_by_its_nis_of_the_lower_triangle() {
+    let mut random = Random::new(6);
+    for _ in 0..20 {
+        let mut noise = random_covariance(&mut random, [2e-3, 3e-3, 4e-3], 0.5);
+        let prior = random_covariance(&mut random, [3e-3; 7], 0.3);
+        let at = [0.3, -0.2, 3.1, 0.0, 0.0, 0.0, 0.0];
+        let seen = Posture::new(0.31, -0.205, -3.17);
+        let spread: Matrix<3, 3> = core::array::from_fn(|i| {
+            core::array::from_fn(|j| f64::from(noise[i][j]) + f64::from(prior[i][j]))
+        });
+        let difference = [0.01, -0.005, core::f64::consts::TAU - 6.27];
+        let nis = quadratic(&inverse(&spread), difference);
+        for (i, j) in [(0, 1), (0, 2), (1, 2)] {
+            noise[i][j] = f32::NAN;
+        }
+        let fix = Fix::new(&noise).unwrap();
+        for (factor, verdict) in [(1.001, Verdict::Used), (0.999, Verdict::Gated)] {
+            let config = Config {
+                fix_gate: Some((factor * nis) as f32),
+                ..Config::default()
+            };
+            let before = State::from_parts(at, &prior);
+            let mut state = before;
+            let found = config.build().unwrap().update_fix(&mut state, &seen, &fix);
+            assert_eq!(found, verdict);
+            assert_eq!(
+                state.posture() != before.posture(),
+                verdict == Verdict::Used
+            );
+        }
+    }
+    // An error beyond half a turn, or of the numbers' low parts.
+    let mut state = start();
+    state.advance([1.0, 0.0, 0.0]);
+    state.advance([3e-8, 0.0, 20.0]);
+    let turned = wrap(f64::from(state.posture().phi) - 20.0);
+    assert!(turned.abs() < 2e-6 && state.posture().phi.abs() <= core::f32::consts::PI);
+}
+
+#[test]
+fn noise_of_a_fix_that_is_no_covariance_is_refused() {
+    assert!(Fix::new(&matrix::diagonal([1e-4; 3])).is_some());
+    for k in 0..3 {
+        for bad in [0.0, -1e-4, f32::INFINITY, f32::NAN] {
+            let mut noise = matrix::diagonal([1e-4; 3]);
+            noise[k][k] = bad;
+            assert!(Fix::new(&noise).is_none(), "{k} {bad}");
+        }
+    }
+    for (i, j) in [(1, 0), (2, 0), (2, 1)] {
+        let mut noise = matrix::diagonal([1.0; 3]);
+        noise[i][j] = 1.0;
+        assert!(Fix::new(&noise).is_none(), "{i} {j}");
+    }
+}
+
+#[test]
+fn shift_moves_the_position_alone() {
+    let mut state = State::from_parts([1.0, 2.0, 0.5, 0.1, 0.2, 0.3, 0.4], &[[0.0; 7]; 7]);
+    let mut expected = state;
+    state.shift([0.25, -0.5]);
+    expected.posture[X] = crate::math::TwoFloat::from_f32(1.25);
+    expected.posture[Y] = crate::math::TwoFloat::from_f32(1.5);
+    assert_eq!(state, expected);
+}
+
+#[test]
+fn state_is_finite_if_all_of_it_is() {
+    let bad = f32::NAN;
+    assert!(start().is_finite());
+    for k in 0..M {
+        let mut state = start();
+        state.motion[k] = bad;
+        assert!(!state.is_finite());
+    }
+    for k in 0..3 {
+        let mut state = start();
+        state.posture[k].low = bad;
+        assert!(!state.is_finite());
+        let mut covariance = matrix::diagonal([1e-4; 7]);
+        covariance[k][3] = bad;
+        assert!(!State::from_parts([0.0; 7], &covariance).is_finite());
+    }
 }
 
 #[test]
@@ -565,10 +706,19 @@ fn configuration_is_checked() {
         ("gyro_sigma_rad_s", |c| c.gyro_sigma_rad_s = -1.0),
         ("innovation_gate", |c| c.innovation_gate = Some(f32::NAN)),
     ]);
-    let mut q = [[0.0; 7]; 7];
-    q[0][1] = 1.0;
-    let built = Config::default().build_with(ProcessNoise::Fixed(q));
-    assert_eq!(built.unwrap_err().field, "process_noise");
+    for (i, j, upper, lower) in [
+        (0, 1, 1.0, 0.0),
+        (0, 1, 0.0, 1.0),
+        (2, 6, f32::INFINITY, f32::INFINITY),
+        (2, 6, f32::NAN, f32::NAN),
+        (3, 3, -1.0, -1.0),
+        (6, 6, f32::NAN, f32::NAN),
+    ] {
+        let mut q = [[0.0; 7]; 7];
+        (q[i][j], q[j][i]) = (upper, lower);
+        let built = Config::default().build_with(ProcessNoise::Fixed(q));
+        assert_eq!(built.unwrap_err().field, "process_noise");
+    }
 }
 
 /// Steering turns an axle from rest at 36 rad/s², the most that was seen in hours of driving. Neither wheels

@@ -344,6 +344,87 @@ mod tests {
         propagate(&size, &propagate(&root, &crate::math::matrix::identity()))
     }
 
+    /// L D Lᵀ is the matrix; each pivot has to exceed its least share by more than the tiniest.
+    #[test]
+    fn factor_is_refused_for_a_pivot_at_its_bound() {
+        for (diagonal, below, least, regular) in [
+            ([1.0, 2.0, 3.0], [0.5, 0.3, -0.4], 0.05, true),
+            ([TINY, 1.0, 1.0], [0.0; 3], 0.0, false),
+            ([1.0, TINY, 1.0], [0.0; 3], 0.0, false),
+            ([1.0, 1.0, TINY], [0.0; 3], 0.0, false),
+            ([TINY.next_up(); 3], [0.0; 3], 0.0, true),
+            // Pivots of 0.75 and 0.4375 of the variance.
+            ([1.0, 4.0, 9.0], [1.0, 0.0, 0.0], 0.5, true),
+            ([1.0, 4.0, 9.0], [1.5, 0.0, 0.0], 0.5, false),
+            ([1.0, 4.0, 9.0], [0.0, 1.5, 0.0], 0.5, true),
+            ([1.0, 4.0, 9.0], [0.0, 2.25, 0.0], 0.5, false),
+            ([1.0, 4.0, 9.0], [0.0, 0.0, 3.0], 0.5, true),
+            ([1.0, 4.0, 9.0], [0.0, 0.0, 4.5], 0.5, false),
+            ([1.0, -4.0, 9.0], [0.0; 3], 0.5, false),
+            ([1.0, 4.0, -9.0], [0.0; 3], 0.5, false),
+            ([1.0, 4.0, f32::NAN], [0.0; 3], 0.5, false),
+        ] {
+            let [d0, d1, d2] = diagonal;
+            let [m10, m20, m21] = below;
+            let m = [
+                [d0, f32::NAN, f32::NAN],
+                [m10, d1, f32::NAN],
+                [m20, m21, d2],
+            ];
+            let factor = Factor::new(&m, least);
+            assert_eq!(factor.is_some(), regular, "{diagonal:?} {below:?}");
+            let Some(factor) = factor.filter(|_| least > 0.0) else {
+                continue;
+            };
+            let l = [
+                [1.0, 0.0, 0.0],
+                [factor.l10, 1.0, 0.0],
+                [factor.l20, factor.l21, 1.0],
+            ];
+            let d = crate::math::matrix::diagonal(factor.inverse.map(|inverse| 1.0 / inverse));
+            let found = propagate(&l, &d);
+            for (i, j) in [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)] {
+                assert!((found[i][j] - m[i][j]).abs() < 2e-6, "{i} {j}");
+            }
+            let share = d[1][1] * d[2][2] / (m[1][1] * m[2][2]);
+            assert!((factor.share / share - 1.0).abs() < 1e-6);
+        }
+    }
+
+    /// Newton's method from one half leaves [0, 1] for these variances of B, A's being one, and weights of the trace.
+    #[test]
+    fn weight_of_least_trace_is_found_where_a_step_leaves_the_bracket() {
+        for (b, weights) in [
+            ([0.803, 4.08, 1.84], [7.04, 0.11, 0.111]),
+            ([1.1, 1.01, 0.29], [2.77, 1.02, 0.15]),
+            ([1.01, 0.8, 4.3], [0.06, 8.71, 0.17]),
+            ([0.96, 1.35, 0.23], [0.37, 2.37, 0.3]),
+        ] {
+            let (mut low, mut high) = (0.0, 1.0);
+            for _ in 0..40 {
+                let omega = 0.5 * (low + high);
+                let slope: f64 = (0..3)
+                    .map(|k| {
+                        let (b, s) = (f64::from(b[k]), 1.0 + omega * (f64::from(b[k]) - 1.0));
+                        f64::from(weights[k]) * b * (1.0 - b) / (s * s)
+                    })
+                    .sum();
+                *if slope < 0.0 { &mut low } else { &mut high } = omega;
+            }
+            let inputs = Inputs {
+                a: &crate::math::matrix::identity(),
+                b: &crate::math::matrix::diagonal(b),
+                gap: crate::math::matrix::diagonal(b.map(|b| b - 1.0)),
+                difference: [0.0; 3],
+            };
+            let ([omega, _], ..) = fuse(&inputs, Criterion::Trace, &weights).unwrap();
+            assert!(
+                (f64::from(omega) - low).abs() < 3e-6,
+                "{b:?}: {omega} {low}"
+            );
+        }
+    }
+
     /// Answers in `f32` equal those of two floats; few cases are left to two floats where neither
     /// input is much worse and errors are hardly correlated.
     #[test]

@@ -2,6 +2,7 @@ use super::*;
 use crate::fusion::testing::{
     self, Matrix, cholesky, covariance_error, inverse, product, transpose, wrap,
 };
+use crate::math::matrix;
 use proptest::prelude::*;
 
 type M = Matrix<3, 3>;
@@ -114,20 +115,31 @@ fn check(criterion: Criterion, a: &M, b: &M) -> Result<(), TestCaseError> {
         extended([1.1, -2.3, -3.1], b),
     );
     let (a, b) = (exact(&ea.covariance), exact(&eb.covariance));
-    let fused = by(criterion).fuse_extended(&ea, &eb).unwrap();
     let omega = match criterion {
         Criterion::Determinant => reference_determinant(&a, &b),
         Criterion::Trace => reference_trace(&a, &b, [1.0, 1.0, 0.2f32 as f64 * 0.2f32 as f64]),
     };
+    let intersection = by(criterion);
+    for fused in [
+        intersection.fuse_extended(&ea, &eb).unwrap(),
+        intersection.fuse_wide(&ea, &eb).unwrap(),
+    ] {
+        check_fused(&fused, omega, &a, &b)?;
+    }
+    Ok(())
+}
+
+/// A result for the postures of [`check`] against `f64`.
+fn check_fused(fused: &Fused, omega: f64, a: &M, b: &M) -> Result<(), TestCaseError> {
     prop_assert!(
         (fused.omega as f64 - omega).abs() < 5e-6,
         "{} {omega}",
         fused.omega
     );
-    let p = fused_covariance(&a, &b, omega);
+    let p = fused_covariance(a, b, omega);
     let d = covariance_error(&fused.estimate.covariance, &p);
     prop_assert!(d < 1e-5, "{d:e}");
-    let gain = product(&a, &inverse(&blend(&a, &b, omega)));
+    let gain = product(a, &inverse(&blend(a, b, omega)));
     let difference = [
         1.1f32 as f64 - 1.0,
         -2.3f32 as f64 + 2.0,
@@ -193,24 +205,6 @@ properties! {
         prop_assert!((0..3).all(|i| pivots[i][i] >= 0.0), "{pivots:?}");
     }
 
-    #[test]
-    fn never_claims_more_than_either_input_by_its_own_criterion(
-        a in covariance(1.5), b in covariance(1.5),
-    ) {
-        // Any ω gives a consistent estimate, so the best one is at least as good as both ends.
-        let fused = by(Criterion::Trace)
-            .fuse_extended(&extended([0.0; 3], &a), &extended([0.0; 3], &b))
-            .unwrap();
-        let cost = |p: &M| p[0][0] + p[1][1] + 0.04 * p[2][2];
-        let p = testing::wide(&fused.estimate.covariance);
-        prop_assert!(cost(&p) <= cost(&a).min(cost(&b)) * (1.0 + 1e-6));
-        // And no direction is better than what both together could know.
-        let sum = gap(&inverse(&a).map(|row| row.map(|x| -x)), &inverse(&b));
-        let floor = inverse(&sum);
-        for i in 0..3 {
-            prop_assert!(p[i][i] >= floor[i][i] * (1.0 - 1e-6));
-        }
-    }
 }
 
 #[test]
@@ -231,16 +225,6 @@ fn a_dominating_input_is_taken_alone() {
 }
 
 #[test]
-fn mirrored_inputs_share_alike() {
-    let a = Estimate::with_sigmas(Posture::ORIGIN, [0.1, 0.3, 0.2]);
-    let b = Estimate::with_sigmas(Posture::new(0.1, 0.1, 0.0), [0.3, 0.1, 0.2]);
-    let fused = by(Criterion::Determinant).fuse(&a, &b).unwrap();
-    assert!((fused.omega - 0.5).abs() < 1e-7);
-    // P⁻¹ = (100 + 100/9)/2.
-    assert!((fused.estimate.covariance[0][0] - 0.018).abs() < 1e-8);
-}
-
-#[test]
 fn bad_input_is_refused() {
     let good = Estimate::with_sigmas(Posture::ORIGIN, [0.1; 3]);
     let ci = by(Criterion::Determinant);
@@ -250,11 +234,24 @@ fn bad_input_is_refused() {
         assert!(ci.fuse(&good, &bad).is_none());
         assert!(ci.fuse(&bad, &good).is_none());
     }
-    for value in [f32::NAN, f32::INFINITY] {
-        let mut bad = good;
-        bad.posture.y = value;
-        assert!(ci.fuse(&good, &bad).is_none());
-        assert!(ci.fuse(&bad, &good).is_none());
+    // Also where the other input is taken alone.
+    for (criterion, size) in [Criterion::Determinant, Criterion::Trace]
+        .into_iter()
+        .flat_map(|criterion| [0.01, 1.0, 100.0].map(|size| (criterion, size)))
+    {
+        let ci = by(criterion);
+        let other = Estimate::new(good.posture, matrix::scale(&good.covariance, size));
+        for (k, value) in (0..3).flat_map(|k| [f32::NAN, f32::INFINITY].map(|value| (k, value))) {
+            let mut bad: [f32; 3] = good.posture.into();
+            bad[k] = value;
+            let bad = Estimate::new(Posture::from(bad), good.covariance);
+            for (a, b) in [(&other, &bad), (&bad, &other)] {
+                assert!(ci.fuse(a, b).is_none());
+                let [a, b] = [a, b].map(ExtendedEstimate::from);
+                assert!(ci.fuse_extended(&a, &b).is_none());
+                assert!(ci.fuse_wide(&a, &b).is_none());
+            }
+        }
     }
     crate::config::refusal_of(Config::default(), |c| c.build())
         .names(&[("heading_length_m", |c| c.heading_length_m = f32::NAN)]);
@@ -262,9 +259,145 @@ fn bad_input_is_refused() {
 
 #[test]
 fn headings_many_turns_apart_are_the_same_heading() {
-    let a = Estimate::with_sigmas(Posture::new(0.0, 0.0, 0.3), [0.1; 3]);
-    let turns = 5.0 * core::f64::consts::TAU + 0.3;
-    let b = Estimate::with_sigmas(Posture::new(0.0, 0.0, turns as f32), [0.1; 3]);
-    let fused = by(Criterion::Determinant).fuse(&a, &b).unwrap();
-    assert!((fused.estimate.posture.phi - 0.3).abs() < 2e-6);
+    let ci = by(Criterion::Determinant);
+    for (from, turns) in [(0.3, 5), (-1.2, -7), (3.1, 1), (-3.1, 0), (0.0, 40)] {
+        let to = 0.3 + core::f64::consts::TAU * f64::from(turns);
+        let wide = |x: f64| TwoFloat::from_sum(x as f32, (x - f64::from(x as f32)) as f32);
+        let [a, b] = [from, to].map(|phi| ExtendedEstimate {
+            posture: [TwoFloat::ZERO, TwoFloat::ZERO, wide(phi)],
+            covariance: testing::wide(&matrix::diagonal([0.01; 3])).map(|row| row.map(wide)),
+        });
+        let turn = difference(&a, &b)[2];
+        let error = f64::from(turn.high) + f64::from(turn.low) - wrap(0.3 - from);
+        assert!(error.abs() < 1e-11, "{from} {turns}: {error:e}");
+        let halfway = from + 0.5 * wrap(0.3 - from);
+        let [narrow_a, narrow_b] = [from, to]
+            .map(|phi| Estimate::with_sigmas(Posture::new(0.0, 0.0, phi as f32), [0.1; 3]));
+        for fused in [ci.fuse(&narrow_a, &narrow_b), ci.fuse_wide(&a, &b)] {
+            let phi = fused.unwrap().estimate.posture.phi;
+            assert!(phi.abs() <= core::f32::consts::PI);
+            assert!(wrap(f64::from(phi) - halfway).abs() < 2e-5);
+        }
+    }
+}
+
+#[test]
+fn upper_triangles_are_not_read() {
+    let mut random = testing::Random::new(4);
+    for criterion in [Criterion::Determinant, Criterion::Trace] {
+        let ci = by(criterion);
+        let of = |covariance| Estimate::new(Posture::new(0.1, 0.2, 0.3), covariance);
+        let [a, b] = [(); 2].map(|()| testing::random_covariance(&mut random, [0.1; 3], 0.4));
+        let [lower_a, lower_b] = [a, b].map(|mut covariance| {
+            for (i, j) in [(0, 1), (0, 2), (1, 2)] {
+                covariance[i][j] = f32::NAN;
+            }
+            of(covariance)
+        });
+        let (a, b) = (of(a), of(b));
+        assert_eq!(ci.fuse(&a, &b), ci.fuse(&lower_a, &lower_b));
+        let [a, b, lower_a, lower_b] =
+            [a, b, lower_a, lower_b].map(|estimate| ExtendedEstimate::from(&estimate));
+        assert!(ci.fuse_wide(&a, &b).is_some());
+        assert_eq!(ci.fuse_wide(&a, &b), ci.fuse_wide(&lower_a, &lower_b));
+        assert_eq!(
+            ci.fuse_extended(&a, &b),
+            ci.fuse_extended(&lower_a, &lower_b)
+        );
+    }
+}
+
+/// Inputs whose best weight is an end to the bit, or lies beside it: −tr(B − A), or its like at the other end or of
+/// the weighted trace, is zero.
+#[test]
+fn weights_at_and_beside_the_ends_are_exact() {
+    let identity = diagonal([1.0; 3]);
+    let trace = Config {
+        criterion: Criterion::Trace,
+        heading_length_m: 0.5,
+    };
+    for (intersection, b) in [
+        (by(Criterion::Determinant), [0.5, 1.0, 1.5]),
+        (by(Criterion::Determinant), [0.5, 1.5, 1.0]),
+        (trace.build().unwrap(), [0.5, 0.5, 2.0]),
+    ] {
+        for step in -20..=20 {
+            let change = f64::from(step) * if step % 2 == 0 { 6e-8 } else { 1e-5 };
+            let a = diagonal([1.0 + change, 1.0, 1.0]);
+            let b = diagonal(b);
+            let [a, b] =
+                [a, b].map(|m| Estimate::new(Posture::ORIGIN, m.map(|r| r.map(|x| x as f32))));
+            let [m, n] = [&a, &b].map(|estimate| testing::wide(&estimate.covariance));
+            let best = match intersection.criterion {
+                Criterion::Determinant => reference_determinant(&m, &n),
+                Criterion::Trace => reference_trace(&m, &n, [1.0, 1.0, 0.25]),
+            };
+            let [wide_a, wide_b] = [&a, &b].map(ExtendedEstimate::from);
+            for (fused, expected) in [
+                (intersection.fuse(&a, &b), best),
+                (intersection.fuse_wide(&wide_a, &wide_b), best),
+                (intersection.fuse(&b, &a), 1.0 - best),
+                (intersection.fuse_wide(&wide_b, &wide_a), 1.0 - best),
+            ] {
+                let omega = f64::from(fused.unwrap().omega);
+                assert!(
+                    (omega - expected).abs() < 5e-6,
+                    "{step}: {omega} {expected}"
+                );
+                assert!((0.0..=1.0).contains(&omega), "{step}: {omega}");
+            }
+        }
+        let [a, b] = [identity, diagonal(b)].map(|m| extended([0.0; 3], &m));
+        assert_eq!(intersection.fuse_wide(&a, &b).unwrap().omega, 0.0);
+        assert!(intersection.fuse_wide(&b, &a).unwrap().omega > 0.999_999);
+    }
+}
+
+/// Two variances of B are half of A's, the third is a million times A's and hardly weighs.
+#[test]
+fn a_small_weight_is_found_to_its_own_digits() {
+    for heading_length_m in [1e-5f32, 1e-4, 1e-3] {
+        let config = Config {
+            criterion: Criterion::Trace,
+            heading_length_m,
+        };
+        let [a, b] = [[1.0; 3], [0.5, 0.5, 1e6]].map(diagonal);
+        let square = f64::from(heading_length_m * heading_length_m);
+        let omega = reference_trace(&a, &b, [1.0, 1.0, square]);
+        let [wide_a, wide_b] = [&a, &b].map(|m| extended([0.0; 3], m));
+        let fused = config.build().unwrap().fuse_wide(&wide_a, &wide_b).unwrap();
+        assert!(
+            (f64::from(fused.omega) / omega - 1.0).abs() < 1e-5,
+            "{omega}"
+        );
+        let p = fused_covariance(&a, &b, omega);
+        assert!(covariance_error(&fused.estimate.covariance, &p) < 1e-5);
+    }
+}
+
+#[test]
+fn pivots_and_scales_are_of_positive_numbers_of_bounded_size() {
+    for (x, power) in [
+        (1e-15, None),
+        (1e15, None),
+        (0.0, None),
+        (-1.0, None),
+        (f32::NAN, None),
+        (f32::INFINITY, None),
+        (1.0, Some(1.0)),
+        (1.99, Some(1.0)),
+        (0.3, Some(0.25)),
+    ] {
+        assert_eq!(power_of_two_below(x), power, "{x}");
+    }
+    for x in [1e-15f32.next_up(), 1e15f32.next_down()] {
+        let power = power_of_two_below(x).unwrap();
+        assert!(power <= x && x < 2.0 * power);
+    }
+    for (k, bad) in (0..3).flat_map(|k| [0.0, -1.0, f32::NAN, f32::INFINITY].map(|bad| (k, bad))) {
+        let mut m = wide(&diagonal([1.0; 3]));
+        assert!(factor(&m).is_some());
+        m[k][k] = TwoFloat::from_f32(bad);
+        assert!(factor(&m).is_none(), "{k} {bad}");
+    }
 }

@@ -93,78 +93,188 @@ fn bumps_turn_the_odometry_but_not_the_corrected_heading() {
     assert!(error.abs() < 5e-3, "{error}");
 }
 
+/// Growth of the variance of the line's direction by first derivatives of that direction.
 #[test]
-fn variance_is_what_many_noisy_drives_show() {
+fn variance_grows_by_the_derivatives_of_the_direction() {
+    let (baseline, ds) = (0.37, [1e-4, -2e-4]);
+    let (sigma_ds, sigma_alpha, sigma_phi) = (1e-2, 100.0, 100.0);
     let config = Config {
-        wheel_sigma_m: 2e-4,
-        lateral_sigma_m: 2e-4,
-        heading_sigma_rad: 2e-3,
+        wheel_sigma_m: (sigma_ds * 2f64.sqrt()) as f32,
+        lateral_sigma_m: (sigma_alpha * baseline) as f32,
+        heading_sigma_rad: sigma_phi as f32,
         ..Config::default()
     };
     let ipec = config.build().unwrap();
-    let (runs, mut spread, mut claimed) = (400, 0.0, 0.0);
-    for run in 0..runs {
-        let (mut robot, mut random) = (Robot::new(), Random::new(run));
-        let [front, rear] = robot.axles;
-        let mut state = State::new(narrow(front), narrow(rear));
-        for k in 0..400 {
-            let mut d = robot.step(0.005, turns(k));
-            for wheel in &mut d {
-                *wheel += 2e-4 * random.normal();
-            }
-            let mut r = robot.link();
-            r[1] += 2e-4 * random.normal();
-            r[2] += 2e-3 * random.normal();
-            advance(&ipec, &mut state, d, r);
-        }
-        let [p, q] = state.postures();
-        let beta = f64::from(q.y - p.y).atan2(f64::from(q.x - p.x));
-        let [t, u] = robot.axles;
-        let error = wrap(beta - (u[1] - t[1]).atan2(u[0] - t[0]));
-        spread += error * error / runs as f64;
-        claimed = f64::from(state.variance);
-    }
-    // 400 runs: the estimate of a variance is good to 7 %.
-    let ratio = spread / claimed;
-    assert!((ratio - 1.0).abs() < 0.25, "{ratio}");
-}
-
-#[test]
-fn weighed_form_obeys_the_more_certain_side() {
-    let with_drift = |drift_rad_per_sqrt_m| {
-        let config = Config {
-            drift_rad_per_sqrt_m,
-            ..Config::default()
+    for (alpha, phi) in [(2.6, 0.3), (-2.9, -0.5), (3.0, 1.2), (2.0, 0.9)] {
+        // Axle 1 heads against the measured direction of the line, axle 2 by `phi` further.
+        let direction = |[ds1, ds2, alpha, phi]: [f64; 4]| {
+            let (first, second) = (-alpha, phi - alpha);
+            let x = baseline + ds2 * second.cos() - ds1 * first.cos();
+            (ds2 * second.sin() - ds1 * first.sin()).atan2(x)
         };
-        config.build().unwrap()
+        let at = [ds[0], ds[1], alpha, phi];
+        let sigmas = [sigma_ds, sigma_ds, sigma_alpha, sigma_phi];
+        let expected: f64 = (0..4)
+            .map(|k| {
+                let (mut low, mut high) = (at, at);
+                low[k] -= 1e-6;
+                high[k] += 1e-6;
+                (sigmas[k] * (direction(high) - direction(low)) / 2e-6).powi(2)
+            })
+            .sum();
+        let r = [baseline * alpha.cos(), baseline * alpha.sin(), phi];
+        let back = [-ds[0] * alpha.cos(), ds[0] * alpha.sin(), -alpha];
+        let mut state = State::new(narrow(back), narrow([baseline, 0.0, phi - alpha]));
+        let [front, rear] = ds;
+        let correction = ipec
+            .step(
+                &mut state,
+                &[front, front, rear, rear].map(|x| x as f32),
+                &narrow(r),
+            )
+            .unwrap();
+        // Both axles have slid along the line by half of what their distance lacked.
+        let [p, q] = state.postures().map(<[f32; 3]>::from);
+        assert!((f64::from(p[0] - q[0]).hypot(f64::from(p[1] - q[1])) - baseline).abs() < 1e-6);
+        let gone = ds[1] * (phi - alpha).cos();
+        assert!((f64::from(p[0] + q[0]) - baseline - gone).abs() < 1e-6);
+        let ratio = f64::from(state.variance) / expected;
+        assert!((ratio - 1.0).abs() < 3e-3, "{alpha} {phi}: {ratio}");
+        let claimed =
+            f64::from(correction.heading_variance) / (expected + sigma_alpha * sigma_alpha);
+        assert!((claimed - 1.0).abs() < 3e-3, "{alpha} {phi}: {claimed}");
+    }
+}
+
+/// Weighed form in `f64`: mean of the three directions by inverse variance.
+#[test]
+fn weighed_form_is_the_mean_by_inverse_variance() {
+    let mut random = Random::new(9);
+    let config = Config {
+        wheel_sigma_m: 0.0,
+        lateral_sigma_m: 1e-3,
+        heading_sigma_rad: 2e-3,
+        drift_rad_per_sqrt_m: 0.02,
+        gate_sigmas: 1.5,
+        ..Config::default()
     };
-    let [ipec, loose] = [0.0, 1.0].map(with_drift);
-    let postures = [Posture::new(0.37, 0.0, 0.01), Posture::new(0.0, 0.0, 0.01)];
-    // The beam says straight; both axles say that the line points 0.01 to the left.
-    let r = Posture::new(-0.37, 0.0, 0.0);
-    let weigh = |own: f32| ipec.weigh(postures, [0.0025; 2], [own; 2], &r).unwrap().0;
-    let [front, rear] = weigh(1e-3);
-    assert!(front.phi.abs() < 1e-3 && rear.phi.abs() < 1e-3);
-    let ([front, rear], _) = loose.weigh(postures, [0.0025; 2], [1e-9; 2], &r).unwrap();
-    assert!((front.phi - 0.01).abs() < 1e-4);
-    // The line has turned with them about the middle.
-    let line = atan2(front.y - rear.y, front.x - rear.x);
-    assert!((line - 0.01).abs() < 1e-4);
-    assert!((front.x + rear.x - 0.37).abs() < 1e-4);
+    let ipec = config.build().unwrap();
+    let (mut gates, mut refused) = ([0; 2], 0);
+    for _ in 0..400 {
+        let line = random.between(-3.1, 3.1);
+        let r = [
+            -0.3 + random.between(-0.1, 0.1),
+            random.between(-0.2, 0.2),
+            random.between(-1.0, 1.0),
+        ];
+        let (baseline, alpha) = (r[0].hypot(r[1]), r[1].atan2(r[0]));
+        let wrong = [(); 2].map(|()| 0.02 * random.normal());
+        let front = [0.5, -0.7, line - alpha + wrong[0]];
+        let apart = baseline + 1e-3 * random.normal();
+        let rear = [
+            front[0] + apart * line.cos(),
+            front[1] + apart * line.sin(),
+            line - alpha + r[2] + wrong[1],
+        ];
+        let ds = [random.between(-0.5, 0.5), random.between(-0.5, 0.5)];
+        let own = [(); 2].map(|()| 1e-5 * random.between(1.0, 20.0));
+        let found = ipec.weigh(
+            [narrow(front), narrow(rear)],
+            ds.map(|x| x as f32),
+            own.map(|x| x as f32),
+            &narrow(r),
+        );
+
+        let sigma_alpha = 1e-3 / baseline;
+        let along = [ds[0] * alpha.cos(), ds[1] * (r[2] - alpha).cos()];
+        let by_beam = (along[1] * 2e-3).powi(2) + ((along[0] - along[1]) * sigma_alpha).powi(2);
+        let driven = 0.5 * (ds[0].abs() + ds[1].abs());
+        let of_line = by_beam / (baseline * baseline) + 4e-4 * driven;
+        let noise = 2.0 * (sigma_alpha * sigma_alpha + 4e-6);
+        let bound = |variance: f64| 1.5 * variance.sqrt();
+        let gated = [0, 1].map(|i| wrong[i].abs() > bound(own[i] + of_line + noise));
+        if gated == [true; 2] && (wrong[0] - wrong[1]).abs() <= bound(own[0] + own[1] + noise) {
+            assert!(found.is_none());
+            refused += 1;
+            continue;
+        }
+        let (mut information, mut sum) = (1.0 / of_line, 0.0);
+        for i in (0..2).filter(|&i| !gated[i]) {
+            information += 1.0 / own[i];
+            sum += wrong[i] / own[i];
+        }
+        let direction = line + sum / information;
+        let middle = [0, 1].map(|k| 0.5 * (front[k] + rear[k]));
+        let (postures, correction) = found.unwrap();
+        for (i, side) in [-0.5, 0.5].into_iter().enumerate() {
+            let position = [direction.cos(), direction.sin()];
+            let p: [f32; 3] = postures[i].into();
+            for k in 0..2 {
+                let exact = middle[k] + side * baseline * position[k];
+                assert!((f64::from(p[k]) - exact).abs() < 1e-6);
+            }
+            let heading = direction - alpha + [0.0, r[2]][i];
+            assert!(wrap(f64::from(p[2]) - heading).abs() < 2e-6);
+            let turned = heading - [front, rear][i][2];
+            assert!(wrap(f64::from(correction.heading[i]) - turned).abs() < 2e-6);
+            gates[i] += u32::from(gated[i]);
+        }
+        assert_eq!(correction.gated, gated);
+        let claimed = 1.0 / information + sigma_alpha * sigma_alpha;
+        assert!((f64::from(correction.heading_variance) / claimed - 1.0).abs() < 1e-3);
+    }
+    assert!(
+        gates[0] > 20 && gates[1] > 20 && refused > 5,
+        "{gates:?} {refused}"
+    );
+}
+
+/// Directions without any variance but the axles' own, which are powers of two, so that the bounds are exact.
+#[test]
+fn opinions_at_the_gate_take_part_and_axles_apart_by_it_contradict_alike() {
+    let config = Config {
+        wheel_sigma_m: 0.0,
+        lateral_sigma_m: 0.0,
+        heading_sigma_rad: 0.0,
+        drift_rad_per_sqrt_m: 0.0,
+        gate_sigmas: 1.0,
+        ..Config::default()
+    };
+    let ipec = config.build().unwrap();
+    let weigh = |opinions: [f32; 2], own: [f32; 2]| {
+        let front = Posture::new(0.0, 0.0, opinions[0]);
+        let rear = Posture::new(0.5, 0.0, opinions[1]);
+        let seen = Posture::new(0.5, 0.0, 0.0);
+        let found = ipec.weigh([front, rear], [0.0; 2], own, &seen);
+        found.map(|(_, correction)| correction.gated)
+    };
+    for (opinion, out) in [(0.5f32, false), (0.5f32.next_up(), true)] {
+        assert_eq!(weigh([opinion, 0.0], [0.25; 2]), Some([out, false]));
+        assert_eq!(weigh([0.0, -opinion], [0.25; 2]), Some([false, out]));
+    }
+    for own in [[0.0625, 0.1875], [0.1875, 0.0625]] {
+        assert_eq!(weigh([1.0, 0.5], own), None);
+        assert_eq!(weigh([1.0f32.next_up(), 0.5], own), Some([true; 2]));
+    }
 }
 
 #[test]
-fn a_bump_of_one_axle_is_left_out() {
+fn shortest_baseline_gives_a_direction() {
     let ipec = Config::default().build().unwrap();
-    let postures = [Posture::new(0.37, 0.0, 0.05), Posture::new(0.0, 0.0, 0.0)];
-    let r = Posture::new(-0.37, 0.0, 0.0);
-    let (corrected, what) = ipec.weigh(postures, [0.0025; 2], [1e-7; 2], &r).unwrap();
-    assert_eq!(what.gated, [true, false]);
-    assert!(corrected[0].phi.abs() < 1e-3);
-    assert!((what.heading[0] + 0.05).abs() < 1e-3);
-    // Both alike: the beam is in doubt.
-    let postures = postures.map(|p| Posture { phi: 0.05, ..p });
-    assert!(ipec.weigh(postures, [0.0025; 2], [1e-7; 2], &r).is_none());
+    let shorter = MIN_BASELINE_M.next_down();
+    for (seen, line, given) in [
+        (MIN_BASELINE_M, 0.37, true),
+        (shorter, 0.37, false),
+        (0.37, MIN_BASELINE_M, true),
+        (0.37, shorter, false),
+    ] {
+        let postures = [Posture::new(line, 0.0, 0.0), Posture::ORIGIN];
+        let r = Posture::new(-seen, 0.0, 0.0);
+        let mut state = State::new(postures[0], postures[1]);
+        assert_eq!(ipec.step(&mut state, &[0.0; 4], &r).is_some(), given);
+        let weighed = ipec.weigh(postures, [0.0; 2], [1e-6; 2], &r);
+        assert_eq!(weighed.is_some(), given);
+    }
 }
 
 #[test]

@@ -1,3 +1,4 @@
+use super::constants::{COMPLIANCE, DRIFT, GYRO_SCALE, SCALE, SIDE, TURN, UNEVEN};
 use super::*;
 use crate::fusion::testing::{
     Random, covariance_error, inverse, is_definite, quadratic, random_covariance, wide,
@@ -432,6 +433,130 @@ fn doubt_of(scale: f32, turn_scale: f32, zero: f32) -> Option<Doubt> {
         joint.update(&mut state, &seen, |_| true);
     }
     joint.doubt(&state)
+}
+
+/// Constants in units of the size from which on their sensor is inconsistent; pairs count by sum and difference over √2.
+#[test]
+fn largest_inconsistency_beyond_the_limit_names_the_part() {
+    let (mut joint, mut state) = start();
+    joint.per_limit = [0.25; constants::COUNT];
+    let mut doubt = |sizes: &[(usize, f32)]| {
+        state.constants = [0.0; constants::COUNT];
+        for &(k, size) in sizes {
+            state.constants[k] = 4.0 * size;
+        }
+        joint.doubt(&state)
+    };
+    let wheels = [DRIFT, SCALE, TURN, SIDE, UNEVEN].map(|k| (k, true, Doubt::Wheels));
+    let gyros = [GYRO_BIAS, GYRO_SCALE].map(|k| (k, true, Doubt::Gyros));
+    let single = [
+        (COMPLIANCE, Doubt::Wheels),
+        (ZERO, Doubt::Gauges),
+        (GAIN, Doubt::Gauges),
+    ];
+    let single = single.map(|(k, part)| (k, false, part));
+    for (k, paired, part) in wheels.into_iter().chain(gyros).chain(single) {
+        for (a, b, beyond) in [
+            (1.5, 0.0, true),
+            (0.0, -1.5, true),
+            (0.8, 0.8, paired),
+            (0.8, -0.8, paired),
+            (0.9, 0.0, false),
+        ] {
+            assert_eq!(
+                doubt(&[(k, a), (k + 1, b)]),
+                beyond.then_some(part),
+                "{k} {a} {b}"
+            );
+        }
+        let at = if paired { [1.0; 2] } else { [1.0, 0.0] };
+        for (other, larger) in [
+            (DRIFT, Doubt::Wheels),
+            (ZERO, Doubt::Gauges),
+            (GYRO_BIAS, Doubt::Gyros),
+        ] {
+            let sizes = [
+                (k, 2.0 * at[0]),
+                (k + 1, 2.0 * at[1]),
+                (other, 9.0),
+                (other + 1, 9.0),
+            ];
+            assert_eq!(doubt(&sizes), Some(larger), "{k} {other}");
+        }
+    }
+    assert_eq!(doubt(&[(ZERO, 1.0)]), None);
+    assert_eq!(doubt(&[(ZERO, 1.0f32.next_up())]), Some(Doubt::Gauges));
+}
+
+/// Every figure of the configuration by its definition.
+#[test]
+fn priors_walks_limits_and_tyres_are_those_of_the_configuration() {
+    let config = Config {
+        beam: crate::beam::strip::PostureSigmas {
+            zero_rad: 1e-3,
+            zero_tilt_m: 2e-3,
+            walk_rad_per_sqrt_s: 3e-4,
+            walk_tilt_m_per_sqrt_s: 4e-5,
+            gain: 0.05,
+            gain_tilt_m: 6e-3,
+        },
+        turn_scale_sigma: 0.0,
+        constancy_s: 500.0,
+        ..Config::default()
+    };
+    let (period, constancy) = (0.02, 500.0);
+    let joint = config.build(period as f32).unwrap();
+    let [d, moment, mass, stiffness] = [
+        config.half_track_m,
+        config.frame_moment_n_m,
+        config.axle_mass_kg,
+        config.slip_stiffness,
+    ]
+    .map(f64::from);
+    // A moment of 1 N m presses each wheel with 1/2d N along, of which its load times C is the slip.
+    let load = 0.5 * 9.81 * mass;
+    let compliance = moment / (2.0 * d) / (load * stiffness) / d;
+    let sliding = f64::from(config.friction) * load * 2.0 * d / moment;
+    let [slip, tyre] = [config.slip_sigma, config.tyre_slip_sigma].map(f64::from);
+    let mut sigmas = [0.0; constants::COUNT];
+    sigmas[ZERO..ZERO + 2].copy_from_slice(&[1e-3, 2e-3]);
+    sigmas[GAIN..GAIN + 2].copy_from_slice(&[0.05, 6e-3]);
+    // Mean and half the difference of two axles, each the mean of two tyres.
+    sigmas[COMPLIANCE] = compliance * slip.hypot(tyre / 2.0);
+    sigmas[COMPLIANCE + 1] = compliance * tyre / 2.0;
+    for (first, sigma) in [
+        (DRIFT, f64::from(config.heading_drift_sigma_rad_per_m)),
+        (SCALE, f64::from(config.scale_sigma)),
+        (TURN, 0.0),
+        (SIDE, f64::from(config.side_slip_sigma)),
+        (UNEVEN, compliance * tyre / 2f64.sqrt()),
+        (GYRO_BIAS, f64::from(config.gyro_bias_sigma_rad_s)),
+        (GYRO_SCALE, f64::from(config.gyro_scale_sigma)),
+    ] {
+        sigmas[first] = sigma;
+        sigmas[first + 1] = sigma;
+    }
+    let mut walks = [0.0; constants::COUNT];
+    walks[ZERO..ZERO + 2].copy_from_slice(&[3e-4, 4e-5]);
+    walks[GYRO_BIAS..GYRO_BIAS + 2].fill(f64::from(config.gyro_bias_walk_rad_s_per_sqrt_s));
+    let alike = |found: f32, exact: f64| (f64::from(found) - exact).abs() <= 1e-5 * exact;
+    for k in 0..constants::COUNT {
+        assert!(alike(joint.prior[k], sigmas[k] * sigmas[k]), "{k}");
+        assert!(alike(joint.walk[k], walks[k] * walks[k] * period), "{k}");
+        let walked = sigmas[k].hypot(walks[k] * f64::sqrt(constancy));
+        let per_limit = if walked > 0.0 { 0.25 / walked } else { 0.0 };
+        assert!(alike(joint.per_limit[k], per_limit), "{k}");
+    }
+    assert!(alike(joint.tyres.compliance, compliance) && alike(joint.tyres.sliding, sliding));
+    // 1 − T/constancy in f32.
+    assert!((f64::from(1.0 - joint.kept) - period / constancy).abs() < 1e-7);
+    for (constancy_s, allowed) in [(5.0f32, true), (5.0f32.next_down(), false), (1e7, true)] {
+        let config = Config {
+            constancy_s,
+            ..config
+        };
+        assert_eq!(config.build(0.5).is_ok(), allowed, "{constancy_s}");
+    }
 }
 
 #[test]

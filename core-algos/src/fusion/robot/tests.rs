@@ -1,4 +1,8 @@
 use super::*;
+use crate::fusion::testing::{
+    Matrix, Pose, Random, cholesky, compose, covariance_error, inverse, quadratic,
+    random_covariance, relative, transpose, wide, wrap,
+};
 
 const BEAM_SIGMAS: [f32; 3] = [5e-5, 5e-5, 2e-4];
 const MODES: [Mode; 4] = [
@@ -162,52 +166,18 @@ fn a_lost_message_only_delays() {
     }
 }
 
-#[test]
-fn what_is_not_finite_counts_as_absent() {
-    for mode in MODES {
-        let fusion = fusion(mode);
-        let fresh = start(&fusion, Posture::ORIGIN);
-        for bad in [f32::NAN, f32::INFINITY, -1e-9] {
-            let mut state = fresh;
-            let mut increment = forward();
-            increment.posture.y = bad;
-            let mut beam = straight();
-            beam.covariance[0][0] = bad;
-            let mut one_axle = inputs(increment, Some(beam));
-            one_axle.rear = None;
-            assert!(fusion.step(&mut state, &one_axle).robot.is_finite());
-            let output = fusion.step(&mut state, &inputs(rest(), Some(beam)));
-            assert!(output.front.is_finite() && output.rear.is_finite());
-            let expected = match mode {
-                Mode::Odometry => Verdict::Absent,
-                _ => Verdict::Invalid,
-            };
-            assert_eq!(output.beam.verdict, expected);
-        }
-    }
-}
-
 /// The random errors of joined axles may be fully correlated: twice the independent covariance.
 #[test]
 fn joined_axles_claim_twice_the_independent_covariance() {
     let exact = |posture| Estimate::new(posture, [[0.0; 3]; 3]);
-    let noisy = |sigma: f32| {
-        let covariance = matrix::diagonal([sigma * sigma; 3]);
-        Some(Increment::new(Posture::ORIGIN, covariance))
-    };
-    let step = |mode, front, rear, beam| {
+    let noisy = Increment::new(Posture::ORIGIN, matrix::diagonal([0.01; 3]));
+    for (mode, factor) in [(Mode::Odometry, 1.0), (Mode::Intersection, 2.0)] {
         let fusion = fusion(mode);
         let mut state = fusion.start(&exact(Posture::ORIGIN), &exact(straight().posture), 0.0);
-        fusion.step(&mut state, &Inputs { front, rear, beam })
-    };
-    for (mode, factor) in [(Mode::Odometry, 1.0), (Mode::Intersection, 2.0)] {
-        let robot = step(mode, noisy(0.1), noisy(0.1), None).robot;
+        let robot = fusion.step(&mut state, &inputs(noisy, None)).robot;
         let ratio = robot.covariance[0][0] / (factor * 0.5 * 0.01);
         assert!((ratio - 1.0).abs() < 0.02, "{mode:?} {ratio}");
     }
-    let turned = Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.2), BEAM_SIGMAS);
-    let update = step(Mode::Intersection, noisy(0.1), noisy(1e-3), Some(turned)).beam;
-    assert!((update.nis / (0.04 / (2.0 * 0.01)) - 1.0).abs() < 0.02);
 }
 
 #[test]
@@ -240,31 +210,659 @@ fn a_leaping_beam_is_gated_until_it_insists() {
     }
 }
 
+fn pose(posture: Posture) -> Pose {
+    <[f32; 3]>::from(posture).map(f64::from)
+}
+
+/// O of two axles.
+fn middle(front: Pose, rear: Pose) -> Pose {
+    let (x, y) = (front[0] - rear[0], front[1] - rear[1]);
+    [
+        0.5 * (front[0] + rear[0]),
+        0.5 * (front[1] + rear[1]),
+        y.atan2(x),
+    ]
+}
+
+fn near(a: Posture, b: Pose, slack: f64) -> bool {
+    let a = pose(a);
+    (a[0] - b[0]).abs() < slack && (a[1] - b[1]).abs() < slack && wrap(a[2] - b[2]).abs() < slack
+}
+
+/// Every kind of slip has a share that no other hides.
+fn slipping(mode: Mode) -> Config {
+    Config {
+        mode,
+        period_s: 0.02,
+        slip: Slip {
+            along_m_per_sqrt_m: 2e-3,
+            across_m_per_sqrt_m: 3e-3,
+            side_m_per_sqrt_m: 7e-3,
+            heading_rad_per_sqrt_m: 5e-3,
+            heading_rad_per_sqrt_s: 3e-3,
+            creep_per_sqrt_s: 6e-3,
+            creep_per_sqrt_m: 1.1e-2,
+            position_m_per_sqrt_s: 1.3e-3,
+            load_speed_m_s: 2e-3,
+        },
+        ..Config::default()
+    }
+}
+
+/// Standard deviations of the constants where no filter learns them.
+fn unlearnt_sigmas(config: &Config) -> [f64; constants::COUNT] {
+    let joint = config.joint.build(config.period_s).unwrap();
+    let mut sigmas = joint.prior_sigmas().map(f64::from);
+    // In 30 s a walk turns the heading as a constant bias of this size does.
+    let walked = f64::from(config.joint.gyro_bias_walk_rad_s_per_sqrt_s) * 10f64.sqrt();
+    for bias in &mut sigmas[constants::GYRO_BIAS..constants::GYRO_BIAS + 2] {
+        *bias = bias.hypot(walked);
+    }
+    let slip = &mut sigmas[constants::COMPLIANCE];
+    *slip = slip.hypot(f64::from(joint.tyres().compliance));
+    sigmas
+}
+
 #[test]
-fn bent_frame_creeps_at_standstill_in_the_covariance() {
-    for mode in [Mode::Odometry, Mode::Joint] {
-        let growth = |heading: f32| {
-            let mut config = Config {
-                mode,
-                ..Config::default()
-            };
-            // Without a beam a load of the frame that nobody knows of would hide it.
-            config.slip.load_speed_m_s = 0.0;
-            let fusion = config.build().unwrap();
-            let bent = Posture::new(0.36, 0.18 * heading, heading);
-            let relative = Estimate::with_sigmas(bent, [1e-3; 3]);
-            let robot = Estimate::with_sigmas(Posture::ORIGIN, [1e-3; 3]);
-            let mut state = fusion.start(&robot, &relative, 0.01);
-            let inputs = inputs(rest(), None);
-            let first = fusion.step(&mut state, &inputs).front.covariance[2][2];
-            let mut last = first;
-            for _ in 0..200 {
-                last = fusion.step(&mut state, &inputs).front.covariance[2][2];
-            }
-            last - first
+fn slip_adds_its_variances_by_way_time_and_relative_heading() {
+    let config = slipping(Mode::Joint);
+    let (fusion, sigmas) = (config.build().unwrap(), unlearnt_sigmas(&config));
+    let given = random_covariance(&mut Random::new(3), [1e-4, 2e-4, 3e-4], 0.4);
+    let square = |x: f32| f64::from(x) * f64::from(x);
+    let slip = &config.slip;
+    for (x, heading, ticks, gyro_share) in [
+        (0.3f32, 0.5f32, 3, 0.25f32),
+        (-0.02, -0.8, 1, 0.0),
+        (0.0, 0.4, 7, 0.5),
+        (0.1, 0.0, 0, 1.0),
+        (0.1, 0.6, 2, 1.5),
+        (0.1, 0.6, 2, -0.5),
+    ] {
+        let increment = Increment {
+            ticks,
+            gyro_share,
+            ..Increment::new(Posture::new(x, 0.01, 0.2), given)
         };
-        assert!(growth(0.5) > 10.0 * growth(0.0), "{mode:?}");
-        assert!(growth(0.0) > 0.0, "{mode:?}");
+        let found = fusion.with_slip(Some(increment), RelativeHeading(heading));
+        let (way, bend) = (f64::from(x.abs()), square(heading));
+        let time = f64::from(ticks) * f64::from(config.period_s);
+        let gyro = f64::from(gyro_share.clamp(0.0, 1.0));
+        let position = square(slip.position_m_per_sqrt_s) * time;
+        let side = square(slip.across_m_per_sqrt_m) + bend * square(slip.side_m_per_sqrt_m);
+        let per_m = square(slip.heading_rad_per_sqrt_m) + bend * square(slip.creep_per_sqrt_m);
+        let per_s = square(slip.heading_rad_per_sqrt_s) + bend * square(slip.creep_per_sqrt_s);
+        let mut expected = wide(&given);
+        expected[0][0] += square(slip.along_m_per_sqrt_m) * way + position;
+        expected[1][1] += side * way + position;
+        expected[2][2] += (1.0 - gyro) * (per_m * way + per_s * time);
+        let error = covariance_error(&found.estimate.covariance, &expected);
+        assert!(error < 1e-5, "{x} {heading}: {error}");
+        // Over a metre and a second a constant turns as far as a random walk of its size.
+        let by_wheels =
+            sigmas[constants::DRIFT].powi(2) + bend * sigmas[constants::COMPLIANCE].powi(2);
+        let by_gyro = sigmas[constants::GYRO_BIAS] * gyro;
+        let heading_variance =
+            expected[2][2] + (1.0 - gyro).powi(2) * by_wheels * way + by_gyro * by_gyro * time;
+        let ratio = f64::from(found.heading_variance) / heading_variance;
+        assert!((ratio - 1.0).abs() < 1e-5, "{x} {heading}: {ratio}");
+        let passed_on = (found.estimate.posture, found.advance, found.ticks);
+        assert_eq!(passed_on, (increment.posture, x, f32::from(ticks)));
+        assert_eq!(f64::from(found.gyro_share), gyro);
+    }
+}
+
+/// Sum of d dᵀ over the effects `d` of disturbances of one standard deviation, by central differences.
+fn covariance_by<const B: usize, D>(
+    disturbances: &[D],
+    bodies: impl Fn(Option<&D>, f64) -> [Pose; B],
+) -> [Matrix<3, 3>; B] {
+    let mut sum = [[[0.0; 3]; 3]; B];
+    for disturbance in disturbances {
+        let [low, high] = [-0.1, 0.1].map(|size| bodies(Some(disturbance), size));
+        for (sum, (low, high)) in sum.iter_mut().zip(low.into_iter().zip(high)) {
+            let d = [high[0] - low[0], high[1] - low[1], wrap(high[2] - low[2])];
+            for (i, k) in (0..9).map(|n| (n / 3, n % 3)) {
+                sum[i][k] += d[i] * d[k] / 0.04;
+            }
+        }
+    }
+    sum
+}
+
+/// Error of one standard deviation somewhere on a drive.
+enum Disturbance {
+    Robot(Pose),
+    Frame(Pose),
+    /// Way of both axles over that of their wheels, along the axes of the floor.
+    Floor([f64; 2]),
+    /// Errors of every increment of front and rear, in the frame of departure.
+    Steady([Pose; 2]),
+    /// Error of the increment of a step and axle, in the frame reached.
+    Noise(usize, usize, Pose),
+}
+
+/// Odometry against the same drive in `f64` with each error by itself: start, noise, constants, load and floor.
+#[test]
+fn odometry_claims_what_every_error_of_its_drive_adds() {
+    const STEPS: usize = 8;
+    let config = slipping(Mode::Odometry);
+    let (fusion, sigmas) = (config.build().unwrap(), unlearnt_sigmas(&config));
+    let mut random = Random::new(5);
+    let robot = Posture::new(0.5, -0.3, 2.9);
+    let shape = Posture::new(0.35, 0.06, 0.4);
+    let robot_covariance = random_covariance(&mut random, [4e-3, 6e-3, 8e-3], 0.4);
+    let frame_covariance = random_covariance(&mut random, [2e-3, 3e-3, 6e-3], 0.4);
+    let floor = 0.02f32;
+    let (turn, ticks, shares) = (0.06, [1, 2], [0.3, 0.7]);
+    let moved = [
+        Posture::new(0.03, 0.002, turn),
+        Posture::new(-0.025, -0.001, turn),
+    ];
+    let increments = [0, 1].map(|axle| Increment {
+        ticks: ticks[axle],
+        gyro_share: shares[axle],
+        ..Increment::new(moved[axle], random_covariance(&mut random, [2e-4; 3], 0.4))
+    });
+
+    let columns = |covariance: &Mat3| transpose(&cholesky(&wide(covariance)));
+    let mut disturbances = Vec::new();
+    disturbances.extend(columns(&robot_covariance).map(Disturbance::Robot));
+    disturbances.extend(columns(&frame_covariance).map(Disturbance::Frame));
+    disturbances.extend([[0.02, 0.0], [0.0, 0.02]].map(Disturbance::Floor));
+    let steps = [0, 1].map(|axle| constants::Step {
+        axle,
+        moved: moved[axle],
+        relative_heading: RelativeHeading(shape.phi),
+        dt: 0.02 * f32::from(ticks[axle]),
+        gyro_share: shares[axle],
+    });
+    let by = steps.map(|step| wide(&step.by_constants(fusion.joint.tyres())));
+    for (k, sigma) in sigmas.iter().enumerate() {
+        disturbances.push(Disturbance::Steady(
+            by.map(|by| by.map(|row| row[k] * sigma)),
+        ));
+    }
+    for (axle, component) in (0..6).map(|n| (n / 3, n % 3)) {
+        let dt = 0.02 * f64::from(ticks[axle]);
+        let turning = 2e-3 / 0.162 * (1.0 - f64::from(shares[axle]));
+        let mut load = [[0.0; 3]; 2];
+        load[axle][component] = [2e-3, 2e-3, turning][component] * dt;
+        disturbances.push(Disturbance::Steady(load));
+    }
+    for (step, axle) in (0..2 * STEPS).map(|n| (n / 2, n % 2)) {
+        let slipped = fusion.with_slip(Some(increments[axle]), RelativeHeading(shape.phi));
+        for column in columns(&slipped.estimate.covariance) {
+            disturbances.push(Disturbance::Noise(step, axle, column));
+        }
+    }
+
+    let add = |pose: Pose, by: &Pose, size: f64| [0, 1, 2].map(|i| pose[i] + size * by[i]);
+    let drive = |disturbance: Option<&Disturbance>, size: f64| {
+        let (mut o, mut r) = (pose(robot), pose(shape));
+        match disturbance {
+            Some(Disturbance::Robot(by)) => o = add(o, by, size),
+            Some(Disturbance::Frame(by)) => r = add(r, by, size),
+            _ => {}
+        }
+        let rear = compose(o, relative([0.0; 3], middle(r, [0.0; 3])));
+        let mut axles = [compose(rear, r), rear];
+        for (step, axle) in (0..2 * STEPS).map(|n| (n / 2, n % 2)) {
+            let mut by = pose(moved[axle]);
+            match disturbance {
+                Some(Disturbance::Steady(error)) => by = add(by, &error[axle], size),
+                Some(Disturbance::Noise(at, of, error)) if (*at, *of) == (step, axle) => {
+                    by = compose(by, error.map(|error| size * error));
+                }
+                _ => {}
+            }
+            axles[axle] = compose(axles[axle], by);
+            if let Some(Disturbance::Floor(by)) = disturbance {
+                let turned = 0.162 * f64::from(turn);
+                let x = f64::from(moved[axle].x);
+                let way = 0.5 * ((x - turned).abs() + (x + turned).abs());
+                axles[axle] = add(axles[axle], &[by[0], by[1], 0.0], size * way);
+            }
+        }
+        [axles[0], axles[1], middle(axles[0], axles[1])]
+    };
+
+    let [robot, frame] = [(robot, robot_covariance), (shape, frame_covariance)]
+        .map(|(posture, covariance)| Estimate::new(posture, covariance));
+    let mut state = fusion.start(&robot, &frame, floor);
+    let inputs = Inputs {
+        front: Some(increments[0]),
+        rear: Some(increments[1]),
+        beam: None,
+    };
+    let mut output = Output::default();
+    for _ in 0..STEPS {
+        output = fusion.step(&mut state, &inputs);
+    }
+    let (bodies, covariances) = (drive(None, 0.0), covariance_by(&disturbances, drive));
+    for (k, found) in [output.front, output.rear, output.robot].iter().enumerate() {
+        assert!(near(found.posture, bodies[k], 1e-6), "{k}");
+        let error = covariance_error(&found.covariance, &covariances[k]);
+        assert!(error < 1e-3, "{k}: {error}");
+    }
+}
+
+/// Tracks of both axles with errors of every kind.
+fn tracks(random: &mut Random) -> [Track; 2] {
+    [Posture::new(0.4, -0.2, 2.0), Posture::new(0.6, -0.5, 1.8)].map(|posture| Track {
+        posture,
+        random: random_covariance(random, [1e-3, 2e-3, 3e-3], 0.4),
+        constants: [(); 3].map(|()| core::array::from_fn(|_| (1e-3 * random.normal()) as f32)),
+    })
+}
+
+#[test]
+fn beam_is_judged_by_the_constants_it_shares_and_joins_values_before_the_update() {
+    let open = |mode| Config {
+        mode,
+        beam_gate: None,
+        ..Config::default()
+    };
+    for seed in 0..20 {
+        let mut random = Random::new(seed);
+        let config = open(Mode::Intersection);
+        let (fusion, sigmas) = (config.build().unwrap(), unlearnt_sigmas(&config));
+        let before = tracks(&mut random);
+        let [front, rear] = before.map(|track| pose(track.posture));
+        let mut measured = relative(front, rear);
+        measured[2] += 5e-3;
+        let posture = Posture::from(measured.map(|x| x as f32));
+        let beam = Estimate::new(posture, random_covariance(&mut random, [1e-3; 3], 0.4));
+        let (mut output, mut after) = (Output::default(), before);
+        let mut seen = start(&fusion, Posture::ORIGIN).beam;
+        let [f, r] = &mut after;
+        let idle = Slipping::default();
+        fusion.join(&mut seen, [f, r], &beam, [&idle, &idle], &mut output);
+
+        let derivative = |axle: usize| -> Matrix<3, 3> {
+            transpose(&[0, 1, 2].map(|k| {
+                let at = |by: f64| {
+                    let mut axles = [front, rear];
+                    axles[axle][k] += by;
+                    relative(axles[0], axles[1])
+                };
+                let (low, high) = (at(-1e-4), at(1e-4));
+                [0, 1, 2].map(|i| (high[i] - low[i]) / 2e-4)
+            }))
+        };
+        let by = [0, 1].map(derivative);
+        let by_beam = constants::beam_by_constants(posture);
+        // True less estimated; the beam reads too much by what its constants add.
+        let owed = |i: usize, k: usize| -> f64 {
+            let of_axles =
+                (0..6).map(|n| by[n / 3][i][n % 3] * f64::from(before[n / 3].constants[n % 3][k]));
+            let own = k.wrapping_sub(track::SHARED);
+            let of_beam = match own < constants::OF_BEAM {
+                true => f64::from(by_beam[i][own]) * sigmas[own],
+                false => 0.0,
+            };
+            of_axles.sum::<f64>() + of_beam
+        };
+        let spread: Matrix<3, 3> = core::array::from_fn(|i| {
+            core::array::from_fn(|j| {
+                let mut sum = f64::from(beam.covariance[i][j]);
+                for (by, track) in by.iter().zip(&before) {
+                    for (k, l) in (0..9).map(|n| (n / 3, n % 3)) {
+                        sum += 2.0 * by[i][k] * f64::from(track.random[k][l]) * by[j][l];
+                    }
+                }
+                sum + (0..track::CONSTANTS)
+                    .map(|k| owed(i, k) * owed(j, k))
+                    .sum::<f64>()
+            })
+        });
+        let innovation = output.beam.innovation.map(f64::from);
+        assert!((innovation[2] - 5e-3).abs() < 1e-6);
+        let nis = quadratic(&inverse(&spread), innovation);
+        assert!(
+            (f64::from(output.beam.nis) / nis - 1.0).abs() < 5e-3,
+            "{nis}"
+        );
+
+        let relative = fusion.beam_track(&beam);
+        let chains = [
+            Chain::front_from_rear(before[1].posture, beam.posture),
+            Chain::rear_from_front(before[0].posture, beam.posture),
+        ];
+        for axle in 0..2 {
+            let other = before[1 - axle].through(&chains[axle], &relative);
+            let (fused, omega) = before[axle]
+                .intersect(&other, &fusion.intersection)
+                .unwrap();
+            assert_eq!(after[axle], fused);
+            assert_eq!(output.omega.unwrap()[axle], omega);
+        }
+        assert!(output.ipec.is_none());
+
+        // Corrected headings leave nothing between the axles that the beam does not say.
+        let fusion = open(Mode::IntersectionIpec).build().unwrap();
+        let mut after = before;
+        let [f, r] = &mut after;
+        fusion.join(&mut seen, [f, r], &beam, [&idle, &idle], &mut output);
+        let apart = after[0].posture.relative_to(after[1].posture);
+        assert!(near(apart, pose(posture), 2e-6), "{apart:?}");
+        assert!(output.ipec.is_some());
+    }
+}
+
+#[test]
+fn middle_follows_the_axle_that_is_known() {
+    let fusion = fusion(Mode::Intersection);
+    let of = |x, sigma| Track::random(Estimate::with_sigmas(Posture::new(x, 0.0, 0.0), [sigma; 3]));
+    for sigmas in [[1e-4, 0.1], [0.1, 1e-4]] {
+        let [front, rear] = [of(0.37, sigmas[0]), of(0.0, sigmas[1])];
+        let exact = Estimate::with_sigmas(straight().posture, [1e-5; 3]);
+        let covariance = fusion.middle(&front, &rear, &exact).covariance;
+        assert!(
+            covariance[0][0] < 1e-6 && covariance[1][1] < 1e-5,
+            "{covariance:?}"
+        );
+    }
+    // Axles and beam without errors have no intersection: halfway, whatever the beam says.
+    let [front, rear] = [of(0.4, 0.0), of(0.0, 0.0)];
+    let exact = Estimate::new(straight().posture, [[0.0; 3]; 3]);
+    let middle = fusion.middle(&front, &rear, &exact).posture;
+    assert!(near(middle, [0.2, 0.0, 0.0], 1e-6), "{middle:?}");
+}
+
+#[test]
+fn motion_of_the_middle_is_that_by_odometry_alone() {
+    let increments = [
+        Posture::new(2e-3, 1e-4, 3e-3),
+        Posture::new(2.2e-3, -1e-4, 2.5e-3),
+    ];
+    for mode in MODES {
+        let fusion = fusion(mode);
+        let mut state = start(&fusion, Posture::new(1.0, -2.0, 2.8));
+        let mut before = fusion.step(&mut state, &Inputs::default());
+        let [front, rear] = increments.map(|d| Some(Increment::new(d, [[0.0; 3]; 3])));
+        for _ in 0..3 {
+            let inputs = Inputs {
+                front,
+                rear,
+                beam: Some(straight()),
+            };
+            let output = fusion.step(&mut state, &inputs);
+            let (heading, moved) = state.moved();
+            assert_eq!(heading, before.robot.posture.phi);
+            let [f, r] = [before.front, before.rear].map(|axle| pose(axle.posture));
+            let [further_f, further_r] = [(f, increments[0]), (r, increments[1])]
+                .map(|(axle, increment)| compose(axle, pose(increment)));
+            let (from, to) = (middle(f, r), middle(further_f, further_r));
+            let expected = [0, 1, 2].map(|k| wrap(to[k] - from[k]));
+            assert!(
+                near(moved, expected, 1e-5),
+                "{mode:?} {moved:?} {expected:?}"
+            );
+            before = output;
+        }
+    }
+}
+
+#[test]
+fn robot_restarts_from_one_axle_and_the_beam() {
+    let shape = Posture::new(0.35, 0.06, 0.3);
+    let beam = Estimate::new(
+        shape,
+        random_covariance(&mut Random::new(2), [1e-3; 3], 0.4),
+    );
+    for (mode, known) in MODES.into_iter().flat_map(|mode| [(mode, 0), (mode, 1)]) {
+        let fusion = fusion(mode);
+        let mut state = start(&fusion, Posture::new(1.0, -2.0, 2.8));
+        let last = fusion.step(&mut state, &inputs(forward(), None));
+        let (kept, id) = [(last.front, AxleId::Front), (last.rear, AxleId::Rear)][known];
+        let output = fusion.rejoin(&mut state, id, &last, &beam);
+        let again = [output.front, output.rear][known];
+        assert!(
+            near(again.posture, pose(kept.posture), 1e-6),
+            "{mode:?} {known}"
+        );
+        let apart = output.front.posture.relative_to(output.rear.posture);
+        assert!(near(apart, pose(shape), 1e-6), "{mode:?} {known}");
+        assert_eq!(state.floor_drift, 0.015);
+
+        let mut disturbances = Vec::new();
+        let whole = fusion.beam_track(&beam).estimate().covariance;
+        for (which, covariance) in [kept.covariance, whole].into_iter().enumerate() {
+            let columns = transpose(&cholesky(&wide(&covariance)));
+            disturbances.extend(columns.map(|column| (which, column)));
+        }
+        let [expected] = covariance_by(&disturbances, |disturbance, size| {
+            let mut poses = [pose(kept.posture), pose(shape)];
+            if let Some((which, by)) = disturbance {
+                poses[*which] = [0, 1, 2].map(|k| poses[*which][k] + size * by[k]);
+            }
+            let [axle, r] = poses;
+            let other = match known {
+                0 => compose(axle, relative([0.0; 3], r)),
+                _ => compose(axle, r),
+            };
+            let [front, rear] = if known == 0 {
+                [axle, other]
+            } else {
+                [other, axle]
+            };
+            [middle(front, rear)]
+        });
+        let error = covariance_error(&output.robot.covariance, &expected);
+        assert!(error < 1e-3, "{mode:?} {known}: {error}");
+    }
+}
+
+#[test]
+fn a_start_that_is_no_covariance_keeps_the_variances() {
+    let fusion = fusion(Mode::Odometry);
+    for variance in [0.0, -1e-9] {
+        let known = matrix::diagonal([4e-6, variance, 1e-6]);
+        let robot = Estimate::new(Posture::ORIGIN, known);
+        let frame = Estimate::new(straight().posture, [[0.0; 3]; 3]);
+        let mut state = fusion.start(&robot, &frame, 0.0);
+        let found = fusion.step(&mut state, &Inputs::default()).robot.covariance;
+        for k in 0..3 {
+            assert!(
+                (found[k][k] - known[k][k].max(0.0)).abs() < 1e-8,
+                "{found:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn beam_is_accepted_up_to_the_gate_or_after_patience_and_counted() {
+    let [closed, open] = [Some(40.0), None].map(|beam_gate| {
+        let config = Config {
+            beam_gate,
+            gate_patience: 3,
+            ..Config::default()
+        };
+        config.build().unwrap()
+    });
+    let seen = |rejected_in_a_row| Beam {
+        relative: straight(),
+        rejected_in_a_row,
+    };
+    for (fusion, nis, rejected, accepted) in [
+        (&closed, 40.0f32, 0, true),
+        (&closed, 40.0f32.next_up(), 0, false),
+        (&closed, 40.0f32.next_up(), 2, false),
+        (&closed, 40.0f32.next_up(), 3, true),
+        (&closed, f32::NAN, 2, false),
+        (&open, 1e30, 0, true),
+        (&open, f32::INFINITY, 9, false),
+    ] {
+        assert_eq!(
+            fusion.accepts(&seen(rejected), nis),
+            accepted,
+            "{nis} {rejected}"
+        );
+    }
+    let newer = Estimate::with_sigmas(Posture::new(0.36, 0.0, 0.1), BEAM_SIGMAS);
+    for (verdict, rejected, relative) in [
+        (Verdict::Used, 0, newer),
+        (Verdict::Gated, 3, straight()),
+        (Verdict::Invalid, 2, straight()),
+        (Verdict::Absent, 2, straight()),
+    ] {
+        let mut beam = seen(2);
+        closed.count(&mut beam, verdict, &newer);
+        assert_eq!(
+            (beam.rejected_in_a_row, beam.relative),
+            (rejected, relative)
+        );
+    }
+}
+
+#[test]
+fn beam_or_increment_is_absent_unless_all_of_it_is_finite_and_the_beam_a_covariance() {
+    let beams: [fn(&mut Estimate, f32); 3] = [
+        |beam, bad| beam.posture.phi = bad,
+        |beam, bad| beam.covariance[0][2] = bad,
+        |beam, _| beam.covariance[1][1] = -1e-9,
+    ];
+    let increments: [fn(&mut Increment, f32); 3] = [
+        |moved, bad| moved.posture.phi = bad,
+        |moved, bad| moved.covariance[0][2] = bad,
+        |moved, bad| moved.gyro_share = bad,
+    ];
+    for (mode, bad) in MODES
+        .into_iter()
+        .flat_map(|mode| [(mode, f32::NAN), (mode, f32::INFINITY)])
+    {
+        let fusion = fusion(mode);
+        let fresh = start(&fusion, Posture::ORIGIN);
+        let step =
+            |front, rear, beam| fusion.step(&mut fresh.clone(), &Inputs { front, rear, beam });
+        let (sound, beam) = (Some(forward()), Some(straight()));
+        for spoil in increments {
+            let mut moved = forward();
+            spoil(&mut moved, bad);
+            let given = [
+                step(Some(moved), sound, beam),
+                step(sound, Some(moved), beam),
+            ];
+            assert_eq!(given, [step(None, sound, beam), step(sound, None, beam)]);
+            assert_eq!(
+                given.map(|output| output.beam.verdict),
+                [Verdict::Absent; 2]
+            );
+        }
+        for spoil in beams {
+            let mut beam = straight();
+            spoil(&mut beam, bad);
+            let mut expected = step(sound, sound, None);
+            if mode != Mode::Odometry {
+                expected.beam.verdict = Verdict::Invalid;
+            }
+            assert_eq!(
+                step(sound, sound, Some(beam)),
+                expected,
+                "{mode:?} {beam:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn joint_filter_walks_for_the_longer_increment_and_keeps_its_load_while_one_is_missing() {
+    let fusion = fusion(Mode::Joint);
+    let fresh = start(&fusion, Posture::ORIGIN);
+    let bias = constants::GYRO_BIAS;
+    let variance = |state: &State| {
+        let sigma = f64::from(state.joint().unwrap().constant_sigmas()[bias]);
+        sigma * sigma
+    };
+    let turned = |ticks| Increment {
+        ticks,
+        ..Increment::new(Posture::new(0.0, 0.0, 0.01), [[0.0; 3]; 3])
+    };
+    let walk = f64::from(Config::default().joint.gyro_bias_walk_rad_s_per_sqrt_s);
+    for (front, rear, ticks) in [
+        (Some(5), Some(1), 5),
+        (Some(1), Some(5), 5),
+        (None, Some(4), 4),
+        (Some(4), None, 4),
+        (None, None, 0),
+    ] {
+        let mut state = fresh;
+        let inputs = Inputs {
+            front: front.map(turned),
+            rear: rear.map(turned),
+            beam: None,
+        };
+        fusion.step(&mut state, &inputs);
+        let walked = walk * walk * 0.01 * f64::from(ticks);
+        let error = variance(&state) - variance(&fresh) - walked;
+        assert!(error.abs() < 1e-3 * walk * walk * 0.01, "{ticks} {error:e}");
+        // Turned alike or not at all, or by one axle alone.
+        let [before, after] = [fresh, state].map(|state| *state.joint().unwrap());
+        let one_turned = front.is_some() != rear.is_some();
+        assert_eq!(
+            after.relative_posture().phi != before.relative_posture().phi,
+            one_turned
+        );
+        assert_eq!(after.loading(), before.loading());
+    }
+    let mut state = fresh;
+    let inputs = Inputs {
+        front: Some(turned(1)),
+        rear: Some(rest()),
+        beam: None,
+    };
+    fusion.step(&mut state, &inputs);
+    let joint = state.joint().unwrap();
+    assert_eq!(joint.loading().0, joint.relative_posture().phi);
+    assert!(joint.loading().0 > 5e-3);
+}
+
+#[test]
+fn a_zeroed_gyro_loses_its_bias_and_no_other_does() {
+    let fusion = fusion(Mode::Joint);
+    for (front, rear) in [(None, None), (None, Some(true)), (Some(true), Some(false))]
+        .into_iter()
+        .chain([(Some(false), Some(true)), (Some(true), Some(true))])
+    {
+        let mut state = start(&fusion, Posture::ORIGIN);
+        for axle in 0..2 {
+            state.set_constant(constants::GYRO_BIAS + axle, 1e-4);
+        }
+        let inputs = [front, rear].map(|zeroed| {
+            zeroed.map(|gyro_zeroed| Increment {
+                gyro_zeroed,
+                ..rest()
+            })
+        });
+        let inputs = Inputs {
+            front: inputs[0],
+            rear: inputs[1],
+            beam: None,
+        };
+        fusion.step(&mut state, &inputs);
+        let left = state.joint().unwrap().constants();
+        for (axle, zeroed) in [front, rear].into_iter().enumerate() {
+            let expected = if zeroed == Some(true) { 0.0 } else { 1e-4 };
+            assert_eq!(
+                left[constants::GYRO_BIAS + axle],
+                expected,
+                "{front:?} {rear:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn relative_heading_is_that_of_the_front_axle_within_half_a_turn() {
+    for (front, rear, expected) in [(0.3, -0.4, 0.7), (3.0, -3.0, 6.0 - core::f32::consts::TAU)] {
+        let at = |phi| Estimate::new(Posture::new(0.0, 0.0, phi), [[0.0; 3]; 3]);
+        let output = Output {
+            front: at(front),
+            rear: at(rear),
+            ..Output::default()
+        };
+        assert!((output.relative_heading().0 - expected).abs() < 1e-6);
     }
 }
 
