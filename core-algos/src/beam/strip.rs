@@ -184,8 +184,8 @@ impl RelativePosture {
     pub fn is_sound(&self) -> bool {
         // One number that is not finite makes the sum not finite. Finite numbers of this size do not.
         let Posture { x, y, phi } = self.posture;
-        let entries = self.covariance.iter().chain(&self.noise).flatten();
-        let sum: f32 = [x, y, phi].iter().chain(entries).sum();
+        let [covariance, noise] = [&self.covariance, &self.noise].map(|rows| rows.as_flattened());
+        let sum: f32 = [x, y, phi].iter().chain(covariance).chain(noise).sum();
         let p = &self.covariance;
         sum.is_finite() && p[0][0] > 0.0 && p[1][1] > 0.0 && p[2][2] > 0.0
     }

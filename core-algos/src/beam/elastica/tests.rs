@@ -637,15 +637,20 @@ fn a_load_is_told_if_the_prior_decides_less_than_a_tenth() {
     assert!(!super::minimum::told(&normal) && promise(&normal).is_none());
 }
 
-/// Of a straight strip the prior decides the axial force, of a bent one nothing.
+/// Of a straight strip the prior decides the axial force, with much noise both, of a bent one none.
 #[test]
 fn degrees_of_freedom_count_what_the_prior_decides() {
-    let solver = solver(&gauss(), |_| {});
-    let all = solver.strip.gauges;
-    for (readings, mask, expected) in [
-        ([0.0; MAX_GAUGES], all, 3.0),
-        ([0.0; MAX_GAUGES], all.without(4), 2.0),
-        (curvature(&bent_by([-9.0, 5.0])), all, 2.0),
+    let sure = solver(&gauss(), |_| {});
+    let unsure = solver(&gauss(), |c| {
+        (c.uncertainty.noise_strain, c.uncertainty.load_prior) = (1e-3, 1e-2);
+    });
+    let all = sure.strip.gauges;
+    let (straight, bent) = ([0.0; MAX_GAUGES], curvature(&bent_by([-9.0, 5.0])));
+    for (solver, readings, mask, expected) in [
+        (sure, straight, all, 3.0),
+        (sure, straight, all.without(4), 2.0),
+        (unsure, straight, all, 4.0),
+        (sure, bent, all, 2.0),
     ] {
         let found = solver.fit(&readings, mask).unwrap().degrees_of_freedom;
         assert!((found - expected).abs() < 0.02, "{found} {expected}");
@@ -743,6 +748,86 @@ fn a_force_is_vouched_for_beyond_two_standard_deviations() {
             }
         }
     }
+}
+
+/// Four readings tell a shape; three or two may be met by another one, and so do readings that no shape has.
+#[test]
+fn a_search_is_open_as_long_as_a_lower_minimum_may_be_elsewhere() {
+    let (at, mut random) = (gauss(), Random(17));
+    let solver = solver(&at, |_| {});
+    let five = solver.strip.gauges;
+    let start = |search: &Search| search.start().map(|Start(parameters)| parameters);
+    for _ in 0..40 {
+        let shape = [
+            random.between(2.0, 5.0),
+            random.between(-6.0, 6.0),
+            random.between(-6.0, 6.0),
+        ];
+        let exact = readings(&solver, &at, shape, || 0.0)
+            .k
+            .map(|k| k / LENGTH as f32);
+        let mut odd = exact;
+        odd[1] += 3.0;
+        let begin = |readings, mask, start| {
+            solver
+                .begin(readings, mask, (0.0, start), MAX_EVALUATIONS)
+                .unwrap()
+        };
+        for (readings, mask, open) in [
+            (&exact, five, false),
+            (&exact, five.without(3), false),
+            (&exact, five.without(3).without(0), true),
+            (&exact, GaugeMask(0b10010), true),
+            (&odd, five, true),
+        ] {
+            let search = begin(readings, mask, None);
+            assert_eq!(search.is_open(), open, "{mask:?}");
+            assert!(search.is_converged() || is_suspicious(search.best.as_ref()));
+            assert_eq!(start(&search), None);
+            let mut search = search;
+            let before = search;
+            if !open {
+                assert_eq!(solver.go_on(&mut search, MAX_EVALUATIONS, 7), 7);
+                assert_eq!(search, before);
+                continue;
+            }
+            // The other starts cost two shapes, and nothing is done for less.
+            assert_eq!(solver.go_on(&mut search, MAX_EVALUATIONS, 1), 0);
+            assert_eq!(search, before);
+            assert_eq!(solver.go_on(&mut search, MAX_EVALUATIONS, 2), 0);
+            assert!(search.starts.is_some() && search.evaluations == before.evaluations);
+            for effort in [0, 1, 3] {
+                let evaluations = search.evaluations;
+                let left = solver.go_on(&mut search, MAX_EVALUATIONS, effort);
+                assert_eq!(search.evaluations - evaluations + left, effort);
+            }
+            let evaluations = search.evaluations;
+            let left = solver.go_on(&mut search, MAX_EVALUATIONS, 100);
+            assert!(!search.is_open() && search.descent.is_none());
+            assert_eq!(search.evaluations - evaluations + left, 100);
+            // All of few readings, or until a shape explains them.
+            let settled = mask.count() > 3 && !is_suspicious(search.best.as_ref());
+            assert!(search.tried == 3 || settled, "{mask:?}");
+            let [first, last] = [before, search].map(|search| search.best.unwrap());
+            assert!(last.normal.cost <= first.normal.cost + 1e-2);
+            let elsewhere = (last.parameters != first.parameters).then_some(last.parameters);
+            assert_eq!(start(&search), elsewhere);
+        }
+        // From where the last fit ended, nothing else is tried.
+        let there = Start(begin(&exact, five, None).best.unwrap().parameters);
+        let next = begin(&exact, five, Some(there));
+        assert!(!next.is_open() && next.is_converged() && next.evaluations <= 2);
+        assert_eq!(start(&next), Some(next.best.unwrap().parameters));
+        let none = Search { best: None, ..next };
+        assert!(!none.is_converged() && start(&none).is_none() && solver.finish(&none).is_none());
+    }
+}
+
+/// The refinement takes two shapes of the budget, and the search has two at least.
+#[test]
+fn a_budget_is_shared_by_search_and_refinement() {
+    let budgets = [0, 3, 4, 5, 40, 41].map(before_refinement);
+    assert_eq!(budgets, [2, 2, 2, 3, 38, 38]);
 }
 
 /// A fit in pieces, each with its bound, ends where the fit at once does; and the next one, of a

@@ -338,6 +338,19 @@ fn a_gauge_is_noisy_above_three_times_the_configured_noise() {
     assert_eq!(sensor.excess_noise(&state, GaugeMask::NONE), (0.0, true));
 }
 
+#[test]
+fn zeros_walk_by_their_variance_a_second() {
+    let mut config = Config::default();
+    config.period_s = 0.02;
+    let state = State {
+        age: 500,
+        ..State::default()
+    };
+    // 0.05 µε/√s for 10 s.
+    let drift = config.build().unwrap().drift(&state);
+    assert!((drift / 25e-15 - 1.0).abs() < 1e-5, "{drift:e}");
+}
+
 /// Flatness alone finds a stuck gauge on a strip of three, whose fit has no residual.
 #[test]
 fn a_flat_gauge_among_three_is_dead() {
@@ -365,6 +378,7 @@ fn without_two_gauges_there_is_no_posture() {
     let sensor = sensor();
     let mut state = State::default();
     assert_eq!(sensor.estimate(&mut state).relative, None);
+    assert_eq!(state.work, None);
     sensor.sample(&mut state, &[2048, -1, -1, -1, 4095, 0, 0, 0]);
     assert_eq!(sensor.estimate(&mut state).relative, None);
     sensor.sample(&mut state, &[2048, -1, -1, 2048, 4095, 0, 0, 0]);
