@@ -216,13 +216,13 @@ impl Moments {
     }
 
     fn mean(&self) -> f32 {
-        self.sum as f32 / self.count.max(1) as f32
+        self.sum as f32 / self.count as f32
     }
 
-    /// Unbiased variance of one sample.
+    /// Unbiased variance of one of two or more samples.
     fn variance(&self) -> f32 {
         let mean = self.mean();
-        let count = self.count.max(2) as f32;
+        let count = self.count as f32;
         ((self.squares as f32 - count * mean * mean) / (count - 1.0)).max(0.0)
     }
 }
@@ -248,9 +248,7 @@ impl Standstill {
         let first = *self.first.get_or_insert(*counts);
         let late = self.samples >= limits.min_samples / 2;
         for i in 0..MAX_GAUGES {
-            if calibration.judge(counts[i]) == Conversion::Good
-                && calibration.judge(first[i]) == Conversion::Good
-            {
+            if calibration.judge(counts[i]) == Conversion::Good {
                 self.halves[i][usize::from(late)].add(i64::from(counts[i]) - i64::from(first[i]));
             } else {
                 self.bad = self.bad.with(i);
@@ -276,7 +274,8 @@ impl Standstill {
             }
             let [early, late] = &self.halves[i];
             let count = early.count.saturating_add(late.count);
-            if count < limits.min_samples.max(4) || early.count < 2 || late.count < 2 {
+            // The late half has as many at least.
+            if count < limits.min_samples || early.count < 2 {
                 return Err(StandstillError::TooFewSamples(gauge));
             }
             // Each half by itself, so that drift does not count as noise.
@@ -394,10 +393,159 @@ mod tests {
         assert_eq!(c.judge(-1), Conversion::Missing);
         assert_eq!(c.judge(4096), Conversion::Missing);
         assert_eq!(c.judge(i32::MIN), Conversion::Missing);
-        assert_eq!(c.judge(2), Conversion::Saturated);
-        assert_eq!(c.judge(4093), Conversion::Saturated);
-        assert_eq!(c.judge(2048), Conversion::Good);
-        assert!(!c.is_plausible(f32::NAN) && !c.is_plausible(6e-3) && c.is_plausible(-4e-3));
+        for count in [0, 3, 4092, 4095] {
+            assert_eq!(c.judge(count), Conversion::Saturated, "{count}");
+        }
+        for count in [4, 2048, 4091] {
+            assert_eq!(c.judge(count), Conversion::Good, "{count}");
+        }
+        for (strain, plausible) in [
+            (5e-3f32, true),
+            (5e-3f32.next_up(), false),
+            (f32::NAN, false),
+        ] {
+            assert_eq!(
+                [c.is_plausible(strain), c.is_plausible(-strain)],
+                [plausible; 2]
+            );
+        }
+    }
+
+    /// Counts of the second gauge in each half of the fewest samples; a count is 2⁻²⁰ strain. Mean, variance and
+    /// difference of the halves are exact.
+    #[test]
+    fn an_average_is_given_up_to_the_noise_and_drift_that_are_allowed() {
+        let unit = 0.5f32.powi(20);
+        let config = Config {
+            strain_per_count: -unit,
+            ..Config::default()
+        };
+        let calibration = config.build(5).unwrap();
+        let (quiet, noisy) = ([0, 0, 0, 2], [0, 0, 0, 4]);
+        let moved = [3, 3, 3, 5];
+        for (halves, noise, drift, expected) in [
+            // Variances of 1 and 4, means of 0.5 and 1 and 3.5.
+            ([quiet, quiet], unit, unit, Ok(0.5)),
+            (
+                [quiet, quiet],
+                unit.next_down(),
+                unit,
+                Err(StandstillError::Noisy(1)),
+            ),
+            ([quiet, noisy], 2.0 * unit, unit, Ok(0.75)),
+            ([quiet, noisy], unit, unit, Err(StandstillError::Noisy(1))),
+            ([noisy, quiet], unit, unit, Err(StandstillError::Noisy(1))),
+            ([quiet, moved], unit, 3.0 * unit, Ok(2.0)),
+            (
+                [quiet, moved],
+                unit,
+                (3.0 * unit).next_down(),
+                Err(StandstillError::Drifting(1)),
+            ),
+            (
+                [moved, quiet],
+                unit,
+                (3.0 * unit).next_down(),
+                Err(StandstillError::Drifting(1)),
+            ),
+        ] {
+            let limits = StandstillLimits {
+                min_samples: 8,
+                max_noise_strain: noise,
+                max_drift_strain: drift,
+            };
+            let mut standstill = Standstill::default();
+            for (k, count) in halves.concat().into_iter().enumerate() {
+                let found = standstill.average(&calibration, &limits, FIVE);
+                assert_eq!(found, Err(StandstillError::TooFewSamples(0)), "{k}");
+                let mut counts = [2000; MAX_GAUGES];
+                counts[1] += count;
+                standstill.add(&calibration, &limits, &counts);
+            }
+            let found = standstill.average(&calibration, &limits, FIVE);
+            let expected = expected.map(|mean: f32| {
+                core::array::from_fn(|i| match i {
+                    1 => 2000.0 + mean,
+                    0..5 => 2000.0,
+                    _ => 0.0,
+                })
+            });
+            assert_eq!(found, expected, "{halves:?}");
+        }
+    }
+
+    /// The fewest samples that `build` allows are enough; with fewer there is no early half.
+    #[test]
+    fn four_samples_are_enough_and_fewer_are_none() {
+        for (min_samples, enough) in [(4, true), (3, false), (2, false), (0, false)] {
+            let limits = StandstillLimits {
+                min_samples,
+                ..StandstillLimits::default()
+            };
+            assert_eq!(limits.build().is_ok(), enough);
+            let average =
+                |n| collect(&limits, n, |_, _| 2000.0).average(&calibration(), &limits, FIVE);
+            assert_eq!(
+                [average(3).is_ok(), average(4).is_ok(), average(9).is_ok()],
+                [false, enough, enough]
+            );
+        }
+    }
+
+    /// The first count is what the others are counted from.
+    #[test]
+    fn a_bad_first_sample_spoils_its_gauge() {
+        let limits = StandstillLimits::default();
+        for (at, bad) in [(0, 4094.0), (0, -1.0), (700, 4094.0)] {
+            let standstill = collect(
+                &limits,
+                1000,
+                |t, i| if (t, i) == (at, 2) { bad } else { 2000.0 },
+            );
+            let average = |mask| standstill.average(&calibration(), &limits, mask);
+            assert_eq!(average(FIVE), Err(StandstillError::BadSample(2)));
+            assert!(average(FIVE.without(2)).is_ok());
+        }
+    }
+
+    #[test]
+    fn strain_of_a_count_lies_between_a_trillionth_and_a_thousandth() {
+        for (unit, accepted) in [
+            (1e-12, true),
+            (0.9e-12, false),
+            (1e-3, true),
+            (1.1e-3, false),
+        ] {
+            for strain_per_count in [unit, -unit] {
+                let config = Config {
+                    strain_per_count,
+                    ..Config::default()
+                };
+                assert_eq!(config.build(5).is_ok(), accepted, "{strain_per_count}");
+            }
+        }
+    }
+
+    /// A gauge that reads low by its gain: zero and gain with the strip at the strain that is known.
+    #[test]
+    fn a_zero_found_on_a_bent_strip_is_that_of_the_straight_one() {
+        let mut config = Config::default();
+        config.gain.set(3, 0.8);
+        let lsb = config.strain_per_count;
+        let known = [1e-3; MAX_GAUGES];
+        let average: [f32; MAX_GAUGES] =
+            core::array::from_fn(|i| 1990.0 + 1e-3 / lsb / if i == 3 { 0.8 } else { 1.0 });
+        let zeroed = config.zeroed(&average, &known);
+        for zero in zeroed.zero_counts.iter() {
+            assert!((zero - 1990.0).abs() < 1e-2, "{zero}");
+        }
+        let strain = zeroed.build(5).unwrap().strain(&average);
+        assert!(
+            strain[..5]
+                .iter()
+                .all(|strain| (strain - 1e-3).abs() < 1e-7),
+            "{strain:?}"
+        );
     }
 
     #[test]

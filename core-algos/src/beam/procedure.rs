@@ -114,6 +114,7 @@ impl Procedure {
 
 #[cfg(test)]
 mod tests {
+    use super::super::strip::PerGauge;
     use super::*;
     use crate::fusion::testing::Random;
 
@@ -149,9 +150,13 @@ mod tests {
         let mut procedure = Procedure::new(StandstillLimits::default(), HALF_THICKNESS);
         let mut random = Random::new(4);
         procedure.request(9, calibrate);
-        (0..2000)
-            .find_map(|k| procedure.sample(config, &counts(&mut random, curvature(k)), motors_off))
-            .unwrap()
+        let mut events = (0..2000).filter_map(|k| {
+            let counts = counts(&mut random, curvature(k));
+            procedure.sample(config, &counts, motors_off)
+        });
+        let event = events.next().unwrap();
+        assert_eq!(events.next(), None, "one answer a request");
+        event
     }
 
     #[test]
@@ -210,8 +215,24 @@ mod tests {
                 CalibrationResult::OutOfRange,
             ),
         ];
-        for (calibrate, off, motion, expected) in cases {
-            match run(&config, calibrate, off, motion) {
+        // A list of gains that does not match the zeros.
+        let mut broken = config;
+        broken.gain = PerGauge::uniform(4, 1.0);
+        let out_of_range = (
+            &broken,
+            (
+                Calibrate::Zero(0.0),
+                true,
+                cases[1].2,
+                CalibrationResult::OutOfRange,
+            ),
+        );
+        for (config, (calibrate, off, motion, expected)) in cases
+            .into_iter()
+            .map(|case| (&config, case))
+            .chain([out_of_range])
+        {
+            match run(config, calibrate, off, motion) {
                 Event::Refused {
                     sequence: 9,
                     result,

@@ -163,9 +163,6 @@ pub fn decode(frame: &CanFrame) -> Result<Message, DecodeError> {
         } else {
             raw as i32
         };
-        if !signal.labels.is_empty() && raw as usize >= signal.labels.len() {
-            return Err(DecodeError::Value { id: frame.id });
-        }
         *value = signal.physical(raw);
     }
     Message::from_values(frame.id, &values).ok_or(DecodeError::Value { id: frame.id })
@@ -176,7 +173,7 @@ fn to_raw(signal: &Signal, value: f32) -> Option<i32> {
     let scaled = (value - signal.offset) / signal.scale;
     let (low, high) = signal.raw_range();
     // Bounds are at most 2^24, so they, the whole part and the rest are exact in f32.
-    if !(scaled > low as f32 - 1.0 && scaled < high as f32 + 1.0) {
+    if !(low as f32 - 1.0..=high as f32 + 1.0).contains(&scaled) {
         return None;
     }
     let whole = scaled as i32;

@@ -106,8 +106,17 @@ mod tests {
 
     #[test]
     fn bus_load_leaves_room() {
-        // 135 bits is the textbook worst case of an 8-byte frame with an 11-bit identifier.
-        assert_eq!(frame_bits(8), 135);
+        // Textbook worst cases of frames with an 11-bit identifier: 55 bits, and 10 for each byte of data.
+        for bytes in 0..=8 {
+            assert_eq!(frame_bits(bytes), 55 + 10 * u32::from(bytes));
+        }
+        for (id, bits) in [
+            (id::TIME_SYNC, 11_500.0),
+            (id::BOARD_IDENTITY, 135.0),
+            (id::BEAM_CALIBRATION, 0.0),
+        ] {
+            assert_eq!(find(id).unwrap().bits_per_second(), bits);
+        }
         let load = load(BIT_RATE as f32);
         assert!(load > 0.1 && load < 0.5, "{load}");
     }

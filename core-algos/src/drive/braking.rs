@@ -133,5 +133,9 @@ mod tests {
         braking.reset();
         assert!(!rest(&mut braking, 99));
         assert!(rest(&mut braking, 1));
+        // What was not a number is forgotten.
+        assert!(!braking.step([Some(f32::NAN), Some(0.0)], [0.0; 2]));
+        assert!(!rest(&mut braking, 99));
+        assert!(rest(&mut braking, 1));
     }
 }

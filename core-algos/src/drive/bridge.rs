@@ -4,6 +4,8 @@
 //! With the enable pin low the bridge brakes (slow decay through both low sides), so the mean
 //! voltage is duty times supply; dead time is the driver's own business. Coasting is its sleep pin's.
 
+use crate::math::compare::lesser;
+
 /// Settings of the timer and the direction pin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Pins {
@@ -16,15 +18,8 @@ pub struct Pins {
 /// Pins for a signed duty, −1 to 1, of a timer that counts to `top`; what is larger counts as ±1,
 /// NaN as 0. The compare value is the nearest one, except for rounding in `f32`: below 0.01 counts.
 pub fn pins(duty: f32, top: u16) -> Pins {
-    let magnitude = duty.abs();
-    let magnitude = if magnitude <= 1.0 {
-        magnitude
-    } else if magnitude > 1.0 {
-        1.0
-    } else {
-        0.0
-    };
-    // At most 65 535.5, so the cast, which truncates and saturates, rounds to the nearest.
+    let magnitude = lesser(1.0, duty.abs());
+    // At most 65 535.5, so the cast, which truncates and saturates, rounds to the nearest. It makes 0 of NaN.
     Pins {
         compare: (magnitude * f32::from(top) + 0.5) as u16,
         forward: duty > 0.0,
@@ -68,7 +63,9 @@ mod tests {
         };
         assert_eq!(pins(1.0, 4200), full(true));
         assert_eq!(pins(-7.0, 4200), full(false));
-        assert_eq!(pins(f32::NAN, 4200), Pins::default());
+        for none in [0.0, -0.0, f32::NAN] {
+            assert_eq!(pins(none, 4200), Pins::default());
+        }
         assert_eq!(pins(f32::INFINITY, u16::MAX).compare, u16::MAX);
     }
 }

@@ -85,14 +85,14 @@ impl Protection {
             }
         }
         let (lowest, highest) = limits.supply_v;
-        let inside = sample.supply_v >= lowest && sample.supply_v <= highest;
+        let high = sample.supply_v > highest;
+        let inside = sample.supply_v >= lowest && !high;
         if lasts(
             &mut self.supply,
             sample.awake && !inside,
             limits.supply_periods,
         ) {
             // What is not a number counts as low.
-            let high = sample.supply_v > highest;
             trip = trip.or(Some(match high {
                 true => Condition::SupplyHigh,
                 false => Condition::SupplyLow,
@@ -155,7 +155,9 @@ mod tests {
         for current in [Some(6.1), Some(-6.1), Some(f32::NAN), None] {
             assert_eq!(periods(over(current)), over_current, "{current:?}");
         }
-        assert_eq!(periods(over(Some(-5.9))), None);
+        for current in [6.0, -6.0] {
+            assert_eq!(periods(over(Some(current))), None);
+        }
         for i in 0..2 {
             let faulty = periods(|s| s.motors[i].faulty = true);
             assert_eq!(faulty, Some((4, Condition::DriverFault)));
@@ -166,6 +168,9 @@ mod tests {
             (18.1, Condition::SupplyHigh),
         ] {
             assert_eq!(periods(|s| s.supply_v = supply), Some((400, condition)));
+        }
+        for supply in [8.0, 18.0] {
+            assert_eq!(periods(|s| s.supply_v = supply), None);
         }
         let stopped = periods(|s| s.stopped = true);
         assert_eq!(stopped, Some((1, Condition::EmergencyStop)));

@@ -36,28 +36,27 @@ pub struct Timing {
 impl Timing {
     /// The ready-to-run form; `None` if a pair of duties would find no clean place.
     pub const fn build(self) -> Option<Sampling> {
-        let Some(lowest_top) = self.top.checked_sub(self.trim) else {
+        let half = self.window / 2;
+        let lowest_top = self.top.checked_sub(self.trim);
+        let (Some(lowest_top), Some(between)) = (lowest_top, (self.top / 2).checked_sub(half))
+        else {
             return None;
         };
-        let half = self.window / 2;
         // In wide numbers, so that nothing overflows.
         let (lowest, window) = (lowest_top as u32, self.window as u32 + self.margin as u32);
         let (on, settling) = (self.earliest as u32, self.settling as u32);
-        if self.earliest == 0 || lowest_top <= self.window || self.top / 2 <= half {
-            return None;
-        }
-        let (off, between) = (self.top - half, self.top / 2 - half);
+        let off = self.top - half;
         // Around a top that is trimmed down, the edge on the way down comes earlier.
         let Some(off_up_to) = (2 * lowest).checked_sub(off as u32 + window) else {
             return None;
         };
         let (on_from, between_from) = (on + window, between as u32 + window);
-        // Where no place is clean for long: the longer pulse just too short for the place half-way, or the shorter
-        // one where that place and the one after zero are equal.
-        let at_the_top = between_from <= off_up_to + 1 && between_from + settling <= off as u32;
+        // Where no place is clean for long: the longer pulse just too long for the place around the top, the shorter
+        // one just too short for the one after zero, or where that place and the one half-way are equal.
+        let at_the_top = between_from <= off_up_to + 1;
         let after_zero = on_from + settling <= between as u32;
         let equal = on + between as u32 >= 2 * settling;
-        if !(off < lowest_top && at_the_top && after_zero && equal) {
+        if !(self.earliest > 0 && off < lowest_top && at_the_top && after_zero && equal) {
             return None;
         }
         Some(Sampling {
@@ -198,17 +197,6 @@ mod tests {
         }
     }
 
-    #[test]
-    fn no_edge_is_near_at_any_pair_of_duties() {
-        for top in [4073, 4200, 4327] {
-            for left in (0..=4200).step_by(200) {
-                for right in (left..=4200).step_by(140) {
-                    check(top, [left, right]);
-                }
-            }
-        }
-    }
-
     /// The sampling place changes at the exact count.
     #[test]
     fn no_edge_is_near_where_the_place_changes() {
@@ -273,21 +261,132 @@ mod tests {
         assert!(worst > 0.005, "{worst}");
     }
 
+    /// Counts from the latest edge to a window at `place`; `None` if an edge is within. Without pulses, or with
+    /// nothing else, there is no edge.
+    fn clear(timing: &Timing, top: u16, place: u16, compares: [u16; 2]) -> Option<i32> {
+        let [top, place] = [top, place].map(i32::from);
+        let end = place + i32::from(timing.window + timing.margin);
+        let mut clearance = i32::MAX;
+        for motor in compares
+            .map(i32::from)
+            .into_iter()
+            .filter(|&m| m > 0 && m <= top)
+        {
+            // The level falls at the compare value, and rises a count after it on the way down.
+            for edge in [motor, 2 * top - motor + 1]
+                .map(|edge| [edge - 2 * top, edge])
+                .concat()
+            {
+                if (place..end).contains(&edge) {
+                    return None;
+                }
+                if edge < place {
+                    clearance = clearance.min(place - edge);
+                }
+            }
+        }
+        Some(clearance)
+    }
+
+    /// Small timings at all pairs of duties: the place that is chosen is clean at every trim. It is the better one of
+    /// the top and zero, or half-way if neither is clean for long.
     #[test]
-    fn what_leaves_no_clean_place_is_refused() {
-        type Spoil = fn(&mut Timing);
-        let spoiled: [Spoil; 6] = [
-            |timing| timing.settling = 1500,
-            |timing| timing.window = 2000,
-            |timing| timing.earliest = 0,
-            |timing| timing.trim = 2000,
-            |timing| timing.trim = 5000,
-            |timing| timing.earliest = 4000,
-        ];
-        for (k, spoil) in spoiled.iter().enumerate() {
-            let mut timing = TIMING;
-            spoil(&mut timing);
-            assert_eq!(timing.build(), None, "{k}");
+    fn the_place_of_every_pair_is_the_best_by_the_edges_of_the_outputs() {
+        let mut random = crate::fusion::testing::Random::new(3);
+        let mut within =
+            |low: u16, high: u16| random.between(low.into(), high.into()).round() as u16;
+        let mut built = 0;
+        for _ in 0..1500 {
+            let timing = Timing {
+                top: within(24, 50),
+                trim: within(0, 3),
+                window: within(1, 8),
+                settling: within(1, 9),
+                margin: within(0, 2),
+                earliest: within(1, 5),
+            };
+            let Some(sampling) = timing.build() else {
+                continue;
+            };
+            built += 1;
+            let Timing { top, trim, .. } = timing;
+            let half = timing.window / 2;
+            let [off, on, between] = [top - half, timing.earliest, top / 2 - half];
+            let lowest_first = |place, compares| {
+                let tops = [top - trim, top, top + trim];
+                let each = tops.map(|top| clear(&timing, top, place, compares));
+                each.into_iter().min().flatten().unwrap_or(0)
+            };
+            for [a, b] in (0..=top).flat_map(|a| (0..=top).map(move |b| [a, b])) {
+                let place = sampling.compare([a, b]);
+                let [at_off, at_on, at_between] =
+                    [off, on, between].map(|at| lowest_first(at, [a, b]));
+                // A pulse that ends before the place after zero counts as too short for it.
+                let early = [a, b].iter().any(|motor| (1..on).contains(motor));
+                let at_on = if early { 0 } else { at_on };
+                let settling = i32::from(timing.settling);
+                let better = if at_off >= at_on {
+                    (off, at_off)
+                } else {
+                    (on, at_on)
+                };
+                let chosen = [(off, at_off), (on, at_on), (between, at_between)]
+                    .into_iter()
+                    .find(|choice| choice.0 == place);
+                let clearance = chosen.unwrap().1;
+                assert!(clearance >= settling, "{timing:?} {a} {b}: {place}");
+                // The edge on the way down counts as a count earlier.
+                let spare = 2 * (top - trim) - off - timing.window - timing.margin + 1;
+                if better.1 >= settling && a.max(b) != spare {
+                    assert_eq!(place, better.0, "{timing:?} {a} {b}");
+                }
+            }
+        }
+        assert!(built > 200, "{built}");
+    }
+
+    /// Each limit of a timing and the next count beyond, one condition at a time.
+    #[test]
+    fn a_timing_is_accepted_up_to_the_count_at_which_no_place_is_clean() {
+        type Change = fn(&mut Timing, u16);
+        // 84 + 1828 counts are twice 956; 400 + 578 + 850 counts are 1828; half a window is 272.
+        let settling: Change = |timing, value| timing.settling = value;
+        let late: Change = |timing, value| (timing.earliest, timing.settling) = (400, value);
+        let margin: Change = |timing, value| {
+            (timing.earliest, timing.settling, timing.margin) = (400, 850, value);
+        };
+        let trim: Change = |timing, value| timing.trim = value;
+        // 2 × 3781 counts less 3672 and 1160 are one less than 1571 + 1160.
+        let wide: Change = |timing, value| {
+            (timing.top, timing.window, timing.margin) = (4202, 1060, 100);
+            (timing.settling, timing.trim) = (300, value);
+        };
+        let never: Change = |timing, value| (timing.settling, timing.earliest) = (100, 1 - value);
+        for (k, (change, limit)) in [
+            (settling, 956),
+            (late, 850),
+            (margin, 34),
+            (trim, 271),
+            (wide, 421),
+            (never, 0),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            for (value, accepted) in [(limit, true), (limit + 1, false)] {
+                let mut timing = TIMING;
+                change(&mut timing, value);
+                assert_eq!(timing.build().is_some(), accepted, "{k}: {value}");
+            }
+        }
+        // What would be below zero.
+        for (trim, window) in [(5000, 544), (2200, 544), (127, 4300)] {
+            let timing = Timing {
+                trim,
+                window,
+                ..TIMING
+            };
+            assert_eq!(timing.build(), None);
         }
     }
 }

@@ -151,8 +151,65 @@ mod tests {
             // A count is 4 mA.
             assert!((f64::from(read) - current).abs() < 5e-3, "{current} {read}");
         }
-        assert_eq!(shunt.read(count(9.0, 0.0, 0.0), zero), None);
-        assert_eq!(shunt.read(count(-9.0, 0.0, 0.0), zero), None);
+        // 20 counts from either end.
+        let readable = [0, 19, 20, 4075, 4076, 4095].map(|count| shunt.read(count, zero).is_some());
+        assert_eq!(readable, [false, false, true, true, false, false]);
+    }
+
+    /// 1/256 A a count: the mean is off and the readings scatter by an exact number of amperes.
+    #[test]
+    fn a_zero_is_found_up_to_the_offset_and_noise_that_are_allowed_time_after_time() {
+        let config = Config {
+            volts_per_ampere: 0.125,
+            reference_v: 2.0,
+            max_offset_a: 0.25,
+            max_noise_a: 0.125,
+            ..Config::default()
+        };
+        let shunt = config.build().unwrap();
+        let mut zeroing = Zeroing::default();
+        for (mean, scatter, sound) in [
+            (2112, 32, true),
+            (2113, 0, false),
+            (1984, 32, true),
+            (1983, 0, false),
+            (2048, 33, false),
+            (2050, 0, true),
+        ] {
+            for k in 1..SAMPLES {
+                let count = if k % 2 == 0 {
+                    mean + scatter
+                } else {
+                    mean - scatter
+                };
+                assert_eq!(zeroing.step(&shunt, count), Zeroed::Pending);
+            }
+            let expected = if sound {
+                Zeroed::Found(f32::from(mean))
+            } else {
+                Zeroed::Refused
+            };
+            assert_eq!(
+                zeroing.step(&shunt, mean + scatter),
+                expected,
+                "{mean} {scatter}"
+            );
+        }
+    }
+
+    #[test]
+    fn slopes_from_a_thousandth_to_ten_are_accepted_with_either_sign() {
+        for (slope, accepted) in [(1e-3, true), (0.99e-3, false), (10.0, true), (10.1, false)] {
+            for volts_per_ampere in [slope, -slope] {
+                let config = Config {
+                    volts_per_ampere,
+                    ..Config::default()
+                };
+                assert_eq!(config.build().is_ok(), accepted, "{slope}");
+            }
+        }
+        crate::config::refusal_of(Config::default(), |c| c.build())
+            .names(&[("volts_per_ampere", |c| c.volts_per_ampere = f32::NAN)]);
     }
 
     #[test]

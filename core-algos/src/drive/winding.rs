@@ -74,7 +74,11 @@ impl Config {
 
 /// Permitted share of the current at `temperature`: 1 up to `from`, 0 at `to`; 0 for NaN.
 pub fn fold_back(temperature: f32, from: f32, to: f32) -> f32 {
-    let share = (to - temperature) / (to - from);
+    permitted((to - temperature) / (to - from))
+}
+
+/// A share limited to 0 to 1; NaN is no permission.
+fn permitted(share: f32) -> f32 {
     if share > 0.0 { share.min(1.0) } else { 0.0 }
 }
 
@@ -124,13 +128,7 @@ impl Winding {
         state.carry = add - (next - state.temperature_c);
         state.temperature_c = next;
         let share = fold_back(next, self.fold_back, self.max);
-        // NaN is no permission.
-        let driver = if driver_share > 0.0 {
-            driver_share.min(1.0)
-        } else {
-            0.0
-        };
-        self.max_current * share.min(driver)
+        self.max_current * share.min(permitted(driver_share))
     }
 }
 
@@ -183,16 +181,89 @@ mod tests {
         assert_eq!(fold_back(f32::NAN, 80.0, 100.0), 0.0);
         assert_eq!(fold_back(90.0, 80.0, 100.0), 0.5);
         assert_eq!(fold_back(-50.0, 80.0, 100.0), 1.0);
+        assert_eq!(fold_back(101.0, 80.0, 100.0), 0.0);
+    }
+
+    /// The winding stands at the temperature that folds the current back to a half.
+    #[test]
+    fn the_lesser_share_of_winding_and_driver_limits_the_current() {
+        let winding = Config::default().build().unwrap();
+        for (temperature_c, driver, share) in [
+            (30.0, 7.0, 1.0),
+            (30.0, 0.5, 0.5),
+            (30.0, -1.0, 0.0),
+            (110.0, 0.25, 0.25),
+            (110.0, 0.75, 0.5),
+            (130.0, 1.0, 0.0),
+        ] {
+            let mut state = State {
+                temperature_c,
+                ..winding.at_start()
+            };
+            let limit = winding.step(&mut state, 0.0, driver);
+            assert!(
+                (limit - 4.0 * share).abs() < 1e-3,
+                "{temperature_c} {driver}: {limit}"
+            );
+        }
+    }
+
+    /// A current heats by its square; beyond twice the largest one it counts as that.
+    #[test]
+    fn heat_has_no_sign_and_a_bound() {
+        let winding = Config::default().build().unwrap();
+        let after = |current| {
+            let mut state = winding.at_start();
+            winding.step(&mut state, current, 1.0);
+            state
+        };
+        for (current, same) in [(-1.5, 1.5), (100.0, 8.0), (-100.0, 8.0), (-7.9, 7.9)] {
+            assert_eq!(after(current), after(same));
+        }
+        assert_ne!(after(7.9), after(8.0));
+    }
+
+    /// The share of the way to the settled temperature in one step, 1 − exp(−T/τ), by either formula.
+    #[test]
+    fn one_step_goes_the_exponential_share_of_the_way() {
+        for (period_s, time_constant_s, tolerance) in [
+            (1e-5, 1.0, 1e-6),
+            (9.9e-3, 1.0, 2e-5),
+            (1e-2, 1.0, 1e-5),
+            (0.1, 0.1, 1e-6),
+        ] {
+            let config = Config {
+                period_s,
+                time_constant_s,
+                ..Config::default()
+            };
+            let step = f64::from(config.build().unwrap().step);
+            let expected = -(-f64::from(period_s) / f64::from(time_constant_s)).exp_m1();
+            assert!(
+                (step / expected - 1.0).abs() < tolerance,
+                "{period_s}: {step} {expected}"
+            );
+        }
     }
 
     #[test]
     fn bad_parameters_are_named() {
         crate::config::refusal_of(Config::default(), |c| c.build()).names(&[
             ("max_c", |c| c.max_c = 90.0),
-            ("start_c", |c| c.start_c = 130.0),
+            ("max_c", |c| c.max_c = 100.9),
+            ("start_c", |c| c.start_c = 120.0),
+            ("start_c", |c| c.start_c = 29.9),
             ("fold_back_c", |c| c.fold_back_c = f32::NAN),
+            ("fold_back_c", |c| c.fold_back_c = 30.9),
             ("time_constant_s", |c| c.time_constant_s = 0.0),
             ("max_current_a", |c| c.max_current_a = 0.0),
         ]);
+        let least = Config {
+            start_c: 30.0,
+            fold_back_c: 31.0,
+            max_c: 32.0,
+            ..Config::default()
+        };
+        assert!(least.build().is_ok());
     }
 }

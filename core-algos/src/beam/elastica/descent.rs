@@ -14,9 +14,9 @@ const CLOSE: f32 = 4.0;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Descent {
     pub(super) lowest: Minimum,
-    damping: f32,
+    pub(super) damping: f32,
     /// Steps, with the start.
-    steps: u8,
+    pub(super) steps: u8,
     pub(super) done: bool,
 }
 

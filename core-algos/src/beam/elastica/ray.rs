@@ -124,8 +124,8 @@ impl Leg {
     pub(super) fn new(from_u: f32, to_u: f32) -> Self {
         let length = 0.5 * (to_u - from_u);
         let mut count = 0u8;
-        // At most half the strip, so at most four steps.
-        while f32::from(count) * MAX_STEP < length.abs() && count < 8 {
+        // At most half the strip, so at most five steps.
+        while f32::from(count) * MAX_STEP < length.abs() {
             count += 1;
         }
         Self {

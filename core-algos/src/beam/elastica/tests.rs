@@ -57,6 +57,779 @@ fn error(fit: &Fit, bent: &Bent) -> (f64, f64) {
     )
 }
 
+/// Shapes that robots can take are the domain of many tests.
+#[test]
+fn random_shapes_fill_their_domain() {
+    let (mut random, mut forces) = (Random(21), Vec::new());
+    for _ in 0..2000 {
+        let shape = Elastica::random(&mut random, 60.0);
+        let bent = shape.bent(&[]);
+        assert!(bent.largest_angle < 1.6 && bent.largest_curvature < 8.0);
+        assert!(
+            bent.largest_angle >= bent.end[2].abs()
+                && bent.largest_curvature >= bent.end_curvature.abs()
+        );
+        forces.push([shape.root_curvature, shape.force[0], shape.force[1]]);
+    }
+    for (i, (low, high)) in [(-8.0, 8.0), (-60.0, 15.0), (-20.0, 20.0)]
+        .into_iter()
+        .enumerate()
+    {
+        let ends = forces.iter().fold([0.0f64; 2], |[a, b], force| {
+            [a.min(force[i]), b.max(force[i])]
+        });
+        assert!(low <= ends[0] && ends[0] < 0.8 * low, "{ends:?}");
+        assert!(high >= ends[1] && ends[1] > 0.8 * high, "{ends:?}");
+    }
+}
+
+/// Curvature of a shape at each of the ascending places `at`, then x, y, direction and curvature at the root and at
+/// the tip, in the frame of the middle. Each half is a strip of its own; mirrored, the one at the root leads forward.
+fn exact(at: &[f64], [middle, fx, fy]: [f64; 3]) -> Vec<f64> {
+    let half = |sign: f64| {
+        let shape = Elastica {
+            root_curvature: 0.5 * middle,
+            force: [0.25 * fx, 0.25 * sign * fy],
+        };
+        let mut places: Vec<f64> = at.iter().map(|at| sign * (2.0 * at - 1.0)).collect();
+        places.retain(|at| *at > 0.0 || (*at == 0.0 && sign > 0.0));
+        places.sort_by(f64::total_cmp);
+        let bent = shape.bent(&places);
+        let [x, y, theta] = bent.end;
+        let end = [
+            0.5 * sign * x,
+            0.5 * y,
+            sign * theta,
+            2.0 * bent.end_curvature,
+        ];
+        (bent.curvature, end)
+    };
+    let ((behind, root), (ahead, tip)) = (half(-1.0), half(1.0));
+    let curvatures = behind.iter().rev().chain(&ahead).map(|k| 2.0 * k);
+    curvatures.chain(root).chain(tip).collect()
+}
+
+/// Central differences of [`exact`] by each parameter.
+fn exact_gradient(at: &[f64], parameters: [f64; 3]) -> [Vec<f64>; 3] {
+    const STEP: f64 = 1e-4;
+    core::array::from_fn(|j| {
+        let [low, high] = [-STEP, STEP].map(|step| {
+            let mut moved = parameters;
+            moved[j] += step;
+            exact(at, moved)
+        });
+        let pairs = high.iter().zip(low);
+        pairs
+            .map(|(high, low)| (high - low) / (2.0 * STEP))
+            .collect()
+    })
+}
+
+/// Parameters that single precision holds, of a shape between two buckled ones and one in tension.
+fn some_parameters(random: &mut Random) -> [f64; 3] {
+    [(-6.0, 6.0), (-60.0, 20.0), (-20.0, 20.0)]
+        .map(|(low, high)| f64::from(random.between(low, high) as f32))
+}
+
+fn assert_near(found: impl IntoIterator<Item = f32>, expected: &[f64], tolerance: f64) {
+    for (i, (found, expected)) in found.into_iter().zip(expected).enumerate() {
+        let error = (f64::from(found) - expected).abs();
+        assert!(
+            error <= tolerance * (1.0 + expected.abs()),
+            "{i}: {found} {expected}"
+        );
+    }
+}
+
+/// Solution of three equations by Cramer's rule.
+fn solved(matrix: [[f64; 3]; 3], right: [f64; 3]) -> [f64; 3] {
+    let determinant = |[a, b, c]: [[f64; 3]; 3]| {
+        a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
+            + a[2] * (b[0] * c[1] - b[1] * c[0])
+    };
+    core::array::from_fn(|j| {
+        let mut replaced = matrix;
+        for i in 0..3 {
+            replaced[i][j] = right[i];
+        }
+        determinant(replaced) / determinant(matrix)
+    })
+}
+
+/// Exact readings of a shape with noise of `sigma` in curvature × length, and their uncertainties.
+fn readings(solver: &Solver, at: &[f64], shape: [f64; 3], noise: impl FnMut() -> f64) -> Readings {
+    let mut noise = noise;
+    let mut k = [0.0; MAX_GAUGES];
+    for (k, exact) in k.iter_mut().zip(exact(at, shape)).take(at.len()) {
+        *k = (exact + noise()) as f32;
+    }
+    Readings {
+        k,
+        weights: solver.weights(&k, solver.strip.gauges, 0.0),
+        drift: 0.0,
+        tail: TAIL,
+        budget: MAX_EVALUATIONS,
+    }
+}
+
+#[test]
+fn a_shape_and_its_derivatives_are_those_of_the_elastica() {
+    let mut random = Random(12);
+    for at in [gauss(), uniform(8), ends(4), vec![0.0, 0.3, 1.0]] {
+        let solver = solver(&at, |_| {});
+        for _ in 0..40 {
+            let parameters = some_parameters(&mut random);
+            let single = parameters.map(|p| p as f32);
+            let shape = solver.shape(single);
+            let ends = [shape.root, shape.tip];
+            let values = ends.map(|ray| [ray.x, ray.y, ray.theta, ray.curvature(single)]);
+            let gauges = shape.curvature[..at.len()].iter().copied();
+            assert_near(gauges.chain(values.concat()), &exact(&at, parameters), 3e-5);
+            for (j, expected) in exact_gradient(&at, parameters).iter().enumerate() {
+                let slopes = ends.map(|ray| {
+                    let curvature = ray.curvature_gradient(single)[j];
+                    [ray.d_x[j], ray.d_y[j], ray.d_theta[j], curvature]
+                });
+                let gauges = shape.gradient[..at.len()]
+                    .iter()
+                    .map(|gradient| gradient[j]);
+                assert_near(gauges.chain(slopes.concat()), expected, 1e-4);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_leg_is_walked_in_the_fewest_steps_of_at_most_a_tenth() {
+    for (from, to, count) in [
+        (0.0, 1.0, 5),
+        (0.0, -1.0, 5),
+        (-0.25, -1.0, 4),
+        (0.0, 0.1, 1),
+        (0.2, 0.62, 3),
+        (0.3, 0.3, 0),
+        (0.0, 0.2f32.next_up(), 2),
+    ] {
+        let leg = Leg::new(from, to);
+        let length = leg.step * f32::from(leg.count);
+        assert!((length - 0.5 * (to - from)).abs() < 1e-7);
+        assert_eq!(leg.count, count, "{from} {to}");
+        assert!(leg.step.is_finite());
+    }
+}
+
+/// Gradient and curvature of the cost Σ w (k − κ)² + t ln(1 + |f|²/σ²), halved.
+#[test]
+fn normal_equations_are_those_of_the_cost() {
+    let (at, mut random) = (uniform(6), Random(13));
+    let solver = solver(&at, |c| c.uncertainty.load_prior = 5.0);
+    for _ in 0..40 {
+        let parameters = some_parameters(&mut random);
+        let other = some_parameters(&mut random);
+        let mut readings = readings(&solver, &at, other, || 0.0);
+        let drift = 1e-5;
+        readings.weights = solver.weights(&readings.k, solver.strip.gauges.without(2), drift);
+        let (k, weights) = (readings.k, readings.weights.map(f64::from));
+        for i in 0..MAX_GAUGES {
+            // 1 µε of noise and 1 µε of offset at 0.5 mm, and 0.3 % of gain.
+            let gain = 3e-3 * f64::from(k[i]);
+            let variance = 2.0 * (LENGTH * 2e-3).powi(2) + gain * gain + f64::from(drift);
+            let expected = if i < 6 && i != 2 { 1.0 / variance } else { 0.0 };
+            assert!((weights[i] - expected).abs() <= 1e-4 * expected, "{i}");
+        }
+        let single = parameters.map(|p| p as f32);
+        let normal = solver.normal(&solver.shape(single), single, &readings);
+        let (curvature, gradient) = (exact(&at, parameters), exact_gradient(&at, parameters));
+        let [_, fx, fy] = parameters;
+        let load = fx * fx + fy * fy;
+        let prior = f64::from(TAIL) / (25.0 + load);
+        let residual = |i: usize| f64::from(k[i]) - curvature[i];
+        let weighed =
+            |term: &dyn Fn(usize) -> f64| (0..6).map(|i| weights[i] * term(i)).sum::<f64>();
+        let chi_square = weighed(&|i| residual(i) * residual(i));
+        let cost = chi_square + f64::from(TAIL) * (1.0 + load / 25.0).ln();
+        let near = |found: f32, expected: f64, size: f64| {
+            assert!(
+                (f64::from(found) - expected).abs() < 1e-3 * size,
+                "{found} {expected}"
+            );
+        };
+        near(normal.chi_square, chi_square, chi_square);
+        near(normal.cost, cost, cost);
+        near(normal.prior, prior, prior);
+        for r in 0..3 {
+            let pull = prior * [0.0, fx, fy][r];
+            let size = weighed(&|i| (residual(i) * gradient[r][i]).abs());
+            near(
+                normal.descent[r],
+                weighed(&|i| residual(i) * gradient[r][i]) - pull,
+                size,
+            );
+            for c in 0..3 {
+                let own = if r == c && r > 0 { prior } else { 0.0 };
+                let size = weighed(&|i| (gradient[r][i] * gradient[c][i]).abs());
+                near(
+                    normal.hessian[r][c],
+                    weighed(&|i| gradient[r][i] * gradient[c][i]) + own,
+                    size,
+                );
+            }
+        }
+        // The prior of a shape whose readings say nothing.
+        let silent = Readings {
+            weights: [0.0; MAX_GAUGES],
+            ..readings
+        };
+        let normal = solver.normal(&solver.shape(single), single, &silent);
+        assert_near(normal.descent, &[0.0, -prior * fx, -prior * fy], 1e-5);
+        assert_near(
+            normal.hessian.concat(),
+            &[0.0, 0.0, 0.0, 0.0, prior, 0.0, 0.0, 0.0, prior],
+            1e-6,
+        );
+        let expected = f64::from(TAIL) * (1.0 + load / 25.0).ln();
+        assert_near([normal.cost, normal.chi_square], &[expected, 0.0], 1e-5);
+    }
+}
+
+/// With a prior that is nearly none, only the polynomial between the gauges is not exact.
+#[test]
+fn the_start_of_a_bent_strip_is_near_its_shape() {
+    let mut random = Random(14);
+    for at in [gauss(), uniform(5), ends(6)] {
+        let solver = solver(&at, |c| c.uncertainty.load_prior = 1e3);
+        let interpolant = Interpolant::new(&solver.strip, solver.strip.gauges).unwrap();
+        for _ in 0..50 {
+            let sign = random.normal().signum();
+            let shape = [
+                sign * random.between(3.0, 5.0),
+                random.between(-9.0, 9.0),
+                random.between(-9.0, 9.0),
+            ];
+            let readings = readings(&solver, &at, shape, || 0.0);
+            let start = solver.start(&interpolant, &readings.k, &readings.weights);
+            for (found, expected) in start.into_iter().zip(shape) {
+                assert!(
+                    (f64::from(found) - expected).abs() < 0.3,
+                    "{start:?} {shape:?}"
+                );
+            }
+        }
+    }
+}
+
+/// Least squares of a wave at each load, in double precision: the three that fit best. Of equals the lesser load.
+#[test]
+fn waves_are_the_best_three_by_small_deflections() {
+    let (at, mut random) = (uniform(5), Random(15));
+    let solver = solver(&at, |_| {});
+    let weights: [f32; MAX_GAUGES] =
+        core::array::from_fn(|i| if i < 5 { 1.0 + i as f32 } else { 0.0 });
+    let loads = [0.0f64, 5.0, 12.0, 20.0, 30.0, 42.0, 55.0, 70.0, 88.0, 110.0];
+    for case in 0..60 {
+        let size = [0.0, 3.0, 60.0][case % 3];
+        let k: [f32; MAX_GAUGES] = core::array::from_fn(|i| {
+            if i < 5 {
+                (size * random.normal()) as f32
+            } else {
+                0.0
+            }
+        });
+        let mut fits: Vec<(f64, [f64; 3])> = loads
+            .iter()
+            .map(|load| {
+                let wave = |i: usize| {
+                    let (omega, s) = (load.sqrt(), at[i] - 0.5);
+                    let sine = if omega > 0.0 {
+                        (omega * s).sin() / omega
+                    } else {
+                        s
+                    };
+                    [(omega * s).cos(), sine]
+                };
+                let sum = |term: &dyn Fn(usize) -> f64| {
+                    (0..5).map(|i| f64::from(weights[i]) * term(i)).sum::<f64>()
+                };
+                let row = |r: usize| {
+                    [0, 1].map(|c| {
+                        sum(&|i| wave(i)[r] * wave(i)[c]) + if r == c { 1e-3 } else { 0.0 }
+                    })
+                };
+                let right = [0, 1].map(|r| sum(&|i| wave(i)[r] * f64::from(k[i])));
+                let matrix = [
+                    [row(0)[0], row(0)[1], 0.0],
+                    [row(1)[0], row(1)[1], 0.0],
+                    [0.0, 0.0, 1.0],
+                ];
+                let [middle, slope, _] = solved(matrix, [right[0], right[1], 0.0]);
+                let residual =
+                    |i: usize| f64::from(k[i]) - wave(i)[0] * middle - wave(i)[1] * slope;
+                let along = (load * load - slope * slope).max(0.0).sqrt();
+                (
+                    sum(&|i| residual(i) * residual(i)),
+                    [middle, -along, -slope],
+                )
+            })
+            .collect();
+        fits.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let found = solver.waves(&k, &weights);
+        for (found, (_, expected)) in found.into_iter().zip(&fits) {
+            assert_near(found, expected, 2e-3);
+        }
+    }
+}
+
+#[test]
+fn forces_beyond_the_largest_load_keep_their_direction() {
+    for (parameters, limited) in [
+        ([1.0, 1300.0, -1300.0], [1.0, 1300.0, -1300.0]),
+        ([2.0, -2600.0, 130.0], [2.0, -1300.0, 65.0]),
+        ([3.0, 130.0, 2600.0], [3.0, 65.0, 1300.0]),
+        ([-9e3, 0.0, 0.0], [-9e3, 0.0, 0.0]),
+    ] {
+        assert_eq!(bounded(parameters), limited);
+    }
+}
+
+/// Checks a step that computed a shape, in double precision; true if the descent moved.
+fn steps_to_a_lower_point(
+    solver: &Solver,
+    readings: &Readings,
+    [before, after]: [&Descent; 2],
+    step: [f64; 3],
+) -> bool {
+    let (from, lowest) = (before.lowest, after.lowest);
+    let trial = bounded(core::array::from_fn(|i| {
+        (f64::from(from.parameters[i]) + step[i]) as f32
+    }));
+    let bound = f64::from(from.normal.cost) * (1.0 + 1e-5) + 1e-3;
+    if lowest.parameters == from.parameters {
+        let cost = f64::from(solver.normal(&solver.shape(trial), trial, readings).cost);
+        assert!(!(cost < 0.99 * bound), "{cost} {bound}");
+        assert_eq!(after.damping, 10.0 * before.damping + 1e-2);
+        assert_eq!(lowest.normal, from.normal);
+        return false;
+    }
+    assert_near(lowest.parameters, &trial.map(f64::from), 2e-2);
+    assert!(f64::from(lowest.normal.cost) <= bound * (1.0 + 1e-6));
+    let shape = solver.shape(lowest.parameters);
+    let normal = solver.normal(&shape, lowest.parameters, readings);
+    assert_eq!((lowest.normal, lowest.shape), (normal, shape));
+    let less = if before.damping > 1e-3 {
+        0.1 * before.damping
+    } else {
+        0.0
+    };
+    assert_eq!(after.damping, less);
+    true
+}
+
+/// Every step of descents from far starts, against the damped normal equations in double precision.
+#[test]
+fn a_descent_steps_to_the_damped_minimum_and_keeps_what_is_lower() {
+    let (at, mut random) = (gauss(), Random(16));
+    let solver = solver(&at, |_| {});
+    let (mut rejected, mut settled, mut left, mut damped) = (0, 0, 0, 0);
+    for _ in 0..300 {
+        let shape = some_parameters(&mut random);
+        let mut noise = Random(random.0);
+        let readings = readings(&solver, &at, shape, || 2e-3 * noise.normal());
+        let start = some_parameters(&mut random).map(|p| p as f32);
+        let mut evaluations = 3;
+        let mut descent = solver.start_at(start, &readings, &mut evaluations).unwrap();
+        assert_eq!((evaluations, descent.steps, descent.damping), (4, 1, 0.0));
+        while !descent.done {
+            let (before, count) = (descent, evaluations);
+            solver.descend_once(&mut descent, &readings, &mut evaluations);
+            if before.steps == 10 {
+                let done = true;
+                assert_eq!(descent, Descent { done, ..before });
+                break;
+            }
+            assert_eq!(descent.steps, before.steps + 1);
+            let from = before.lowest;
+            let mut hessian = from.normal.hessian.map(|row| row.map(f64::from));
+            for i in 0..3 {
+                hessian[i][i] *= 1.0 + f64::from(before.damping);
+            }
+            let right = from.normal.descent.map(f64::from);
+            let step = solved(hessian, right);
+            let promise: f64 = (0..3).map(|i| step[i] * right[i]).sum();
+            let near_a_threshold = [1e-2, 4.0]
+                .iter()
+                .any(|at| (promise / at - 1.0).abs() < 0.02);
+            let leaves = before.damping == 0.0
+                && from.parameters[1].abs() <= 12.0
+                && promise < 4.0
+                && told(&from.normal);
+            if near_a_threshold {
+                continue;
+            }
+            if leaves {
+                left += 1;
+                assert!(descent.done && descent.lowest.converged && evaluations == count);
+                let cost = f64::from(from.normal.cost) - promise;
+                assert!(
+                    (f64::from(descent.lowest.normal.cost) - cost).abs() < 1e-2 * (1.0 + promise)
+                );
+                assert_eq!(descent.lowest.parameters, from.parameters);
+                continue;
+            }
+            assert_eq!(evaluations, count + 1);
+            if steps_to_a_lower_point(&solver, &readings, [&before, &descent], step) {
+                damped += usize::from(before.damping > 0.0);
+            } else {
+                rejected += 1;
+            }
+            let small = promise < 1e-2;
+            assert_eq!(
+                (descent.done, descent.lowest.converged),
+                (small, small),
+                "{promise}"
+            );
+            settled += usize::from(small);
+        }
+    }
+    let seen = [rejected, settled, left, damped];
+    assert!(seen.iter().all(|seen| *seen > 20), "{seen:?}");
+}
+
+#[test]
+fn a_descent_ends_with_its_budget_and_leaves_a_modest_load_to_the_refinement() {
+    let at = gauss();
+    let solver = solver(&at, |_| {});
+    let begin = |fx: f32| {
+        let shape = [5.0, f64::from(fx), 4.0];
+        let mut readings = readings(&solver, &at, shape, || 0.0);
+        readings.budget = 7;
+        let start = shape.map(|p| p as f32);
+        (solver.start_at(start, &readings, &mut 6).unwrap(), readings)
+    };
+    // Three standard deviations of 4.
+    for (fx, evaluations) in [
+        (12.0f32, 3),
+        (-12.0, 3),
+        (12.0f32.next_up(), 4),
+        (-12.0f32.next_up(), 4),
+    ] {
+        let (mut descent, readings) = begin(fx);
+        let mut count = 3;
+        solver.descend_once(&mut descent, &readings, &mut count);
+        assert!(descent.done && descent.lowest.converged);
+        assert_eq!(count, evaluations, "{fx}");
+    }
+    let (begun, readings) = begin(30.0);
+    assert!(solver.start_at([0.0; 3], &readings, &mut 7).is_none());
+    let mut spent = begun;
+    solver.descend_once(&mut spent, &readings, &mut 7);
+    assert_eq!(
+        spent,
+        Descent {
+            done: true,
+            ..begun
+        }
+    );
+    // Without a Hessian that can be solved the damping grows, and no shape is computed.
+    let mut flat = begun;
+    flat.lowest.normal.hessian = [[0.0; 3]; 3];
+    for damping in [1e-3, 10.0 * 1e-3f32 + 1e-3] {
+        let before = flat;
+        solver.descend_once(&mut flat, &readings, &mut 0);
+        let steps = before.steps + 1;
+        assert_eq!(
+            flat,
+            Descent {
+                damping,
+                steps,
+                ..before
+            }
+        );
+    }
+}
+
+/// A minimum of which only the figures matter.
+fn minimum(cost: f32, chi_square: f32, converged: bool) -> Minimum {
+    let solver = solver(&gauss(), |_| {});
+    let readings = readings(&solver, &gauss(), [0.0; 3], || 0.0);
+    let mut minimum = solver.start_at([0.0; 3], &readings, &mut 0).unwrap().lowest;
+    (
+        minimum.normal.cost,
+        minimum.normal.chi_square,
+        minimum.converged,
+    ) = (cost, chi_square, converged);
+    minimum
+}
+
+#[test]
+fn the_lower_minimum_wins_and_the_settled_one_of_two_alike() {
+    let beyond = 1.0f32 + 1e-2;
+    for (a, b, wins) in [
+        ((1.0, true), (0.9, true), true),
+        ((1.0, true), (0.995, true), false),
+        ((1.0, true), (1.005, true), false),
+        ((beyond, true), (beyond - 1e-2, true), false),
+        ((1.0, false), (1.005, true), true),
+        ((1.0, false), (beyond, true), false),
+        ((1.0, false), (beyond.next_down(), true), true),
+        ((1.0, false), (1.005, false), false),
+        ((1.0, false), (0.995, false), false),
+        ((1.0, true), (0.995, false), false),
+        ((1.0, true), (0.9, false), true),
+    ] {
+        let [a, b] = [a, b].map(|(cost, converged)| Some(minimum(cost, 0.0, converged)));
+        assert_eq!(lower(a, b), if wins { b } else { a }, "{a:?} {b:?}");
+        assert_eq!(
+            [lower(a, None), lower(None, b), lower(None, None)],
+            [a, b, None]
+        );
+    }
+}
+
+#[test]
+fn a_minimum_is_suspicious_unless_it_settled_with_a_residual_below_12() {
+    for (chi_square, converged, suspicious) in [
+        (12.0f32.next_down(), true, false),
+        (12.0, true, true),
+        (f32::NAN, true, true),
+        (0.0, false, true),
+        (20.0, false, true),
+    ] {
+        let minimum = minimum(1.0, chi_square, converged);
+        assert_eq!(is_suspicious(Some(&minimum)), suspicious, "{chi_square}");
+    }
+    assert!(is_suspicious(None));
+}
+
+/// Quantiles of χ² with 1 to 5 degrees of freedom at 2.5e-4, from tables.
+#[test]
+fn residuals_that_readings_of_the_stated_noise_hardly_leave_are_exact() {
+    for (gauges, limit) in [(4, 1e-7f32), (5, 5e-4), (6, 0.0096), (7, 0.0455), (8, 0.12)] {
+        let mask = GaugeMask::first(gauges);
+        assert!(
+            is_exact(mask, limit.next_down()) && !is_exact(mask, limit),
+            "{gauges}"
+        );
+    }
+    for gauges in 0..4 {
+        assert!(!is_exact(GaugeMask::first(gauges), 0.0));
+    }
+}
+
+/// A normal matrix whose inverse and solution are known to the bit.
+#[test]
+fn a_load_is_told_if_the_prior_decides_less_than_a_tenth() {
+    let mut normal = minimum(0.0, 0.0, true).normal;
+    // The inverse has 0.5 and 0.25 on the diagonal for the forces.
+    normal.hessian = [[8.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 4.0]];
+    normal.descent = [4.0, -1.0, 8.0];
+    assert_eq!(promise(&normal), Some(2.0 + 0.5 + 16.0));
+    let limit = 0.1f32 / 0.75;
+    for (prior, told) in [(limit * 1.001, false), (limit * 0.999, true), (0.3, false)] {
+        normal.prior = prior;
+        assert_eq!(super::minimum::told(&normal), told, "{prior}");
+    }
+    normal.hessian[2][2] = 2.0;
+    for (prior, told) in [(0.1, false), (0.1f32.next_down(), true)] {
+        normal.prior = prior;
+        assert_eq!(super::minimum::told(&normal), told, "{prior}");
+    }
+    normal.hessian[1][1] = 0.0;
+    assert!(!super::minimum::told(&normal) && promise(&normal).is_none());
+}
+
+/// Of a straight strip the prior decides the axial force, with much noise both, of a bent one none.
+#[test]
+fn degrees_of_freedom_count_what_the_prior_decides() {
+    let sure = solver(&gauss(), |_| {});
+    let unsure = solver(&gauss(), |c| {
+        (c.uncertainty.noise_strain, c.uncertainty.load_prior) = (1e-3, 1e-2);
+    });
+    let all = sure.strip.gauges;
+    let (straight, bent) = ([0.0; MAX_GAUGES], curvature(&bent_by([-9.0, 5.0])));
+    for (solver, readings, mask, expected) in [
+        (sure, straight, all, 3.0),
+        (sure, straight, all.without(4), 2.0),
+        (unsure, straight, all, 4.0),
+        (sure, bent, all, 2.0),
+    ] {
+        let found = solver.fit(&readings, mask).unwrap().degrees_of_freedom;
+        assert!((found - expected).abs() < 0.02, "{found} {expected}");
+    }
+}
+
+#[test]
+fn a_fit_with_a_number_that_is_not_finite_is_none() {
+    let solver = solver(&gauss(), |_| {});
+    let readings = readings(&solver, &gauss(), [3.0, -9.0, 5.0], || 0.0);
+    let found = solver
+        .start_at([3.0, -9.0, 5.0], &readings, &mut 0)
+        .unwrap()
+        .lowest;
+    let result = |solver: &Solver, minimum: &Minimum| {
+        solver
+            .result(minimum, solver.strip.gauges, &readings, 1)
+            .is_some()
+    };
+    let mut odd = found;
+    odd.normal.chi_square = f32::INFINITY;
+    let (mut stiff, mut unsure) = (solver, solver);
+    stiff.strip.stiffness = f32::MAX;
+    unsure.strip.uncertainty.position_m = f32::INFINITY;
+    let results = [
+        result(&solver, &found),
+        result(&solver, &odd),
+        result(&stiff, &found),
+        result(&unsure, &found),
+    ];
+    assert_eq!(results, [true, false, false, false]);
+}
+
+#[test]
+fn a_wrench_is_finite_if_all_its_numbers_are() {
+    let finite = Wrench {
+        fx: 1.0,
+        fy: 1.0,
+        root_moment: 1.0,
+        tip_moment: 1.0,
+        covariance: [[1.0; 3]; 3],
+    };
+    assert!(finite.is_finite());
+    let spoiled: [fn(&mut Wrench); 6] = [
+        |w| w.fx = f32::NAN,
+        |w| w.fy = f32::INFINITY,
+        |w| w.root_moment = f32::NAN,
+        |w| w.tip_moment = f32::NEG_INFINITY,
+        |w| w.covariance[0][0] = f32::NAN,
+        |w| w.covariance[2][1] = f32::INFINITY,
+    ];
+    for (k, spoil) in spoiled.iter().enumerate() {
+        let mut wrench = finite;
+        spoil(&mut wrench);
+        assert!(!wrench.is_finite(), "{k}");
+    }
+}
+
+/// What is vouched for of a force F with variance P is F − 4 P/F.
+#[test]
+fn a_force_is_vouched_for_beyond_two_standard_deviations() {
+    let posture = crate::math::Posture::new(0.3, 0.1, 0.5);
+    for (force, variance, vouched) in [
+        (10.0, 9.0, 6.4),
+        (-10.0, 9.0, -6.4),
+        (6.0, 9.0, 0.0),
+        (-5.0, 9.0, 0.0),
+        (0.0, 9.0, 0.0),
+        (0.0, 0.0, 0.0),
+        (3.0, 0.0, 3.0),
+    ] {
+        let (mut along, mut across) = ([[50.0; 3]; 3], [[50.0; 3]; 3]);
+        (along[0][0], across[1][1]) = (variance, variance);
+        for (fx, fy, covariance) in [(force, 0.0, along), (0.0, force, across)] {
+            let (root_moment, tip_moment) = (0.7, f32::NAN);
+            let wrench = Wrench {
+                fx,
+                fy,
+                root_moment,
+                tip_moment,
+                covariance,
+            };
+            let found = wrench.vouched(posture);
+            let (fx, fy) = if fx != 0.0 {
+                (vouched, 0.0)
+            } else {
+                (0.0, vouched)
+            };
+            let moment = 0.7 + 0.1 * fx - 0.3 * fy;
+            for (found, expected) in [(found.fx, fx), (found.fy, fy), (found.tip_moment, moment)] {
+                assert!(
+                    (found - expected).abs() < 1e-5,
+                    "{force} {variance}: {found} {expected}"
+                );
+            }
+        }
+    }
+}
+
+/// Four readings tell a shape; three or two may be met by another one, and so do readings that no shape has.
+#[test]
+fn a_search_is_open_as_long_as_a_lower_minimum_may_be_elsewhere() {
+    let (at, mut random) = (gauss(), Random(17));
+    let solver = solver(&at, |_| {});
+    let five = solver.strip.gauges;
+    let start = |search: &Search| search.start().map(|Start(parameters)| parameters);
+    for _ in 0..40 {
+        let shape = [
+            random.between(2.0, 5.0),
+            random.between(-6.0, 6.0),
+            random.between(-6.0, 6.0),
+        ];
+        let exact = readings(&solver, &at, shape, || 0.0)
+            .k
+            .map(|k| k / LENGTH as f32);
+        let mut odd = exact;
+        odd[1] += 3.0;
+        let begin = |readings, mask, start| {
+            solver
+                .begin(readings, mask, (0.0, start), MAX_EVALUATIONS)
+                .unwrap()
+        };
+        for (readings, mask, open) in [
+            (&exact, five, false),
+            (&exact, five.without(3), false),
+            (&exact, five.without(3).without(0), true),
+            (&exact, GaugeMask(0b10010), true),
+            (&odd, five, true),
+        ] {
+            let search = begin(readings, mask, None);
+            assert_eq!(search.is_open(), open, "{mask:?}");
+            assert!(search.is_converged() || is_suspicious(search.best.as_ref()));
+            assert_eq!(start(&search), None);
+            let mut search = search;
+            let before = search;
+            if !open {
+                assert_eq!(solver.go_on(&mut search, MAX_EVALUATIONS, 7), 7);
+                assert_eq!(search, before);
+                continue;
+            }
+            // The other starts cost two shapes, and nothing is done for less.
+            assert_eq!(solver.go_on(&mut search, MAX_EVALUATIONS, 1), 0);
+            assert_eq!(search, before);
+            assert_eq!(solver.go_on(&mut search, MAX_EVALUATIONS, 2), 0);
+            assert!(search.starts.is_some() && search.evaluations == before.evaluations);
+            for effort in [0, 1, 3] {
+                let evaluations = search.evaluations;
+                let left = solver.go_on(&mut search, MAX_EVALUATIONS, effort);
+                assert_eq!(search.evaluations - evaluations + left, effort);
+            }
+            let evaluations = search.evaluations;
+            let left = solver.go_on(&mut search, MAX_EVALUATIONS, 100);
+            assert!(!search.is_open() && search.descent.is_none());
+            assert_eq!(search.evaluations - evaluations + left, 100);
+            // All of few readings, or until a shape explains them.
+            let settled = mask.count() > 3 && !is_suspicious(search.best.as_ref());
+            assert!(search.tried == 3 || settled, "{mask:?}");
+            let [first, last] = [before, search].map(|search| search.best.unwrap());
+            assert!(last.normal.cost <= first.normal.cost + 1e-2);
+            let elsewhere = (last.parameters != first.parameters).then_some(last.parameters);
+            assert_eq!(start(&search), elsewhere);
+        }
+        // From where the last fit ended, nothing else is tried.
+        let there = Start(begin(&exact, five, None).best.unwrap().parameters);
+        let next = begin(&exact, five, Some(there));
+        assert!(!next.is_open() && next.is_converged() && next.evaluations <= 2);
+        assert_eq!(start(&next), Some(next.best.unwrap().parameters));
+        let none = Search { best: None, ..next };
+        assert!(!none.is_converged() && start(&none).is_none() && solver.finish(&none).is_none());
+    }
+}
+
+/// The refinement takes two shapes of the budget, and the search has two at least.
+#[test]
+fn a_budget_is_shared_by_search_and_refinement() {
+    let budgets = [0, 3, 4, 5, 40, 41].map(before_refinement);
+    assert_eq!(budgets, [2, 2, 2, 3, 38, 38]);
+}
+
 /// A fit in pieces, each with its bound, ends where the fit at once does; and the next one, of a
 /// frame that has moved on a little, starts there and needs no search.
 #[test]
@@ -207,20 +980,6 @@ fn wrench_is_that_of_the_shape_and_in_balance() {
             assert!(error < 2e-3 * (10.0 * unit + expected.abs()), "{shape:?}");
         }
     }
-}
-
-#[test]
-fn bending_left_by_moments_pushes_nothing() {
-    let solver = solver(&gauss(), |_| {});
-    let fit = solver.fit(&[2.0; MAX_GAUGES], solver.strip.gauges).unwrap();
-    let phi = 2.0 * LENGTH;
-    let p = fit.relative.posture;
-    assert!((f64::from(p.phi) - phi).abs() < 1e-6);
-    assert!((f64::from(p.x) - phi.sin() / 2.0).abs() < 1e-6);
-    assert!((f64::from(p.y) - (1.0 - phi.cos()) / 2.0).abs() < 1e-6);
-    assert!(fit.wrench.fx.abs() < 1e-3 && fit.wrench.fy.abs() < 1e-3);
-    assert!((fit.wrench.root_moment - 1.666).abs() < 1e-4);
-    assert!((fit.wrench.tip_moment - 1.666).abs() < 1e-4);
 }
 
 /// Spread of the fit under the errors its covariance claims, and of its residual.

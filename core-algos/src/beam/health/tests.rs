@@ -381,6 +381,13 @@ fn round_in_which_a_tested_gauge_goes_or_one_comes_too_late_gives_no_verdict() {
         search(&mut state, after, blamed);
         assert_eq!(state.latched(), GaugeMask(0b1000));
     }
+    // One that comes behind the last gauge of a round waits for its turn.
+    let mut state = before_search();
+    for used in [FIVE, six] {
+        assert_eq!(state.latched(), GaugeMask::NONE);
+        search(&mut state, used, blaming(3, 1.0));
+    }
+    assert_eq!(state.latched(), GaugeMask(0b1000));
     // The gauge that goes was the last one of the round.
     let mut state = before_search();
     for i in 0..5 {

@@ -74,3 +74,82 @@ impl Period {
         Some(scatter * (1.0 / n + lead * lead * n / spread))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fusion::testing::Random;
+
+    /// A period of these counts; `None` is a conversion that is not good.
+    fn period(counts: impl Iterator<Item = Option<i32>>) -> Period {
+        let mut period = Period::default();
+        for count in counts {
+            if let Some(count) = count {
+                period.put(count);
+            }
+            period.seen += 1;
+        }
+        period
+    }
+
+    /// Regression in double precision, about the means.
+    #[test]
+    fn count_and_variance_are_those_of_the_fitted_line() {
+        let mut random = Random::new(8);
+        for case in 0..300 {
+            let (level, slope) = (random.between(500.0, 3500.0), random.between(-30.0, 30.0));
+            let counts: Vec<Option<i32>> = (0..3 + case % 12)
+                .map(|k| {
+                    let count = level + slope * f64::from(k) + 4.0 * random.normal();
+                    (random.uniform() < 0.8).then_some(count.round() as i32)
+                })
+                .collect();
+            let good = (0u32..)
+                .zip(&counts)
+                .filter_map(|(k, count)| Some((f64::from(k), f64::from((*count)?))));
+            let good: Vec<(f64, f64)> = good.collect();
+            let period = period(counts.iter().copied());
+            let n = good.len() as f64;
+            assert_eq!(
+                (usize::from(period.good), usize::from(period.seen)),
+                (good.len(), counts.len())
+            );
+            if good.is_empty() {
+                continue;
+            }
+            let mean = |term: &dyn Fn(&(f64, f64)) -> f64| good.iter().map(term).sum::<f64>() / n;
+            let (middle, average) = (mean(&|it| it.0), mean(&|it| it.1));
+            let spread = mean(&|it| (it.0 - middle).powi(2));
+            let slope = mean(&|it| (it.0 - middle) * (it.1 - average)) / spread;
+            let slope = if good.len() > 1 { slope } else { 0.0 };
+            let residual = |it: &(f64, f64)| it.1 - average - slope * (it.0 - middle);
+            let scatter = mean(&|it| residual(it).powi(2)) * n / (n - 2.0);
+            for ahead in [None, Some(0.0), Some(1.8)] {
+                let lead = ahead.map_or(0.0, |ahead| {
+                    counts.len() as f64 - 1.0 + f64::from(ahead) - middle
+                });
+                let found = f64::from(period.count(ahead));
+                assert!((found - average - slope * lead).abs() < 1e-2, "{found}");
+                let variance = period.variance(ahead);
+                assert_eq!(variance.is_some(), good.len() > 2);
+                if let Some(variance) = variance {
+                    let expected = scatter * (1.0 / n + lead * lead / (n * spread));
+                    let error = (f64::from(variance) - expected).abs();
+                    assert!(
+                        error < 1e-5 + 1e-3 * (expected + lead * lead / n),
+                        "{variance} {expected}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn samples_on_a_line_do_not_scatter() {
+        for (slope, count) in (1..60).flat_map(|slope| [(slope, 1000), (-slope, 997)]) {
+            let line = (0..count).map(|k| Some(1_000_000 + slope * k));
+            let variance = period(line).variance(None).unwrap();
+            assert!((0.0..1.0).contains(&variance), "{slope}: {variance}");
+        }
+    }
+}

@@ -213,7 +213,6 @@ fn each_failed_gauge_is_found_and_the_estimate_goes_on() {
     }
 }
 
-/// Without the consistency watch, flatness alone finds a stuck gauge on a strip of three.
 /// Variance of the heading over the claimed one, and consistency, of a still strip whose gauges have noise of so many
 /// counts, all alike: only the last periods count.
 fn scatter(config: &Config, sigma: [f64; 5]) -> (f64, bool) {
@@ -268,6 +267,91 @@ fn noise_beyond_the_configured_is_claimed_and_named() {
     assert!(consistent && ratio < 1.0, "{ratio}");
 }
 
+/// Two of five readings are left over by three parameters, three if the prior decides one.
+#[test]
+fn a_residual_above_the_limit_enlarges_the_covariances_by_its_excess() {
+    let config = Config::default();
+    let estimate = |max_chi_square, odd| {
+        let mut config = config;
+        config.health.max_chi_square = max_chi_square;
+        let sensor = config.build().unwrap();
+        let mut state = State::default();
+        let mut counts = [2300; MAX_GAUGES];
+        counts[1] += odd;
+        (0..10).for_each(|_| sensor.sample(&mut state, &counts));
+        sensor.estimate(&mut state)
+    };
+    let free = estimate(1e6, 157);
+    let chi_square = free.chi_square.unwrap();
+    assert!(chi_square > 30.0 && !free.consistent, "{chi_square}");
+    let of = |estimate: &Estimate| estimate.relative.unwrap();
+    assert_eq!(estimate(chi_square, 157), free);
+    let limited = estimate(chi_square.next_down(), 157);
+    assert_eq!(limited.chi_square, free.chi_square);
+    for (large, small) in [
+        (of(&limited).covariance, of(&free).covariance),
+        (of(&limited).noise, of(&free).noise),
+    ] {
+        for i in 0..3 {
+            let degrees = chi_square / (large[i][i] / small[i][i]);
+            assert!((1.999..3.001).contains(&degrees), "{degrees}");
+        }
+    }
+    // A residual that is explained leaves them, however low the limit.
+    let sound = estimate(5.0, 0);
+    assert!(sound.consistent);
+    assert_eq!(sound, estimate(1e6, 0));
+}
+
+/// Of 1 µε; the mean of the gauges counts, and each by itself.
+#[test]
+fn a_gauge_is_noisy_above_three_times_the_configured_noise() {
+    let sensor = sensor();
+    let limit = NOISY * NOISY * (1e-6f32 * 1e-6);
+    for (odd, quiet) in [
+        (limit, true),
+        (limit.next_up(), false),
+        (f32::NAN, false),
+        (0.0, true),
+    ] {
+        for i in 0..5 {
+            let mut state = State::default();
+            state.noise = [4e-12; MAX_GAUGES];
+            state.noise[i] = odd;
+            let (excess, found) = sensor.excess_noise(&state, GaugeMask::first(5));
+            assert_eq!(found, quiet, "{odd:e}");
+            let expected = (4.0 * 4e-12 + odd) / 5.0 - 1e-12;
+            assert!(
+                odd.is_nan() || (excess - expected).abs() < 1e-17,
+                "{excess:e}"
+            );
+            // A gauge that is not good does not count.
+            let others = sensor.excess_noise(&state, GaugeMask::first(5).without(i));
+            assert!((others.0 - 3e-12).abs() < 1e-17 && others.1);
+        }
+    }
+    let state = State::default();
+    assert_eq!(
+        sensor.excess_noise(&state, GaugeMask::first(5)),
+        (0.0, true)
+    );
+    assert_eq!(sensor.excess_noise(&state, GaugeMask::NONE), (0.0, true));
+}
+
+#[test]
+fn zeros_walk_by_their_variance_a_second() {
+    let mut config = Config::default();
+    config.period_s = 0.02;
+    let state = State {
+        age: 500,
+        ..State::default()
+    };
+    // 0.05 µε/√s for 10 s.
+    let drift = config.build().unwrap().drift(&state);
+    assert!((drift / 25e-15 - 1.0).abs() < 1e-5, "{drift:e}");
+}
+
+/// Flatness alone finds a stuck gauge on a strip of three, whose fit has no residual.
 #[test]
 fn a_flat_gauge_among_three_is_dead() {
     let mut config = Config::default();
@@ -294,6 +378,7 @@ fn without_two_gauges_there_is_no_posture() {
     let sensor = sensor();
     let mut state = State::default();
     assert_eq!(sensor.estimate(&mut state).relative, None);
+    assert_eq!(state.work, None);
     sensor.sample(&mut state, &[2048, -1, -1, -1, 4095, 0, 0, 0]);
     assert_eq!(sensor.estimate(&mut state).relative, None);
     sensor.sample(&mut state, &[2048, -1, -1, 2048, 4095, 0, 0, 0]);

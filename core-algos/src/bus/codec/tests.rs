@@ -249,6 +249,80 @@ fn signal_range_ends_at_the_extreme_raw_values() {
     }
 }
 
+/// Whole degrees of 8 bits, so that halves are exact.
+#[test]
+fn halves_are_rounded_away_from_zero() {
+    let temperature = quantities().map(|(signal, _)| signal);
+    let temperature = temperature
+        .filter(|signal| signal.unit == "degC")
+        .last()
+        .unwrap();
+    for (value, raw) in [
+        (0.5, Some(1)),
+        (-0.5, Some(-1)),
+        (0.5f32.next_down(), Some(0)),
+        (-0.5f32.next_down(), Some(0)),
+        (1.5, Some(2)),
+        (-2.5, Some(-3)),
+        (127.5f32.next_down(), Some(127)),
+        (127.5, None),
+        (128.0, None),
+        (-128.5, None),
+        (-129.0, None),
+    ] {
+        assert_eq!(to_raw(temperature, value), raw, "{value}");
+    }
+}
+
+/// Both ends of the span are one place, the lower one.
+#[test]
+fn positions_lie_in_the_half_open_span() {
+    const HALF: f32 = 0.5 * POSITION_SPAN_M;
+    for (x, wrapped) in [
+        (HALF, -HALF),
+        (-HALF, -HALF),
+        (HALF.next_down(), HALF.next_down()),
+        (3.0 * HALF, -HALF),
+        (-3.0 * HALF, -HALF),
+        (1.5 * HALF, -0.5 * HALF),
+        (-1.5 * HALF, 0.5 * HALF),
+    ] {
+        assert_eq!(wrap_position(x), wrapped, "{x}");
+    }
+    // A position of 0.4 steps below a whole number of steps is still sent as that one; less is the other end.
+    let last = HALF - 0.6 * crate::bus::field::POSITION_STEP_M;
+    for (x, sent) in [(last, HALF - 1e-5), (last.next_up(), -HALF)] {
+        let posture = Posture::new(x, x, 0.0);
+        let message = Message::AxlePosture {
+            axle: AxleId::Front,
+            sequence: 0,
+            posture,
+        };
+        let Message::AxlePosture { posture, .. } = round_trip(message) else {
+            panic!("another message");
+        };
+        assert!(
+            (posture.x - sent).abs() < 1e-6 && (posture.y - sent).abs() < 1e-6,
+            "{x}"
+        );
+    }
+}
+
+/// The least standard deviation of the bus is 2e-9.
+#[test]
+fn a_covariance_of_zero_is_sent() {
+    let Message::BeamUncertainty { covariance, .. } = round_trip(Message::BeamUncertainty {
+        sequence: 1,
+        covariance: [[0.0; 3]; 3],
+    }) else {
+        panic!("another message");
+    };
+    for i in 0..3 {
+        let sigma = covariance[i][i].sqrt();
+        assert!((sigma / 2e-9 - 1.0).abs() < 0.011, "{sigma:e}");
+    }
+}
+
 /// Published vectors of FNV-1a (0x811c9dc5, 0xe40c292c, 0xbf9cf968), folded to 24 bits.
 #[test]
 fn hashes_have_their_published_values() {
@@ -276,9 +350,19 @@ fn unknown_and_short_frames_are_refused() {
         expected,
     };
     assert_eq!(decode(&frame(id, found)), Err(short));
-    let mut undefined = frame(0x070, 6);
-    undefined.data[1] = 9;
-    assert_eq!(decode(&undefined), Err(DecodeError::Value { id: 0x070 }));
+    // Each enumeration: the last of its labels, and the number after that.
+    for layout in &layout::MESSAGES {
+        let mut at = 0;
+        for signal in layout.signals {
+            for k in [0, 1].into_iter().filter(|_| !signal.labels.is_empty()) {
+                let mut frame = frame(layout.id, layout.bytes());
+                frame.data = ((signal.labels.len() as u64 - 1 + k) << at).to_le_bytes();
+                let refused = Err(DecodeError::Value { id: layout.id });
+                assert_eq!(decode(&frame) == refused, k == 1, "{}", layout.name);
+            }
+            at += signal.bits;
+        }
+    }
 }
 
 #[test]

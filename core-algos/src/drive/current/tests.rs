@@ -188,6 +188,90 @@ fn what_is_not_a_number_switches_off() {
     }
 }
 
+/// Beyond the range of numbers there is no voltage either.
+#[test]
+fn an_integral_that_overflows_switches_off() {
+    let current_loop = Config::default().build().unwrap();
+    for current_a in [f32::MAX, f32::MIN] {
+        let mut state = State { integral_v: 1.0 };
+        let input = Input {
+            current_a,
+            ..Motor::at(0.0).input(1.0, 4.0)
+        };
+        assert_eq!(current_loop.step(&mut state, &input), Output::default());
+        assert_eq!(state, State::default());
+    }
+}
+
+/// 2.4 N m are the largest current, 4 A; 11.76 V the largest voltage of 12 V.
+#[test]
+fn a_limit_of_current_or_of_voltage_is_reported() {
+    let config = Config::default();
+    let current_loop = config.build().unwrap();
+    for (torque_nm, current_a, speed_rad_s, limited) in [
+        (0.3, 0.5, 0.0, false),
+        (-2.4, -4.0, 0.0, false),
+        (2.5, 4.0, 0.0, true),
+        (-2.5, -4.0, 0.0, true),
+        (0.3, 0.5, 19.5, false),
+        (0.3, 0.5, 19.7, true),
+        (0.3, 0.5, -19.7, true),
+    ] {
+        let input = Input {
+            torque_nm,
+            current_a,
+            speed_rad_s,
+            supply_v: 12.0,
+            limit_a: 10.0,
+        };
+        let output = current_loop.step(&mut State::default(), &input);
+        assert_eq!(output.limited, limited, "{torque_nm} {speed_rad_s}");
+        let voltage = (config.torque_constant_nm_a * speed_rad_s).clamp(-11.76, 11.76);
+        assert!(
+            (12.0 * output.duty - voltage).abs() < 1e-4,
+            "{}",
+            output.duty
+        );
+    }
+}
+
+/// The smallest normal number is a supply; what is smaller is none.
+#[test]
+fn a_supply_above_zero_is_needed() {
+    let current_loop = Config::default().build().unwrap();
+    for (supply_v, valid) in [
+        (f32::MIN_POSITIVE, true),
+        (f32::MIN_POSITIVE.next_down(), false),
+        (0.0, false),
+        (-12.0, false),
+    ] {
+        let input = Input {
+            supply_v,
+            ..Motor::at(0.0).input(1.0, 4.0)
+        };
+        assert_eq!(
+            current_loop.step(&mut State::default(), &input).valid,
+            valid,
+            "{supply_v}"
+        );
+    }
+}
+
+/// 1 − exp(−ω_b T) is a quarter at ω_b T = ln 4/3.
+#[test]
+fn a_bandwidth_up_to_a_quarter_of_the_way_a_period_is_accepted() {
+    let accepted = |product: f64| {
+        let config = Config {
+            period_s: 0.5f32.powi(14),
+            bandwidth_rad_s: (product * f64::from(1 << 14)) as f32,
+            ..Config::default()
+        };
+        config.build().is_ok()
+    };
+    let quarter = (4.0f64 / 3.0).ln();
+    assert!(accepted(quarter) && !accepted(quarter * (1.0 + 1e-6)));
+}
+
 #[test]
 fn bad_parameters_are_named() {
     crate::config::refusal_of(Config::default(), |c| c.build()).names(&[

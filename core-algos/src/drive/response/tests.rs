@@ -101,6 +101,67 @@ fn an_open_motor_that_nothing_is_asked_of_is_not_known_to_be_one() {
     assert_eq!(objects_at(OPEN, 4_000, |_| 0.0, |_| 3.0), None);
 }
 
+/// Windows of 256 periods of 2⁻¹⁴ s, so that their means are exact.
+fn exact_windows() -> Config {
+    Config {
+        period_s: 0.5f32.powi(14),
+        window_s: 0.5f32.powi(6),
+        ..Config::default()
+    }
+}
+
+#[test]
+fn a_window_answers_if_the_equation_of_the_winding_leaves_no_more_than_the_tolerance() {
+    let config = exact_windows();
+    let response = config.build().unwrap();
+    let mut random = crate::fusion::testing::Random::new(6);
+    let (mut state, mut objected) = (State::default(), 0);
+    let mut first = random.between(-4.0, 4.0);
+    for window in 0..2000 {
+        let level = [14.0, 4.0, 20.0].map(|most| random.between(-most, most));
+        let mut sums = [0.0; 3];
+        for k in 0..256 {
+            let [voltage, current, speed] =
+                level.map(|mean| (mean * (1.0 + 0.3 * random.normal())) as f32);
+            let current = if k == 0 { first as f32 } else { current };
+            let before = state.unexplained();
+            response.step(&mut state, voltage, current, speed);
+            assert!(k == 0 || state.unexplained() == before, "{window}");
+            for (sum, value) in sums.iter_mut().zip([voltage, current, speed]) {
+                *sum += f64::from(value) / 256.0;
+            }
+        }
+        let last = random.between(-4.0, 4.0);
+        let rise = f64::from(config.inductance_h) * (last - first) * 64.0;
+        let drop = f64::from(config.resistance_ohm) * sums[1];
+        let left = sums[0] - drop - f64::from(config.torque_constant_nm_a) * sums[2] - rise;
+        let allowed = 1.5 + 0.6 * drop.abs();
+        // The first period of the next window closes this one.
+        let mut closed = state;
+        response.step(&mut closed, 0.0, last as f32, 0.0);
+        if (left.abs() / allowed - 1.0).abs() > 1e-3 {
+            assert_eq!(
+                closed.unexplained(),
+                left.abs() > allowed,
+                "{window}: {left} {allowed}"
+            );
+        }
+        objected += usize::from(closed.unexplained());
+        first = last;
+    }
+    assert!((400..1800).contains(&objected), "{objected}");
+}
+
+#[test]
+fn a_voltage_of_just_the_tolerance_is_explained() {
+    let response = exact_windows().build().unwrap();
+    for (voltage, unexplained) in [(1.5, false), (1.5 + 0.5f32.powi(10), true), (-1.5, false)] {
+        let mut state = State::default();
+        (0..257).for_each(|_| response.step(&mut state, voltage, 0.0, 0.0));
+        assert_eq!(state.unexplained(), unexplained, "{voltage}");
+    }
+}
+
 properties! {
     #[test]
     fn a_number_that_is_not_finite_is_no_answer(place in 0usize..3, at in 0usize..200, bits: u32) {
@@ -138,7 +199,8 @@ fn bad_parameters_are_named() {
         ("inductance_h", |c| c.inductance_h = f32::NAN),
         ("torque_constant_nm_a", |c| c.torque_constant_nm_a = -1.0),
         ("period_s", |c| c.period_s = f32::INFINITY),
-        ("window_s", |c| c.window_s = 1e-5),
+        ("window_s", |c| c.window_s = 1.99e-4),
+        ("window_s", |c| c.window_s = 1.01),
         ("tolerance_v", |c| c.tolerance_v = 0.0),
         ("tolerance_share", |c| c.tolerance_share = -0.1),
     ]);
