@@ -125,7 +125,7 @@ impl Leg {
         let length = 0.5 * (to_u - from_u);
         let mut count = 0u8;
         // At most half the strip, so at most five steps.
-        while f32::from(count) * MAX_STEP < length.abs() {
+        while f32::from(count) * MAX_STEP < length.abs() && count < 8 {
             count += 1;
         }
         Self {
