@@ -127,8 +127,8 @@ pub struct State {
     paused: bool,
     steering: Steering,
     velocity: f32,
-    pending_posture: Option<(u8, Posture)>,
-    pending_motion: Option<(u8, Twist, Twist)>,
+    pending_posture: Option<Stamped<Posture>>,
+    pending_motion: Option<Stamped<[Twist; 2]>>,
     reference: Option<Stamped<AxleReference>>,
     wrench: Option<Stamped<Wrench>>,
     relative: Option<Stamped<Posture>>,
@@ -214,8 +214,8 @@ impl AxleNode {
                 sequence,
                 posture,
             } if axle == self.axle => {
-                state.pending_posture = Some((sequence, posture));
-                state.pair_reference(now);
+                state.pending_posture = Some(Stamped::new(posture, epoch_start(now, sequence)));
+                state.pair_reference();
             }
             Message::ReferenceMotion {
                 axle,
@@ -228,8 +228,9 @@ impl AxleNode {
                 let twist = Twist::new(velocity_m_s, yaw_rate_rad_s);
                 if self.limits.allow(twist, self.half_track) {
                     let acceleration = Twist::new(acceleration_m_s2, yaw_acceleration_rad_s2);
-                    state.pending_motion = Some((sequence, twist, acceleration));
-                    state.pair_reference(now);
+                    let motion = [twist, acceleration];
+                    state.pending_motion = Some(Stamped::new(motion, epoch_start(now, sequence)));
+                    state.pair_reference();
                 }
             }
             Message::BeamWrench { sequence, wrench } => {
@@ -527,18 +528,18 @@ impl AxleNode {
 }
 
 impl State {
-    /// A posture and a motion of one epoch make a reference.
-    fn pair_reference(&mut self, now: Micros) {
-        if let (Some((s, posture)), Some((t, twist, acceleration))) =
-            (self.pending_posture, self.pending_motion)
-            && s == t
+    /// A posture and a motion of one epoch make a reference. Their times are compared: sequence numbers repeat after 2.56 s.
+    fn pair_reference(&mut self) {
+        if let (Some(posture), Some(motion)) = (self.pending_posture, self.pending_motion)
+            && posture.time == motion.time
         {
+            let [twist, acceleration] = motion.value;
             let reference = AxleReference {
-                posture,
+                posture: posture.value,
                 twist,
                 acceleration,
             };
-            self.reference = Some(Stamped::new(reference, epoch_start(now, s)));
+            self.reference = Some(Stamped::new(reference, posture.time));
         }
     }
 }

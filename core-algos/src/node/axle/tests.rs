@@ -592,16 +592,28 @@ fn a_neighbour_that_stops_or_falls_silent_stops_this_axle() {
     }
 }
 
+/// Not even 256 epochs later, when the sequence number is the same.
 #[test]
 fn halves_of_different_epochs_make_no_reference() {
-    let mut node = node(AxleId::Front);
-    reference(&mut node, 0, 0.1, Posture::ORIGIN);
-    let now = 5 * EPOCH;
-    let posture = Posture::new(1.0, 0.0, 0.0);
-    node.receive(now, &reference_posture(AxleId::Front, now, posture));
-    // Still the old reference.
-    let output = step(&mut node, now, &Samples::default());
-    assert!(output.error.x.abs() < 0.1, "{output:?}");
+    let axle = AxleId::Front;
+    for now in [5 * EPOCH, 256 * EPOCH] {
+        let motion = Message::ReferenceMotion {
+            axle,
+            sequence: sequence(now),
+            velocity_m_s: 0.2,
+            yaw_rate_rad_s: 0.0,
+            acceleration_m_s2: 0.0,
+            yaw_acceleration_rad_s2: 0.0,
+        };
+        let posture = reference_posture(axle, now, Posture::new(1.0, 0.0, 0.0));
+        for half in [motion, posture] {
+            let mut node = node(axle);
+            reference(&mut node, 0, 0.1, Posture::ORIGIN);
+            node.receive(now, &half);
+            let kept = node.state.reference.unwrap();
+            assert_eq!((kept.time, kept.value.twist.v), (0, 0.1), "{half:?}");
+        }
+    }
 }
 
 #[test]
