@@ -294,6 +294,10 @@ mod tests {
         near(completed.lead.fusion.ipec.track_m, 0.4);
         near(completed.lead.fusion.joint.frame_moment_n_m, 0.5 / 0.4);
         near(completed.lead.course.path.max_speed_m_s, 0.15);
+        near(completed.lead.cascade.frame_length_m, 0.4);
+        near(completed.lead.cascade.rigid_end_m, 0.05);
+        near(completed.beam.strip.length_m, 0.4);
+        near(completed.lead.governor.half_track_m, 0.2);
         let exact = Told {
             placement_m: 0.0,
             placement_rad: 0.0,

@@ -297,6 +297,12 @@ fn refused_measurements_are_counted() {
     ] {
         assert_eq!(refused(&samples).0, count, "{samples:?}");
     }
+    let mut reported = settled;
+    step(&mut reported, 56 * TICK, &with(nan, nan));
+    (57..=60).for_each(|tick| {
+        step(&mut reported, tick * TICK, &still());
+    });
+    assert_eq!(reported.state.refused, 0, "reported at 60 ms");
     // A wheel that is too fast for its filter, and one whose count jumps.
     for side in 0..2 {
         let mut seen = [false; 2];

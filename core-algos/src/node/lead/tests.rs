@@ -412,3 +412,17 @@ fn wrench_and_uncertainty_beyond_their_limits_are_noticed() {
     assert_eq!(config.build_lead().unwrap_err().field, "release_s");
     assert!(vague([5.1, 0.1, 0.1]) && vague([0.1, 5.1, 0.1]) && vague([0.1, 0.1, 0.51]));
 }
+
+#[test]
+fn beam_posture_without_gauges_is_passed_over() {
+    let mut node = node();
+    let before = node.clone();
+    let sequence = sequence(EPOCH);
+    let message = Message::BeamPosture {
+        sequence,
+        posture: Posture::ORIGIN,
+        gauges: 0,
+    };
+    node.receive(EPOCH, &message);
+    assert!(node == before);
+}

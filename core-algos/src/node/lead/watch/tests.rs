@@ -271,7 +271,9 @@ fn conditions_of_power_and_of_driving_hold_in_their_states_alone() {
         };
         let powered = matches!(state, Armed | Active | SafeStop);
         assert_eq!(found(|w| w.fused = None, Condition::NeighbourLost), powered);
-        assert!(!found(|w| w.fused = None, Condition::EstimateInconsistent));
+        for of_estimate in [Condition::EstimateInconsistent, Condition::EstimateVague] {
+            assert!(!found(|w| w.fused = None, of_estimate));
+        }
         let stopped = |w: &mut Watched| w.heard(Node::RearAxle, 0, Fault, 0x80);
         assert_eq!(found(stopped, Condition::NeighbourFault), powered);
         let late = |w: &mut Watched| w.reported(1, 20_001);
