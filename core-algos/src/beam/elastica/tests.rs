@@ -709,7 +709,7 @@ fn a_wrench_is_finite_if_all_its_numbers_are() {
     }
 }
 
-/// What is vouched for of a force F with variance P is F − 4 P/F.
+/// A force F with variance P guarantees the force F − 4 P/F.
 #[test]
 fn a_force_is_vouched_for_beyond_two_standard_deviations() {
     let posture = crate::math::Posture::new(0.3, 0.1, 0.5);
@@ -750,7 +750,7 @@ fn a_force_is_vouched_for_beyond_two_standard_deviations() {
     }
 }
 
-/// Four readings tell a shape; three or two may be met by another one, and so do readings that no shape has.
+/// Four readings determine a shape. Three or two may fit several shapes; so may readings that no strip can give.
 #[test]
 fn a_search_is_open_as_long_as_a_lower_minimum_may_be_elsewhere() {
     let (at, mut random) = (gauss(), Random(17));

@@ -18,8 +18,8 @@
 //! | a wheel that turns | `StopNotFollowed` | 5 rad/s | stop, once the frame is let go | as above |
 //! | a wheel that stands at most of the torque | `MotorStall` | from 0.6 of the torque, up to 0.2 rad/s | always | blocked |
 //! | yaw rate of the gyro against that of the wheels | `WheelSlip` | 0.8 rad/s | always | a lifted wheel |
-//! | a measurement refused since the last report | `MeasurementRefused` | at once | always | the user is told |
-//! | torque limited | `TorqueLimited` | at once | always | the user is told |
+//! | a measurement refused since the last report | `MeasurementRefused` | at once | always | reported to the user |
+//! | torque limited | `TorqueLimited` | at once | always | reported to the user |
 //!
 //! Requests, by the mode of the lead node that is no older than 60 ms; none before the first mode:
 //!

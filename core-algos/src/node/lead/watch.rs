@@ -17,10 +17,10 @@
 //! | wrench of a frame that is bent by more than 0.05 rad | `WrenchHigh` | 25 N, 6 N m | a wrench no older than 50 ms | a blocked wheel |
 //! | estimate not finite | `NotANumber` | at once | always | control cannot be trusted |
 //! | posture of the beam refused | `EstimateInconsistent` | at once | *active* | wheels or gauges are wrong |
-//! | estimate says little | `EstimateVague` | 5 m, 0.5 rad | always | the user is told |
+//! | estimate too uncertain | `EstimateVague` | 5 m, 0.5 rad | always | reported to the user |
 //! | task done, but ellipse or a sensor in doubt | `ReachedUncertain` | tolerance of the task | done | the goal may be missed |
-//! | constants far from their calibration | `WheelsInconsistent`, `GaugesInconsistent`, `GyrosInconsistent` | see [`Doubt`] | always | the user is told |
-//! | mean innovation of the beam | `BeamInconsistent` | 3.0 | always | the user is told |
+//! | constants far from their calibration | `WheelsInconsistent`, `GaugesInconsistent`, `GyrosInconsistent` | see [`Doubt`] | always | reported to the user |
+//! | mean innovation of the beam | `BeamInconsistent` | 3.0 | always | reported to the user |
 //! | no speed command, or host lost | `CommanderSilent` | 200 ms, at once | driven by hand; always | nobody steers |
 //! | task without success | `GaveUp`, `NoProgress` | at once | until the next task | the user decides |
 //! | far from path or trajectory | `PathLost` | largest deviation | on a path | the robot drives elsewhere |

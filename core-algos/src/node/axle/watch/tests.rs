@@ -252,7 +252,7 @@ fn the_neighbour_is_the_other_axle() {
     }
 }
 
-/// Conditions of driving come in the state *active* alone, those of power in each state with motors on.
+/// Conditions of driving occur in the state *active* only, conditions of power in each state with motors on.
 #[test]
 fn conditions_of_driving_and_of_power_hold_in_their_states_alone() {
     use OperatingState::{Active, Armed, Boot, Fault, Idle, SafeStop};
