@@ -50,11 +50,13 @@ step "licences, sources and versions of the dependencies"
 tools/scripts/check_dependencies.py
 step "clippy"
 # Macros and build scripts are those of the release build, which are built anyway.
-cargo clippy --locked --release --workspace --all-targets -- -D warnings
+cargo clippy --locked --release --workspace --all-features --all-targets -- -D warnings
+# The parts that the first command builds.
+cargo clippy --locked --release --package cfmmr -- -D warnings
 # The virtual boards without the robot's parts.
 cargo clippy --locked --release --package virtual-board --all-targets -- -D warnings
 step "documentation"
-RUSTDOCFLAGS="-D warnings" cargo doc --locked --release --workspace --no-deps --quiet
+RUSTDOCFLAGS="-D warnings" cargo doc --locked --release --workspace --all-features --no-deps --quiet
 step "firmware for $target"
 images=(--locked --profile image --package firmware-axle --package firmware-beam --target "$target")
 cargo clippy "${images[@]}" --package firmware-common -- -D warnings
@@ -69,12 +71,16 @@ numbers_of_the_images() {
 aside numbers_of_the_images
 step "tests"
 # `link` adds the tests of the link, `devices` those of the robot's parts.
-cargo test --locked --workspace --exclude host-sim --features core-algos/link,virtual-board/devices
+cargo test --locked --package core-algos --package firmware-common --package plant --package square-root \
+  --package virtual-board --features core-algos/link,virtual-board/devices
 joined
 wait "$packages"
-# With the dependencies of the steps below: a third of the time. The unit tests need no optimised program.
-cargo test --locked --release --package host-sim --lib --config profile.release.package.host-sim.opt-level=0
-cargo test --locked --release --package host-sim --test '*'
+# The program of the first command; before the whole program, whose file it shares.
+cargo test --locked --release --package cfmmr --test parts
+# With the libraries of the steps below.
+program=(--locked --release --package cfmmr --all-features)
+cargo test "${program[@]}" --package host-sim --package output --package remote --package recording --package view --lib
+cargo test "${program[@]}" --test '*'
 # Built by the tests. A build by itself leaves out what only tests want of the libraries, and takes two
 # minutes more.
 export CFMMR_BUILT=1

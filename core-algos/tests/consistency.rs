@@ -190,6 +190,7 @@ struct Drive {
     rear: Pose,
 }
 
+#[expect(clippy::too_many_lines, reason = "one loop in the order of the data")]
 fn drive(setting: Setting, seed: u64) -> Drive {
     let mut random = Random::new(seed);
     let sensors = setting.filter();

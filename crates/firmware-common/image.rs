@@ -7,9 +7,11 @@ use std::{env, fs};
 
 fn main() {
     let package = PathBuf::from(env::var("CARGO_MANIFEST_DIR").expect("set by cargo"));
-    let workspace = package.parent().expect("a member's folder");
+    let mut folders = package.ancestors();
+    let workspace = folders.find(|folder| folder.join("Cargo.lock").exists());
+    let workspace = workspace.expect("a member's workspace");
     println!("cargo::rustc-env=BUILD={}", build(&package, workspace));
-    if package.ends_with("host-sim")
+    if package.ends_with("cfmmr")
         && let Some(commit) = commit(workspace)
     {
         println!("cargo::rustc-env=COMMIT={commit}");
@@ -37,8 +39,22 @@ fn build(package: &Path, workspace: &Path) -> String {
         "Cargo.lock",
         "memory.x",
     ];
-    for path in shared
-        .iter()
+    // The program on the host is several packages.
+    let program: &[&str] = match package.ends_with("cfmmr") {
+        true => &[
+            "crates/output/src",
+            "crates/plant/src",
+            "crates/recording/src",
+            "crates/remote/src",
+            "crates/view/src",
+            "crates/virtual-board/src",
+            "host-sim/src",
+            "host-sim/worlds",
+        ],
+        false => &[],
+    };
+    let paths = shared.iter().chain(program);
+    for path in paths
         .map(|name| workspace.join(name))
         .chain([package.join("src")])
     {

@@ -8,7 +8,8 @@ from pathlib import Path
 from bench import Case, Kind, Unsound
 
 HERE = Path(__file__).resolve().parent
-HOST = HERE.parents[1] / "host-sim"
+ROOT = HERE.parents[1]
+PACKAGES = [ROOT / "host-sim", *(ROOT / "crates" / name for name in ["output", "remote", "recording", "view", "cfmmr"])]
 LITERAL = re.compile(r'"((?:[^"\\]|\\.)*)"', re.S)
 # Characters of a message that must be found again: messages of one kind share shorter words.
 ENOUGH = 14
@@ -31,15 +32,15 @@ def argument(text, begin):
 
 def sources():
     """Sources of the program without their tests, by path, and the text of all tests."""
-    tests = "".join(joined(path.read_text()) for path in HOST.glob("tests/**/*.rs"))
+    tests = "".join(joined(path.read_text()) for package in PACKAGES for path in package.glob("tests/**/*.rs"))
     found = {}
-    for path in sorted(HOST.glob("src/**/*.rs")):
+    for path in sorted(path for package in PACKAGES for path in package.glob("src/**/*.rs")):
         text, _, own = path.read_text().partition("#[cfg(test)]")
         tests += joined(own)
         if path.name == "tests.rs" or "tests" in path.parts:
             tests += joined(text)
         else:
-            found[path.relative_to(HOST)] = text
+            found[path.relative_to(ROOT)] = text
     return found, tests
 
 

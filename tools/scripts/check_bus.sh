@@ -6,5 +6,5 @@ cd "$(dirname "$0")/../.."
 
 . tools/scripts/python_tools.sh
 python_tools check_bus.sh
-[ -n "${CFMMR_BUILT:-}" ] || cargo build --locked --release --package host-sim
+[ -n "${CFMMR_BUILT:-}" ] || cargo build --locked --release --package cfmmr --all-features
 "$python" tools/scripts/check_dbc.py target/release/cfmmr "$@"

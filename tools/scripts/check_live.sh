@@ -5,5 +5,5 @@ cd "$(dirname "$0")/../.."
 
 . tools/scripts/python_tools.sh
 python_tools check_live.sh
-[ -n "${CFMMR_BUILT:-}" ] || cargo build --locked --release --package host-sim
+[ -n "${CFMMR_BUILT:-}" ] || cargo build --locked --release --package cfmmr --all-features
 timeout 600 "$python" tools/scripts/check_live.py target/release/cfmmr

@@ -103,7 +103,7 @@ class Log:
                 assert at == max(0, content["tick"] * 1_000_000 - offsets[0]), topic
         about = self.metadata["cfmmr"]
         scenario = tomllib.loads(about["scenario"])
-        assert scenario["mission"] and about["build"].startswith("host-sim "), about
+        assert scenario["mission"] and about["build"].startswith("cfmmr "), about
         assert about["scenario_hash"] == crc32c(about["scenario"].encode())
         if not self.messages["/boards/front/start"]:
             # Boards that run by themselves: no samples, and the parameters are in their flash.

@@ -7,5 +7,5 @@ cd "$(dirname "$0")/../.."
 tools/scripts/install_chromium.sh
 . tools/scripts/python_tools.sh
 python_tools check_report.sh
-[ -n "${CFMMR_BUILT:-}" ] || cargo build --locked --release --package host-sim
+[ -n "${CFMMR_BUILT:-}" ] || cargo build --locked --release --package cfmmr --all-features
 "$python" tools/scripts/check_report.py target/release/cfmmr "$@"

@@ -140,10 +140,10 @@ def campaign(report, out, trials):
 
 
 def boards(report, out, *limits):
-    run("hil", "--on", "virtual", *limits, "--out", out / "session", "--csv", out / "session")
-    report.table("boards in a session, epochs.csv", out / "session/epochs.csv")
-    run("posture", "--on", "virtual", *limits, "--out", out / "virtual", "--csv", out / "virtual", "--threads", "1")
-    report.table("virtual boards, epochs.csv", out / "virtual/epochs.csv")
+    run("hil", "--on", "virtual", *limits, "--out", out / "session", "--csv", out / "session-csv")
+    report.table("boards in a session, epochs.csv", out / "session-csv/epochs.csv")
+    run("posture", "--on", "virtual", *limits, "--out", out / "virtual", "--csv", out / "virtual-csv", "--threads", "1")
+    report.table("virtual boards, epochs.csv", out / "virtual-csv/epochs.csv")
 
 
 def faults(report, out):
@@ -171,7 +171,7 @@ def main():
     parser.add_argument("--check", metavar="FILE", type=Path)
     arguments = parser.parse_args()
     with_mcap()
-    subprocess.run(["cargo", "build", "--quiet", "--locked", "--release", "--package", "host-sim"], cwd=ROOT, check=True)
+    subprocess.run(["cargo", "build", "--quiet", "--locked", "--release", "--package", "cfmmr", "--all-features"], cwd=ROOT, check=True)
     report = Report(arguments.detail)
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)

@@ -4,4 +4,4 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 runs=${1:?random_faults.sh: give the number of runs}
 RANDOM_FAULT_RUNS=$runs RANDOM_FAULT_SEED=${2:-1} \
-  cargo test --locked --release --package host-sim --test suite -- random_faults --nocapture
+  cargo test --locked --release --package cfmmr --all-features --test suite -- random_faults --nocapture

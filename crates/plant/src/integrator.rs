@@ -359,6 +359,7 @@ impl Plant {
 
     /// Advances by `h`, unless the error is too large and `force` is not set.
     #[inline(always)]
+    #[expect(clippy::too_many_lines, reason = "one formula")]
     fn advance<V: Lanes>(&mut self, h: f64, force: bool) -> bool {
         const G: f64 = GAMMA;
         let start = [self.state.axle[0].velocity, self.state.axle[1].velocity];

@@ -5,7 +5,8 @@
 
 use crate::base::error::Error;
 use crate::base::input;
-use crate::base::spelling::{self, UNKNOWN};
+use crate::base::spelling;
+use crate::base::spelling::UNKNOWN;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_path_to_error::{Path, Segment};

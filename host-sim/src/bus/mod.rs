@@ -1,6 +1,3 @@
-//! The bus between the boards: a simulated CAN bus and the description of its messages.
-//!
-//! Imports [`base`](crate::base). Start with [`virtual_bus`].
+//! Simulated CAN bus between the boards. Start with [`virtual_bus`].
 
-pub mod dbc;
 pub mod virtual_bus;

@@ -1,7 +1,6 @@
 //! Runs of the robot: the simulated plant with its boards in lockstep, tasks, recovery from faults.
 //!
-//! Imports the rooms below it, down from [`targets`](crate::targets). Start with [`simulation`]: one
-//! trial at 1 kHz.
+//! Start with [`simulation`]: one trial at 1 kHz.
 
 pub mod bit_compare;
 pub mod drive;
@@ -14,6 +13,4 @@ pub mod recovery;
 pub mod regulate;
 pub mod robot;
 pub mod script;
-pub mod serial_robot;
 pub mod simulation;
-pub mod virtual_robot;

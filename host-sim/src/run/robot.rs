@@ -2,7 +2,6 @@
 
 use crate::base::error::Error;
 use crate::bus::virtual_bus::BusStatistics;
-use crate::plant::{Outline, Plant};
 use crate::run::real_time::RealTimeLimiter;
 use crate::run::recovery::{Monitor, NODES};
 use crate::targets::board_record::BoardEvent;
@@ -13,6 +12,7 @@ use core_algos::node::lead::{self, Task};
 use core_algos::safety::Permit;
 use core_algos::time::{EPOCH, Micros};
 use core_algos::topology::{Node, Role};
+use plant::{Outline, Plant};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 

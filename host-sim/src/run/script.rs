@@ -4,11 +4,13 @@
 
 use crate::base::error::Error;
 use crate::base::{numbers, spelling};
-use crate::paths::{self, MAX_COORDINATE_M, Path, PathError};
+use crate::paths;
+use crate::paths::{MAX_COORDINATE_M, Path, PathError};
 use crate::run::drive::{Errand, Progress, drive};
 use crate::run::end::{Cause, EndKind, RunEnd};
 use crate::run::keyboard::Keyboard;
-use crate::run::path_run::{self, PathMode, Route};
+use crate::run::path_run;
+use crate::run::path_run::{PathMode, Route};
 use crate::run::robot::{Record, Robot};
 use crate::scenario::Scenario;
 use crate::targets::HostCommand;

@@ -2,13 +2,13 @@
 
 use crate::base::error::Error;
 use crate::bus::virtual_bus::{BusStatistics, VirtualBus};
-use crate::plant::{Outline, Plant, Station};
 use crate::run::bit_compare::Trace;
 use crate::run::recovery::Recovery;
 use crate::run::robot::{FRAME_POINTS, Record, Robot, RunControl};
 use crate::scenario::Scenario;
+use crate::targets;
 use crate::targets::{
-    self, BoardTraffic, Boards, Failure, FailureMode, HostCommand, Posted, Room, Target, What,
+    BoardTraffic, Boards, Failure, FailureMode, HostCommand, Posted, Room, Target, What,
 };
 use crate::world::drawn::Drawn;
 use crate::world::faults::{Fault, Injector, Readings};
@@ -23,6 +23,7 @@ use core_algos::params::{Inertial, Settings};
 use core_algos::safety::Conditions;
 use core_algos::time::{EPOCH, Micros, TICK};
 use core_algos::topology::{Node, Role};
+use plant::{Outline, Plant, Station};
 
 /// Time a run goes on after the lead node's fault, ticks: what follows from it can be seen.
 const GRACE: u64 = 1000;

@@ -338,7 +338,8 @@ impl Boards {
     }
 }
 
-pub(super) fn fatal(role: Role, fault: Fault) -> Error {
+/// The error of a run whose board gave this answer during its start.
+pub fn fatal(role: Role, fault: Fault) -> Error {
     match fault {
         Fault::Fatal(error) => error,
         Fault::Silent(why) => Error::Failure(format!("{} board: {why}", role.name())),

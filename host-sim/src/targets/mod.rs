@@ -1,33 +1,19 @@
-//! Where a board's nodes run: in this process, or behind a serial link.
+//! Interface of a board, and boards in this process.
 //!
-//! The simulation speaks to all boards alike. Each tick it hands a board the messages that arrived
-//! and its samples ([`Target::receive`], [`Target::begin`]) and then takes its torques and messages
-//! ([`Target::finish`]); boards behind links work at the same time in between. The bus itself is
-//! simulated here, whatever the boards are.
+//! Each tick the simulation hands a board the messages that arrived and its samples ([`Target::receive`],
+//! [`Target::begin`]), then takes its torques and messages ([`Target::finish`]). Boards behind links (crate `remote`) work
+//! at the same time in between. The bus is simulated here, wherever the boards are.
 
-pub mod board_link;
-pub mod board_log;
 pub mod board_record;
 pub mod boards;
 pub mod host_command;
-pub mod images;
 pub mod in_process;
-pub mod link;
-pub mod log_reader;
 pub mod losses;
-pub mod parameters;
-pub mod relay;
-pub mod remote;
-pub mod serial;
-pub mod serial_line;
-pub mod unanswered;
-pub mod virtual_link;
 
 pub use boards::{Boards, Failure, FailureMode};
 pub use host_command::HostCommand;
 pub use in_process::InProcess;
 pub use losses::{Event, Losses, What};
-pub use remote::Remote;
 
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
@@ -152,6 +138,24 @@ pub struct Latency {
     pub p99_us: u32,
     /// The longest, µs.
     pub max_us: u32,
+}
+
+impl Latency {
+    /// The distribution; none of no times.
+    pub fn of(times_us: &[u32]) -> Option<Self> {
+        let mut sorted = times_us.to_vec();
+        sorted.sort_unstable();
+        let at = |share: f64| {
+            let place = share * sorted.len().saturating_sub(1) as f64;
+            sorted.get(place.round() as usize).copied()
+        };
+        Some(Self {
+            mean_us: times_us.iter().map(|&t| f64::from(t)).sum::<f64>() / times_us.len() as f64,
+            median_us: at(0.5)?,
+            p99_us: at(0.99)?,
+            max_us: at(1.0)?,
+        })
+    }
 }
 
 /// A board, wherever it runs.

@@ -1,6 +1,6 @@
 //! Outline of the robot for pictures and 3D scenes.
 
-use crate::plant::PlantConfig;
+use plant::PlantConfig;
 
 /// Outline of the robot seen from above.
 #[derive(Clone, Copy, Debug, PartialEq)]

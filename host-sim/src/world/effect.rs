@@ -1,8 +1,8 @@
 //! Keys of a world without effect in that world, and the form of such rules.
 
 use crate::base::error::Error;
-use crate::plant::Tyre;
 use crate::world::World;
+use plant::Tyre;
 use toml::{Table, Value};
 
 /// Declares rules: keys, condition, reason.

@@ -24,11 +24,11 @@ use crate::base::input;
 use crate::base::spelling;
 use crate::base::toml_file;
 use crate::bus::virtual_bus::BusConfig;
-use crate::plant::{Plant, PlantConfig, Station};
 use crate::world::drawn::Drawn;
 use crate::world::random::{BOUND, Stream, generator, normal};
 use crate::world::sensors::SensorConfig;
 use crate::world::table::{at_least_0, table, up_to};
+use plant::{Plant, PlantConfig, Station};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 

@@ -1,8 +1,8 @@
 //! How the plant's constants differ from robot to robot.
 
-use crate::plant::PlantConfig;
 use crate::world::random::{BOUND, bounded};
 use crate::world::table::{table, up_to};
+use plant::PlantConfig;
 use rand_pcg::Pcg64;
 use serde::Serialize;
 

@@ -1,21 +1,17 @@
 //! What the targets share.
 //!
-//! The modules of the simulator that read input are compiled here by their paths, without the rest
-//! of it: pictures, log decoders and the command line would take most of the time of a build.
+//! Modules of the program and of the recording that read input are compiled here by their paths: the server of a run and
+//! the command line would take most of the time of a build.
 
 pub mod attendant_model;
-pub mod numbers;
-pub use plant;
-
-pub mod base;
-pub mod bus;
-#[path = "../../../host-sim/src/experiments/eval/mod.rs"]
+#[path = "../../../crates/recording/src/entry.rs"]
+pub mod entry;
+#[path = "../../../crates/cfmmr/src/experiments/eval/mod.rs"]
 pub mod eval;
-#[path = "../../../host-sim/src/paths/mod.rs"]
-pub mod paths;
-pub mod recording;
-#[path = "../../../host-sim/src/scenario/mod.rs"]
-pub mod scenario;
-pub mod targets;
-#[path = "../../../host-sim/src/world/mod.rs"]
-pub mod world;
+#[path = "../../../crates/recording/src/log/intact.rs"]
+mod intact;
+pub mod numbers;
+#[path = "../../../crates/recording/src/log/read.rs"]
+pub mod read;
+#[path = "../../../crates/recording/src/schema.rs"]
+pub mod schema;

@@ -1,7 +1,7 @@
 //! Logs: a file of any content, or a good log with changed messages, is read or refused as bad input.
 #![no_main]
 
-use cfmmr_fuzz::recording::{entry, read};
+use cfmmr_fuzz::{entry, read};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|data: &[u8]| {

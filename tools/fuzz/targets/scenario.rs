@@ -2,10 +2,10 @@
 //! refused is refused by name.
 #![no_main]
 
-use cfmmr_fuzz::base::error::Error;
-use cfmmr_fuzz::base::toml_file;
+use host_sim::base::error::Error;
+use host_sim::base::toml_file;
 use cfmmr_fuzz::numbers::Bytes;
-use cfmmr_fuzz::scenario::Scenario;
+use host_sim::scenario::Scenario;
 use libfuzzer_sys::fuzz_target;
 use std::collections::HashSet;
 use std::sync::LazyLock;

@@ -2,7 +2,7 @@
 //! is refused is refused by line.
 #![no_main]
 
-use cfmmr_fuzz::paths::{Bounds, MAX_COORDINATE_M, Path, PathError, SPACING_M, Sample, waypoints};
+use host_sim::paths::{Bounds, MAX_COORDINATE_M, Path, PathError, SPACING_M, Sample, waypoints};
 use libfuzzer_sys::fuzz_target;
 
 /// Chords beyond this are not sampled here: half a million samples take a second.

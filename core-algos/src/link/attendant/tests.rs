@@ -145,6 +145,7 @@ fn packed(message: &Message) -> (CanFrame, Packed) {
 /// Each request to each board with each state of its motors: the reply, or none to an order that is being carried out; and
 /// the demand of a request that is granted.
 #[test]
+#[expect(clippy::too_many_lines, reason = "a table")]
 fn requests_are_granted_by_board_and_motors() {
     let calibrate = bus::field::Calibrate::Zero(0.0);
     let (service, of_service) = packed(&Message::BeamCalibration {

@@ -196,6 +196,7 @@ impl Strip {
     /// One Newton correction at `e.unknowns` for `e.end`, applied, with the linearisation left in
     /// `e`. Returns the size of the change of the coefficients.
     #[inline(always)]
+    #[expect(clippy::too_many_lines, reason = "one formula")]
     pub(super) fn newton<V: Lanes>(&self, e: &mut Equilibrium, viscous: Option<Viscous>) -> f64 {
         let p: Points<V> = self.points(&e.unknowns, e.end[2]);
         let rise = Twelve::load(&STRAND_RISE);

@@ -1,0 +1,119 @@
+//! `cfmmr dbc`: the bus description, and the load of the bus.
+
+use clap::Args;
+use core_algos::bus::layout::{self, BIT_RATE, MESSAGES};
+use host_sim::base::error::Error;
+use output::files;
+use output::table::Table;
+use output::terminal;
+use recording::dbc;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// Arguments of `dbc`.
+#[derive(Clone, Debug, Args)]
+pub struct DbcArgs {
+    /// Write to this file instead of the terminal
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Print the worst-case load of the bus by message
+    #[arg(long, conflicts_with = "out")]
+    pub load: bool,
+    /// Print the messages as a table
+    #[arg(long, conflicts_with_all = ["out", "load"])]
+    pub table: bool,
+}
+
+/// Prints the description or the load, or writes the description to a file.
+pub fn run(args: &DbcArgs) -> Result<(), Error> {
+    if args.load {
+        return terminal::print(&load());
+    }
+    if args.table {
+        return terminal::print_page(&page());
+    }
+    match &args.out {
+        Some(path) => {
+            files::write_file(path, dbc::description())?;
+            terminal::print(&format!("wrote {}\n", path.display()))
+        }
+        None => terminal::print(&dbc::description()),
+    }
+}
+
+/// The messages as a table in Markdown.
+fn page() -> String {
+    let mut text = String::from(
+        "| id | message | from | every (ms) | counts for (ms) | meaning |\n|---|---|---|---|---|---|\n",
+    );
+    let time = |ms: u16| {
+        if ms == 0 {
+            String::new()
+        } else {
+            ms.to_string()
+        }
+    };
+    for layout in &MESSAGES {
+        text += &format!(
+            "| {:#05x} | `{}` | {} | {} | {} | {} |\n",
+            layout.id,
+            layout.name,
+            layout.sender.name(),
+            time(layout.period_ms),
+            time(layout.timeout_ms),
+            dbc::plain(layout.meaning),
+        );
+    }
+    text
+}
+
+/// The load of the bus, message by message, as text.
+fn load() -> String {
+    let mut table = Table::new(["id", "message", "sender", "bytes", "bits", "period", "load"]);
+    let rate = BIT_RATE as f32;
+    for layout in &MESSAGES {
+        let (period, share) = if layout.period_ms == 0 {
+            (String::from("on request"), String::new())
+        } else {
+            (
+                format!("{} ms", layout.period_ms),
+                format!("{:.2} %", 100.0 * layout.bits_per_second() / rate),
+            )
+        };
+        table.row([
+            format!("{:#05x}", layout.id),
+            layout.name.into(),
+            layout.sender.name().into(),
+            layout.bytes().to_string(),
+            layout::frame_bits(layout.bytes()).to_string(),
+            period,
+            share,
+        ]);
+    }
+    let mut text = table.to_string();
+    let _ = writeln!(
+        text,
+        "\nWorst-case load with stuff bits at {} kbit/s: {:.1} %",
+        BIT_RATE / 1000,
+        100.0 * layout::load(rate)
+    );
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn load_sums_the_table() {
+        let text = load();
+        let shares = text.lines().filter_map(|line| {
+            let share = line.strip_suffix(" %")?.split_whitespace().last()?;
+            (!line.starts_with("Worst")).then(|| share.parse::<f64>().ok())?
+        });
+        let sum: f64 = shares.sum();
+        let total = text.trim_end().strip_suffix(" %").unwrap();
+        let total: f64 = total.rsplit(' ').next().unwrap().parse().unwrap();
+        assert!((sum - total).abs() < 0.15, "{sum} {total}");
+    }
+}

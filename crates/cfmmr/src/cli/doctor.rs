@@ -1,0 +1,491 @@
+//! `cfmmr doctor`: whether all is here that a simulation and hardware in the loop need, and what to
+//! do about what is not.
+
+use crate::cli::doctor_boards;
+use crate::experiments::arguments::BoardArgs;
+use crate::experiments::result::{JsonArgs, Provenance};
+use clap::Args;
+use host_sim::base::error::Error;
+use output::table::Table;
+use remote::images::TARGET;
+use rustix::fs::Access;
+use serde::Serialize;
+use std::io::{self, ErrorKind, Read};
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+use std::{env, fs, thread};
+
+/// Arguments of `doctor`.
+#[derive(Clone, Debug, Args)]
+pub struct DoctorArgs {
+    /// Boards of a robot to ask for image, stack and faults, instead of the checks of this computer
+    #[command(flatten)]
+    pub boards: BoardArgs,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+/// Time in which a program tells its version. The first call may have to fetch a toolchain.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// The oldest Python that the scripts and their packages run on.
+const OLDEST_PYTHON: Version = [3, 10, 0];
+
+type Version = [u32; 3];
+
+/// Result of a check.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Finding {
+    /// It is as it should be.
+    Ok,
+    /// It is not here.
+    Missing,
+    /// It is older than what is needed.
+    TooOld,
+    /// It is here and does not do.
+    Unusable,
+}
+
+impl Finding {
+    fn text(self) -> &'static str {
+        match self {
+            Self::Ok => "ok",
+            Self::Missing => "missing",
+            Self::TooOld => "too old",
+            Self::Unusable => "unusable",
+        }
+    }
+}
+
+/// One thing that was looked for.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Check {
+    /// Description.
+    pub name: &'static str,
+    /// True if simulation or hardware in the loop need it.
+    pub needed: bool,
+    /// Result.
+    pub finding: Finding,
+    /// Findings.
+    pub found: String,
+    /// Remedy; empty if none is needed.
+    pub remedy: String,
+}
+
+impl Check {
+    fn ok(name: &'static str, found: impl Into<String>) -> Self {
+        Self {
+            name,
+            needed: false,
+            finding: Finding::Ok,
+            found: found.into(),
+            remedy: String::new(),
+        }
+    }
+
+    fn not(
+        name: &'static str,
+        finding: Finding,
+        found: impl Into<String>,
+        remedy: impl Into<String>,
+    ) -> Self {
+        Self {
+            finding,
+            remedy: remedy.into(),
+            ..Self::ok(name, found)
+        }
+    }
+
+    fn needed(self) -> Self {
+        Self {
+            needed: true,
+            ..self
+        }
+    }
+
+    fn fails(&self) -> bool {
+        self.needed && self.finding != Finding::Ok
+    }
+}
+
+/// The result of the command.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// True if everything needed is installed.
+    pub ok: bool,
+    /// Everything that was looked for.
+    pub checks: Vec<Check>,
+}
+
+/// Runs the command.
+pub fn run(args: &DoctorArgs) -> Result<(), Error> {
+    if args.boards.any() {
+        return doctor_boards::run(&args.boards, &args.json);
+    }
+    let groups = fs::read_to_string("/etc/group").unwrap_or_default();
+    let checks = vec![
+        toolchain("rustc").needed(),
+        toolchain("cargo").needed(),
+        linker().needed(),
+        target().needed(),
+        probe_rs(),
+        runner(env::var(RUNNER_VARIABLE).ok().as_deref()),
+        probe(),
+        ports(&serial_ports(Path::new("/dev"), &groups)),
+        python(),
+    ];
+    let failed: Vec<_> = checks.iter().filter(|check| check.fails()).collect();
+    let names: Vec<_> = failed.iter().map(|check| check.name).collect();
+    let report = Report {
+        ok: failed.is_empty(),
+        checks: checks.clone(),
+    };
+    args.json.write(&Provenance::default(), &report)?;
+    args.json.print(&table(&checks))?;
+    match names.as_slice() {
+        [] => args
+            .json
+            .print("\neverything for simulation and hardware in the loop is installed\n"),
+        names => Err(Error::Failure(format!(
+            "missing for simulation or hardware in the loop: {}",
+            names.join(", ")
+        ))),
+    }
+}
+
+fn table(checks: &[Check]) -> String {
+    let mut table = Table::new(["", "state", "found"]).left_aligned();
+    // Not in the table: a command that is wrapped cannot be copied.
+    let mut remedies = String::new();
+    for check in checks {
+        let optional = match (check.needed, check.finding) {
+            (false, finding) if finding != Finding::Ok => " (optional)",
+            _ => "",
+        };
+        let state = format!("{}{optional}", check.finding.text());
+        table.row([check.name, &state, &check.found]);
+        if !check.remedy.is_empty() {
+            remedies += &format!("\n{}: {}", check.name, check.remedy);
+        }
+    }
+    format!("{table}{remedies}\n")
+}
+
+/// The folder whose files say which toolchain is used, if it is where it was at the build.
+fn workspace() -> Option<PathBuf> {
+    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    workspace.is_dir().then_some(workspace)
+}
+
+/// Output of a program, on either stream; an error if the program does not start, fails or does not
+/// end.
+fn ask(program: &str, arguments: &[&str]) -> io::Result<String> {
+    let mut command = Command::new(program);
+    command.args(arguments).stdin(Stdio::null());
+    command.stdout(Stdio::piped()).stderr(Stdio::piped());
+    if let Some(workspace) = workspace() {
+        command.current_dir(workspace);
+    }
+    let mut child = command.spawn()?;
+    let deadline = Instant::now() + PATIENCE;
+    // The little that is asked for fits into the pipes, so that the program can end by itself.
+    let status = loop {
+        if let Some(status) = child.try_wait()? {
+            break status;
+        }
+        if Instant::now() > deadline {
+            child.kill()?;
+            child.wait()?;
+            return Err(ErrorKind::TimedOut.into());
+        }
+        thread::sleep(Duration::from_millis(5));
+    };
+    let mut text = String::new();
+    if let Some(mut output) = child.stdout.take() {
+        output.read_to_string(&mut text)?;
+    }
+    if let Some(mut output) = child.stderr.take() {
+        output.read_to_string(&mut text)?;
+    }
+    match status.success() {
+        true => Ok(text),
+        false => Err(io::Error::other(format!("{status}: {}", text.trim()))),
+    }
+}
+
+/// The first version number in a text.
+fn version(text: &str) -> Option<Version> {
+    text.split_whitespace().find_map(|word| {
+        let word = word.trim_start_matches('v');
+        let mut numbers = word.split('.').map(|part| {
+            let digits = part.find(|c: char| !c.is_ascii_digit());
+            part.get(..digits.unwrap_or(part.len()))?.parse().ok()
+        });
+        let (major, minor) = (numbers.next()??, numbers.next()??);
+        Some([major, minor, numbers.next().flatten().unwrap_or(0)])
+    })
+}
+
+fn show([major, minor, patch]: Version) -> String {
+    format!("{major}.{minor}.{patch}")
+}
+
+/// A program whose version must be at least this one.
+fn program(name: &'static str, arguments: &[&str], oldest: Version, remedy: &str) -> Check {
+    let not = |finding, found: String| {
+        let need = format!("{remedy} (at least {} is needed)", show(oldest));
+        Check::not(name, finding, found, need)
+    };
+    match ask(name, arguments) {
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            not(Finding::Missing, "not on the PATH".to_owned())
+        }
+        Err(error) => not(Finding::Unusable, one_line(&error.to_string())),
+        Ok(text) => match version(&text) {
+            Some(found) if found >= oldest => Check::ok(name, show(found)),
+            Some(found) => not(Finding::TooOld, show(found)),
+            None => not(Finding::Unusable, one_line(&text)),
+        },
+    }
+}
+
+/// The beginning of a text that may have many lines.
+fn one_line(text: &str) -> String {
+    let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    line.chars().take(60).collect()
+}
+
+/// The toolchain that the workspace asks for.
+fn pinned() -> String {
+    let text: toml::Table = toml::from_str(include_str!("../../../../rust-toolchain.toml"))
+        .expect("the workspace's own file");
+    let channel = text["toolchain"]["channel"].as_str();
+    channel.unwrap_or_default().to_owned()
+}
+
+fn toolchain(name: &'static str) -> Check {
+    let channel = pinned();
+    let oldest = version(&channel).unwrap_or_default();
+    let remedy = match ask("rustup", &["--version"]) {
+        Ok(_) => format!("rustup toolchain install {channel}"),
+        Err(_) => "install Rust with rustup (https://rustup.rs)".to_owned(),
+    };
+    program(name, &["--version"], oldest, &remedy)
+}
+
+/// Linker of this machine, as Rust calls it.
+fn linker() -> Check {
+    let name = "cc";
+    match ask(name, &["--version"]) {
+        Ok(text) => Check::ok(name, one_line(text.lines().next().unwrap_or_default())),
+        Err(error) => Check::not(
+            name,
+            Finding::Missing,
+            one_line(&error.to_string()),
+            "install a C compiler, whose linker Rust uses (Debian: apt-get install gcc)",
+        ),
+    }
+}
+
+/// The boards' target.
+fn target() -> Check {
+    let remedy = format!("rustup target add {TARGET}");
+    let arguments = ["--print", "target-libdir", "--target", TARGET];
+    match ask("rustc", &arguments) {
+        Ok(text) if Path::new(text.trim()).is_dir() => Check::ok("target", TARGET),
+        Ok(_) => Check::not("target", Finding::Missing, TARGET, remedy),
+        Err(error) => Check::not(
+            "target",
+            Finding::Missing,
+            one_line(&error.to_string()),
+            remedy,
+        ),
+    }
+}
+
+/// The first probe-rs with the options of the runner in .cargo/config.toml.
+const OLDEST_PROBE_RS: Version = [0, 28, 0];
+
+fn probe_rs() -> Check {
+    let remedy = "cargo install probe-rs-tools, to flash boards";
+    program("probe-rs", &["--version"], OLDEST_PROBE_RS, remedy)
+}
+
+/// Options without which probe-rs halts a board that resets or that has a hard fault.
+const RUNNER_OPTIONS: [&str; 2] = ["--no-catch-reset", "--no-catch-hardfault"];
+/// Variable that replaces the runner in .cargo/config.toml.
+const RUNNER_VARIABLE: &str = "CARGO_TARGET_THUMBV7EM_NONE_EABIHF_RUNNER";
+
+/// The runner of `cargo flash-axle` and `cargo flash-beam`, with the value of [`RUNNER_VARIABLE`].
+fn runner(replaced_by: Option<&str>) -> Check {
+    const NAME: &str = "runner of the boards";
+    let complete = |runner: &str| RUNNER_OPTIONS.iter().all(|option| runner.contains(option));
+    match replaced_by {
+        None => Check::ok(NAME, "as in .cargo/config.toml"),
+        Some(runner) if complete(runner) || !runner.contains("probe-rs") => {
+            Check::ok(NAME, one_line(runner))
+        }
+        Some(runner) => Check::not(
+            NAME,
+            Finding::Unusable,
+            one_line(runner),
+            format!(
+                "unset {RUNNER_VARIABLE}, or add {} to it: else a board halts at a reset and at a hard fault",
+                RUNNER_OPTIONS.join(" ")
+            ),
+        ),
+    }
+}
+
+/// A debug probe at this machine, as `probe-rs` lists them: a line `[0]: NAME -- …` for each.
+fn probe() -> Check {
+    const NAME: &str = "debug probe";
+    let listed = ask("probe-rs", &["list"]);
+    let Ok(text) = listed else {
+        let remedy = "install probe-rs first";
+        return Check::not(NAME, Finding::Missing, "cannot be checked", remedy);
+    };
+    let probes: Vec<_> = text
+        .lines()
+        .filter_map(|line| line.trim().strip_prefix('[')?.split_once("]: "))
+        .map(|(_, probe)| probe.split(" -- ").next().unwrap_or(probe).to_owned())
+        .collect();
+    match probes.is_empty() {
+        false => Check::ok(NAME, probes.join(", ")),
+        true => Check::not(
+            NAME,
+            Finding::Missing,
+            "none",
+            "plug one in; on Linux it needs probe-rs's udev rules (https://probe.rs/docs)",
+        ),
+    }
+}
+
+/// A serial port.
+#[derive(Clone, Debug, PartialEq)]
+struct Port {
+    path: PathBuf,
+    /// True if this user may read and write it.
+    permitted: bool,
+    /// Group that may.
+    group: String,
+}
+
+/// Serial ports that boards and adapters appear as.
+fn serial_ports(devices: &Path, groups: &str) -> Vec<Port> {
+    const PREFIXES: [&str; 4] = ["ttyACM", "ttyUSB", "cu.usbmodem", "cu.usbserial"];
+    let entries = fs::read_dir(devices).into_iter().flatten().flatten();
+    let port = |path: PathBuf| {
+        let group = fs::metadata(&path).map(|metadata| metadata.gid());
+        let named = |gid: u32| {
+            let mut lines = groups.lines().map(|line| line.split(':'));
+            lines.find_map(|mut line| {
+                let (name, _, number) = (line.next()?, line.next()?, line.next()?);
+                (number.parse() == Ok(gid)).then(|| name.to_owned())
+            })
+        };
+        Port {
+            permitted: rustix::fs::access(&path, Access::READ_OK | Access::WRITE_OK).is_ok(),
+            group: group.ok().and_then(named).unwrap_or("dialout".to_owned()),
+            path,
+        }
+    };
+    let mut ports: Vec<_> = entries
+        .map(|entry| entry.path())
+        .filter(|path| {
+            let name = path.file_name().unwrap_or_default().to_string_lossy();
+            PREFIXES.iter().any(|prefix| name.starts_with(prefix))
+        })
+        .map(port)
+        .collect();
+    ports.sort_by(|a, b| a.path.cmp(&b.path));
+    ports
+}
+
+fn ports(found: &[Port]) -> Check {
+    const NAME: &str = "serial ports";
+    let names: Vec<_> = found.iter().map(|p| p.path.display().to_string()).collect();
+    let names = names.join(", ");
+    match found.iter().find(|port| !port.permitted) {
+        _ if found.is_empty() => Check::not(
+            NAME,
+            Finding::Missing,
+            "none",
+            "plug in a board's USB serial adapter (docs/hil.md)",
+        ),
+        None => Check::ok(NAME, names),
+        Some(port) => Check::not(
+            NAME,
+            Finding::Unusable,
+            format!("no permission for {}", port.path.display()),
+            format!("sudo usermod -aG {} $USER, then log in again", port.group),
+        ),
+    }
+}
+
+/// Python, for what is below `tools/scripts/`.
+fn python() -> Check {
+    let remedy = "install Python 3 with venv and pip, for tools/scripts/";
+    program("python3", &["--version"], OLDEST_PYTHON, remedy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn versions_are_found_where_programs_say_them() {
+        for (text, found) in [
+            ("rustc 1.95.0 (59807616e 2026-04-14)", [1, 95, 0]),
+            ("rustc 1.96.0-nightly (abc 2026-05-01)", [1, 96, 0]),
+            ("Python 3.11", [3, 11, 0]),
+            ("tool v12.4.1\nmore 1.0", [12, 4, 1]),
+        ] {
+            assert_eq!(version(text), Some(found), "{text}");
+        }
+        for text in ["", "no number", "12", "1.x"] {
+            assert_eq!(version(text), None, "{text}");
+        }
+        assert!(version(&pinned()) >= Some([1, 95, 0]), "{}", pinned());
+    }
+
+    #[test]
+    fn runner_catches_neither_resets_nor_hard_faults() {
+        let text: toml::Table =
+            toml::from_str(include_str!("../../../../.cargo/config.toml")).unwrap();
+        let own = text["target"][TARGET]["runner"].as_str().unwrap();
+        assert_eq!(runner(Some(own)).finding, Finding::Ok);
+        assert_eq!(runner(None).finding, Finding::Ok);
+        assert_eq!(runner(Some("openocd.sh")).finding, Finding::Ok);
+        for option in RUNNER_OPTIONS {
+            let without = runner(Some(&own.replace(option, "")));
+            assert_eq!(without.finding, Finding::Unusable, "{option}");
+            assert!(without.remedy.contains(option));
+        }
+    }
+
+    #[test]
+    fn ports_are_found_with_the_group_that_may_use_them() {
+        let devices = tempfile::tempdir().unwrap();
+        for name in ["ttyUSB1", "ttyACM0", "tty0", "null"] {
+            fs::write(devices.path().join(name), "").unwrap();
+        }
+        let gid = fs::metadata(devices.path()).unwrap().gid();
+        let groups = format!("nobody:x:{}:\nmodem:x:{gid}:someone\n", gid + 1);
+        let found = serial_ports(devices.path(), &groups);
+        let names: Vec<_> = found.iter().map(|p| p.path.file_name().unwrap()).collect();
+        assert_eq!(names, ["ttyACM0", "ttyUSB1"]);
+        assert!(found.iter().all(|p| p.permitted && p.group == "modem"));
+        assert_eq!(ports(&found).finding, Finding::Ok);
+        assert_eq!(ports(&[]).finding, Finding::Missing);
+        let mut locked = found;
+        locked[1].permitted = false;
+        let check = ports(&locked);
+        assert_eq!(check.finding, Finding::Unusable);
+        assert!(check.found.contains("ttyUSB1") && check.remedy.contains("usermod -aG modem"));
+        assert!(serial_ports(Path::new("/no/such/folder"), "").is_empty());
+    }
+}

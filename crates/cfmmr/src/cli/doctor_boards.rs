@@ -1,0 +1,153 @@
+//! `cfmmr doctor --on serial:front=PORT`: the boards of a robot, by what they report of themselves.
+
+use crate::experiments::arguments::{BoardArgs, Place};
+use crate::experiments::boards::Links;
+use crate::experiments::result::{JsonArgs, Provenance};
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::targets::Target;
+use output::table::Table;
+use remote::Remote;
+use remote::board_log::BoardLog;
+use serde::Serialize;
+
+/// Report of a board.
+#[derive(Debug, Default, Serialize)]
+struct Row {
+    board: &'static str,
+    build: String,
+    stack_used: Option<u32>,
+    stack_size: Option<u32>,
+    /// Since power came on.
+    panics: Option<u32>,
+    processor_faults: Option<u32>,
+    watchdog_resets: Option<u32>,
+    stack_overflows: Option<u32>,
+    /// Message of the fault before the latest start.
+    last_fault: String,
+    /// Why there is no report.
+    error: Option<String>,
+}
+
+/// Result of the command.
+#[derive(Debug, Serialize)]
+struct Report {
+    ok: bool,
+    boards: Vec<Row>,
+}
+
+/// Asks the boards; fails if one does not answer or had a fault.
+pub fn run(args: &BoardArgs, json: &JsonArgs) -> Result<(), Error> {
+    if !matches!(args.on, Place::Serial(_)) {
+        return Err(Error::input(
+            "--on: must be serial:front=PORT: only real boards have a state before a run",
+        ));
+    }
+    let links = Links::new(args, None)?;
+    let mut boards = Vec::new();
+    // The port of a board that does not answer reaches no other board either.
+    let mut dead = Vec::new();
+    for role in Role::ALL {
+        let port = links.port_of(role);
+        let row = match port.filter(|port| dead.contains(port)) {
+            Some(port) => Err(Error::NoAnswer(format!(
+                "{} board: not asked: it is behind the port of the {} board",
+                role.name(),
+                port.name()
+            ))),
+            None => of_board(&links, role),
+        };
+        let row = match row {
+            Ok(row) => row,
+            Err(error @ Error::Input(_)) => return Err(error),
+            Err(error) => {
+                dead.extend(port.filter(|port| *port == role));
+                Row {
+                    error: Some(error.to_string()),
+                    ..Row::default()
+                }
+            }
+        };
+        let board = role.name();
+        boards.push(Row { board, ..row });
+    }
+    let sound = |row: &Row| {
+        let counts = [
+            row.panics,
+            row.processor_faults,
+            row.watchdog_resets,
+            row.stack_overflows,
+        ];
+        row.error.is_none() && counts.iter().flatten().all(|count| *count == 0)
+    };
+    let failed = boards.iter().filter(|row| !sound(row));
+    let failed: Vec<&str> = failed.map(|row| row.board).collect();
+    let failed = failed.join(", ");
+    let report = Report {
+        ok: failed.is_empty(),
+        boards,
+    };
+    json.write(&Provenance::default(), &report)?;
+    json.print(&text(&report.boards))?;
+    match report.ok {
+        true => Ok(()),
+        false => Err(Error::Failure(format!(
+            "boards with a fault or without an answer: {failed}"
+        ))),
+    }
+}
+
+fn of_board(links: &Links, role: Role) -> Result<Row, Error> {
+    let Some(link) = links.reach(role, &BoardLog::default())? else {
+        return Ok(Row::default());
+    };
+    let mut remote = Remote::new(role, link);
+    remote.hasten();
+    let record = remote.crash_record()?;
+    let [panics, processor, watchdog, overflows] = record.counts;
+    let stack = remote.stack();
+    Ok(Row {
+        build: remote.report().build,
+        stack_used: stack.map(|stack| stack.used_bytes),
+        stack_size: stack.map(|stack| stack.size_bytes),
+        panics: Some(panics),
+        processor_faults: Some(processor),
+        watchdog_resets: Some(watchdog),
+        stack_overflows: Some(overflows),
+        last_fault: record.message.as_str().to_owned(),
+        ..Row::default()
+    })
+}
+
+fn text(boards: &[Row]) -> String {
+    let mut table = Table::new([
+        "board",
+        "build",
+        "stack (bytes)",
+        "panics",
+        "processor faults",
+        "watchdog resets",
+        "stack overflows",
+    ]);
+    let number = |value: Option<u32>| value.map_or(String::new(), |value| value.to_string());
+    let mut notes = String::new();
+    for row in boards {
+        let stack = row.stack_used.zip(row.stack_size);
+        table.row([
+            row.board.to_owned(),
+            row.build.clone(),
+            stack.map_or(String::new(), |(used, size)| format!("{used} of {size}")),
+            number(row.panics),
+            number(row.processor_faults),
+            number(row.watchdog_resets),
+            number(row.stack_overflows),
+        ]);
+        if let Some(error) = &row.error {
+            notes += &format!("{error}\n");
+        }
+        if !row.last_fault.is_empty() {
+            notes += &format!("{} board, last fault: {}\n", row.board, row.last_fault);
+        }
+    }
+    format!("{}\n{notes}", table.transposed())
+}

@@ -1,0 +1,76 @@
+//! `cfmmr parameters`: the table of what a board keeps in its flash, as Markdown.
+
+use core_algos::params::TABLE;
+use host_sim::base::error::Error;
+use output::terminal;
+use std::fmt::Write;
+
+/// The text of `docs/parameters.md`.
+pub fn markdown() -> String {
+    let mut text = String::from(
+        "# Parameters\n\n\
+         Printed by `cfmmr parameters`. Each board keeps these parameters in its flash, so each axle has its\n\
+         own wheels and track. A parameter that was never saved has its default; on the beam board the\n\
+         default depends on the converter (a reading is the sum of 96 conversions). Names are keys of a\n\
+         scenario, except `inertial` and `drive` (motors, drivers and supply, see [wiring.md](wiring.md)).\n\
+         The identifier is the key in the flash; a value saved under another version is not used.\n\
+         [store.md](store.md) describes the effect of a power cut or a damaged flash.\n\n\
+         | id | version | name | unit | from | to | default | meaning |\n|---|---|---|---|---|---|---|---|\n",
+    );
+    for parameter in &TABLE {
+        // Writing to a string does not fail.
+        let _ = writeln!(
+            text,
+            "| {} | {} | `{}` | {} | {} | {} | {} | {} |",
+            parameter.id,
+            parameter.version,
+            parameter.name,
+            parameter.unit,
+            parameter.range.0,
+            parameter.range.1,
+            parameter.default(),
+            parameter.meaning,
+        );
+    }
+    text
+}
+
+/// Prints the page.
+pub fn run() -> Result<(), Error> {
+    terminal::print_page(&markdown())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core_algos::params::Settings;
+    use host_sim::base::toml_file;
+    use host_sim::scenario::Scenario;
+
+    /// Each name is the way to the same number in a scenario.
+    #[test]
+    fn names_are_those_of_a_scenario() {
+        // Strategy and mode are words in a scenario.
+        let numbers = TABLE.iter().filter(|p| p.range.1 > 3.0 || !p.whole);
+        for parameter in numbers.filter(|p| p.name.starts_with("robot.")) {
+            let mut settings = Settings::default();
+            let value = match parameter.whole {
+                true => 4096.0,
+                false => 0.5 * (parameter.range.0 + parameter.range.1),
+            };
+            parameter.set(&mut settings, value).unwrap();
+            let change = match parameter.name.split_once('[') {
+                None => format!("{}={value}", parameter.name),
+                Some((list, index)) => {
+                    let index: usize = index.trim_end_matches(']').parse().unwrap();
+                    let all = TABLE.iter().filter(|p| p.name.starts_with(list));
+                    let mut values: Vec<f32> = all.map(|p| p.default()).collect();
+                    values[index] = value;
+                    format!("{list}={values:?}")
+                }
+            };
+            let scenario: Scenario = toml_file::parse("", "test", &[change]).unwrap();
+            assert_eq!(scenario.robot, settings.robot, "{}", parameter.name);
+        }
+    }
+}

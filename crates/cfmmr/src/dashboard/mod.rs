@@ -1,0 +1,116 @@
+//! A run on the terminal while it goes: states of the nodes, faults and what to do about them,
+//! links, estimate and motion.
+//!
+//! [`view`] is what is shown, [`draw`] the picture of it, a pure function; [`terminal`] draws it from
+//! a thread of its own, so that neither a slow terminal nor a board that does not answer holds up the
+//! other.
+
+pub mod draw;
+mod map;
+pub mod terminal;
+pub mod view;
+
+use crate::thinned::Thinned;
+use host_sim::base::error::Error;
+use host_sim::run::keyboard::Keyboard;
+use host_sim::run::robot::{Observer, Record, Robot};
+use output::terminal::is_interactive;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread;
+use std::time::Duration;
+use terminal::Terminal;
+use view::View;
+
+/// Epochs between two views: 20 a second.
+const EPOCHS: u64 = 5;
+
+/// Points of the trail, at most.
+const TRAIL: usize = 400;
+/// Time between looks at the keys after the run.
+const AFTER: Duration = Duration::from_millis(20);
+
+/// An error if there is no terminal to draw on.
+pub fn check() -> Result<(), Error> {
+    match is_interactive() {
+        true => Ok(()),
+        false => Err(Error::input(
+            "--dashboard: standard input and output must be a terminal; leave it out where they \
+             are a file or a pipe",
+        )),
+    }
+}
+
+/// An observer that shows the run on the terminal.
+pub struct Dashboard {
+    terminal: Terminal,
+    keyboard: Keyboard,
+    /// Latest view, with the title and the goal of the run.
+    view: View,
+    epochs: u64,
+    /// The true midpoint an epoch ago, when the latest estimate holds.
+    before: Option<[f64; 3]>,
+    /// Estimated path of the midpoint.
+    trail: Thinned<[f64; 2]>,
+    /// Ends the run.
+    interrupt: Arc<AtomicBool>,
+}
+
+impl Dashboard {
+    /// Takes the terminal until this is dropped.
+    pub fn open(
+        title: impl Into<String>,
+        goal: [f64; 3],
+        keyboard: Keyboard,
+        interrupt: Arc<AtomicBool>,
+    ) -> Result<Self, Error> {
+        let view = View {
+            title: title.into(),
+            goal,
+            ..View::default()
+        };
+        Ok(Self {
+            terminal: Terminal::open(view.clone(), keyboard.clone())?,
+            keyboard,
+            view,
+            epochs: 0,
+            before: None,
+            trail: Thinned::new(TRAIL),
+            interrupt,
+        })
+    }
+}
+
+impl Observer for Dashboard {
+    fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error> {
+        // A drive by hand ends by itself.
+        let by_itself = self.keyboard.drives() && !self.keyboard.is_interrupted();
+        if self.keyboard.is_ended() && !by_itself {
+            self.interrupt.store(true, Relaxed);
+        }
+        let truth = self.before.replace(record.midpoint);
+        if self.epochs.is_multiple_of(EPOCHS) {
+            let at = record.lead.fused.robot.posture;
+            self.trail.push([at.x, at.y].map(f64::from));
+            self.view = View {
+                title: std::mem::take(&mut self.view.title),
+                goal: self.view.goal,
+                truth: truth.unwrap_or(record.midpoint),
+                trail: self.trail.clone().into_values(),
+                ..View::of(robot, record)
+            };
+            self.terminal.show(self.view.clone());
+        }
+        self.epochs += 1;
+        Ok(())
+    }
+
+    /// The last view stays until the user leaves it.
+    fn ended(&mut self, text: &str) {
+        self.view.end = Some(text.to_owned());
+        self.terminal.show(self.view.clone());
+        while !self.keyboard.is_ended() && !self.interrupt.load(Relaxed) {
+            thread::sleep(AFTER);
+        }
+    }
+}

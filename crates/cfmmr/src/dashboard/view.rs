@@ -1,0 +1,88 @@
+//! What the dashboard shows.
+
+use core_algos::safety::{Conditions, OperatingState};
+use host_sim::bus::virtual_bus::BusStatistics;
+use host_sim::run::keyboard::Hand;
+use host_sim::run::real_time::RealTimeLimiter;
+use host_sim::run::recovery::{NODES, Status};
+use host_sim::run::robot::{Record, Robot};
+use host_sim::targets::BoardTraffic;
+
+/// A run at one instant.
+#[derive(Clone, Debug, Default)]
+pub struct View {
+    /// Title of the run.
+    pub title: String,
+    /// Simulated time, s.
+    pub time_s: f64,
+    /// Ticks that began more than a tick late.
+    pub late_ticks: u32,
+    /// The most a tick was late, s.
+    pub most_late_s: f64,
+    /// Latest heartbeats, in the order of [`NODES`].
+    pub nodes: [Option<Status>; NODES.len()],
+    /// Notices and degradations so far, in the same order.
+    pub noticed: [Conditions; NODES.len()],
+    /// Stops and cuts so far, the first heartbeat that told of each; the first is the cause.
+    pub faults: Vec<Status>,
+    /// Links to the boards.
+    pub boards: Vec<BoardTraffic>,
+    /// Bus between the boards.
+    pub bus: BusStatistics,
+    /// True posture of the midpoint when the lead node's estimate holds: m, m, rad.
+    pub truth: [f64; 3],
+    /// Goal of the midpoint: m, m, rad.
+    pub goal: [f64; 3],
+    /// State: the estimate in place of an unknown truth.
+    pub seen: Record,
+    /// Estimated path of the midpoint, m.
+    pub trail: Vec<[f64; 2]>,
+    /// Pause and speed of a simulation.
+    pub pace: Option<(bool, f64)>,
+    /// Command of a drive by hand.
+    pub hand: Option<Hand>,
+    /// Reason why a robot that is driven by hand stopped, if its driver was idle.
+    pub idle_stop: Option<String>,
+    /// End of the run, once it is over.
+    pub end: Option<String>,
+}
+
+impl View {
+    /// The state of a robot at the end of an epoch.
+    pub fn of(robot: &dyn Robot, record: &Record) -> Self {
+        let monitor = robot.monitor();
+        let pace = robot.control().pace.as_ref();
+        Self {
+            time_s: record.time_s,
+            late_ticks: pace.map_or(0, RealTimeLimiter::late),
+            most_late_s: pace.map_or(0.0, |pace| pace.worst().as_secs_f64()),
+            nodes: NODES.map(|node| monitor.latest(node).copied()),
+            noticed: NODES.map(|node| monitor.noticed(node)),
+            faults: faults(monitor.changes()),
+            boards: robot.traffic(),
+            bus: robot.bus(),
+            seen: record.seen(),
+            pace: pace.map(|pace| pace.keyboard().pace()),
+            ..Self::default()
+        }
+    }
+}
+
+/// The first heartbeat of each node that told of each stop or cut.
+fn faults(changes: &[Status]) -> Vec<Status> {
+    let mut found: Vec<Status> = Vec::new();
+    let stopped = |status: &&Status| {
+        let state = matches!(
+            status.state,
+            OperatingState::SafeStop | OperatingState::Fault
+        );
+        state && status.reason.is_some()
+    };
+    for status in changes.iter().filter(stopped) {
+        let known = |other: &Status| (other.node, other.reason) == (status.node, status.reason);
+        if !found.iter().any(known) {
+            found.push(*status);
+        }
+    }
+    found
+}

@@ -1,0 +1,103 @@
+//! Links to the boards that a command line names.
+
+use crate::experiments::arguments::{BoardArgs, Place};
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use remote::board_log::BoardLog;
+use remote::images::Images;
+use remote::link::Link;
+use remote::relay::Relay;
+use remote::serial::Serial;
+use remote::virtual_link::VirtualLink;
+use std::path::{Path, PathBuf};
+
+/// Folder of the flash files of boards that are not real.
+pub const DEFAULT_FLASH: &str = "out/flash";
+
+impl BoardArgs {
+    /// The serial port of a board.
+    pub fn port(&self, role: Role) -> Option<&Path> {
+        match &self.on {
+            Place::Serial(ports) => ports[role as usize].as_deref(),
+            _ => None,
+        }
+    }
+
+    /// True if any board has a serial port.
+    pub fn any_port(&self) -> bool {
+        matches!(self.on, Place::Serial(_))
+    }
+
+    /// True if any board is outside of this process.
+    pub fn any(&self) -> bool {
+        self.on != Place::InProcess
+    }
+}
+
+/// The file with the flash of a board.
+pub fn flash_of(directory: &Path, role: Role) -> PathBuf {
+    directory.join(format!("{}.flash", role.name()))
+}
+
+/// Opens links.
+pub struct Links<'a> {
+    args: &'a BoardArgs,
+    images: Option<Images>,
+    flash: Option<PathBuf>,
+}
+
+impl<'a> Links<'a> {
+    /// Builds the images of virtual boards, if there are to be any; their store is in this directory.
+    pub fn new(args: &'a BoardArgs, flash: Option<PathBuf>) -> Result<Self, Error> {
+        let images = match args.on {
+            Place::Virtual => Some(Images::open(None, None)?),
+            _ => None,
+        };
+        Ok(Self {
+            args,
+            images,
+            flash,
+        })
+    }
+
+    /// The board at whose port a board is reached; none without ports.
+    pub fn port_of(&self, role: Role) -> Option<Role> {
+        let has_port = |role: &Role| self.args.port(*role).is_some();
+        let any = Role::ALL.into_iter().find(has_port);
+        Some(role).filter(has_port).or(any)
+    }
+
+    /// The link to a board, by the port of another board if it has none itself; none if it is in this process.
+    pub fn reach(&self, role: Role, log: &BoardLog) -> Result<Option<Box<dyn Link>>, Error> {
+        let relay = self.port_of(role).filter(|port| *port != role);
+        match relay {
+            Some(relay) => match self.open(relay, log)? {
+                Some(port) => Ok(Some(Box::new(Relay::open(relay, port, role)?))),
+                None => Ok(None),
+            },
+            None => self.open(role, log),
+        }
+    }
+
+    /// The link to a board; none if it is in this process.
+    pub fn open(&self, role: Role, log: &BoardLog) -> Result<Option<Box<dyn Link>>, Error> {
+        Ok(match (&self.images, self.args.port(role)) {
+            (Some(images), _) => {
+                let flash = self.flash.as_ref().map(|flash| flash_of(flash, role));
+                Some(Box::new(VirtualLink::start(
+                    images,
+                    role,
+                    log,
+                    flash.as_deref(),
+                )?))
+            }
+            (None, Some(port)) => {
+                let port = Serial::open(port, self.args.baud).map_err(|error| {
+                    Error::input(format!("--on serial:{}={error}", role.name()))
+                })?;
+                Some(Box::new(port))
+            }
+            (None, None) => None,
+        })
+    }
+}

@@ -1,0 +1,210 @@
+//! `cfmmr calibrate`: wheels, strain gauges and gyros of the simulated robot, whose errors it does not
+//! know, on boards wherever they are.
+
+use super::procedures::{Report, Row, calibrate_gauges, calibrate_gyros, calibrate_wheels};
+use super::real;
+use crate::experiments::arguments::{BoardArgs, ScenarioArgs};
+use crate::experiments::boards::Links;
+use crate::experiments::calibrate::Bench;
+use crate::experiments::params::save;
+use crate::experiments::result::{JsonArgs, Provenance};
+use clap::{Args, ValueEnum};
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::base::numbers::{number, whole};
+use host_sim::scenario::Scenario;
+use host_sim::scenario::effect::Use;
+use host_sim::targets::Target;
+use output::files;
+use output::table::Table;
+use remote::Remote;
+use remote::board_log::BoardLog;
+use remote::interrupt::watch_for_interrupt;
+use std::io::{self, IsTerminal, Write};
+use std::path::PathBuf;
+
+/// Subject of a calibration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum CalibrateWhat {
+    /// Radius, ratio and track of the wheels of each axle: a straight line, then squares both ways
+    /// (UMBmark)
+    Wheels,
+    /// Zeros and gains of the strain gauges: strip straight, then on formers
+    Gauges,
+    /// Scale and bias of the gyros: known turns and rests
+    Imu,
+}
+
+/// Arguments of `calibrate`.
+#[derive(Clone, Debug, Args)]
+pub struct CalibrateArgs {
+    /// The scenario.
+    #[command(flatten)]
+    pub scenario: ScenarioArgs,
+    /// Subject
+    #[arg(value_enum)]
+    pub what: CalibrateWhat,
+    /// Place of the boards; by default in this process, with their flash in files.
+    #[command(flatten)]
+    pub boards: BoardArgs,
+    /// Folder of the flash files of boards that are not real
+    #[arg(long, value_name = "DIR", default_value = "out/flash")]
+    pub flash: PathBuf,
+    /// Seed of the robot's errors and of all random draws
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
+    pub seed: u64,
+    /// Number of squares each way and at each speed
+    #[arg(long, default_value_t = 6, value_parser = whole::<u32>(1..=100))]
+    pub laps: u32,
+    /// Curvature of the former that holds the strip of a real robot: determine the gains; without it the strip is
+    /// straight: determine the zeros
+    #[arg(long, value_name = "1/M", value_parser = number, allow_hyphen_values = true)]
+    pub former: Option<f64>,
+    /// Save without confirmation
+    #[arg(long)]
+    pub yes: bool,
+    /// Write the calibrated parameters to this file, for `params import` or `--scenario`
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+/// Runs the command.
+pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
+    if args.boards.any_port() {
+        return calibrate_real(args);
+    }
+    if args.former.is_some() {
+        return Err(Error::input(
+            "--former: only with --on serial: the simulated robot has formers of ±1 and ±2 per metre",
+        ));
+    }
+    let scenario = args.scenario.load()?;
+    args.scenario
+        .given()?
+        .check(&[], &[(&scenario, Use::Calibrate)])?;
+    args.json.check()?;
+    let mut report = calibrate(args, &scenario, args.seed)?;
+    args.json.print(&text(&report))?;
+    if let Some(path) = &args.out {
+        files::write_file(path, report.found.to_toml()?)?;
+        args.json.print(&format!("wrote {}\n", path.display()))?;
+    }
+    report.saved = wanted(args)?;
+    if report.saved {
+        let written = save(&args.boards, &args.flash, &report.found)?;
+        args.json
+            .print(&format!("{written} values written to the flash\n"))?;
+    }
+    args.json
+        .write(&Provenance::of(&scenario, args.seed), &report)?;
+    Ok(())
+}
+
+/// Calibrates a robot at a serial port.
+fn calibrate_real(args: &CalibrateArgs) -> Result<(), Error> {
+    if args.what != CalibrateWhat::Gauges {
+        return Err(Error::input(
+            "--on serial: only with gauges: the other procedures act on the simulated robot",
+        ));
+    }
+    if args.out.is_some() || args.scenario.is_given() || args.seed != 1 || args.laps != 6 {
+        return Err(Error::input(
+            "--out, --world, --scenario, --set, --seed, --laps: no effect with --on serial: the beam board computes and \
+             saves the calibration; read it with cfmmr params export",
+        ));
+    }
+    args.json.check()?;
+    real::run(&args.boards, args.former, !args.yes, &args.json)
+}
+
+fn calibrate(args: &CalibrateArgs, scenario: &Scenario, seed: u64) -> Result<Report, Error> {
+    let mut bench = Bench::new(scenario, seed, boards(args)?);
+    bench.interrupt = watch_for_interrupt()?;
+    let mut report = match args.what {
+        CalibrateWhat::Wheels => calibrate_wheels(scenario, &mut bench, args.laps)?,
+        CalibrateWhat::Gauges => calibrate_gauges(scenario, &mut bench)?,
+        CalibrateWhat::Imu => calibrate_gyros(scenario, &mut bench)?,
+    };
+    report.seed = seed;
+    report.world = scenario.world.label();
+    Ok(report)
+}
+
+/// True if the result is to be saved.
+fn wanted(args: &CalibrateArgs) -> Result<bool, Error> {
+    if args.yes {
+        return Ok(true);
+    }
+    if !io::stdin().is_terminal() || !io::stdout().is_terminal() {
+        args.json
+            .print("not saved: no terminal for a confirmation; use --yes\n")?;
+        return Ok(false);
+    }
+    args.json.print("save to the boards? [y/N] ")?;
+    io::stdout().flush()?;
+    let mut answer = String::new();
+    io::stdin().read_line(&mut answer)?;
+    let yes = matches!(answer.trim(), "y" | "Y" | "yes");
+    if !yes {
+        args.json.print("not saved\n")?;
+    }
+    Ok(yes)
+}
+
+/// The virtual boards; none if all boards are in this process.
+fn boards(args: &CalibrateArgs) -> Result<Option<[Box<dyn Target>; 3]>, Error> {
+    if !args.boards.any() {
+        return Ok(None);
+    }
+    let links = Links::new(&args.boards, None)?;
+    let mut boards = Vec::new();
+    for role in Role::ALL {
+        if let Some(link) = links.open(role, &BoardLog::default())? {
+            boards.push(Box::new(Remote::new(role, link)) as Box<dyn Target>);
+        }
+    }
+    Ok(boards.try_into().ok())
+}
+
+fn text(report: &Report) -> String {
+    let digits = |row: &Row| if row.unit == "counts" { 2 } else { 6 };
+    let mut table = Table::new([
+        "parameter",
+        "board",
+        "unit",
+        "before",
+        "after",
+        "true",
+        "error",
+    ]);
+    for row in &report.parameters {
+        let n = digits(row);
+        table.row([
+            row.name.to_owned(),
+            row.board.to_owned(),
+            row.unit.to_owned(),
+            format!("{:.n$}", row.before),
+            format!("{:.n$}", row.after),
+            format!("{:.n$}", row.truth),
+            format!("{:+.n$}", row.after - row.truth),
+        ]);
+    }
+    let mut effects = Table::new(["error", "unit", "before", "after"]);
+    for effect in &report.effects {
+        effects.row([
+            effect.what.clone(),
+            effect.unit.to_owned(),
+            format!("{:.2}", effect.before),
+            format!("{:.2}", effect.after),
+        ]);
+    }
+    let notes: String = report
+        .notes
+        .iter()
+        .map(|note| format!("{note}\n"))
+        .collect();
+    format!("{table}\n{effects}\nworld {}\n{notes}", report.world)
+}

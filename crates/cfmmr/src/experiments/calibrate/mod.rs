@@ -1,0 +1,352 @@
+//! Calibration of wheels, strain gauges and gyros, and the simulated robot on which it is tried: the
+//! same one throughout, with errors that are its own and that only the report is told.
+
+pub mod command;
+pub mod gauges;
+mod procedures;
+mod real;
+pub mod turns;
+pub mod wheels;
+
+use core_algos::beam::MAX_GAUGES;
+use core_algos::bus::{self, CanFrame, Message};
+use core_algos::math::{Posture, Steering};
+use core_algos::params::Settings;
+use core_algos::time::EPOCH;
+use core_algos::topology::Role;
+use gauges::Held;
+use host_sim::base::error::Error;
+use host_sim::paths::{Path, Waypoint};
+use host_sim::run::final_error::wrap;
+use host_sim::run::path_run;
+use host_sim::run::path_run::{PathMode, Route};
+use host_sim::run::robot::Robot;
+use host_sim::run::simulation::Simulation;
+use host_sim::scenario::Scenario;
+use host_sim::targets;
+use host_sim::targets::Target;
+use host_sim::world::drawn::Drawn;
+use host_sim::world::random::{Stream, generator, normal};
+use host_sim::world::sensors::{Sensors, Truth};
+use std::f64::consts::TAU;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use turns::{Sum, Turn};
+use wheels::{Lap, Return};
+
+/// Standard deviation with which an end is measured along each axis, m: a tape and marks on the floor.
+pub const TAPE_SIGMA_M: f64 = 1e-3;
+/// Relative standard deviation of a former's curvature.
+pub const FORMER_SIGMA: f64 = 1e-3;
+/// Standard deviation with which a turn is stopped at a mark, rad.
+pub const MARK_SIGMA_RAD: f64 = 2e-3;
+
+/// Half of the square's side, and radius of its corners, m.
+const HALF_SIDE_M: f64 = 1.0;
+const CORNER_M: f64 = 0.6;
+
+/// The robot, or boards of one.
+pub struct Bench {
+    robot: Drawn,
+    seed: u64,
+    /// True if the boards are outside of this process.
+    remote: bool,
+    boards: Option<[Box<dyn Target>; 3]>,
+    /// Ends the next drive with an error.
+    pub interrupt: Arc<AtomicBool>,
+}
+
+/// Result of a run on a path.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Run {
+    /// Odometry of the axles and their true ends.
+    pub axles: [Return; 2],
+    /// True turn of each axle less that of its odometry, rad.
+    pub heading: [f64; 2],
+    /// The robot's own estimate of where it came to, against the truth.
+    pub robot: [f64; 2],
+    /// Root mean square error of the frame's measured end: m, m, rad.
+    pub beam: [f64; 3],
+}
+
+impl Bench {
+    /// The robot of a seed; its boards are in this process, or the given ones.
+    pub fn new(scenario: &Scenario, seed: u64, boards: Option<[Box<dyn Target>; 3]>) -> Self {
+        Self {
+            robot: scenario.world.draw(seed, 0),
+            seed,
+            remote: boards.is_some(),
+            boards,
+            interrupt: Arc::default(),
+        }
+    }
+
+    /// True errors of the drawn robot.
+    pub fn robot(&self) -> &Drawn {
+        &self.robot
+    }
+
+    /// Drives a path; noise and placement are those of `run`, which is not 0.
+    pub fn drive(&mut self, scenario: &Scenario, path: &Path, run: u64) -> Result<Run, Error> {
+        let mut scenario = scenario.clone();
+        let route = Route::new(path, 1, &scenario);
+        let route = route.map_err(|error| Error::input(format!("path: {error}")))?;
+        scenario.mission.start = route.start();
+        let placed = scenario.world.draw(self.seed, run);
+        let robot = Drawn {
+            placement: placed.placement,
+            encoder_phase: placed.encoder_phase,
+            ..self.robot.clone()
+        };
+        let targets = self.boards.take().unwrap_or_else(targets::in_process);
+        let mut simulation = Simulation::with(targets, &scenario, &robot, self.seed, run)?;
+        simulation.record_trace();
+        simulation.control_mut().interrupt = Some(self.interrupt.clone());
+        let mut seen = Seen::new(&simulation, &scenario);
+        let mut relative = Vec::new();
+        let mut estimate = Posture::ORIGIN;
+        let outcome =
+            path_run::drive_on(&mut simulation, &scenario, &route, PathMode::Follow, |m| {
+                relative.push(m.record.relative);
+                estimate = m.record.lead.fused.robot.posture;
+            })?;
+        if self.interrupt.load(Relaxed) {
+            return Err(Error::Interrupted(
+                "interrupted: nothing is saved".to_owned(),
+            ));
+        }
+        if let Some(why) = outcome.end.failure() {
+            return Err(Error::Failure(format!("the robot did not return: {why}")));
+        }
+        let trace = simulation.take_trace().unwrap_or_default();
+        trace.frames().for_each(|frame| seen.take(frame));
+        let mut random = generator(self.seed, run, Stream::Other(77));
+        let mut tape = || normal(&mut random, TAPE_SIGMA_M);
+        let state = simulation.plant().state();
+        let mut heading = [0.0; 2];
+        let axles = std::array::from_fn(|i| {
+            let [x, y, phi] = between(seen.axles[i], state.axle[i].posture);
+            heading[i] = wrap(phi - seen.laps[i].end()[2]);
+            Return {
+                lap: seen.laps[i].clone(),
+                // Marks at both wheels.
+                end: [
+                    x + tape(),
+                    y + tape(),
+                    phi + (tape() - tape()) / seen.track_m[i],
+                ],
+            }
+        });
+        let truth = between(seen.midpoint, simulation.plant().midpoint());
+        let estimate = [estimate.x, estimate.y, estimate.phi].map(f64::from);
+        let estimate = between(route.start(), estimate);
+        let robot = [0, 1].map(|k| truth[k] + tape() - estimate[k]);
+        let settled = (scenario.mission.settle_s * 1e6) as u64 / EPOCH;
+        let beam = seen.beam_error(&relative, settled as usize + 1);
+        if self.remote {
+            self.boards = Some(simulation.release());
+        }
+        Ok(Run {
+            axles,
+            heading,
+            robot,
+            beam,
+        })
+    }
+
+    /// Mean counts of the gauges while the strip is held straight and then on formers of these
+    /// curvatures, 1/m.
+    pub fn hold(&self, scenario: &Scenario, curvatures: &[f64]) -> Result<Vec<Held>, Error> {
+        const SAMPLES: usize = 3000;
+        let bridge = &scenario.world.sensors.bridge;
+        let believed = f64::from(scenario.robot.geometry.half_thickness_m);
+        let mut random = generator(self.seed, 1, Stream::Other(78));
+        // What all bridges share after zeroing comes from the edge, and there has been no drift yet.
+        let edge = normal(&mut random, bridge.common_sigma_strain);
+        let robot = Drawn {
+            bridge_drift: [0.0; MAX_GAUGES],
+            ..self.robot.clone()
+        };
+        let mut sensors = Sensors::new(&scenario.world.sensors, &robot, self.seed, 1)?;
+        let middle = f64::from(bridge.full_scale_counts());
+        let mut held = Vec::new();
+        for curvature in [0.0].iter().chain(curvatures) {
+            let strain = believed * curvature;
+            let former = normal(&mut random, FORMER_SIGMA);
+            let bent = bridge.half_thickness_m * curvature * (1.0 + former);
+            let truth = Truth {
+                gauge_strain: [bent + edge; MAX_GAUGES],
+                gauge_count: MAX_GAUGES,
+                ..Truth::default()
+            };
+            let mut sums = [0.0; MAX_GAUGES];
+            for k in 0..SAMPLES + SETTLE {
+                let counts = sensors.sample(&truth).bridge_counts;
+                for (sum, count) in sums.iter_mut().zip(counts) {
+                    *sum += if k < SETTLE { 0.0 } else { f64::from(count) };
+                }
+            }
+            let counts = sums.map(|sum| middle + sum / SAMPLES as f64);
+            held.push(Held { strain, counts });
+        }
+        Ok(held)
+    }
+
+    /// Readings of both gyros while the robot is turned by hand on the spot: three times around to the
+    /// left, then to the right, with rests.
+    pub fn turn(&self, scenario: &Scenario) -> Result<[Vec<Turn>; 2], Error> {
+        const REST: usize = 3000;
+        const TURNING: usize = 18_000;
+        let mut config = scenario.world.sensors.clone();
+        config.gyro.fitted = true;
+        let mut sensors = Sensors::new(&config, &self.robot, self.seed, 1)?;
+        let mut random = generator(self.seed, 1, Stream::Other(79));
+        let mut all = [Vec::new(), Vec::new()];
+        for angle in [3.0 * TAU, -3.0 * TAU] {
+            let turned = angle + normal(&mut random, MARK_SIGMA_RAD);
+            let mut sums = [[Sum::default(); 3]; 2];
+            for k in 0..REST + TURNING + REST {
+                let part = usize::from(k >= REST) + usize::from(k >= REST + TURNING);
+                // Begun and ended smoothly, so that no reading of the turn falls into a rest.
+                let share = (k as f64 - REST as f64) / TURNING as f64;
+                let rate = match (part, (0.01..0.99).contains(&share)) {
+                    (1, true) => {
+                        let phase = (share - 0.01) / 0.98;
+                        turned / (0.98 * TURNING as f64 * 1e-3) * (1.0 - (TAU * phase).cos())
+                    }
+                    _ => 0.0,
+                };
+                let truth = Truth {
+                    yaw_rate: [rate; 2],
+                    ..Truth::default()
+                };
+                let samples = sensors.sample(&truth);
+                for (sums, reading) in sums.iter_mut().zip(samples.gyro) {
+                    sums[part].add(reading.map_or(0.0, f64::from));
+                }
+            }
+            for (turns, [before, turning, after]) in all.iter_mut().zip(sums) {
+                turns.push(Turn {
+                    rests: [before, after],
+                    turning,
+                    angle,
+                });
+            }
+        }
+        Ok(all)
+    }
+}
+
+/// Samples after a change that are not used: filters and delays have settled then.
+const SETTLE: usize = 500;
+
+/// A square with round corners, from the middle of a side along x; `way` is 1 to the left, −1 to the
+/// right.
+pub fn square(way: f64) -> Result<Path, Error> {
+    let (side, inner) = (2.0 * HALF_SIDE_M, HALF_SIDE_M - CORNER_M);
+    let mut points = Vec::new();
+    for quarter in 0..4 {
+        let (s, c) = (f64::from(quarter) * TAU / 4.0).sin_cos();
+        let mut add = |x: f64, y: f64| {
+            // Turned about the middle of the square.
+            let y = y - HALF_SIDE_M;
+            let at = (c * x - s * y, way * (s * x + c * y + HALF_SIDE_M));
+            points.push(Waypoint::from(at));
+        };
+        add(0.0, 0.0);
+        add(0.5 * inner, 0.0);
+        for k in 0..6 {
+            let (s, c) = (f64::from(k) * TAU / 24.0).sin_cos();
+            add(inner + CORNER_M * s, CORNER_M * (1.0 - c));
+        }
+        add(HALF_SIDE_M, CORNER_M);
+        add(HALF_SIDE_M, 0.5 * side - 0.5 * inner);
+    }
+    points.push(Waypoint::from((0.0, 0.0)));
+    Path::through(&points).map_err(|error| Error::Failure(error.to_string()))
+}
+
+/// Odometry of the boards from the bus, and the start posture.
+struct Seen {
+    axles: [[f64; 3]; 2],
+    midpoint: [f64; 3],
+    laps: [Lap; 2],
+    /// Believed by each axle, m.
+    track_m: [f64; 2],
+    relative_heading: f64,
+    beam: Vec<[f64; 3]>,
+}
+
+impl Seen {
+    fn new(simulation: &Simulation, scenario: &Scenario) -> Self {
+        let believed =
+            |role| believed(scenario, role).map_or(0.324, |axle| 2.0 * axle.half_track_m);
+        Self {
+            axles: simulation.plant().state().axle.map(|axle| axle.posture),
+            midpoint: simulation.plant().midpoint(),
+            laps: [Lap::default(), Lap::default()],
+            track_m: [believed(Role::Front), believed(Role::Rear)],
+            relative_heading: 0.0,
+            beam: Vec::new(),
+        }
+    }
+
+    fn take(&mut self, frame: &CanFrame) {
+        match bus::decode(frame) {
+            Ok(Message::AxlePosture { axle, posture, .. }) => {
+                let place = [posture.x, posture.y, posture.phi].map(f64::from);
+                let i = axle.index();
+                self.laps[i].add(
+                    place,
+                    self.track_m[i],
+                    self.relative_heading,
+                    EPOCH as f64 * 1e-6,
+                );
+            }
+            Ok(Message::BeamPosture {
+                posture, gauges, ..
+            }) => {
+                let bad = if gauges > 0 { 0.0 } else { f64::NAN };
+                let place = [posture.x, posture.y, posture.phi].map(|v| f64::from(v) + bad);
+                self.beam.push(place);
+            }
+            // The commanded steering is known without the sensor, and without its errors.
+            Ok(Message::LeadStatus { steering_rad, .. }) => {
+                self.relative_heading = f64::from(Steering(steering_rad).relative_heading().0)
+            }
+            _ => {}
+        }
+    }
+
+    /// Root mean square of what the beam board said less the truth.
+    fn beam_error(&self, truth: &[[f64; 3]], first: usize) -> [f64; 3] {
+        let pairs = self.beam.iter().skip(first).zip(truth);
+        let (mut sums, mut count) = ([0.0; 3], 0.0);
+        for (seen, truth) in pairs {
+            for k in 0..3 {
+                sums[k] += (seen[k] - truth[k]).powi(2);
+            }
+            count += 1.0;
+        }
+        sums.map(|sum: f64| (sum / count).sqrt())
+    }
+}
+
+/// The constants of an axle as its board has them.
+pub fn believed(scenario: &Scenario, role: Role) -> Result<wheels::Axle, Error> {
+    let mut settings = Settings::new(scenario.robot);
+    scenario.boards.apply(role, &mut settings)?;
+    let geometry = &settings.robot.geometry;
+    Ok(wheels::Axle {
+        radius_m: geometry.wheel_radius_m.into(),
+        ratio: geometry.wheel_ratio.into(),
+        half_track_m: geometry.half_track_m.into(),
+    })
+}
+
+/// A posture seen from another one.
+fn between(from: [f64; 3], to: [f64; 3]) -> [f64; 3] {
+    let (s, c) = from[2].sin_cos();
+    let (x, y) = (to[0] - from[0], to[1] - from[1]);
+    [c * x + s * y, c * y - s * x, wrap(to[2] - from[2])]
+}

@@ -1,0 +1,328 @@
+//! Procedures of a calibration: runs, and constants found from them.
+
+use crate::experiments::calibrate::wheels;
+use crate::experiments::calibrate::wheels::{Errors, systematic};
+use crate::experiments::calibrate::{Bench, Run, believed, gauges, square, turns};
+use core_algos::params::{Parameter, Settings, find};
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::paths::Path;
+use host_sim::scenario::Scenario;
+use host_sim::scenario::board_parameters::{Overlays, Values};
+use host_sim::world::sensors::SAMPLE_PERIOD_S;
+use serde::Serialize;
+
+/// Speeds at which the squares are driven, m/s: creep goes with the time.
+pub(super) const SPEEDS_M_S: [f32; 2] = [0.2, 0.1];
+/// Way to the left and to the right.
+pub(super) const WAYS: [f64; 2] = [1.0, -1.0];
+/// Length of the straight way, m.
+pub(super) const STRAIGHT_M: f64 = 4.0;
+/// Curvatures of the formers, 1/m.
+pub(super) const FORMERS: [f64; 4] = [1.0, -1.0, 2.0, -2.0];
+
+/// One parameter that was calibrated.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Row {
+    pub(super) board: &'static str,
+    pub(super) name: &'static str,
+    pub(super) unit: &'static str,
+    pub(super) before: f64,
+    pub(super) after: f64,
+    /// As the simulator knows it.
+    pub(super) truth: f64,
+}
+
+/// Something that shows what the calibration did to the robot.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Effect {
+    pub(super) what: String,
+    pub(super) unit: &'static str,
+    pub(super) before: f64,
+    pub(super) after: f64,
+}
+
+/// Result.
+#[derive(Clone, Debug, Default, Serialize)]
+pub(super) struct Report {
+    pub(super) world: String,
+    pub(super) seed: u64,
+    pub(super) parameters: Vec<Row>,
+    pub(super) effects: Vec<Effect>,
+    pub(super) notes: Vec<String>,
+    pub(super) saved: bool,
+    #[serde(skip)]
+    pub(super) found: Overlays,
+}
+
+pub(super) fn parameter(name: &str) -> Result<&'static Parameter, Error> {
+    find(name).ok_or_else(|| Error::Failure(format!("{name}: no such parameter")))
+}
+
+impl Report {
+    /// Adds a parameter; what is found must be in its range.
+    pub(super) fn find(
+        &mut self,
+        role: Role,
+        name: &str,
+        before: f64,
+        after: f64,
+        truth: f64,
+    ) -> Result<(), Error> {
+        let parameter = parameter(name)?;
+        let value = parameter.validate(after as f32)?;
+        self.found.put(role, &Values::from([(parameter, value)]));
+        self.parameters.push(Row {
+            board: role.name(),
+            name: parameter.name,
+            unit: parameter.unit,
+            before,
+            after,
+            truth,
+        });
+        Ok(())
+    }
+
+    pub(super) fn effect(
+        &mut self,
+        what: impl Into<String>,
+        unit: &'static str,
+        [before, after]: [f64; 2],
+    ) {
+        let what = what.into();
+        self.effects.push(Effect {
+            what,
+            unit,
+            before,
+            after,
+        });
+    }
+}
+
+/// Squares both ways at both speeds, the nominal one first.
+pub(super) struct Squares(Vec<(f32, f64, Run)>);
+
+impl Squares {
+    pub(super) fn drive(scenario: &Scenario, bench: &mut Bench, laps: u32) -> Result<Self, Error> {
+        let (mut runs, mut number) = (Vec::new(), 10);
+        for speed in SPEEDS_M_S {
+            let mut scenario = scenario.clone();
+            scenario.robot.lead.course.path.nominal_speed_m_s = speed;
+            for way in WAYS {
+                for _ in 0..laps {
+                    number += 1;
+                    let run = bench.drive(&scenario, &square(way)?, number)?;
+                    runs.push((speed, way, run));
+                }
+            }
+        }
+        Ok(Self(runs))
+    }
+
+    /// UMBmark's measure at the nominal speed of some return errors.
+    pub(super) fn systematic(&self, error: impl Fn(&Run) -> [f64; 2]) -> f64 {
+        let of = |wanted: f64| -> Vec<[f64; 2]> {
+            let runs = self.0.iter();
+            runs.filter(|(speed, way, _)| *speed == SPEEDS_M_S[0] && *way == wanted)
+                .map(|(_, _, run)| error(run))
+                .collect()
+        };
+        systematic([&of(WAYS[0]), &of(WAYS[1])])
+    }
+}
+
+pub(super) fn calibrate_wheels(
+    scenario: &Scenario,
+    bench: &mut Bench,
+    laps: u32,
+) -> Result<Report, Error> {
+    let mut report = Report::default();
+    let line = Path::line(STRAIGHT_M).map_err(|error| Error::Failure(error.to_string()))?;
+    let straight = [
+        bench.drive(scenario, &line, 1)?,
+        bench.drive(scenario, &line, 2)?,
+    ];
+    let before = Squares::drive(scenario, bench, laps)?;
+    let mut creep = [0.0; 2];
+    for (i, role) in [Role::Front, Role::Rear].into_iter().enumerate() {
+        let length = |[x, y, _]: [f64; 3]| x.hypot(y);
+        let scales = straight
+            .iter()
+            .map(|run| length(run.axles[i].end) / length(run.axles[i].lap.end()));
+        let scale = scales.sum::<f64>() / straight.len() as f64;
+        let returns: Vec<_> = before
+            .0
+            .iter()
+            .map(|(_, _, run)| run.axles[i].clone())
+            .collect();
+        let old = believed(scenario, role)?;
+        let errors: Errors = wheels::fit(&returns, 2.0 * old.half_track_m).ok_or_else(|| {
+            Error::Failure(format!(
+                "{} axle: the fit of the squares failed",
+                role.name()
+            ))
+        })?;
+        creep[i] = errors.creep;
+        let new = old.corrected(scale, &errors);
+        let robot = bench.robot();
+        let nominal = &scenario.world.plant;
+        let radii: [f64; 2] =
+            std::array::from_fn(|k| nominal.wheel_radius_m[i][k] * robot.wheel_radius_factor[i][k]);
+        let track = nominal.half_track_m[i] * robot.track_factor[i];
+        for (name, old, new, truth) in [
+            (
+                "wheel_radius_m",
+                old.radius_m,
+                new.radius_m,
+                0.5 * (radii[0] + radii[1]),
+            ),
+            ("wheel_ratio", old.ratio, new.ratio, radii[1] / radii[0]),
+            ("half_track_m", old.half_track_m, new.half_track_m, track),
+        ] {
+            report.find(role, &format!("robot.geometry.{name}"), old, new, truth)?;
+        }
+    }
+    let after = Squares::drive(&with(scenario, &report.found)?, bench, laps)?;
+    let both = [&before, &after];
+    for (i, name) in ["front axle alone", "rear axle alone"]
+        .into_iter()
+        .enumerate()
+    {
+        let measured = both.map(|runs| 1e3 * runs.systematic(|run| run.axles[i].error()));
+        report.effect(format!("E_max,syst, {name}"), "mm", measured);
+        let left =
+            both.map(|runs| 1e3 * runs.systematic(|run| run.axles[i].without_creep(creep[i])));
+        report.effect(format!("E_max,syst, {name}, less creep"), "mm", left);
+    }
+    let robot = both.map(|runs| 1e3 * runs.systematic(|run| run.robot));
+    report.effect("E_max,syst, robot's estimate", "mm", robot);
+    report.notes.push(format!(
+        "creep under the frame's moment: {:+.4} (front) and {:+.4} (rear) rad/s per rad of relative heading; \
+         the joint filter estimates it, no parameter corrects it",
+        creep[0], creep[1]
+    ));
+    Ok(report)
+}
+
+pub(super) fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Error> {
+    let mut report = Report::default();
+    let bridge = &scenario.world.sensors.bridge;
+    let middle = f64::from(bridge.full_scale_counts());
+    let held = bench.hold(scenario, &FORMERS)?;
+    let count = scenario.robot.beam.strip.gauges_m.count();
+    let mut blank = Overlays::default();
+    let (mut zeros, mut gains) = (Vec::new(), Vec::new());
+    for i in 0..count {
+        let found = gauges::fit(&held, i, bridge.strain_per_count());
+        let (zero, gain) = found.ok_or_else(|| {
+            Error::Failure(format!(
+                "gauge {i}: the strains of the postures do not differ"
+            ))
+        })?;
+        zeros.push(zero);
+        gains.push(gain);
+        let zero = parameter(&format!("robot.beam.calibration.zero_counts[{i}]"))?;
+        let gain = parameter(&format!("robot.beam.calibration.gain[{i}]"))?;
+        blank.put(Role::Beam, &[(zero, middle as f32), (gain, 1.0)]);
+    }
+    let robot = bench.robot().clone();
+    let truth = bridge.zero_counts(&robot);
+    for (i, zero) in zeros.iter().enumerate() {
+        let name = format!("robot.beam.calibration.zero_counts[{i}]");
+        report.find(Role::Beam, &name, middle, *zero, middle + truth[i])?;
+    }
+    for (i, gain) in gains.iter().enumerate() {
+        let name = format!("robot.beam.calibration.gain[{i}]");
+        let truth = 1.0 / (1.0 + robot.bridge_gain_error[i]);
+        report.find(Role::Beam, &name, 1.0, *gain, truth)?;
+    }
+    // A lap, with the zeros of the straight edge but the converter's gains first: without any zeros
+    // the robot would not find its way.
+    let mut zeroed = Overlays::default();
+    zeroed.put(Role::Beam, &report.found.values(Role::Beam)?);
+    for i in 0..count {
+        let gain = parameter(&format!("robot.beam.calibration.gain[{i}]"))?;
+        zeroed.put(Role::Beam, &[(gain, 1.0)]);
+    }
+    let lap = square(1.0)?;
+    let ends = [&zeroed, &report.found];
+    let mut errors = Vec::new();
+    for overlays in ends {
+        errors.push(bench.drive(&with(scenario, overlays)?, &lap, 3)?.beam);
+    }
+    for (k, (what, unit)) in [
+        ("frame's end on a lap, x", "mm"),
+        ("frame's end on a lap, y", "mm"),
+        ("frame's end on a lap, heading", "mrad"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        report.effect(
+            format!("{what}, rms"),
+            unit,
+            [0, 1].map(|i| 1e3 * errors[i][k]),
+        );
+    }
+    // What the zeros do is known without driving: the mean strain they leave turns the frame's end.
+    let geometry = &scenario.robot.geometry;
+    let [length, half] = [geometry.frame_length_m, geometry.half_thickness_m].map(f64::from);
+    let unzeroed = robot.bridge_offset[..count].iter().sum::<f64>() / count as f64;
+    let strain = bridge.strain_per_count();
+    let left = (0..count).map(|i| (truth[i] + middle - zeros[i]) * strain);
+    let left = left.sum::<f64>() / count as f64;
+    let turn = |strain: f64| 1e3 * (strain * length / half).abs();
+    report.effect(
+        "relative heading measured with a straight frame",
+        "mrad",
+        [turn(unzeroed), turn(left)],
+    );
+    report.notes.push(
+        "frame's end on a lap: before with calibrated zeros, after with calibrated zeros and gains"
+            .to_owned(),
+    );
+    Ok(report)
+}
+
+pub(super) fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Error> {
+    let mut report = Report::default();
+    let turned = bench.turn(scenario)?;
+    for (i, role) in [Role::Front, Role::Rear].into_iter().enumerate() {
+        let mut settings = Settings::new(scenario.robot);
+        scenario.boards.apply(role, &mut settings)?;
+        let gain = turns::gain(&turned[i], SAMPLE_PERIOD_S)
+            .ok_or_else(|| Error::Failure(format!("{} gyro: no rotation measured", role.name())))?;
+        let truth = 1.0 / (1.0 + bench.robot().gyro_scale_error[i]);
+        let before = settings.inertial.gyro_gain.into();
+        report.find(role, "inertial.gyro_gain", before, gain, truth)?;
+        let bias = turned[i].iter().map(turns::Turn::bias).sum::<f64>() / turned[i].len() as f64;
+        report.notes.push(format!(
+            "{} gyro: bias {:+.3} mrad/s at rest (true {:+.3}); not stored, each board estimates it at rest",
+            role.name(),
+            1e3 * bias,
+            1e3 * bench.robot().gyro_bias[i]
+        ));
+    }
+    let mut fitted = scenario.clone();
+    fitted.world.sensors.gyro.fitted = true;
+    let lap = square(1.0)?;
+    let before = bench.drive(&fitted, &lap, 4)?;
+    let after = bench.drive(&with(&fitted, &report.found)?, &lap, 4)?;
+    for (i, name) in ["front", "rear"].into_iter().enumerate() {
+        let errors = [&before, &after].map(|run| 1e3 * run.heading[i].abs());
+        report.effect(format!("{name} axle's heading after a lap"), "mrad", errors);
+    }
+    let errors = [&before, &after].map(|run| 1e3 * run.robot[0].hypot(run.robot[1]));
+    report.effect("robot's estimate after a lap", "mm", errors);
+    Ok(report)
+}
+
+/// The scenario with what was found laid over it.
+fn with(scenario: &Scenario, found: &Overlays) -> Result<Scenario, Error> {
+    let mut scenario = scenario.clone();
+    for role in Role::ALL {
+        scenario.boards.put(role, &found.values(role)?);
+    }
+    scenario.check()?;
+    Ok(scenario)
+}

@@ -1,0 +1,134 @@
+//! Strain gauges of a real robot, by the procedure of its beam board. The request passes the front board's port and the
+//! bus.
+
+use crate::experiments::arguments::BoardArgs;
+use crate::experiments::boards::Links;
+use crate::experiments::result::{JsonArgs, Provenance};
+use core_algos::bus::field::{Calibrate, CalibrationResult};
+use core_algos::bus::{self, CanFrame, Message};
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::run::script::calibration_error;
+use remote::board_link::BoardLink;
+use remote::board_log::BoardLog;
+use remote::link::Link;
+use serde::Serialize;
+use std::io::{self, IsTerminal, Write};
+use std::time::{Duration, Instant};
+
+/// Longest time of the procedure: the average takes three seconds.
+const PATIENCE: Duration = Duration::from_secs(15);
+/// Longest wait for bytes.
+const WAIT: Duration = Duration::from_millis(10);
+
+/// Result.
+#[derive(Debug, Serialize)]
+struct Report {
+    calibrate: Calibrate,
+    result: CalibrationResult,
+    /// Gauge to blame, counted from 1 at the root.
+    gauge: Option<u8>,
+}
+
+/// Runs the procedure, with a former of this curvature (1/m) or with a straight strip, after a confirmation of the user if
+/// that is wanted.
+pub fn run(
+    boards: &BoardArgs,
+    former: Option<f64>,
+    confirm: bool,
+    json: &JsonArgs,
+) -> Result<(), Error> {
+    let (calibrate, hold) = match former {
+        None => (Calibrate::Zero(0.0), "straight, against an edge".to_owned()),
+        Some(curvature) => (
+            Calibrate::Gain(curvature as f32),
+            format!("on the former of {curvature} per metre"),
+        ),
+    };
+    if former.is_some_and(|curvature| curvature.abs() < 0.1) {
+        return Err(Error::input(
+            "--former: must be at least 0.1 per metre: a flatter former shows no gain",
+        ));
+    }
+    // Answers to earlier requests have other numbers.
+    let sequence = (std::process::id() % 256) as u8;
+    let message = Message::BeamCalibration {
+        sequence,
+        calibrate,
+    };
+    let frame =
+        bus::encode(&message).map_err(|error| Error::input(format!("--former: {error}")))?;
+    let links = Links::new(boards, None)?;
+    let Some(port) = links.open(Role::Front, &BoardLog::default())? else {
+        return Err(Error::input(
+            "--on serial: must be serial:front=PORT: the request passes the front board",
+        ));
+    };
+    if confirm {
+        wait(&hold)?;
+    }
+    let (result, gauge) = request(port, sequence, &frame)?;
+    let named = matches!(
+        result,
+        CalibrationResult::BadSample | CalibrationResult::Noisy | CalibrationResult::Drifting
+    );
+    let report = Report {
+        calibrate,
+        result,
+        gauge: named.then_some(gauge.saturating_add(1)),
+    };
+    json.write(&Provenance::default(), &report)?;
+    match calibration_error(result, gauge) {
+        Some(error) => Err(error),
+        None => json.print("calibrated and saved\n"),
+    }
+}
+
+/// Asks the user to hold the strip.
+fn wait(hold: &str) -> Result<(), Error> {
+    if !io::stdin().is_terminal() {
+        return Err(Error::input(
+            "no terminal for a confirmation that the strip is held: use --yes",
+        ));
+    }
+    // Standard output may be that of the JSON.
+    let _ = write!(io::stderr(), "hold the strip {hold}, then press Enter ");
+    match io::stdin().read_line(&mut String::new())? {
+        0 => Err(Error::input("not confirmed: nothing was calibrated")),
+        _ => Ok(()),
+    }
+}
+
+/// Sends the request and waits for the answer of the beam board.
+fn request(
+    mut port: Box<dyn Link>,
+    sequence: u8,
+    frame: &CanFrame,
+) -> Result<(CalibrationResult, u8), Error> {
+    let mut link = BoardLink::new(Role::Front, 0);
+    link.watch();
+    link.send(frame);
+    let began = Instant::now();
+    let mut room = [0; 512];
+    while began.elapsed() < PATIENCE {
+        if let Some(bytes) = link.to_send(began.elapsed().as_micros() as u64)? {
+            port.send(bytes)?;
+        }
+        let count = port.receive(&mut room, WAIT)?;
+        link.take(&room[..count])?;
+        for frame in link.take_frames() {
+            if let Ok(Message::BeamCalibrated {
+                sequence: answered,
+                result,
+                gauge,
+            }) = bus::decode(&frame)
+                && answered == sequence
+            {
+                return Ok((result, gauge));
+            }
+        }
+    }
+    Err(Error::Failure(format!(
+        "beam board: no answer in {PATIENCE:?}: check that it is on the bus"
+    )))
+}

@@ -1,0 +1,352 @@
+//! Wheels of one axle from where it came back to: UMBmark, of Borenstein and Feng ("Measurement and
+//! correction of systematic odometry errors in mobile robots", 1996).
+//!
+//! A square is driven both ways, and the end of the odometry is compared with where the axle really
+//! is. An unequal pair of wheels bends every side, a wrong track turns every corner too far; the first
+//! adds up on one way and cancels on the other. The method's formulas are for corners turned on the
+//! spot. This robot drives around its corners, so what each error does to the end is summed along
+//! the path that was driven; on a square with sharp corners that is the same to first order.
+//!
+//! The frame pushes the axles against each other in a bend, and tyres creep. That looks like a wrong
+//! track, but goes with the time spent in the bend and not with the angle turned: squares at two
+//! speeds tell the two apart.
+
+use core_algos::bus::field::POSITION_SPAN_M;
+use host_sim::run::final_error::wrap;
+use plant::elastica::solve;
+
+/// Standard deviation of the ends of the axle as measured, m; it weighs heading against position.
+const MARK_M: f64 = 1e-3;
+
+/// The odometry of one run, step by step.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Lap {
+    place: Option<[f64; 3]>,
+    steps: Vec<Step>,
+}
+
+/// Way ahead and aside (m) and turn (rad) by odometry, and what the unit of each error turns besides.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Step {
+    way: [f64; 2],
+    turn: f64,
+    by_errors: [f64; 3],
+}
+
+impl Lap {
+    /// Takes in the next odometric posture (m, m, rad) of the axle whose track is believed to be
+    /// `track_m`, as sent, modulo the span of the bus; the relative heading was `heading_rad` in the
+    /// `dt_s` before it.
+    pub fn add(&mut self, posture: [f64; 3], track_m: f64, heading_rad: f64, dt_s: f64) {
+        let [mut x, mut y, phi] = posture;
+        if let Some([x0, y0, phi0]) = self.place {
+            let span = f64::from(POSITION_SPAN_M);
+            x -= span * ((x - x0) / span).round();
+            y -= span * ((y - y0) / span).round();
+            let turn = wrap(phi - phi0);
+            let (s, c) = (phi0 + 0.5 * turn).sin_cos();
+            let ahead = c * (x - x0) + s * (y - y0);
+            let aside = c * (y - y0) - s * (x - x0);
+            self.steps.push(Step {
+                way: [ahead, aside],
+                turn,
+                by_errors: [2.0 * ahead / track_m, turn, heading_rad * dt_s],
+            });
+        }
+        self.place = Some([x, y, phi]);
+    }
+
+    /// Final odometric posture: m, m, rad.
+    pub fn end(&self) -> [f64; 3] {
+        self.place.unwrap_or_default()
+    }
+
+    /// Final posture of the axle for these odometry errors, and its derivatives by the errors.
+    fn predict(&self, errors: &[f64; 3]) -> ([f64; 3], [[f64; 3]; 3]) {
+        let [mut x, mut y, mut phi] = [0.0f64; 3];
+        let (mut turned, mut moment) = ([0.0; 3], [[0.0; 2]; 3]);
+        for step in &self.steps {
+            let besides: f64 = (0..3).map(|k| step.by_errors[k] * errors[k]).sum();
+            let turn = step.turn + besides;
+            let (s, c) = (phi + 0.5 * turn).sin_cos();
+            let [ahead, aside] = step.way;
+            let (dx, dy) = (c * ahead - s * aside, s * ahead + c * aside);
+            for k in 0..3 {
+                let angle = step.by_errors[k];
+                turned[k] += angle;
+                moment[k][0] += angle * (x + 0.5 * dx);
+                moment[k][1] += angle * (y + 0.5 * dy);
+            }
+            (x, y, phi) = (x + dx, y + dy, phi + turn);
+        }
+        let mut by = [[0.0; 3]; 3];
+        for k in 0..3 {
+            by[0][k] = moment[k][1] - y * turned[k];
+            by[1][k] = x * turned[k] - moment[k][0];
+            by[2][k] = turned[k];
+        }
+        ([x, y, phi], by)
+    }
+}
+
+/// A run and where it really ended, in the frame in which the axle began: m, m, rad.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Return {
+    /// The odometry.
+    pub lap: Lap,
+    /// The true end.
+    pub end: [f64; 3],
+}
+
+impl Return {
+    /// True end less the odometry's, m.
+    pub fn error(&self) -> [f64; 2] {
+        let [x, y, _] = self.lap.end();
+        [self.end[0] - x, self.end[1] - y]
+    }
+
+    /// The same of an odometry that knows of this creep, m.
+    pub fn without_creep(&self, creep: f64) -> [f64; 2] {
+        let ([x, y, _], _) = self.lap.predict(&[0.0, 0.0, creep]);
+        [self.end[0] - x, self.end[1] - y]
+    }
+}
+
+/// Errors of an axle's constants.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Errors {
+    /// Share by which the right wheel is larger and the left one smaller than believed.
+    pub ratio: f64,
+    /// Share by which a true turn is larger than the odometry's.
+    pub turn: f64,
+    /// True yaw rate beyond that of the wheels over the relative heading, 1/s.
+    pub creep: f64,
+}
+
+/// The errors that explain the ends best (least squares, Gauss–Newton), headings alone first, since
+/// they are linear in them; none if the runs do not tell the errors apart.
+pub fn fit(returns: &[Return], track_m: f64) -> Option<Errors> {
+    let heading = track_m / (2f64.sqrt() * MARK_M);
+    let weights = [[0.0, 0.0, heading], [1.0 / MARK_M, 1.0 / MARK_M, heading]];
+    let mut errors = [0.0; 3];
+    for round in 0..10 {
+        let change = improve(returns, &errors, &weights[round.min(1)])?;
+        for k in 0..3 {
+            errors[k] += change[k];
+        }
+    }
+    let [ratio, turn, creep] = errors;
+    let sound = ratio.abs() < 0.1 && turn.abs() < 0.2 && creep.is_finite();
+    sound.then_some(Errors { ratio, turn, creep })
+}
+
+/// One step of Gauss–Newton.
+fn improve(returns: &[Return], errors: &[f64; 3], weights: &[f64; 3]) -> Option<[f64; 3]> {
+    let (mut normal, mut right) = ([[0.0; 3]; 3], [0.0; 3]);
+    for item in returns {
+        let (end, by) = item.lap.predict(errors);
+        for k in 0..3 {
+            let miss = item.end[k] - end[k];
+            let miss = weights[k] * if k == 2 { wrap(miss) } else { miss };
+            let row = by[k].map(|value| weights[k] * value);
+            for i in 0..3 {
+                right[i] += row[i] * miss;
+                for j in 0..3 {
+                    normal[i][j] += row[i] * row[j];
+                }
+            }
+        }
+    }
+    let scale: [f64; 3] = std::array::from_fn(|i| normal[i][i].sqrt());
+    if !scale.iter().all(|scale| *scale > 0.0) {
+        return None;
+    }
+    for i in 0..3 {
+        right[i] /= scale[i];
+        for j in 0..3 {
+            normal[i][j] /= scale[i] * scale[j];
+        }
+    }
+    let change = solve(&normal, &right)?;
+    Some([0, 1, 2].map(|i| change[i] / scale[i]))
+}
+
+/// Constants of an axle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Axle {
+    /// Mean radius, m.
+    pub radius_m: f64,
+    /// Radius of the right wheel over that of the left.
+    pub ratio: f64,
+    /// Half the track, m.
+    pub half_track_m: f64,
+}
+
+impl Axle {
+    /// The constants without these errors, `scale` being the true length of a straight way over the
+    /// odometry's.
+    pub fn corrected(&self, scale: f64, errors: &Errors) -> Self {
+        Self {
+            radius_m: self.radius_m * scale,
+            ratio: self.ratio * (1.0 + errors.ratio) / (1.0 - errors.ratio),
+            // The turn is measured with the wheels as they are believed to be.
+            half_track_m: self.half_track_m * scale / (1.0 + errors.turn),
+        }
+    }
+}
+
+/// UMBmark's measure of systematic error, m: the larger distance of the mean end from the odometry's
+/// of the two ways.
+pub fn systematic(ways: [&[[f64; 2]]; 2]) -> f64 {
+    let distance = |errors: &[[f64; 2]]| {
+        let count = errors.len().max(1) as f64;
+        let sum = errors.iter().fold([0.0; 2], |sum: [f64; 2], error| {
+            [sum[0] + error[0], sum[1] + error[1]]
+        });
+        sum[0].hypot(sum[1]) / count
+    };
+    ways.into_iter().map(distance).fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Radii of left and right, m.
+    fn radii(axle: &Axle) -> [f64; 2] {
+        let left = 2.0 * axle.radius_m / (1.0 + axle.ratio);
+        [left, axle.ratio * left]
+    }
+    use std::f64::consts::FRAC_PI_2;
+
+    const BELIEVED: Axle = Axle {
+        radius_m: 0.073,
+        ratio: 1.0,
+        half_track_m: 0.162,
+    };
+
+    /// A square of side `side` with corners of `radius` (0: on the spot) in which the believed axle
+    /// drives exactly; the wheels turn as that needs, and the true axle does what its wheels and the
+    /// creep make of it.
+    fn square(truth: &Axle, side: f64, radius: f64, way: f64, speed: f64, creep: f64) -> Return {
+        let (mut lap, mut place) = (Lap::default(), [0.0f64; 3]);
+        let mut odometry = [0.0f64; 3];
+        let track = 2.0 * BELIEVED.half_track_m;
+        lap.add(odometry, track, 0.0, 0.0);
+        let mut step = |ds: f64, turn: f64, dt: f64, heading: f64| {
+            // Advances of the wheels as believed, and as they are.
+            let wheel = [ds - 0.5 * turn * track, ds + 0.5 * turn * track];
+            let believed = radii(&BELIEVED);
+            let real = radii(truth);
+            let real = [0, 1].map(|i| wheel[i] * real[i] / believed[i]);
+            let true_turn = (real[1] - real[0]) / (2.0 * truth.half_track_m) + creep * heading * dt;
+            let moves = [
+                (ds, turn, &mut odometry),
+                (0.5 * (real[0] + real[1]), true_turn, &mut place),
+            ];
+            for (ds, turn, at) in moves {
+                let middle = at[2] + 0.5 * turn;
+                *at = [
+                    at[0] + ds * middle.cos(),
+                    at[1] + ds * middle.sin(),
+                    at[2] + turn,
+                ];
+            }
+            lap.add(odometry, track, heading, dt);
+        };
+        for _ in 0..4 {
+            let straight = side - 2.0 * radius;
+            for _ in 0..400 {
+                step(straight / 400.0, 0.0, straight / speed / 400.0, 0.0);
+            }
+            for _ in 0..400 {
+                let arc = radius * FRAC_PI_2;
+                let heading = if radius > 0.0 {
+                    way * 0.37 / radius
+                } else {
+                    0.0
+                };
+                step(
+                    arc / 400.0,
+                    way * FRAC_PI_2 / 400.0,
+                    arc / speed / 400.0,
+                    heading,
+                );
+            }
+        }
+        Return { lap, end: place }
+    }
+
+    const TRUTH: Axle = Axle {
+        radius_m: 0.073,
+        ratio: 1.002,
+        half_track_m: 0.1628,
+    };
+
+    #[test]
+    fn constants_are_found_from_rounded_squares_in_spite_of_creep() {
+        for truth in [
+            TRUTH,
+            Axle {
+                ratio: 0.9985,
+                half_track_m: 0.1612,
+                ..TRUTH
+            },
+        ] {
+            let mut returns = Vec::new();
+            for way in [1.0, -1.0] {
+                for speed in [0.1, 0.2] {
+                    returns.push(square(&truth, 2.0, 0.5, way, speed, -0.03));
+                }
+            }
+            let errors = fit(&returns, 0.324).unwrap();
+            let found = BELIEVED.corrected(1.0, &errors);
+            // What is left is of second order: products of errors of a hundredth.
+            assert!((found.ratio - truth.ratio).abs() < 3e-5, "{found:?}");
+            let track = found.half_track_m / truth.half_track_m;
+            assert!((track - 1.0).abs() < 3e-4, "{found:?}");
+            assert!((errors.creep + 0.03).abs() < 2e-4, "{errors:?}");
+        }
+    }
+
+    /// The formulas of the paper, for corners on the spot.
+    fn umbmark(ccw: [f64; 2], cw: [f64; 2], side: f64) -> (f64, f64) {
+        let alpha = (cw[0] + ccw[0]) / (-4.0 * side);
+        let beta = (cw[0] - ccw[0]) / (-4.0 * side);
+        let radius = 0.5 * side / (0.5 * beta).sin();
+        let half = BELIEVED.half_track_m;
+        (
+            (radius + half) / (radius - half),
+            FRAC_PI_2 / (FRAC_PI_2 - alpha),
+        )
+    }
+
+    #[test]
+    fn sharp_corners_give_what_the_formulas_of_umbmark_give() {
+        let ccw = square(&TRUTH, 2.0, 0.0, 1.0, 0.2, 0.0);
+        let cw = square(&TRUTH, 2.0, 0.0, -1.0, 0.2, 0.0);
+        let (ratio, track) = umbmark(ccw.error(), cw.error(), 2.0);
+        assert!((ratio - TRUTH.ratio).abs() < 2e-4, "{ratio}");
+        assert!(
+            (track * BELIEVED.half_track_m / TRUTH.half_track_m - 1.0).abs() < 1e-3,
+            "{track}"
+        );
+        // Creep is told apart by time, of which sharp corners take none: here it is known to be none.
+        let both = [ccw, cw];
+        assert_eq!(fit(&both, 0.324), None);
+        let errors = [0.5 * (ratio - 1.0), 1.0 / track - 1.0, 0.0];
+        for item in &both {
+            let ([x, y, _], _) = item.lap.predict(&errors);
+            let left = (item.end[0] - x).hypot(item.end[1] - y);
+            let [dx, dy] = item.error();
+            assert!(left < 0.1 * dx.hypot(dy), "{left} of {}", dx.hypot(dy));
+        }
+    }
+
+    #[test]
+    fn the_measure_is_the_worse_of_both_ways_means() {
+        let one = [[0.03, 0.0], [0.05, 0.0]];
+        let two = [[0.0, 0.02], [0.0, -0.02]];
+        assert!((systematic([&one, &two]) - 0.04).abs() < 1e-15);
+    }
+}

@@ -1,0 +1,138 @@
+//! The directory of a study: the study itself and one file for each block of runs.
+//!
+//! A block is the same whoever runs it, so shards of any number fill one directory, and what a killed
+//! shard had finished stays. A file is complete or not there.
+
+use super::rows::{Noted, Row};
+use super::study::Study;
+use crate::BUILD;
+use host_sim::base::error::Error;
+use host_sim::base::input;
+use output::files;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Name of the copy of the study.
+const COPY: &str = "study.toml";
+
+/// A study's directory.
+#[derive(Clone, Debug)]
+pub struct Directory {
+    path: PathBuf,
+    study: Study,
+    canonical: String,
+}
+
+/// State of a block.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Block {
+    /// Its runs.
+    Complete(Vec<Row>),
+    /// Nothing.
+    Missing,
+    /// A file that cannot be used, and why.
+    Spoiled(String),
+}
+
+impl Directory {
+    /// The directory for the runs of `study`. One that is there must be of the same study.
+    pub fn open_for(study: Study, path: &Path) -> Result<Self, Error> {
+        let canonical = study.canonical()?;
+        let copy = path.join(COPY);
+        match input::text(&copy) {
+            Ok(found) if found == canonical => {}
+            Ok(_) => {
+                return Err(Error::input(format!(
+                    "{}: belongs to a different study: choose another --out, or remove the folder",
+                    copy.display()
+                )));
+            }
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                let failure = |error| Error::Failure(format!("{}: {error}", path.display()));
+                fs::create_dir_all(path).map_err(failure)?;
+                files::write_file(&copy, &canonical)?;
+            }
+            Err(error) => return Err(Error::input(format!("{}: {error}", copy.display()))),
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            study,
+            canonical,
+        })
+    }
+
+    /// A directory that shards have written to.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        let copy = path.join(COPY);
+        let study = Study::load(&copy).map_err(|error| match copy.exists() {
+            true => error,
+            false => Error::input(format!(
+                "{}: not a campaign folder: {COPY} is missing",
+                path.display()
+            )),
+        })?;
+        Self::open_for(study, path)
+    }
+
+    /// The study.
+    pub fn study(&self) -> &Study {
+        &self.study
+    }
+
+    fn file(&self, block: u64) -> PathBuf {
+        self.path.join(format!("block-{block:06}.jsonl"))
+    }
+
+    /// Numbers of the blocks without a file.
+    pub fn absent(&self) -> Vec<u64> {
+        let blocks = 0..self.study.blocks();
+        blocks.filter(|&block| !self.file(block).exists()).collect()
+    }
+
+    /// State of a block.
+    pub fn block(&self, block: u64) -> Result<Block, Error> {
+        let path = self.file(block);
+        let content = match input::bytes(&path, input::DATA) {
+            Ok(content) => content,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                return Ok(Block::Missing);
+            }
+            Err(error) => return Err(Error::Failure(format!("{}: {error}", path.display()))),
+        };
+        let spoiled = |why: String| Ok(Block::Spoiled(format!("{}: {why}", path.display())));
+        let mut read = match Noted::from_lines(&content) {
+            Ok(read) => read,
+            Err(error) => return spoiled(error),
+        };
+        if read.study != self.canonical {
+            return spoiled("belongs to a different study".to_owned());
+        }
+        if read.made_by != BUILD {
+            return spoiled(format!("was not written by {BUILD}"));
+        }
+        let runs = read.rows.iter().map(|row| row.run);
+        if !runs.eq(self.study.block_runs(block)) {
+            return spoiled("does not contain the runs of its block".to_owned());
+        }
+        for row in &mut read.rows {
+            (row.cell, row.trial) = self.study.place(row.run);
+            row.values = self.study.values(row.cell, row.trial)?;
+        }
+        Ok(Block::Complete(read.rows))
+    }
+
+    /// Writes the runs of a block.
+    pub fn write(&self, block: u64, rows: Vec<Row>) -> Result<(), Error> {
+        let noted = Noted {
+            made_by: BUILD.to_owned(),
+            study: self.canonical.clone(),
+            rows,
+        };
+        let file = self.file(block);
+        let lines = noted.to_lines()?;
+        // JSON has no word for what is not a number.
+        Noted::from_lines(lines.as_bytes())
+            .map_err(|why| Error::Failure(format!("{}: {why}", file.display())))?;
+        Ok(files::write_file(&file, lines)?)
+    }
+}

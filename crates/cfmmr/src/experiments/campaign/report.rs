@@ -1,0 +1,305 @@
+//! Results of a campaign, as numbers and as a table.
+
+use super::rows::Row;
+use super::study::{Study, Vary, number};
+use host_sim::base::statistics::{Summary, percentile};
+use host_sim::run::end::Ends;
+use output::table::{Table, plus_minus};
+use serde::Serialize;
+
+/// Results of one combination.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Cell {
+    /// The listed quantities and their values.
+    pub values: Vec<(String, String)>,
+    /// Trials.
+    pub trials: usize,
+    /// Distance of O from the goal, m.
+    pub e_m: Summary,
+    /// Median of it, m.
+    pub e_median_m: f64,
+    /// 95th percentile of it, m.
+    pub e_p95_m: f64,
+    /// Heading error of O, rad.
+    pub heading_rad: Summary,
+    /// Share within 3 cm and 3°.
+    pub within_3cm_3deg: f64,
+    /// Wilson's interval of that share at 95 %.
+    pub within_interval: [f64; 2],
+    /// Numbers of trials by end.
+    pub ends: Ends,
+    /// Root mean square of the frame's force, N.
+    pub force_rms_n: Summary,
+    /// Time of a trial, s.
+    pub duration_s: Summary,
+}
+
+/// Correlation of a drawn quantity with the final errors in one combination.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Influence {
+    /// Drawn key.
+    pub key: String,
+    /// Index of the combination, as in `runs.csv`.
+    pub cell: u64,
+    /// The listed quantities and their values.
+    pub values: Vec<(String, String)>,
+    /// Trials.
+    pub trials: usize,
+    /// Spearman's rank correlation with the distance from the goal.
+    pub rank_correlation_e: Option<f64>,
+    /// Spearman's rank correlation with the magnitude of the heading error.
+    pub rank_correlation_heading: Option<f64>,
+    /// Magnitude that chance alone exceeds in one of twenty studies, if there is a correlation.
+    pub significance: Option<f64>,
+    /// Reason of a missing correlation.
+    pub note: Option<String>,
+}
+
+/// All that came out.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Name of the study.
+    pub name: String,
+    /// World of its first run.
+    pub world: String,
+    /// Seed.
+    pub seed: u64,
+    /// Runs.
+    pub runs: usize,
+    /// The combinations, in the order of the file.
+    pub cells: Vec<Cell>,
+    /// The drawn quantities, each in every combination.
+    pub influences: Vec<Influence>,
+}
+
+/// Wilson's interval of a share at 95 %.
+pub fn wilson(successes: usize, trials: usize) -> [f64; 2] {
+    if trials == 0 {
+        return [0.0, 1.0];
+    }
+    let (n, z) = (trials as f64, 1.959_963_984_540_054);
+    let p = successes as f64 / n;
+    let middle = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
+    let half = z / (1.0 + z * z / n) * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
+    [(middle - half).max(0.0), (middle + half).min(1.0)]
+}
+
+/// Ranks from 1; equal values share the mean of theirs.
+fn ranks(values: &[f64]) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
+    let mut ranks = vec![0.0; values.len()];
+    let mut first = 0;
+    while first < order.len() {
+        let same = |&&place: &&usize| values[place].total_cmp(&values[order[first]]).is_eq();
+        let count = order[first..].iter().take_while(same).count();
+        for &place in &order[first..first + count] {
+            ranks[place] = first as f64 + 0.5 * (count as f64 + 1.0);
+        }
+        first += count;
+    }
+    ranks
+}
+
+/// Spearman's rank correlation; `None` if one of the two does not vary.
+pub fn rank_correlation(a: &[f64], b: &[f64]) -> Option<f64> {
+    let (a, b) = (ranks(a), ranks(b));
+    let middle = 0.5 * (a.len() as f64 + 1.0);
+    let product = |x: &[f64], y: &[f64]| -> f64 {
+        x.iter()
+            .zip(y)
+            .map(|(x, y)| (x - middle) * (y - middle))
+            .sum()
+    };
+    let scale = (product(&a, &a) * product(&b, &b)).sqrt();
+    (scale > 0.0).then(|| product(&a, &b) / scale)
+}
+
+/// The listed quantities and their places among the varied ones.
+pub(super) fn listed(study: &Study) -> impl Iterator<Item = (usize, &Vary)> {
+    let vary = study.vary.iter().enumerate();
+    vary.filter(|(_, vary)| vary.values.is_some())
+}
+
+/// Values of a varied quantity of numbers.
+pub(super) fn numbers(place: usize, rows: &[Row]) -> Vec<f64> {
+    let values = rows.iter().map(|row| number(&row.values[place]));
+    values.map(|value| value.unwrap_or(f64::NAN)).collect()
+}
+
+/// The last part of an entry's name, with what it is a part of.
+pub(super) fn short(key: &str) -> &str {
+    let cut = key
+        .rmatch_indices('.')
+        .nth(1)
+        .map_or(0, |(place, _)| place + 1);
+    &key[cut..]
+}
+
+impl Report {
+    /// Of all runs of a study, in their order.
+    pub fn of(study: &Study, rows: &[Row]) -> Self {
+        let cells = rows.chunk_by(|a, b| a.cell == b.cell);
+        let idle = |rows: &[Row]| study.idle(rows[0].cell).unwrap_or_default();
+        let cells: Vec<_> = cells.map(|rows| (rows, idle(rows))).collect();
+        let places = 0..study.vary.len();
+        let drawn = places.filter(|&place| study.vary[place].values.is_none());
+        let influences = drawn.flat_map(|place| {
+            let of = move |(rows, idle): &(&[Row], Vec<Option<String>>)| {
+                influence(study, place, rows, idle.get(place).cloned().flatten())
+            };
+            cells.iter().map(of)
+        });
+        let first = study.run(0);
+        Self {
+            name: study.name.clone(),
+            world: first.map_or_else(|_| String::new(), |run| run.scenario.world.label()),
+            seed: study.seed,
+            runs: rows.len(),
+            influences: influences.collect(),
+            cells: cells.iter().map(|(rows, _)| cell(study, rows)).collect(),
+        }
+    }
+
+    /// The tables.
+    pub fn text(&self) -> String {
+        let names = self.cells.iter().take(1).flat_map(|cell| &cell.values);
+        let names = names.map(|(key, _)| short(key)).collect::<Vec<_>>();
+        let names = names.join(", ");
+        let errors = [&names, "e (cm)", "median", "95 %", "within 3 cm, 3°"];
+        let mut errors = Table::new(errors);
+        let more = [&names, "|heading| (°)", "force (N)", "time (s)"];
+        let mut more = Table::new(more);
+        let mut ends = Table::new([&names, "ends"]).left_aligned();
+        for cell in &self.cells {
+            let share = 100.0 * cell.within_3cm_3deg;
+            let [low, high] = cell.within_interval.map(|share| 100.0 * share);
+            errors.row([
+                label(&cell.values),
+                plus_minus(100.0 * cell.e_m.mean, 100.0 * cell.e_m.sd, 2),
+                format!("{:.2}", 100.0 * cell.e_median_m),
+                format!("{:.2}", 100.0 * cell.e_p95_m),
+                format!("{share:.0} % ({low:.0} to {high:.0})"),
+            ]);
+            more.row([
+                label(&cell.values),
+                format!("{:.2}", cell.heading_rad.mean_abs.to_degrees()),
+                plus_minus(cell.force_rms_n.mean, cell.force_rms_n.sd, 2),
+                plus_minus(cell.duration_s.mean, cell.duration_s.sd, 1),
+            ]);
+            let mut label = label(&cell.values);
+            for line in cell.ends.lines() {
+                ends.row([std::mem::take(&mut label), line]);
+            }
+        }
+        format!(
+            "{}: {} runs, seed {}, world {}; true final posture errors\n\n\
+             {errors}In parentheses: 95 % interval of the share.\n\n{more}\n{ends}{}",
+            self.name,
+            self.runs,
+            self.seed,
+            self.world,
+            self.correlations()
+        )
+    }
+
+    /// Table of the rank correlations.
+    fn correlations(&self) -> String {
+        if self.influences.is_empty() {
+            return String::new();
+        }
+        let header = "drawn, in combination;runs;with e;with |heading|;by chance";
+        let mut table = Table::new(header.split(';'));
+        let mut notes: Vec<String> = Vec::new();
+        let mut last = "";
+        for influence in &self.influences {
+            let key = influence.key.as_str();
+            if last != key {
+                table.row([short(key)]);
+            }
+            let signed =
+                |value: Option<f64>| value.map_or_else(String::new, |r| format!("{r:+.2}"));
+            let bound = influence.significance.map(|bound| format!("±{bound:.2}"));
+            table.row([
+                format!("  {}", label(&influence.values)),
+                influence.trials.to_string(),
+                signed(influence.rank_correlation_e),
+                signed(influence.rank_correlation_heading),
+                bound.unwrap_or_default(),
+            ]);
+            let note = influence.note.as_ref();
+            notes.extend(note.map(|note| format!("Empty: {note}.\n")));
+            last = key;
+        }
+        notes.sort();
+        notes.dedup();
+        format!(
+            "\nRank correlation of the drawn quantities with the final errors, by combination\n\n\
+             {table}By chance: exceeded in 1 of 20 studies if the quantity has no effect.\n{}",
+            notes.concat()
+        )
+    }
+}
+
+/// Values of a combination.
+fn label(values: &[(String, String)]) -> String {
+    let values: Vec<&str> = values.iter().map(|(_, value)| value.as_str()).collect();
+    match values.is_empty() {
+        true => "all".to_owned(),
+        false => values.join(", "),
+    }
+}
+
+/// Correlations of the drawn quantity at `place` in the runs of one combination; `idle`: key and reason if the key has
+/// no effect there.
+fn influence(study: &Study, place: usize, rows: &[Row], idle: Option<String>) -> Influence {
+    let drawn = numbers(place, rows);
+    let with = |error: fn(&Row) -> f64| match idle {
+        None => rank_correlation(&drawn, &rows.iter().map(error).collect::<Vec<_>>()),
+        Some(_) => None,
+    };
+    let (e, heading) = (with(|row| row.e_m), with(|row| row.heading_rad.abs()));
+    let constant = e.is_none() || heading.is_none();
+    let constant = constant.then(|| "the error is the same in all runs".to_owned());
+    // Of few runs the normal approximation exceeds the greatest correlation.
+    let bound = (1.96 / (rows.len() as f64 - 1.0).sqrt()).min(1.0);
+    Influence {
+        key: study.vary[place].key.clone(),
+        cell: rows[0].cell,
+        values: values(study, &rows[0]),
+        trials: rows.len(),
+        rank_correlation_e: e,
+        rank_correlation_heading: heading,
+        significance: e.or(heading).map(|_| bound),
+        note: idle.clone().or(constant),
+    }
+}
+
+/// The listed quantities and their values in a run.
+fn values(study: &Study, row: &Row) -> Vec<(String, String)> {
+    let value = |(place, vary): (usize, &Vary)| {
+        let value = vary.cell(&row.values[place]);
+        (vary.key.clone(), value.to_string())
+    };
+    listed(study).map(value).collect()
+}
+
+fn cell(study: &Study, rows: &[Row]) -> Cell {
+    let numbers = |pick: fn(&Row) -> f64| rows.iter().map(pick).collect::<Vec<_>>();
+    let count = |is: fn(&&Row) -> bool| rows.iter().filter(is).count();
+    let e_m = numbers(|row| row.e_m);
+    let within = count(|row| row.within);
+    Cell {
+        values: values(study, &rows[0]),
+        trials: rows.len(),
+        e_median_m: percentile(&e_m, 0.5),
+        e_p95_m: percentile(&e_m, 0.95),
+        e_m: Summary::of(&e_m),
+        heading_rad: Summary::of(&numbers(|row| row.heading_rad)),
+        within_3cm_3deg: within as f64 / rows.len() as f64,
+        within_interval: wilson(within, rows.len()),
+        ends: Ends::of_labels(rows.iter().map(|row| row.label.clone())),
+        force_rms_n: Summary::of(&numbers(|row| row.force_rms_n)),
+        duration_s: Summary::of(&numbers(|row| row.duration_s)),
+    }
+}

@@ -1,0 +1,218 @@
+//! Results of runs, and their forms as files. The same results give the same bytes.
+
+use super::study::{Run, Study, Vary, number};
+use core_algos::link::framing::crc32c;
+use core_algos::safety::Condition;
+use host_sim::base::error::Error;
+use host_sim::run::end::EndKind;
+use host_sim::run::final_error::FinalError;
+use host_sim::run::regulate::Outcome;
+use output::files::{Cell, Csv};
+use recording::csv;
+use serde::{Deserialize, Serialize};
+
+/// One run: what was varied, and how it ended.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// Number of the run in the study.
+    pub run: u64,
+    /// Index of the combination; it, the trial and the values follow from the study and the number.
+    #[serde(skip)]
+    pub cell: u64,
+    /// Index of the trial.
+    #[serde(skip)]
+    pub trial: u32,
+    /// The value of each varied quantity, in the order of the study.
+    #[serde(skip)]
+    pub values: Vec<toml::Value>,
+    /// Posture at the start: m, m, rad.
+    pub start: [f64; 3],
+    /// Distance of O from the goal, m.
+    pub e_m: f64,
+    /// Heading of O less that of the goal, rad.
+    pub heading_rad: f64,
+    /// True within 3 cm and 3°.
+    pub within: bool,
+    /// End of the run.
+    pub end: EndKind,
+    /// Kind of the end, with the cause of a stop and the sensors at fault.
+    pub label: String,
+    /// Notices of the run, separated by semicolons.
+    pub notices: String,
+    /// Code of the condition that ended the run, or under which the goal is reached; 0 if there is none.
+    pub code: u8,
+    /// True posture at the end: m, m, rad.
+    pub at: [f64; 3],
+    /// 95 % error of the estimated position at the end, m, if the robot has an estimate.
+    pub error_95_m: Option<f64>,
+    /// Distance of the estimate from the true position at the end, m, if the robot has an estimate.
+    pub estimate_error_m: Option<f64>,
+    /// Error of the estimated position of one axle from the other at the end, m.
+    pub drift_m: f64,
+    /// Root mean square of the frame's force, N.
+    pub force_rms_n: f64,
+    /// Largest true curvature of the frame, 1/m.
+    pub max_curvature: f64,
+    /// Time of the run, s.
+    pub duration_s: f64,
+    /// Length of the midpoint's path, m.
+    pub path_m: f64,
+}
+
+impl Row {
+    /// Row of run number `run`.
+    pub fn of(run: u64, of: Run, outcome: &Outcome) -> Self {
+        let error = FinalError::of(outcome.midpoint, of.scenario.mission.goal);
+        let end = &outcome.end;
+        let [x, y, _] = outcome.midpoint;
+        let [along, across, _] = outcome.relative_error;
+        Self {
+            run,
+            cell: of.cell,
+            trial: of.trial,
+            values: of.values,
+            start: of.scenario.mission.start,
+            e_m: error.e_m,
+            heading_rad: error.heading_rad,
+            within: error.is_near(),
+            end: end.kind,
+            label: end.label(),
+            notices: end.notice_names().join("; "),
+            code: end.condition.map_or(0, Condition::code),
+            at: outcome.midpoint,
+            error_95_m: end.error_95.map(|[position, _]| position),
+            estimate_error_m: end.estimate.map(|[u, v, _]| (u - x).hypot(v - y)),
+            drift_m: along.hypot(across),
+            force_rms_n: outcome.force_rms_n,
+            max_curvature: outcome.max_curvature,
+            duration_s: outcome.end.duration_s,
+            path_m: outcome.path_m,
+        }
+    }
+
+    /// Row of the CSV file; `vary` are the varied quantities.
+    fn cells<'a>(&self, vary: &'a [Vary]) -> csv::Row<'a> {
+        let mut row = csv::Row::default();
+        row.put("run cell", &[self.run as usize, self.cell as usize]);
+        row.put("trial", &[self.trial]);
+        for (vary, value) in vary.iter().zip(&self.values) {
+            row.cell(&vary.key, vary.cell(value));
+        }
+        row.put("start_x_m start_y_m start_phi_rad", &self.start);
+        row.put("e_m heading_rad", &[self.e_m, self.heading_rad]);
+        row.put("within_3cm_3deg", &[self.within]);
+        let code = match self.code {
+            0 => String::new(),
+            code => format!("{code:#04x}"),
+        };
+        row.put(
+            "end code notices",
+            &[self.end.name(), code.as_str(), self.notices.as_str()],
+        );
+        row.put("x_m y_m phi_rad", &self.at);
+        row.put("error_95_m", &[self.error_95_m.unwrap_or(f64::NAN)]);
+        let drift = [self.estimate_error_m.unwrap_or(f64::NAN), self.drift_m];
+        row.put("estimate_error_m drift_m", &drift);
+        let frame = [self.force_rms_n, self.max_curvature];
+        row.put("force_rms_n max_curvature_1_m", &frame);
+        row.put("duration_s path_m", &[self.duration_s, self.path_m]);
+        row
+    }
+}
+
+impl Vary {
+    /// Cell of a value: a number where every value is one.
+    pub fn cell(&self, value: &toml::Value) -> Cell {
+        match number(value) {
+            Some(number) if self.is_numeric() => number.into(),
+            _ => Cell::Text(value.to_string()),
+        }
+    }
+}
+
+/// Runs of a study as CSV.
+pub fn csv(study: &Study, rows: &[Row]) -> Csv {
+    csv::Row::table(rows.iter().map(|row| row.cells(&study.vary)))
+}
+
+/// Runs with what they are of: a file of two lines of JSON, of which the second has the checksum of the first.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Noted {
+    /// Build that made it.
+    pub made_by: String,
+    /// Canonical text of the study.
+    pub study: String,
+    /// The runs.
+    pub rows: Vec<Row>,
+}
+
+impl Noted {
+    /// The file.
+    pub fn to_lines(&self) -> Result<String, Error> {
+        let line = serde_json::to_string(self);
+        let line =
+            line.map_err(|error| Error::Failure(format!("cannot write a block: {error}")))?;
+        let sum = crc32c(line.as_bytes());
+        Ok(format!("{line}\n{{\"crc32c\":\"{sum:08x}\"}}\n"))
+    }
+
+    /// Reads a file that [`Self::to_lines`] made, or says why it is none.
+    pub fn from_lines(content: &[u8]) -> Result<Self, String> {
+        let first = content
+            .split(|&byte| byte == b'\n')
+            .next()
+            .unwrap_or(content);
+        let read: Self = serde_json::from_slice(first).map_err(|error| error.to_string())?;
+        match read.to_lines() {
+            Ok(text) if text.as_bytes() == content => Ok(read),
+            _ => Err("the file is damaged".to_owned()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{finished, study};
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A block of rows with these results.
+    fn noted(results: &[(f64, u8, usize)]) -> Noted {
+        let row = finished(&study(), 0).remove(0);
+        let rows = results.iter().map(|&(e_m, code, end)| Row {
+            e_m,
+            code,
+            end: EndKind::ALL[end],
+            values: Vec::new(),
+            ..row.clone()
+        });
+        Noted {
+            made_by: "build".to_owned(),
+            study: "a = 1\n".to_owned(),
+            rows: rows.collect(),
+        }
+    }
+
+    properties! { cases 1024;
+        #[test]
+        fn rows_come_back_with_their_bits(
+            results in prop::collection::vec((prop::num::f64::NORMAL, any::<u8>(), 0..EndKind::ALL.len()), 0..60),
+        ) {
+            let block = noted(&results);
+            let text = block.to_lines().unwrap();
+            prop_assert_eq!(Noted::from_lines(text.as_bytes()).unwrap(), block.clone());
+        }
+
+        #[test]
+        fn a_damaged_file_is_refused(place in 0usize..2000, to: u8, cut in 0usize..2000) {
+            let results = [1.5, 2.5].map(|e_m| (e_m, 0, 0));
+            let mut file = noted(&results).to_lines().unwrap().into_bytes();
+            let n = file.len();
+            prop_assume!(file[place % n] != to);
+            file[place % n] = to;
+            prop_assert!(Noted::from_lines(&file).is_err());
+            file.truncate(cut % n);
+            prop_assert!(Noted::from_lines(&file).is_err());
+        }
+    }
+}

@@ -1,0 +1,564 @@
+//! `cfmmr consistency`: whether the fused estimates are as good as they claim to be.
+//!
+//! The measure is the normalised estimation error squared, NEES = eᵀ P⁻¹ e, of both axles and of
+//! O (three degrees of freedom each), on the full plant. If the errors are normal with the
+//! covariance claimed, its mean over N runs lies in a band that follows from χ² with 3 N degrees
+//! of freedom. Above the band an estimator claims too much; below it, it is cautious.
+
+use crate::experiments::Context;
+use crate::experiments::arguments::Common;
+use crate::experiments::posture::{ROWS, Variant};
+use clap::{Args, ValueEnum};
+use core_algos::fusion::Estimate;
+use core_algos::fusion::ekf::Verdict;
+use host_sim::base::error::Error;
+use host_sim::base::numbers::whole;
+use host_sim::base::statistics;
+use host_sim::base::statistics::{
+    NIS_EXPECTED, chi_square_quantile, error, mean_square_band, nees,
+};
+use host_sim::run::end::{Ends, RunEnd};
+use host_sim::run::regulate::regulate;
+use host_sim::run::robot::Record;
+use host_sim::scenario::Scenario;
+use host_sim::scenario::effect;
+use host_sim::scenario::effect::Use;
+use output::files::Csv;
+use output::table::Table;
+use recording::csv;
+use serde::Serialize;
+use view::plot::{Figure, Height, Panel};
+use view::style::{BAND, series};
+
+/// Fusions that `consistency` compares, by [`Variant::fusion`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Fusion {
+    /// Odometry alone, without the relative position sensor
+    Odometry,
+    /// Covariance intersection
+    Intersection,
+    /// Covariance intersection and internal posture error correction
+    IntersectionIpec,
+    /// Joint filter of both axles
+    Joint,
+}
+
+/// Arguments of `consistency`.
+#[derive(Clone, Debug, Args)]
+pub struct ConsistencyArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Number of runs a row
+    #[arg(long, default_value_t = 200, value_parser = whole::<u32>(2..=1_000_000))]
+    pub trials: u32,
+    /// Fusions, separated by commas [default: all]
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
+    pub fusion: Vec<Fusion>,
+}
+
+/// Components of a posture's error.
+pub const DEGREES: usize = 3;
+/// Probability of the band and of the quantile.
+pub const PROBABILITY: f64 = 0.95;
+/// Evaluated bodies, in the order of every array here.
+pub const BODIES: [&str; 3] = ["front", "rear", "O"];
+/// Epochs between two instants at which the runs are compared.
+const INTERVAL: usize = 50;
+const INTERVAL_S: f64 = 0.5;
+
+/// One estimate against the truth of its instant.
+#[derive(Clone, Copy, Debug, Default)]
+struct Check {
+    nees: f64,
+    error: [f64; 3],
+    variance: [f64; 3],
+}
+
+impl Check {
+    fn of(estimate: &Estimate, truth: [f64; 3]) -> Self {
+        Self {
+            nees: nees(estimate, truth),
+            error: error(estimate, truth),
+            variance: [0, 1, 2].map(|k| f64::from(estimate.covariance[k][k])),
+        }
+    }
+}
+
+/// One run: every [`INTERVAL`] epochs of the task, and at its end.
+#[derive(Clone, Debug, Default)]
+struct Run {
+    path: Vec<[Check; 3]>,
+    end: [Check; 3],
+    beam_nis: Vec<f64>,
+    ended: RunEnd,
+}
+
+/// Follows a run. An estimate speaks of the beginning of the epoch in which it was made, one
+/// record before the one that carries it.
+struct Observer {
+    run: Run,
+    before: Option<Record>,
+    start_s: f64,
+    epochs: usize,
+}
+
+impl Observer {
+    fn new(start_s: f64) -> Self {
+        Self {
+            run: Run::default(),
+            before: None,
+            start_s,
+            epochs: 0,
+        }
+    }
+
+    fn observe(&mut self, record: &Record) {
+        let before = self.before.replace(*record);
+        let Some(truth) = before.filter(|before| before.time_s >= self.start_s - 1e-6) else {
+            return;
+        };
+        let fused = &record.lead.fused;
+        let checks = [
+            Check::of(&fused.front, truth.axles[0]),
+            Check::of(&fused.rear, truth.axles[1]),
+            Check::of(&fused.robot, truth.midpoint),
+        ];
+        if self.epochs.is_multiple_of(INTERVAL) {
+            self.run.path.push(checks);
+        }
+        if fused.beam.verdict == Verdict::Used {
+            self.run.beam_nis.push(f64::from(fused.beam.nis));
+        }
+        self.run.end = checks;
+        self.epochs += 1;
+    }
+}
+
+/// Position of the mean NEES against the band.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Place {
+    /// Below the band: cautious.
+    Below,
+    /// In the band.
+    Inside,
+    /// Above the band: claims too much.
+    Above,
+}
+
+impl Place {
+    /// Position of `mean` against `band`.
+    pub fn of(mean: f64, [low, high]: [f64; 2]) -> Self {
+        if mean < low {
+            Self::Below
+        } else if mean <= high {
+            Self::Inside
+        } else {
+            Self::Above
+        }
+    }
+}
+
+/// Consistency of a configuration, by the NEES of both axles at the end of the runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Statement {
+    /// Both inside the band: as good as it claims.
+    Consistent,
+    /// None above the band, one or both below: better than it claims.
+    Cautious,
+    /// One or both above the band: worse than it claims.
+    Overconfident,
+}
+
+impl Statement {
+    /// The verdict on two axles.
+    pub fn of(axles: [Place; 2]) -> Self {
+        if axles.contains(&Place::Above) {
+            Self::Overconfident
+        } else if axles.contains(&Place::Below) {
+            Self::Cautious
+        } else {
+            Self::Consistent
+        }
+    }
+
+    fn words(self) -> &'static str {
+        match self {
+            Self::Consistent => "consistent (inside band)",
+            Self::Cautious => "cautious (below)",
+            Self::Overconfident => "overconfident (above)",
+        }
+    }
+}
+
+/// All runs of one configuration at one instant: one axle, or O.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Honesty {
+    /// Mean NEES.
+    pub nees: f64,
+    /// Position against the band.
+    pub band: Place,
+    /// Share of the runs whose NEES is at most the χ² quantile.
+    pub within: f64,
+    /// Root mean square error: x, y (m), heading (rad).
+    pub rms: [f64; 3],
+    /// Root of the mean variance claimed: x, y (m), heading (rad).
+    pub claimed: [f64; 3],
+}
+
+impl Honesty {
+    fn of(checks: &[Check], band: [f64; 2], quantile: f64) -> Self {
+        let all: Vec<f64> = checks.iter().map(|check| check.nees).collect();
+        let mean = statistics::mean(&all);
+        let root = |pick: &dyn Fn(&Check) -> f64| {
+            statistics::mean(&checks.iter().map(pick).collect::<Vec<_>>()).sqrt()
+        };
+        Self {
+            nees: mean,
+            band: Place::of(mean, band),
+            within: statistics::share(&all, |value| value <= quantile),
+            rms: [0, 1, 2].map(|k| root(&|check| check.error[k] * check.error[k])),
+            claimed: [0, 1, 2].map(|k| root(&|check| check.variance[k])),
+        }
+    }
+}
+
+/// Front axle, rear axle and O at one instant.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Instant {
+    /// Time since the beginning of the task, s.
+    pub time_s: f64,
+    /// Front axle.
+    pub front: Honesty,
+    /// Rear axle.
+    pub rear: Honesty,
+    /// Midpoint.
+    pub midpoint: Honesty,
+}
+
+impl Instant {
+    fn of(time_s: f64, checks: &[[Check; 3]], band: [f64; 2], quantile: f64) -> Self {
+        let body = |which: usize| {
+            let one: Vec<Check> = checks.iter().map(|all| all[which]).collect();
+            Honesty::of(&one, band, quantile)
+        };
+        Self {
+            time_s,
+            front: body(0),
+            rear: body(1),
+            midpoint: body(2),
+        }
+    }
+
+    /// Front, rear, O.
+    pub fn bodies(&self) -> [&Honesty; 3] {
+        [&self.front, &self.rear, &self.midpoint]
+    }
+}
+
+/// One configuration.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// True if the relative position sensor was fitted.
+    pub rps: bool,
+    /// True if inertial sensors were fitted.
+    pub imu: bool,
+    /// Fusion.
+    pub fusion: &'static str,
+    /// Consistency.
+    pub statement: Statement,
+    /// Numbers of runs by end; every run counts, whatever its end.
+    pub ends: Ends,
+    /// At the end of the runs, wherever that is in time: `time_s` is its mean.
+    pub end: Instant,
+    /// Means of the NEES of front, rear and O over the path.
+    pub path_mean: [f64; 3],
+    /// Share of the instants of the path at which the NEES of both axles lies above the band.
+    pub path_above: f64,
+    /// Mean of the beam's normalised innovation squared, where the fusion uses the beam: 3 for a
+    /// filter that knows the correlations.
+    pub beam_nis: Option<f64>,
+    /// Every half second, as long as all runs last.
+    pub path: Vec<Instant>,
+}
+
+/// The result of the command.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Runs of each configuration.
+    pub runs: u32,
+    /// Degrees of freedom of a posture.
+    pub degrees: usize,
+    /// Probability of band and quantile.
+    pub probability: f64,
+    /// Band of the mean over the runs.
+    pub band: [f64; 2],
+    /// Value that the NEES of one run stays below.
+    pub quantile: f64,
+    /// The configurations.
+    pub rows: Vec<Row>,
+}
+
+/// All runs of all configurations.
+pub fn measure(context: &Context, variants: &[Variant], runs: u32) -> Result<Report, Error> {
+    let scenarios: Vec<Scenario> = variants
+        .iter()
+        .map(|variant| variant.apply(&context.scenario))
+        .collect();
+    let count = runs as usize;
+    let blocks = context.run_rows("runs", (variants.len(), count), |row, trial| {
+        let scenario = &scenarios[row];
+        let mut observer = Observer::new(scenario.mission.settle_s);
+        let see = |record: &Record| observer.observe(record);
+        let outcome = regulate(scenario, context.seed, trial as u64, see)?;
+        observer.run.ended = outcome.end;
+        let duration_s = observer.epochs as f64 * 0.01;
+        Ok((observer.run, duration_s))
+    })?;
+    if blocks.iter().any(Vec::is_empty) {
+        let text = "interrupted before each row had a run: nothing is written";
+        return Err(Error::Interrupted(text.to_owned()));
+    }
+    let band = mean_square_band(DEGREES, count, PROBABILITY);
+    let quantile = chi_square_quantile(PROBABILITY, DEGREES as f64);
+    let rows = variants
+        .iter()
+        .zip(&blocks)
+        .map(|(variant, block)| summarize(variant, block, band, quantile))
+        .collect();
+    Ok(Report {
+        runs,
+        degrees: DEGREES,
+        probability: PROBABILITY,
+        band,
+        quantile,
+        rows,
+    })
+}
+
+fn summarize(variant: &Variant, block: &[(Run, f64)], band: [f64; 2], quantile: f64) -> Row {
+    let length = block.iter().map(|(run, _)| run.path.len()).min();
+    let path: Vec<Instant> = (0..length.unwrap_or(0))
+        .map(|i| {
+            let checks: Vec<_> = block.iter().map(|(run, _)| run.path[i]).collect();
+            Instant::of(i as f64 * INTERVAL_S, &checks, band, quantile)
+        })
+        .collect();
+    let ends: Vec<_> = block.iter().map(|(run, _)| run.end).collect();
+    let durations: Vec<f64> = block.iter().map(|(_, duration)| *duration).collect();
+    let over = |which: usize| -> Vec<f64> {
+        path.iter()
+            .map(|instant| instant.bodies()[which].nees)
+            .collect()
+    };
+    let above: Vec<f64> = path
+        .iter()
+        .map(|i| {
+            f64::from(u8::from(
+                i.front.band == Place::Above && i.rear.band == Place::Above,
+            ))
+        })
+        .collect();
+    let nis: Vec<f64> = block
+        .iter()
+        .flat_map(|(run, _)| run.beam_nis.iter().copied())
+        .collect();
+    let end = Instant::of(statistics::mean(&durations), &ends, band, quantile);
+    Row {
+        rps: variant.rps,
+        imu: variant.imu,
+        fusion: variant.fusion(),
+        statement: Statement::of([end.front.band, end.rear.band]),
+        end,
+        ends: Ends::of(block.iter().map(|(run, _)| &run.ended)),
+        path_mean: [0, 1, 2].map(|which| statistics::mean(&over(which))),
+        path_above: statistics::mean(&above),
+        beam_nis: (!nis.is_empty()).then(|| statistics::mean(&nis)),
+        path,
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &ConsistencyArgs) -> Result<(), Error> {
+    let context = Context::new(&args.common, "consistency")?;
+    let mut variants = Variant::ALL.to_vec();
+    if !args.fusion.is_empty() {
+        let names = args.fusion.iter().filter_map(ValueEnum::to_possible_value);
+        let names: Vec<_> = names.collect();
+        variants.retain(|v| names.iter().any(|name| name.get_name() == v.fusion()));
+    }
+    let rows: Vec<Scenario> = variants
+        .iter()
+        .map(|v| v.apply(&context.scenario))
+        .collect();
+    let runs: Vec<effect::Run> = rows.iter().map(|row| (row, Use::Regulate)).collect();
+    context.check_keys(ROWS, &runs)?;
+    let report = measure(&context, &variants, args.trials)?;
+    let text = table(&report, &variants);
+    let mut files = context.output()?;
+    let figure = figure(&report);
+    files.text("consistency.svg", figure.svg());
+    files.bytes("consistency.png", figure.png());
+    files.csv("consistency.csv", csv(&report));
+    context.finish(&text, &report, files, &[], None)
+}
+
+fn csv(report: &Report) -> Csv {
+    let mut rows = Vec::new();
+    for row in &report.rows {
+        let instants = row.path.iter().map(|instant| (false, instant));
+        for (end, instant) in instants.chain([(true, &row.end)]) {
+            for (name, body) in BODIES.into_iter().zip(instant.bodies()) {
+                let mut cells = csv::Row::default();
+                cells.put("rps imu", &[row.rps, row.imu]);
+                cells.put("fusion body", &[row.fusion, name]);
+                cells.put("end", &[end]);
+                cells.put("time_s nees", &[instant.time_s, body.nees]);
+                cells.put("band_low band_high", &report.band);
+                cells.put("within", &[body.within]);
+                cells.put("rms_x_m rms_y_m rms_phi_rad", &body.rms);
+                cells.put("claimed_x_m claimed_y_m claimed_phi_rad", &body.claimed);
+                rows.push(cells);
+            }
+        }
+    }
+    csv::Row::table(rows)
+}
+
+/// Fusions of the picture, in the order of their colours.
+const FUSIONS: [&str; 4] = ["joint", "odometry", "intersection", "intersection-ipec"];
+
+/// NEES over time: the axles above each other, without inertial sensors left and with them right.
+fn figure(report: &Report) -> Figure {
+    let last = report.rows.iter().filter_map(|row| row.path.last());
+    let last = last.fold(1.0, |most: f64, instant| most.max(instant.time_s));
+    let mut figure = Figure::new("NEES of the estimates and its 95 % band");
+    for (which, name) in ["front axle", "rear axle", "midpoint O"]
+        .into_iter()
+        .enumerate()
+    {
+        let panels = [false, true].map(|imu| {
+            let sensors = if imu { "with IMU" } else { "encoders" };
+            let mut panel = Panel::new("time since the start of the task (s)", "mean NEES")
+                .title(format!("{name}, {sensors}"))
+                .logarithmic([false, true])
+                .x_limits([0.0, last])
+                .y_limits([0.05, 2e4]);
+            if which < 2 {
+                panel = panel.hide_x();
+            }
+            let [low, high] = report.band;
+            let band = [[0.0, low], [last, low], [last, high], [0.0, high]];
+            panel.area("95 % band", band, BAND.stroke.color);
+            for row in report.rows.iter().filter(|row| row.imu == imu) {
+                let points = row.path.iter().map(|instant| {
+                    let nees = instant.bodies()[which].nees;
+                    [instant.time_s, nees.max(1e-9)]
+                });
+                let known = FUSIONS.iter().position(|fusion| *fusion == row.fusion);
+                let color = series(known.unwrap_or(FUSIONS.len()));
+                panel.line(row.fusion, points, color.stroke);
+            }
+            panel
+        });
+        figure = figure.row(Height::Fixed(170.0), panels);
+    }
+    figure
+}
+
+fn table(report: &Report, variants: &[Variant]) -> String {
+    let [low, high] = report.band;
+    let mut table = Table::new([
+        "",
+        "claims are",
+        "front",
+        "rear",
+        "O",
+        "below 7.81",
+        "path front",
+        "path rear",
+        "beam NIS",
+        "ends",
+    ]);
+    for (row, variant) in report.rows.iter().zip(variants) {
+        let mut cells = vec![variant.label(), row.statement.words().into()];
+        cells.extend(row.end.bodies().map(|body| figure_of(body.nees)));
+        let within = row.end.front.within.min(row.end.rear.within);
+        cells.push(format!("{:.0} %", 100.0 * within));
+        cells.extend(row.path_mean[..2].iter().map(|&nees| figure_of(nees)));
+        cells.push(row.beam_nis.map_or(String::new(), figure_of));
+        cells.push(row.ends.text());
+        table.row(cells);
+    }
+    format!(
+        "NEES of the estimated postures (3 degrees of freedom), {} runs a row; consistent: {low:.2} \
+         to {high:.2}\n\n{table}\n\
+         claims are: NEES of both axles against the 95 % band. front, rear, O: mean over all runs at \
+         their end, expected 3.\nbelow 7.81: share of runs within the 95 % ellipsoid (the worse axle). path: \
+         mean over the runs and every\nhalf second. beam NIS: normalised innovation squared of the \
+         beam, expected {NIS_EXPECTED}.\n",
+        report.runs
+    )
+}
+
+fn figure_of(value: f64) -> String {
+    if value < 100.0 {
+        format!("{value:.2}")
+    } else {
+        format!("{value:.0}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core_algos::math::Posture;
+
+    #[test]
+    fn squared_error_is_measured_in_standard_deviations() {
+        let estimate = Estimate::with_sigmas(Posture::new(1.0, 2.0, 3.1), [0.1, 0.2, 0.05]);
+        // One, two and three standard deviations, the heading across half a turn.
+        let truth = [0.9, 2.4, 3.1 - 0.15 + std::f64::consts::TAU];
+        // The covariance is in f32: seven digits of 14.
+        assert!((nees(&estimate, truth) - 14.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn squared_error_does_not_depend_on_the_axes() {
+        // The same ellipse and error, turned by an angle.
+        let (s, c) = 0.7f64.sin_cos();
+        let turned = |x: f64, y: f64| [c * x - s * y, s * x + c * y];
+        let (a, b) = (0.04f64, 0.01f64);
+        let mut estimate = Estimate::with_sigmas(Posture::ORIGIN, [1.0; 3]);
+        estimate.covariance = [
+            [
+                (c * c * a + s * s * b) as f32,
+                (s * c * (a - b)) as f32,
+                0.0,
+            ],
+            [
+                (s * c * (a - b)) as f32,
+                (s * s * a + c * c * b) as f32,
+                0.0,
+            ],
+            [0.0, 0.0, 1.0],
+        ];
+        let [x, y] = turned(0.3, 0.2);
+        let expected = 0.09 / a + 0.04 / b + 0.25;
+        assert!((nees(&estimate, [x, y, 0.5]) / expected - 1.0).abs() < 1e-5);
+        estimate.covariance[2][2] = -1.0;
+        assert_eq!(nees(&estimate, [x, y, 0.5]), f64::INFINITY);
+    }
+
+    #[test]
+    fn one_axle_above_the_band_is_enough_to_claim_too_much() {
+        let band = [2.5, 3.5];
+        let statement = |nees: [f64; 2]| Statement::of(nees.map(|mean| Place::of(mean, band)));
+        assert_eq!(statement([3.0, 3.4]), Statement::Consistent);
+        assert_eq!(statement([3.0, 1.0]), Statement::Cautious);
+        assert_eq!(statement([1.0, 3.6]), Statement::Overconfident);
+        assert_eq!(statement([3.0, f64::INFINITY]), Statement::Overconfident);
+    }
+}

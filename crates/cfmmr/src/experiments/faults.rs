@@ -1,0 +1,441 @@
+//! `cfmmr faults`: every fault of the catalogue, at several times and with several seeds.
+
+use crate::experiments::arguments::{ImageArgs, Place, WorldChoice, place, refuse};
+use crate::experiments::pool;
+use crate::experiments::result::{JsonArgs, Provenance};
+use clap::Args;
+use core_algos::safety::Condition;
+use host_sim::base::error::Error;
+use host_sim::base::numbers::whole;
+use host_sim::scenario::Scenario;
+use output::progress::Progress;
+use rayon::prelude::*;
+use remote::interrupt::watch_for_interrupt;
+use remote::virtual_robot::faults::{
+    Campaign, Case, Course, End, Entry, Outcome, Reference, SILENCE, UnderWay, catalogue, model,
+    reference, run as run_case,
+};
+use serde::Serialize;
+use std::collections::BTreeSet;
+use std::fmt::Write;
+use std::sync::atomic::Ordering::Relaxed;
+
+/// Times of a fault, ms after the press of the button: during the start, and under way.
+const TIMES: [u64; 3] = [400, 900, 1600];
+/// Times of a fault of a robot whose boards run in this process, ms after the start of the task: during planning and
+/// start, under way with the frame bent, and close to the goal.
+const MODEL_TIMES: [u64; 3] = [300, 4000, 9000];
+/// Page that holds the committed table.
+const PAGE: &str = "docs/faults.md";
+
+/// Arguments of `faults`.
+#[derive(Clone, Debug, Args)]
+pub struct FaultsArgs {
+    /// The world.
+    #[command(flatten)]
+    pub choice: WorldChoice,
+    /// Number of seeds of each fault
+    #[arg(long, default_value_t = 2, value_parser = whole::<u32>(1..=1000))]
+    pub seeds: u32,
+    /// Run only faults whose name contains this text; may be repeated
+    #[arg(long, value_name = "TEXT")]
+    pub only: Vec<String>,
+    /// Place of the boards: in-process (faults of samples, frames and plant), or virtual (also those at registers, pins,
+    /// supplies and wires, with the images of the boards)
+    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = place)]
+    pub on: Place,
+    /// Each fault at one time with one seed, and a selection of the instants of power failure
+    #[arg(long, conflicts_with = "seeds")]
+    pub quick: bool,
+    /// Number of threads; does not change the result [default: one a core]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
+    pub threads: Option<u16>,
+    /// Exit 1 if a row differs from the committed table, or with --quick, if an outcome is not in its row
+    #[arg(long)]
+    pub check: bool,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
+    /// Images.
+    #[command(flatten)]
+    pub images: ImageArgs,
+}
+
+/// All runs of one fault.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Name of the fault.
+    pub fault: &'static str,
+    /// Place of the fault.
+    pub seam: &'static str,
+    /// Times of the fault.
+    pub times: usize,
+    /// Cases of a board by itself.
+    pub cases: usize,
+    /// True if the fault silences the bus: the first of [`SILENCE`] depends on the phase of the bus.
+    #[serde(skip)]
+    pub silences: bool,
+    /// Longest time allowed to all motors off, s, if the robot may stop.
+    pub off_within_s: Option<f64>,
+    /// Longest time allowed to the last pulse of the struck axle, s.
+    pub own_within_s: Option<f64>,
+    /// Each run.
+    pub outcomes: Vec<Outcome>,
+}
+
+impl Row {
+    fn of(entry: &Entry, outcomes: Vec<Outcome>) -> Self {
+        let times: BTreeSet<u64> = outcomes.iter().map(|run| run.after_ms).collect();
+        let driven = matches!(entry.course, Course::Drive(_) | Course::Model(_));
+        let may_stop = driven && (!entry.goes_on || !entry.codes.is_empty());
+        Self {
+            fault: entry.name,
+            seam: entry.seam,
+            times: times.len(),
+            cases: outcomes.iter().map(|run| run.cases).sum(),
+            silences: SILENCE.iter().all(|code| entry.codes.contains(code)),
+            off_within_s: may_stop.then_some(entry.off_within_s),
+            own_within_s: entry.own_within_s,
+            outcomes,
+        }
+    }
+
+    fn count(&self, end: &End) -> usize {
+        let same = |run: &&Outcome| run.end == *end;
+        self.outcomes.iter().filter(same).count()
+    }
+
+    fn wrong(&self) -> impl Iterator<Item = (&Outcome, &String)> {
+        self.outcomes.iter().filter_map(|run| match &run.end {
+            End::Wrong(why) => Some((run, why)),
+            _ => None,
+        })
+    }
+
+    fn codes(&self) -> BTreeSet<&'static str> {
+        let reasons = self.outcomes.iter().filter_map(|run| run.reason);
+        let name = |reason: Condition| match self.silences && SILENCE.contains(&reason) {
+            true => "silence",
+            false => reason.entry().name,
+        };
+        reasons.map(name).collect()
+    }
+
+    fn markdown(&self) -> String {
+        let codes: Vec<&str> = self.codes().into_iter().collect();
+        let longest = |pick: fn(&Outcome) -> Option<f64>| {
+            let times = self.outcomes.iter().filter_map(pick);
+            times.reduce(f64::max)
+        };
+        let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.3}"));
+        let limit = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
+        let stops = self.off_within_s.is_some();
+        let runs = self.outcomes.len();
+        let seeds = runs / self.times.max(1);
+        let tried = match self.cases > runs {
+            true => format!("{} cases, {seeds} seeds", self.cases),
+            false => format!("{} × {seeds}", self.times),
+        };
+        format!(
+            "| {} | {} | {tried} | {} | {} | {} | {} | {} | {} | {} | {} |",
+            self.fault,
+            self.seam,
+            self.count(&End::WentOn),
+            self.count(&End::Stopped),
+            self.wrong().count(),
+            codes.join(", "),
+            number(longest(|run| run.off_s).filter(|_| stops)),
+            limit(self.off_within_s),
+            number(
+                longest(|run| run.own_off_s)
+                    .filter(|_| self.own_within_s.is_some())
+                    .map(|s| 1e3 * s)
+            ),
+            limit(self.own_within_s.map(|s| 1e3 * s)),
+        )
+    }
+}
+
+/// The result of the campaign.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// World of the runs; in JSON it stands in the run.
+    #[serde(skip)]
+    pub world: String,
+    /// Seeds 1 to this.
+    pub seeds: u64,
+    /// True if Ctrl-C ended the campaign early.
+    #[serde(skip)]
+    pub interrupted: bool,
+    /// Fault by fault.
+    pub rows: Vec<Row>,
+}
+
+impl Report {
+    fn markdown(&self) -> String {
+        let seconds = |[a, b, c]: [u64; 3]| {
+            let [a, b, c] = [a, b, c].map(|ms| ms as f64 * 1e-3);
+            format!("{a}, {b} or {c}")
+        };
+        let [position, heading] = model::TOLERANCE;
+        let [speed, steering, force] = model::BOUNDS;
+        let mut text = format!(
+            "# Faults\n\n\
+             Printed by `cfmmr faults --on virtual`. Each fault comes at several times with {} seeds each; the seed also\n\
+             selects the affected board or wheel. World: {}.\n\n\
+             - Seams *samples*, *frames*, *boards* and *plant*: the boards run in this process and the robot drives to its\n\
+             goal. The fault comes {} s after the start. `cfmmr faults` prints these rows alone; it needs no images.\n\
+             - The other seams: the default images run on [virtual boards](virtual_boards.md). The fault comes {} s after\n\
+             the start.\n\n\
+             A run has one of these ends:\n\n\
+             - *Goes on*: the robot finishes its task within {:.0} cm and {:.0}°, or within what it claims. On virtual\n\
+             boards: a second later, or after the restart of the affected board, it drives, no node has stopped, and the\n\
+             robot is within 2 cm of its place without the fault.\n\
+             - *Stops*: no motor carries current after the allowed time. The simulated current decides, not the\n\
+             report of a board. The drivers of the affected axle end their last pulse within the allowed time.\n\
+             - *Other*: any other end, a first code that does not fit ([codes](codes.md)), a reset or a finding that the\n\
+             fault does not explain, a restart that is not reported, changed parameters in the flash, or a speed beyond\n\
+             {speed} m/s, a steering angle beyond {:.0}° or a force of the frame beyond {force} N for more than 0.3 s. The run fails.\n\n\
+             *Silence*: bus off, neighbour lost, neighbour stopped or command timeout; which of them comes first depends on\n\
+             the phase of the bus.\n\n\
+             | fault | seam | times × seeds | goes on | stops | other | codes | motors off (s) | allowed (s) | last pulse of struck axle (ms) | allowed (ms) |\n\
+             |---|---|---|---|---|---|---|---|---|---|---|\n",
+            self.seeds,
+            self.world,
+            seconds(MODEL_TIMES),
+            seconds(TIMES),
+            1e2 * position,
+            heading.to_degrees(),
+            steering.to_degrees(),
+        );
+        for row in &self.rows {
+            // Writing to a string does not fail.
+            let _ = writeln!(text, "{}", row.markdown());
+        }
+        let runs: usize = self.rows.iter().map(|row| row.outcomes.len()).sum();
+        let rows = self.rows.len();
+        let _ = writeln!(
+            text,
+            "\n{rows} faults, {runs} runs, {} failed.",
+            self.wrong()
+        );
+        text
+    }
+
+    fn wrong(&self) -> usize {
+        self.rows.iter().map(|row| row.wrong().count()).sum()
+    }
+
+    /// Each wrong run, in words.
+    pub fn complaints(&self) -> String {
+        let mut text = String::new();
+        for row in &self.rows {
+            for (run, why) in row.wrong() {
+                let (name, seed, after) = (row.fault, run.seed, run.after_ms);
+                let _ = writeln!(text, "{name}, seed {seed}, {after} ms: {why}");
+            }
+        }
+        text
+    }
+
+    /// The first row that is not in the committed page, or, of few runs, has an end that the page does not.
+    pub fn unexpected(&self, committed: &str, few: bool) -> Option<String> {
+        self.rows.iter().map(Row::markdown).find(|row| {
+            let known = committed.lines().any(|line| match few {
+                true => covers(line, row),
+                false => line == row,
+            });
+            !known
+        })
+    }
+}
+
+/// True if a row of the page contains all ends and codes of a row of fewer runs.
+fn covers(page: &str, row: &str) -> bool {
+    let cells =
+        |row: &str| -> Vec<String> { row.split('|').map(|c| c.trim().to_owned()).collect() };
+    let (page, row) = (cells(page), cells(row));
+    let [_, name, _, _, on, stops, _, codes, ..] = row.as_slice() else {
+        return false;
+    };
+    let [_, known, _, _, on_known, stops_known, _, codes_known, ..] = page.as_slice() else {
+        return false;
+    };
+    let fits = |count: &str, known: &str| count == "0" || known != "0";
+    let known_codes: Vec<&str> = codes_known.split(", ").collect();
+    name == known
+        && fits(on, on_known)
+        && fits(stops, stops_known)
+        && codes
+            .split(", ")
+            .all(|code| code.is_empty() || known_codes.contains(&code))
+}
+
+/// Every run of these faults.
+fn cases<'a>(entries: &[&'a Entry], seeds: u64, quick: bool) -> Vec<Case<'a>> {
+    let mut cases = Vec::new();
+    for entry in entries {
+        let times = match entry.course {
+            Course::Drive(_) => &TIMES[..],
+            Course::Model(_) => &MODEL_TIMES[..],
+            _ => &TIMES[..1],
+        };
+        for &after_ms in times.iter().take(if quick { 1 } else { times.len() }) {
+            cases.extend((1..=seeds).map(|seed| Case {
+                entry,
+                after_ms,
+                seed,
+            }));
+        }
+    }
+    cases
+}
+
+/// Does all runs on the threads of the current pool.
+pub fn campaign(campaign: &Campaign, entries: &[&Entry], seeds: u64) -> Result<Report, Error> {
+    let all = cases(entries, seeds, campaign.quick);
+    let progress = Progress::new(all.len(), "runs");
+    let interrupt = watch_for_interrupt()?;
+    let longest = if campaign.quick { TIMES[0] } else { TIMES[2] };
+    let references: Vec<Reference> = match entries.iter().any(|entry| entry.needs_images()) {
+        true => (1..=seeds)
+            .into_par_iter()
+            .map(|seed| reference(campaign, seed, longest))
+            .collect::<Result<_, Error>>()?,
+        false => vec![Reference::new(); seeds as usize],
+    };
+    let robots = UnderWay::of(&all);
+    let mut order: Vec<usize> = (0..all.len()).collect();
+    order.sort_by_cached_key(|&k| robots.place(&all[k]));
+    let done: Vec<(usize, Option<Outcome>)> = order
+        .into_par_iter()
+        .with_max_len(1)
+        .map(|k| {
+            let case = &all[k];
+            if interrupt.load(Relaxed) {
+                return Ok((k, None));
+            }
+            let reference = &references[case.seed as usize - 1];
+            let outcome = run_case(campaign, case, reference, &robots);
+            progress.advance();
+            let named = |error| Error::Failure(format!("{}: {error}", case.entry.name));
+            let outcome = outcome.map_err(named)?;
+            Ok((k, Some(outcome)))
+        })
+        .collect::<Result<_, Error>>()?;
+    let mut outcomes = vec![None; all.len()];
+    for (k, outcome) in done {
+        outcomes[k] = outcome;
+    }
+    let rows = entries.iter().map(|entry| {
+        let runs = all.iter().zip(&outcomes);
+        let runs = runs.filter(|(case, _)| std::ptr::eq(case.entry, *entry));
+        Row::of(entry, runs.filter_map(|(_, run)| run.clone()).collect())
+    });
+    Ok(Report {
+        world: campaign.scenario.world.label(),
+        seeds,
+        interrupted: interrupt.load(Relaxed),
+        rows: rows.filter(|row| !row.outcomes.is_empty()).collect(),
+    })
+}
+
+/// The robot with everything fitted, on tyres that roll with a little resistance: with its motors off it comes to rest.
+pub fn scenario(world: Option<&str>) -> Result<Scenario, Error> {
+    let mut scenario = Scenario::in_world(world)?;
+    let plant = &mut scenario.world.plant;
+    plant.rolling_resistance = plant.rolling_resistance.max(0.02);
+    scenario.world.sensors.gyro.fitted = true;
+    scenario.world.sensors.accelerometer.fitted = true;
+    scenario.mission.time_limit_s = 60.0;
+    Ok(scenario)
+}
+
+/// The entries that `--only` selects: those that need no images without them.
+fn chosen<'a>(all: &'a [Entry], args: &FaultsArgs) -> Result<Vec<&'a Entry>, Error> {
+    let images = args.on == Place::Virtual;
+    let possible: Vec<&Entry> = all
+        .iter()
+        .filter(|entry| images || !entry.needs_images())
+        .collect();
+    let unknown = |only: &&String| {
+        !possible
+            .iter()
+            .any(|entry| entry.name.contains(only.as_str()))
+    };
+    if let Some(only) = args.only.iter().find(unknown) {
+        let names: Vec<&str> = possible.iter().map(|entry| entry.name).collect();
+        return Err(Error::input(format!(
+            "--only {only}: no fault has this text in its name; the faults are: {}{}",
+            names.join(", "),
+            if images {
+                ""
+            } else {
+                "; --on virtual has more"
+            }
+        )));
+    }
+    let is_chosen = |entry: &&Entry| {
+        args.only.is_empty()
+            || args
+                .only
+                .iter()
+                .any(|only| entry.name.contains(only.as_str()))
+    };
+    Ok(possible.into_iter().filter(is_chosen).collect())
+}
+
+/// Settings of all runs.
+fn settings(args: &FaultsArgs) -> Result<Campaign, Error> {
+    let images = match args.on {
+        Place::Virtual => Some(args.images.open()?),
+        Place::InProcess => None,
+        Place::Serial(_) => {
+            return Err(Error::input(
+                "--on: faults are put into in-process or virtual boards",
+            ));
+        }
+    };
+    if images.is_none() {
+        refuse(&args.images.given())?;
+    }
+    Ok(Campaign {
+        scenario: scenario(args.choice.world.as_deref())?,
+        images,
+        quick: args.quick,
+    })
+}
+
+/// Runs the command.
+pub fn run(args: &FaultsArgs) -> Result<(), Error> {
+    let all = catalogue();
+    let entries = chosen(&all, args)?;
+    args.json.check()?;
+    let committed = match args.check {
+        true => std::fs::read_to_string(PAGE)
+            .map_err(|error| Error::input(format!("{PAGE}: {error}")))?,
+        false => String::new(),
+    };
+    let trials = settings(args)?;
+    let pool = pool(args.threads)?;
+    let seeds = if args.quick { 1 } else { u64::from(args.seeds) };
+    let report = pool.install(|| campaign(&trials, &entries, seeds))?;
+    args.json
+        .write(&Provenance::of(&trials.scenario, 1), &report)?;
+    let text = report.markdown() + &report.complaints();
+    args.json.print_page(&text)?;
+    if report.interrupted {
+        let text = "interrupted: the table is that of the runs so far";
+        return Err(Error::Interrupted(text.to_owned()));
+    }
+    match report.wrong() {
+        0 => {}
+        wrong => return Err(Error::Failure(format!("{wrong} runs failed"))),
+    }
+    match report.unexpected(&committed, args.quick) {
+        Some(row) if args.check => Err(Error::Failure(format!(
+            "differs from {PAGE} (tools/scripts/regenerate.py faults rewrites it):\n{row}"
+        ))),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,401 @@
+//! `cfmmr follow` and `cfmmr track`: path following and trajectory tracking.
+
+use crate::experiments::Context;
+use crate::experiments::arguments::LogArgs;
+use crate::experiments::arguments::{Common, RobotArgs, SensorArgs, parse_posture};
+use crate::experiments::posture::Variant;
+use crate::experiments::result::end_lines;
+use clap::Args;
+use host_sim::base::error::Error;
+use host_sim::base::numbers::{number, whole};
+use host_sim::paths;
+use host_sim::paths::Path;
+use host_sim::run::end::RunEnd;
+use host_sim::run::path_run;
+use host_sim::run::path_run::{Deviation, Errors, Moment, Outcome, PathMode, Route};
+use host_sim::run::robot::Record;
+use host_sim::scenario::effect::{Taken, Use};
+use output::files::{Csv, OutputDir};
+use output::table::Table;
+use recording::csv;
+use serde::Serialize;
+use std::path::Path as FilePath;
+use view::figures;
+use view::figures::{FollowErrors, FollowRun, Snapshot};
+use view::page;
+
+/// Drive along a path.
+#[derive(Clone, Debug, Args)]
+pub struct DriveArgs {
+    /// Largest speed along the path, m/s; `track` allows at most 90 % of the robot's limit
+    /// [default: the scenario's, 0.2]
+    #[arg(long, value_name = "M/S", value_parser = number)]
+    pub speed: Option<f64>,
+    /// Length of the line, radius of the circle or half width of the figure eight, m [default: 3,
+    /// 1, 1.5]
+    #[arg(long, value_name = "M", value_parser = number)]
+    pub size: Option<f64>,
+    /// Number of laps of a closed path
+    #[arg(long, default_value_t = 1, value_parser = whole::<u32>(1..=10_000))]
+    pub laps: u32,
+    /// Start posture of the midpoint O, as in `posture` [default: on the first point of the path,
+    /// along it]
+    #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
+    pub from: Option<String>,
+    /// Sensors.
+    #[command(flatten)]
+    pub sensors: SensorArgs,
+}
+
+/// Arguments of `follow` and `track`.
+#[derive(Clone, Debug, Args)]
+pub struct FollowArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Recording of the run.
+    #[command(flatten)]
+    pub log: LogArgs,
+    /// Path: line, circle, figure-eight, or a CSV file of waypoints (columns x,y in m)
+    #[arg(long, default_value = "figure-eight", value_name = "PATH")]
+    pub path: String,
+    /// Sensors, start and speed.
+    #[command(flatten)]
+    pub drive: DriveArgs,
+    /// The robot.
+    #[command(flatten)]
+    pub robot: RobotArgs,
+}
+
+/// Most epochs that are kept of a run for log and picture.
+pub const MOST_ROWS: usize = 20_000;
+/// Least distance between two robots in the picture, m.
+const APART_M: f64 = 0.65;
+
+/// The result of the commands.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// The path as given.
+    pub path: String,
+    /// Its length over all laps, m.
+    pub length_m: f64,
+    /// Largest speed, m/s.
+    pub speed_m_s: f64,
+    /// True if the relative position sensor was fitted.
+    pub rps: bool,
+    /// True if inertial sensors were fitted.
+    pub imu: bool,
+    /// Fusion.
+    pub fusion: &'static str,
+    /// Errors of the true midpoint.
+    #[serde(flatten)]
+    pub truth: Errors,
+    /// Errors of the midpoint as the robot estimated it.
+    pub estimate: Errors,
+    /// Largest |curvature| of the path, 1/m.
+    pub path_curvature: f64,
+    /// Largest true |curvature| of the midpoint's way, 1/m.
+    pub max_curvature: f64,
+    /// Curvature bound of the frame, 1/m.
+    pub curvature_bound: f64,
+    /// End of the run.
+    pub end: RunEnd,
+}
+
+/// Name of the command, and what it does.
+pub fn names(path_mode: PathMode) -> (&'static str, &'static str) {
+    match path_mode {
+        PathMode::Follow => ("follow", "Path following"),
+        PathMode::Track => ("track", "Trajectory tracking"),
+    }
+}
+
+/// A path and how it is to be driven.
+#[derive(Clone, Debug)]
+pub struct Course {
+    /// As given.
+    pub name: String,
+    /// One lap.
+    pub path: Path,
+    /// Driven route.
+    pub route: Route,
+    /// Largest speed, m/s.
+    pub speed_m_s: f64,
+}
+
+/// Keys that the path decides.
+pub const PATH: Taken = &[
+    ("mission.start", "along a path: use --from"),
+    ("mission.goal", "along a path: the path ends there"),
+    (
+        "mission.time_limit_s",
+        "along a path: the expected duration decides",
+    ),
+];
+
+/// Reads path, speed and start, and writes them into the scenario.
+pub fn prepare(args: &FollowArgs, context: &mut Context, purpose: Use) -> Result<Course, Error> {
+    let path = paths::named(&args.path, ("--size", args.drive.size))
+        .map_err(|error| Error::input(format!("--path {}: {error}", args.path)))?;
+    if args.drive.laps != 1 && !path.is_closed() {
+        return Err(Error::input(format!(
+            "--laps {}: must be 1 because the path {} is open",
+            args.drive.laps, args.path
+        )));
+    }
+    let scenario = &mut context.scenario;
+    args.drive.sensors.apply(scenario);
+    let limits = &mut scenario.robot.lead.course.path;
+    let most = f64::from(scenario.robot.limits.max_speed_m_s);
+    if let Some(speed) = args.drive.speed {
+        if !(speed >= f64::from(limits.min_speed_m_s) && speed <= most) {
+            return Err(Error::input(format!(
+                "--speed {speed}: must be a number from {} to {} m/s",
+                limits.min_speed_m_s, scenario.robot.limits.max_speed_m_s
+            )));
+        }
+        limits.max_speed_m_s = speed as f32;
+    }
+    let speed = f64::from(limits.max_speed_m_s).min(most);
+    let route = Route::new(&path, args.drive.laps, scenario)
+        .map_err(|error| Error::input(format!("path {}: {error}", args.path)))?;
+    scenario.mission.start = match &args.drive.from {
+        Some(text) => parse_posture(text).map_err(Error::Input)?,
+        None => route.start(),
+    };
+    scenario.check()?;
+    let [planned, _] = path_run::start_distances(scenario);
+    route
+        .check_start(scenario.mission.start, planned)
+        .map_err(|error| Error::input(format!("path {}: {error}", args.path)))?;
+    context.check_keys(PATH, &[(&context.scenario, purpose)])?;
+    context.output()?;
+    Ok(Course {
+        name: args.path.clone(),
+        path,
+        route,
+        speed_m_s: speed,
+    })
+}
+
+/// Table, result and files of a run.
+pub fn publish(
+    context: &Context,
+    course: &Course,
+    path_mode: PathMode,
+    outcome: &Outcome,
+    moments: &[Moment],
+) -> Result<(String, Report, OutputDir), Error> {
+    let (name, title) = names(path_mode);
+    let (scenario, route) = (&context.scenario, &course.route);
+    let mut files = context.output()?;
+    let variant = Variant::of(scenario);
+    let report = Report {
+        path: course.name.clone(),
+        length_m: route.path().length(),
+        speed_m_s: (course.speed_m_s * 1e6).round() / 1e6,
+        rps: variant.rps,
+        imu: variant.imu,
+        fusion: variant.fusion(),
+        truth: outcome.truth,
+        estimate: outcome.estimate,
+        path_curvature: course.path.max_curvature(),
+        max_curvature: outcome.max_curvature,
+        curvature_bound: route.curvature_bound(),
+        end: outcome.end.clone(),
+    };
+    let records: Vec<Record> = moments.iter().map(|moment| moment.record).collect();
+    let run = followed(route, path_mode, moments, &records);
+    let shape = FilePath::new(&course.name).file_stem();
+    let shape = shape.map_or(course.name.clone(), |stem| {
+        stem.to_string_lossy().into_owned()
+    });
+    let heading = format!("{title}: {shape}, {}", variant.label());
+    let figure = figures::follow(&heading, &context.body(), &run);
+    files.text(&format!("{name}.svg"), figure.svg());
+    files.bytes(&format!("{name}.png"), figure.png());
+    files.csv("errors.csv", errors(moments));
+    files.csv("ends.csv", csv::of_ends([&outcome.end]));
+    files.csv("log.csv", csv::of_records(&records));
+    let both = |moment: &Moment| {
+        [&moment.truth, &moment.estimate].map(|deviation| {
+            let distance = match path_mode {
+                PathMode::Follow => deviation.lateral_m,
+                PathMode::Track => deviation.distance_m,
+            };
+            [distance, deviation.heading_rad]
+        })
+    };
+    let shown = page::Run {
+        title: heading.clone(),
+        name: variant.label(),
+        goal: Some(route.goal()),
+        reference: run.reference.clone(),
+        errors: moments.iter().map(both).collect(),
+        records: moments.iter().map(|moment| &moment.record).collect(),
+        distance: match path_mode {
+            PathMode::Follow => "Distance to the left of the path",
+            PathMode::Track => "Distance from the reference",
+        },
+        end: &outcome.end,
+        summary: summary(&report),
+        scenario,
+    };
+    page::add(&mut files, &context.subtitle(), &context.body(), &[shown]);
+    Ok((table(&heading, &report, outcome), report, files))
+}
+
+/// A run for its picture.
+fn followed(
+    route: &Route,
+    path_mode: PathMode,
+    moments: &[Moment],
+    records: &[Record],
+) -> FollowRun {
+    FollowRun {
+        reference: route
+            .path()
+            .samples()
+            .iter()
+            .map(|at| [at.x, at.y])
+            .collect(),
+        driven: moments
+            .iter()
+            .map(|moment| [moment.record.midpoint[0], moment.record.midpoint[1]])
+            .collect(),
+        snapshots: snapshots(records),
+        distance_label: match path_mode {
+            PathMode::Follow => "distance to the left of the path",
+            PathMode::Track => "distance from the reference",
+        },
+        truth: over_time(moments, path_mode, |moment| &moment.truth),
+        estimate: over_time(moments, path_mode, |moment| &moment.estimate),
+    }
+}
+
+/// Rows of the page's summary.
+fn summary(report: &Report) -> Vec<(String, String)> {
+    let row = |name: &str, value: String| (name.to_owned(), value);
+    let errors = |errors: &Errors| {
+        format!(
+            "rms {:.2} mm, largest {:.2} mm, final {:.2} mm and {:.2}°",
+            1e3 * errors.rms_m,
+            1e3 * errors.max_m,
+            1e3 * errors.final_m,
+            errors.final_heading_rad.to_degrees()
+        )
+    };
+    vec![
+        row("Path", report.path.clone()),
+        row(
+            "Length",
+            format!("{:.2} m at up to {} m/s", report.length_m, report.speed_m_s),
+        ),
+        row("Errors of the midpoint", errors(&report.truth)),
+        row("Errors as estimated", errors(&report.estimate)),
+        row(
+            "Largest curvature",
+            format!(
+                "path {:.2}, true {:.2}, bound of the frame {:.2} 1/m",
+                report.path_curvature, report.max_curvature, report.curvature_bound
+            ),
+        ),
+    ]
+}
+
+/// Every n-th moment, so that a curve has at most this many points.
+const MOST_POINTS: usize = 2_000;
+
+fn over_time(
+    moments: &[Moment],
+    path_mode: PathMode,
+    of: impl Fn(&Moment) -> &Deviation,
+) -> FollowErrors {
+    let mut errors = FollowErrors::default();
+    for moment in moments
+        .iter()
+        .step_by(moments.len().div_ceil(MOST_POINTS).max(1))
+    {
+        let deviation = of(moment);
+        errors.t_s.push(moment.record.time_s);
+        errors.distance_m.push(match path_mode {
+            PathMode::Follow => deviation.lateral_m,
+            PathMode::Track => deviation.distance_m,
+        });
+        errors.heading_rad.push(deviation.heading_rad);
+    }
+    errors
+}
+
+/// The robot at the start, at the end and between, where it does not stand on another one.
+fn snapshots(records: &[Record]) -> Vec<Snapshot> {
+    let mut shown: Vec<&Record> = Vec::new();
+    for share in [0.0, 1.0, 0.33, 0.67, 0.17, 0.83, 0.5] {
+        let place = share * records.len().saturating_sub(1) as f64;
+        let Some(record) = records.get(place as usize) else {
+            break;
+        };
+        let apart = |other: &&Record| {
+            let [x, y, _] = other.midpoint;
+            (record.midpoint[0] - x).hypot(record.midpoint[1] - y) > APART_M
+        };
+        if shown.iter().all(apart) {
+            shown.push(record);
+        }
+    }
+    shown.into_iter().map(Snapshot::of).collect()
+}
+
+/// Errors over time as a table.
+fn errors(moments: &[Moment]) -> Csv {
+    csv::Row::table(moments.iter().map(|moment| {
+        let (target, truth, estimate) = (&moment.target, &moment.truth, &moment.estimate);
+        let mut row = csv::Row::default();
+        row.put("time_s target_s_m", &[moment.record.time_s, target.s]);
+        let at = [target.x, target.y, target.phi, target.kappa];
+        let names = "target_x_m target_y_m target_phi_rad target_kappa_per_m";
+        row.put(names, &at);
+        let errors = |of: &Deviation| [of.distance_m, of.lateral_m, of.heading_rad];
+        row.put("distance_m lateral_m heading_rad", &errors(truth));
+        let names = "distance_est_m lateral_est_m heading_est_rad";
+        row.put(names, &errors(estimate));
+        row.put("kappa_per_m", &[moment.curvature]);
+        row
+    }))
+}
+
+fn table(heading: &str, report: &Report, outcome: &Outcome) -> String {
+    let mut table = Table::new([
+        "",
+        "rms (mm)",
+        "max (mm)",
+        "max across (mm)",
+        "rms heading (°)",
+        "final (mm)",
+        "final heading (°)",
+    ]);
+    for (name, errors) in [
+        ("true midpoint", &outcome.truth),
+        ("as estimated", &outcome.estimate),
+    ] {
+        table.row([
+            name.to_owned(),
+            format!("{:.2}", 1e3 * errors.rms_m),
+            format!("{:.2}", 1e3 * errors.max_m),
+            format!("{:.2}", 1e3 * errors.max_cross_track_m),
+            format!("{:.2}", errors.rms_heading_rad.to_degrees()),
+            format!("{:.2}", 1e3 * errors.final_m),
+            format!("{:.2}", errors.final_heading_rad.to_degrees()),
+        ]);
+    }
+    let end = end_lines(&report.end, "end of the path");
+    format!(
+        "{heading}\n{:.2} m at up to {} m/s\n\n{table}\n\
+         curvature: path {:.2}, true {:.2}, bound of the frame {:.2} 1/m\n{end}",
+        report.length_m,
+        report.speed_m_s,
+        report.path_curvature,
+        report.max_curvature,
+        report.curvature_bound,
+    )
+}

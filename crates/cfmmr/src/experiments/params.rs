@@ -1,0 +1,400 @@
+//! `cfmmr params`: parameters that boards keep, listed and changed over their links.
+
+use crate::experiments::arguments::{BoardArgs, BoardName};
+use crate::experiments::boards::{Links, flash_of};
+use crate::experiments::result::{JsonArgs, Provenance};
+use clap::{Args, Subcommand, ValueEnum};
+use core_algos::link::Identity;
+use core_algos::params::{Parameter, Settings, Source, TABLE};
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::base::input;
+use host_sim::scenario::board_parameters;
+use host_sim::scenario::board_parameters::{Overlays, Values};
+use output::files;
+use output::table::Table;
+use output::terminal::print;
+use remote::Remote;
+use remote::board_log::BoardLog;
+use remote::link::Loopback;
+use remote::parameters::Kept;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `params`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsArgs {
+    /// Action
+    #[command(subcommand)]
+    pub action: ParamsAction,
+}
+
+/// Action on the parameters of boards.
+#[derive(Clone, Debug, Subcommand)]
+pub enum ParamsAction {
+    /// List all parameters with units and ranges
+    List(ParamsTarget),
+    /// Show the named parameters
+    Get(ParamsGet),
+    /// Set parameters; without --save the values are only checked
+    Set(ParamsSet),
+    /// Export the parameters that differ from the image's defaults
+    Export(ParamsExport),
+    /// Set the parameters of a file
+    Import(ParamsImport),
+}
+
+/// Boards whose parameters are meant.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsTarget {
+    /// Place of the boards; by default in this process, with their flash in files.
+    #[command(flatten)]
+    pub boards: BoardArgs,
+    /// Folder of the flash files of boards that are not real
+    #[arg(long, value_name = "DIR", default_value = "out/flash")]
+    pub flash: PathBuf,
+    /// Boards, separated by commas [default: all]
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
+    pub board: Vec<BoardName>,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+/// Arguments of `params get`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsGet {
+    /// Names of parameters, as `cfmmr parameters` lists them
+    #[arg(value_name = "NAME", required = true)]
+    pub names: Vec<String>,
+    /// Boards.
+    #[command(flatten)]
+    pub target: ParamsTarget,
+}
+
+/// Arguments of `params set`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsSet {
+    /// New values, for example robot.geometry.wheel_radius_m=0.0731
+    #[arg(value_name = "NAME=VALUE", required = true)]
+    pub values: Vec<String>,
+    /// Save the parameters in the flash
+    #[arg(long)]
+    pub save: bool,
+    /// Boards.
+    #[command(flatten)]
+    pub target: ParamsTarget,
+}
+
+/// Arguments of `params export`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsExport {
+    /// Write to this file instead of the terminal
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Export all parameters
+    #[arg(long)]
+    pub all: bool,
+    /// Boards.
+    #[command(flatten)]
+    pub target: ParamsTarget,
+}
+
+/// Arguments of `params import`.
+#[derive(Clone, Debug, Args)]
+pub struct ParamsImport {
+    /// File that `params export` or `calibrate` wrote
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
+    /// Save the parameters in the flash
+    #[arg(long)]
+    pub save: bool,
+    /// Boards.
+    #[command(flatten)]
+    pub target: ParamsTarget,
+}
+
+/// Runs the command.
+pub fn run(args: &ParamsArgs) -> Result<(), Error> {
+    match &args.action {
+        ParamsAction::List(target) => show(target, &TABLE.iter().collect::<Vec<_>>()),
+        ParamsAction::Get(get) => run_get(get),
+        ParamsAction::Set(set) => run_set(set),
+        ParamsAction::Export(export) => run_export(export),
+        ParamsAction::Import(import) => run_import(import),
+    }
+}
+
+/// A parameter of a board, as `--json` has it.
+#[derive(Debug, Serialize)]
+struct Row {
+    board: &'static str,
+    name: &'static str,
+    unit: &'static str,
+    value: f32,
+    from: f32,
+    to: f32,
+    default: f32,
+    source: Source,
+    saved: bool,
+    meaning: &'static str,
+}
+
+/// Change of a parameter.
+#[derive(Debug, Serialize)]
+struct Change {
+    board: &'static str,
+    name: &'static str,
+    unit: &'static str,
+    before: f32,
+    after: f32,
+    saved: bool,
+}
+
+/// Gives `act` each board that is meant, in a session that ends before that of the next board: with one port the others
+/// are reached over the bus, and the board at the port has no session meanwhile.
+fn at_each(
+    target: &ParamsTarget,
+    mut act: impl FnMut(Role, &mut Remote) -> Result<(), Error>,
+) -> Result<(), Error> {
+    let links = Links::new(&target.boards, Some(target.flash.clone()))?;
+    for role in Role::ALL {
+        let named = target.board.iter().any(|name| Role::from(*name) == role);
+        if !target.board.is_empty() && !named {
+            continue;
+        }
+        let link = match links.reach(role, &BoardLog::default())? {
+            Some(link) => link,
+            None => {
+                let build = env!("CARGO_PKG_VERSION");
+                let file = flash_of(&target.flash, role);
+                Box::new(Loopback::keeping(Identity { build, role }, &file)?)
+            }
+        };
+        let mut remote = Remote::new(role, link);
+        if target.boards.any_port() {
+            remote.end_earlier_session()?;
+        }
+        remote.greet()?;
+        act(role, &mut remote)?;
+        remote.leave()?;
+    }
+    Ok(())
+}
+
+fn write_json(target: &ParamsTarget, parameters: &impl Serialize) -> Result<(), Error> {
+    #[derive(Serialize)]
+    struct Values<'a, T> {
+        parameters: &'a T,
+    }
+    target
+        .json
+        .write(&Provenance::default(), &Values { parameters })
+}
+
+fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Error> {
+    let mut rows = Vec::new();
+    at_each(target, |role, remote| {
+        let base = Settings::of(role);
+        for kept in remote.parameters()? {
+            let Kept {
+                parameter,
+                value,
+                source,
+                saved,
+            } = kept;
+            if wanted.iter().any(|other| other.id == parameter.id) {
+                rows.push(Row {
+                    board: role.name(),
+                    name: parameter.name,
+                    unit: parameter.unit,
+                    value,
+                    from: parameter.range.0,
+                    to: parameter.range.1,
+                    default: parameter.get(&base),
+                    source,
+                    saved,
+                    meaning: parameter.meaning,
+                });
+            }
+        }
+        Ok(())
+    })?;
+    // A parameter's name is too long for a column beside its values.
+    let mut text = String::new();
+    let mut names: Vec<&str> = rows.iter().map(|row| row.name).collect();
+    names.dedup();
+    let new = |n: usize| !names[..n].contains(&names[n]);
+    for n in (0..names.len()).filter(|&n| new(n)) {
+        let of_name: Vec<&Row> = rows.iter().filter(|row| row.name == names[n]).collect();
+        let Row {
+            name,
+            unit,
+            from,
+            to,
+            default,
+            ..
+        } = of_name[0];
+        text += &format!("{name}: {from} to {to} {unit}, default {default}\n");
+        for row in of_name {
+            let state = state(row.source, row.saved);
+            text += &format!("  {:<6} {:<12} {state}\n", row.board, row.value);
+        }
+    }
+    write_json(target, &rows)?;
+    target.json.print(&text)
+}
+
+/// Source of a value, in words.
+fn state(source: Source, saved: bool) -> &'static str {
+    match (source, saved) {
+        (_, false) => "not saved",
+        (Source::Default, true) => "default",
+        (Source::Stored, true) => "stored",
+        (Source::Damaged, true) => "default: the stored value is damaged",
+        (Source::OtherVersion, true) => "default: the stored value has another version",
+        (Source::OutOfRange, true) => "default: the stored value is out of range",
+    }
+}
+
+fn run_get(get: &ParamsGet) -> Result<(), Error> {
+    let names = get
+        .names
+        .iter()
+        .map(|name| board_parameters::parameter(name));
+    show(&get.target, &names.collect::<Result<Vec<_>, _>>()?)
+}
+
+fn run_set(set: &ParamsSet) -> Result<(), Error> {
+    if set.target.board.is_empty() {
+        return Err(Error::input(
+            "--board: must name the boards to change, for example --board rear",
+        ));
+    }
+    let values = set.values.iter().map(|text| parse(text));
+    let values = values.collect::<Result<Values, _>>()?;
+    change(&set.target, set.save, |_| Ok(values.clone()))
+}
+
+/// A value from `NAME=VALUE`, within its range.
+fn parse(text: &str) -> Result<(&'static Parameter, f32), Error> {
+    let Some((name, value)) = text.split_once('=') else {
+        return Err(Error::input(format!(
+            "{text}: must be NAME=VALUE, for example robot.geometry.wheel_radius_m=0.0731"
+        )));
+    };
+    let parameter = board_parameters::parameter(name.trim())?;
+    let (low, high) = parameter.range;
+    let number = value.trim().parse().map_err(|_| {
+        Error::input(format!(
+            "{} = {value}: must be a number from {low} to {high}",
+            parameter.name
+        ))
+    })?;
+    Ok((parameter, parameter.validate(number)?))
+}
+
+fn run_import(import: &ParamsImport) -> Result<(), Error> {
+    let name = import.file.display().to_string();
+    let text =
+        input::text(&import.file).map_err(|error| Error::input(format!("{name}: {error}")))?;
+    let overlays = Overlays::parse(&text, &name)?;
+    change(&import.target, import.save, |role| overlays.values(role))
+}
+
+/// Saves values on the boards that have any; gives the number of values written.
+pub fn save(boards: &BoardArgs, flash: &Path, overlays: &Overlays) -> Result<u32, Error> {
+    let mut target = ParamsTarget {
+        boards: boards.clone(),
+        flash: flash.to_owned(),
+        board: Vec::new(),
+        json: JsonArgs::default(),
+    };
+    for name in BoardName::value_variants() {
+        if !overlays.values(Role::from(*name))?.is_empty() {
+            target.board.push(*name);
+        }
+    }
+    let mut written = 0;
+    at_each(&target, |role, remote| {
+        for (parameter, value) in overlays.values(role)? {
+            remote.set_parameter(parameter, value)?;
+        }
+        written += u32::from(remote.save_parameters()?);
+        Ok(())
+    })?;
+    Ok(written)
+}
+
+/// Sets values, shows before and after, and saves if that is wanted. Every value of every board is
+/// known to be in range before the first is set.
+fn change(
+    target: &ParamsTarget,
+    save: bool,
+    wanted: impl Fn(Role) -> Result<Values, Error>,
+) -> Result<(), Error> {
+    let mut changes = Vec::new();
+    let mut written = 0;
+    let done = at_each(target, |role, remote| {
+        let before = remote.parameters()?;
+        for (parameter, value) in wanted(role)? {
+            let old = before.iter().find(|kept| kept.parameter.id == parameter.id);
+            remote.set_parameter(parameter, value)?;
+            changes.push(Change {
+                board: role.name(),
+                name: parameter.name,
+                unit: parameter.unit,
+                before: old.map_or(f32::NAN, |kept| kept.value),
+                after: value,
+                saved: save,
+            });
+        }
+        if save {
+            written += u32::from(remote.save_parameters()?);
+        }
+        Ok(())
+    });
+    if done.is_err() && changes.is_empty() {
+        return done;
+    }
+    let mut table = Table::new(["parameter", "board", "before", "after", "unit"]);
+    for change in &changes {
+        table.row([
+            change.name.to_owned(),
+            change.board.to_owned(),
+            change.before.to_string(),
+            change.after.to_string(),
+            change.unit.to_owned(),
+        ]);
+    }
+    if done.is_ok() {
+        write_json(target, &changes)?;
+    }
+    // After an error the table shows the boards that came before it.
+    let note = match save {
+        true => format!("{written} values written to the flash"),
+        false => "checked and not saved: the boards keep their values; use --save".to_owned(),
+    };
+    target.json.print(&format!("{table}{note}\n"))?;
+    done
+}
+
+fn run_export(export: &ParamsExport) -> Result<(), Error> {
+    let mut overlays = Overlays::default();
+    at_each(&export.target, |role, remote| {
+        let kept = remote.parameters()?;
+        let some = kept.iter().filter(|kept| export.all || kept.is_own());
+        let values: Values = some.map(|kept| (kept.parameter, kept.value)).collect();
+        overlays.put(role, &values);
+        Ok(())
+    })?;
+    let text = overlays.to_toml()?;
+    write_json(&export.target, &overlays)?;
+    match &export.out {
+        Some(path) => {
+            files::write_file(path, &text)?;
+            print(&format!("wrote {}\n", path.display()))
+        }
+        None => export.target.json.print(&text),
+    }
+}

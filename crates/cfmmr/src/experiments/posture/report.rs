@@ -1,0 +1,214 @@
+//! Result of trials: rows, their table and their CSV file.
+
+use super::Trial;
+use super::variant::Variant;
+use host_sim::base::statistics;
+use host_sim::base::statistics::Summary;
+use host_sim::run::end::{EndKind, Ends, RunEnd};
+use host_sim::run::final_error::FinalError;
+use host_sim::run::regulate::Outcome;
+use output::files::Csv;
+use output::table::Table;
+use output::terminal::wrapped;
+use recording::csv;
+use serde::Serialize;
+
+/// Of three degrees of freedom, 99 %.
+pub const CHI_SQUARE_99: f64 = 11.345;
+
+/// One row of the result.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// True if the relative position sensor was fitted.
+    pub rps: bool,
+    /// True if inertial sensors were fitted.
+    pub imu: bool,
+    /// Fusion.
+    pub fusion: &'static str,
+    /// Distance of O from the goal.
+    pub e_m: Summary,
+    /// Distance of O from the goal, 95th percentile of the trials, m.
+    pub e_95_m: f64,
+    /// Heading error of O.
+    pub heading_rad: Summary,
+    /// θ of the paper.
+    pub theta_rad: Summary,
+    /// α of the paper.
+    pub alpha_rad: Summary,
+    /// Share of trials within the tolerance of the goal.
+    pub within_tolerance: f64,
+    /// Share of trials whose task was carried out.
+    pub done: f64,
+    /// Mean of the squared error of the estimate of O over its covariance; 3 if the covariance is right.
+    pub nees: f64,
+    /// True if the 95 % error of the estimate is an upper bound.
+    pub error_95_is_bound: bool,
+    /// Share of trials whose error of the estimate of O lies in the claimed 99 % ellipsoid.
+    pub inside_share: f64,
+    /// Numbers of trials by end.
+    pub ends: Ends,
+    /// End of each trial.
+    pub runs: Vec<RunEnd>,
+    /// Trials reported as reached that were not within the tolerance of the goal.
+    pub false_successes: u32,
+    /// Half axis of the ellipse in which the robot claims to be with 95 %.
+    pub error_95_m: Summary,
+    /// Half the interval in which it claims its heading to be with 95 %.
+    pub error_95_rad: Summary,
+    /// Error of the estimated position of the front axle as seen from the rear axle.
+    pub drift_m: Summary,
+    /// Root mean square of the frame's force in a trial.
+    pub force_rms_n: Summary,
+    /// Time of a trial.
+    pub duration_s: Summary,
+}
+
+/// The result of the command.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Trials in each row.
+    pub trials: u32,
+    /// The rows.
+    pub rows: Vec<Row>,
+    /// Rows of the paper's algorithms in the world `paper`, if they were run.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub paper: Vec<Row>,
+}
+
+/// Summarises the trials of one configuration.
+pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Row {
+    let outcomes: Vec<&Outcome> = trials.iter().map(|trial| &trial.outcome).collect();
+    let errors: Vec<FinalError> = outcomes
+        .iter()
+        .map(|outcome| FinalError::of(outcome.midpoint, goal))
+        .collect();
+    let angle = |pick: fn(&FinalError) -> f64| -> Summary {
+        Summary::of_angles(&errors.iter().map(pick).collect::<Vec<_>>())
+    };
+    let e_m: Vec<f64> = errors.iter().map(|error| error.e_m).collect();
+    let outcome =
+        |pick: fn(&Outcome) -> f64| -> Vec<f64> { outcomes.iter().copied().map(pick).collect() };
+    let runs: Vec<RunEnd> = outcomes.iter().map(|outcome| outcome.end.clone()).collect();
+    let count = |is: fn(&Outcome) -> bool| outcomes.iter().filter(|outcome| is(outcome)).count();
+    let share = |is: fn(&Outcome) -> bool| count(is) as f64 / outcomes.len().max(1) as f64;
+    let error_95 = |k: usize| {
+        let known = runs.iter().filter_map(|end| end.error_95);
+        Summary::of(&known.map(|error| error[k]).collect::<Vec<_>>())
+    };
+    Row {
+        rps: variant.rps,
+        imu: variant.imu,
+        fusion: variant.fusion(),
+        e_m: Summary::of(&e_m),
+        e_95_m: statistics::percentile(&e_m, 0.95),
+        heading_rad: angle(|error| error.heading_rad),
+        theta_rad: angle(|error| error.theta_rad),
+        alpha_rad: angle(|error| error.alpha_rad),
+        within_tolerance: share(|outcome| outcome.within),
+        done: share(|outcome| outcome.end.is_success()),
+        nees: Summary::of(&outcome(|o| o.nees)).mean,
+        inside_share: statistics::share(&outcome(|o| o.nees), |nees| nees <= CHI_SQUARE_99),
+        error_95_is_bound: variant.is_bound(),
+        ends: Ends::of(&runs),
+        false_successes: count(|o| o.end.kind == EndKind::Reached && !o.within) as u32,
+        error_95_m: error_95(0),
+        error_95_rad: error_95(1),
+        runs,
+        drift_m: Summary::of(&outcome(|o| o.relative_error[0].hypot(o.relative_error[1]))),
+        force_rms_n: Summary::of(&outcome(|o| o.force_rms_n)),
+        duration_s: Summary::of(&outcome(|o| o.end.duration_s)),
+    }
+}
+
+/// The rows as a table for the screen.
+pub fn table(rows: &[Row], variants: &[Variant]) -> String {
+    let mut table = Table::new([
+        "sensors",
+        "fusion",
+        "goal error (cm)",
+        "heading error (°)",
+        "95 % error (cm)",
+        "ends",
+    ]);
+    for (row, variant) in rows.iter().zip(variants) {
+        table.row([
+            variant.sensors().to_owned(),
+            variant.fusion().to_owned(),
+            format!("{:.1}", 100.0 * row.e_m.mean),
+            format!("{:.2}", row.heading_rad.mean_abs.to_degrees()),
+            row.error_95_text(),
+            row.ends.text(),
+        ]);
+    }
+    let mut text = table.to_string();
+    text += &wrapped(
+        "goal error, heading error: true midpoint against the goal, means over all trials whatever their end; \
+         95 % error: of the estimated position, as the robot states it, mean",
+    );
+    if rows.iter().any(|row| row.error_95_is_bound) {
+        text += &wrapped(
+            "≤: an upper bound, since without gauges and gyros the friction of the tyres is not known",
+        );
+    }
+    text
+}
+
+impl Row {
+    /// Mean 95 % error of the position, cm.
+    fn error_95_text(&self) -> String {
+        let bound = if self.error_95_is_bound { "≤ " } else { "" };
+        format!("{bound}{:.1}", 100.0 * self.error_95_m.mean)
+    }
+}
+
+/// End of each trial. `table` names the table of the rows.
+pub fn trials_csv<'a>(
+    blocks: impl IntoIterator<Item = (&'a str, &'a Variant, &'a [Trial])>,
+    goal: [f64; 3],
+) -> Csv {
+    let trials = blocks.into_iter().flat_map(|(table, variant, block)| {
+        let numbered = block.iter().enumerate();
+        numbered.map(move |(trial, Trial { outcome, .. })| (table, variant, trial, outcome))
+    });
+    csv::Row::table(trials.map(|(table, variant, trial, outcome)| {
+        let error = FinalError::of(outcome.midpoint, goal);
+        let [dx, dy, _] = outcome.relative_error;
+        let mut row = csv::Row::default();
+        row.put("table", &[table]);
+        row.put("rps imu", &[variant.rps, variant.imu]);
+        row.put("fusion", &[variant.fusion()]);
+        row.put("trial", &[trial]);
+        row.end(&outcome.end);
+        row.put("e_m heading_rad", &[error.e_m, error.heading_rad]);
+        row.put("theta_rad alpha_rad", &[error.theta_rad, error.alpha_rad]);
+        row.put("within_tolerance", &[outcome.within]);
+        row.put("force_rms_n", &[outcome.force_rms_n]);
+        row.put("beam_share", &[outcome.beam_share]);
+        row.put("nees drift_m", &[outcome.nees, dx.hypot(dy)]);
+        row
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core_algos::control::kinematic::PolarError;
+    use core_algos::math::Posture;
+
+    #[test]
+    fn errors_agree_with_the_controllers_own() {
+        // The on-board polar error in f32 is another implementation of the same definitions.
+        for (posture, goal) in [
+            ([-1.3, -1.3, 0.2], [0.0, 0.0, 0.0]),
+            ([0.5, 0.1, 3.0], [1.0, -1.0, -2.5]),
+        ] {
+            let error = FinalError::of(posture, goal);
+            let f = |p: [f64; 3]| Posture::from(p.map(|v| v as f32));
+            let board = PolarError::between(f(posture), f(goal));
+            assert!((error.e_m - f64::from(board.distance_m)).abs() < 1e-5);
+            assert!((error.theta_rad - f64::from(board.theta)).abs() < 1e-5);
+            assert!((error.alpha_rad - f64::from(board.alpha)).abs() < 1e-5);
+            assert!((error.heading_rad - f64::from(board.heading())).abs() < 1e-5);
+        }
+    }
+}

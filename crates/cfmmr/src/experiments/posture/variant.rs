@@ -1,0 +1,89 @@
+//! Configurations of sensors and fusion.
+
+use core_algos::fusion::robot::Mode;
+use host_sim::scenario::Scenario;
+
+/// A configuration of sensors and fusion: one row of the table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Variant {
+    /// True if the relative position sensor is fitted.
+    pub rps: bool,
+    /// True if the axles carry gyroscopes and accelerometers.
+    pub imu: bool,
+    /// Fusion.
+    pub mode: Mode,
+}
+
+impl Variant {
+    const fn new(rps: bool, imu: bool, mode: Mode) -> Self {
+        Self { rps, imu, mode }
+    }
+
+    /// The rows of the whole table, pairs with and without inertial sensors.
+    pub const ALL: [Self; 8] = [
+        Self::new(false, false, Mode::Odometry),
+        Self::new(true, false, Mode::Intersection),
+        Self::new(true, false, Mode::IntersectionIpec),
+        Self::new(true, false, Mode::Joint),
+        Self::new(false, true, Mode::Odometry),
+        Self::new(true, true, Mode::Intersection),
+        Self::new(true, true, Mode::IntersectionIpec),
+        Self::new(true, true, Mode::Joint),
+    ];
+
+    /// Encoders alone, the paper's fusion, the joint filter.
+    pub const MAIN: [Self; 3] = [Self::ALL[0], Self::ALL[2], Self::ALL[3]];
+    /// Only with and without the relative position sensor.
+    pub const PAIR: [Self; 2] = [Self::ALL[0], Self::ALL[3]];
+    /// The joint filter, without and with inertial sensors.
+    pub const JOINT: [Self; 2] = [Self::ALL[3], Self::ALL[7]];
+
+    /// The configuration that a scenario has.
+    pub fn of(scenario: &Scenario) -> Self {
+        Self {
+            rps: scenario.mission.rps,
+            imu: scenario.world.sensors.gyro.fitted,
+            mode: scenario.fusion(),
+        }
+    }
+
+    /// The scenario with this configuration.
+    pub fn apply(&self, scenario: &Scenario) -> Scenario {
+        let mut scenario = scenario.clone();
+        scenario.mission.rps = self.rps;
+        scenario.world.sensors.gyro.fitted = self.imu;
+        scenario.world.sensors.accelerometer.fitted = self.imu;
+        scenario.robot.lead.fusion.mode = self.mode;
+        scenario
+    }
+
+    /// Name of the fusion, as in `robot.lead.fusion.mode`.
+    pub fn fusion(&self) -> &'static str {
+        match self.mode {
+            Mode::Odometry => "odometry",
+            Mode::Intersection => "intersection",
+            Mode::IntersectionIpec => "intersection-ipec",
+            Mode::Joint => "joint",
+        }
+    }
+
+    /// Sensors beside the encoders, or those.
+    pub fn sensors(&self) -> &'static str {
+        match (self.rps, self.imu) {
+            (false, false) => "encoders",
+            (false, true) => "IMU",
+            (true, false) => "gauges",
+            (true, true) => "gauges, IMU",
+        }
+    }
+
+    /// Sensors and fusion.
+    pub fn label(&self) -> String {
+        format!("{}, {}", self.sensors(), self.fusion())
+    }
+
+    /// True if the 95 % error of the estimate is an upper bound: without gauges and gyros the prior of the tyres decides.
+    pub fn is_bound(&self) -> bool {
+        !self.rps && !self.imu
+    }
+}

@@ -1,0 +1,299 @@
+//! A log through the nodes again, as it was or with other parameters.
+
+use super::ReplayArgs;
+use crate::BUILD;
+use crate::experiments::result::Provenance;
+use core_algos::node::robot::RobotConfig;
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::base::input;
+use host_sim::base::statistics::NIS_EXPECTED;
+use host_sim::base::toml_file;
+use host_sim::scenario::Scenario;
+use host_sim::scenario::effect;
+use host_sim::scenario::effect::Use;
+use output::files;
+use output::table::Table;
+use output::terminal::note;
+use recording::log::MAGIC;
+use recording::log::read;
+use recording::log::read::{Event, Recording};
+use recording::log::recover;
+use recording::log::replay;
+use recording::log::replay::{Divergence, Quality};
+use serde::Serialize;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use toml::{Table as Toml, Value};
+
+/// Record of a board.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Recorded {
+    /// Front, rear or beam.
+    pub board: &'static str,
+    /// Ticks.
+    pub ticks: usize,
+    /// Ends of the record: tick, ms, and reason.
+    pub ends: Vec<(u32, String)>,
+}
+
+impl Recorded {
+    fn of(role: Role, events: &[Event]) -> Self {
+        let ticks = events
+            .iter()
+            .filter(|event| matches!(event, Event::Tick(_)));
+        let end = |event: &Event| match event {
+            Event::Off(tick, reason) => Some((*tick, reason.clone())),
+            _ => None,
+        };
+        Self {
+            board: role.name(),
+            ticks: ticks.count(),
+            ends: events.iter().filter_map(end).collect(),
+        }
+    }
+}
+
+/// The result.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Ticks of the board that has most.
+    pub ticks: usize,
+    /// The boards.
+    pub boards: Vec<Recorded>,
+    /// True if every bit is identical; `None` with other parameters.
+    pub identical: Option<bool>,
+    /// The first thing that is not.
+    pub difference: Option<Divergence>,
+    /// The estimates as recorded.
+    pub recorded: Quality,
+    /// With other parameters.
+    pub with: Option<Quality>,
+}
+
+/// Runs the command.
+pub fn run(args: &ReplayArgs) -> Result<(), Error> {
+    let name = args.log.display().to_string();
+    let recording = recording(args, &name)?;
+    let scenario = recording.about.get("scenario").map(String::as_str);
+    let scenario: Scenario = toml_file::parse(scenario.unwrap_or_default(), &name, &[])?;
+    if !scenario.world.bus.quantise {
+        return Err(Error::input(format!(
+            "{name}: recorded with bus.quantise = false: its messages differ from its frames, \
+             so it cannot be replayed"
+        )));
+    }
+    let estimates = replay::recorded_estimates(&recording);
+    let recorded = Quality::of(&estimates, &recording);
+    let mut report = Report {
+        ticks: recording.ticks(),
+        boards: Role::ALL
+            .into_iter()
+            .zip(&recording.boards)
+            .map(|(role, events)| Recorded::of(role, events))
+            .collect(),
+        identical: None,
+        difference: None,
+        recorded,
+        with: None,
+    };
+    let mut text = String::new();
+    match &args.with {
+        None => {
+            report.difference = replay::compare(&recording)?;
+            report.identical = Some(report.difference.is_none());
+            match &report.difference {
+                None => text += &format!("identical over {} ticks\n", report.ticks),
+                Some(divergence) => {
+                    text += &format!("NOT identical: {divergence}\n");
+                    let build = recording.about.get("build");
+                    if let Some(build) = build.filter(|build| *build != BUILD) {
+                        text += &format!("recorded by {build}; this is {BUILD}\n");
+                    }
+                }
+            }
+        }
+        Some(path) => {
+            let file = path.display().to_string();
+            let given =
+                input::text(path).map_err(|error| Error::input(format!("{file}: {error}")))?;
+            let changes = changes(&given, &file)?;
+            effect::check_file(&given, &file, (&scenario, Use::Replay))?;
+            let first = recording
+                .boards
+                .iter()
+                .flatten()
+                .find_map(read::Event::config);
+            // Every start has the same parameters, so what can be changed once always can.
+            let first = first.copied().unwrap_or_default();
+            let changed = apply(&first, &changes, &file)?;
+            let estimates = replay::estimate_again(&recording, &|_| changed)?;
+            report.with = Some(Quality::of(&estimates, &recording));
+        }
+    }
+    for board in report.boards.iter().filter(|board| board.ticks > 0) {
+        text += &format!("{} board: {} ticks", board.board, board.ticks);
+        for (tick, reason) in &board.ends {
+            text += &format!("; off at {tick} ms: {reason}");
+        }
+        text += "\n";
+    }
+    text += &table(&report);
+    args.json.write(&Provenance::default(), &report)?;
+    args.json.print(&text)?;
+    match report.difference {
+        Some(_) => Err(Error::Failure("not identical".to_owned())),
+        None => Ok(()),
+    }
+}
+
+/// The log, recovered if that is asked for.
+fn recording(args: &ReplayArgs, name: &str) -> Result<Recording, Error> {
+    let refuse = |error: std::io::Error| {
+        Error::input(format!(
+            "{name}: {error}: must be a log that `cfmmr posture --log FILE` wrote"
+        ))
+    };
+    // Before gigabytes of another file are read.
+    match input::has_edges(&args.log, MAGIC).map_err(refuse)? {
+        [false, _] => {
+            return Err(Error::input(format!(
+                "{name}: not a complete MCAP file: its first bytes are wrong; another type of file"
+            )));
+        }
+        [true, false] if !args.recover => {
+            return Err(Error::input(format!(
+                "{name}: not a complete MCAP file: truncated; `cfmmr replay --recover {name}` writes what is whole"
+            )));
+        }
+        _ => {}
+    }
+    let bytes = input::bytes(&args.log, input::LOG).map_err(refuse)?;
+    if args.recover {
+        let to = args
+            .out
+            .clone()
+            .unwrap_or_else(|| recovered_name(&args.log));
+        let bytes = recover(&bytes, name, &to)?;
+        return read::read(&bytes, &to.display().to_string());
+    }
+    read::read(&bytes, name).map_err(|error| {
+        Error::input(format!(
+            "{error}; `cfmmr replay --recover {name}` writes what is whole"
+        ))
+    })
+}
+
+/// Name of a recovered log: that of the log, without what the program appends while it writes.
+fn recovered_name(log: &Path) -> PathBuf {
+    let name = log.file_name().unwrap_or_default().to_string_lossy();
+    let unfinished = name
+        .strip_prefix('.')
+        .and_then(|name| name.strip_suffix(".partial"));
+    let whole = unfinished.and_then(|name| Some(name.rsplit_once('.')?.0));
+    let whole = whole.unwrap_or(&name);
+    let stem = whole.strip_suffix(".mcap").unwrap_or(whole);
+    log.with_file_name(format!("{stem}.recovered.mcap"))
+}
+
+/// Writes what is whole of a log into a new one, says so, and gives the new one.
+fn recover(bytes: &[u8], name: &str, to: &Path) -> Result<Vec<u8>, Error> {
+    let mut file = files::temporary_beside(to)?;
+    let found = recover::recover(bytes, BufWriter::new(file.as_file_mut()))
+        .map_err(|why| Error::input(format!("{name}: {why}")))?;
+    let written = input::bytes(file.path(), input::LOG)?;
+    file.persist(to)
+        .map_err(|error| Error::Failure(format!("{}: {}", to.display(), error.error)))?;
+    note(format!(
+        "wrote {}: {} messages up to {:.3} s",
+        to.display(),
+        found.messages,
+        found.last_ns as f64 * 1e-9
+    ));
+    const MOST: usize = 10;
+    for what in found.missing.iter().take(MOST) {
+        note(format!("missing: {what}"));
+    }
+    if let Some(more @ 1..) = found.missing.len().checked_sub(MOST) {
+        note(format!("missing: {more} more"));
+    }
+    Ok(written)
+}
+
+/// The part of a scenario that replay can change: `robot`.
+fn changes(text: &str, file: &str) -> Result<Toml, Error> {
+    // As a whole scenario first, for its errors name the line.
+    let _: Scenario = toml_file::parse(text, file, &[])?;
+    let mut given: Toml =
+        toml::from_str(text).map_err(|error| Error::input(format!("{file}: {error}")))?;
+    let robot = given.remove("robot");
+    if let Some(other) = given.keys().next() {
+        return Err(Error::input(format!(
+            "{file}: {other}: no effect in a replay; only the table [robot] can change"
+        )));
+    }
+    match robot {
+        Some(Value::Table(robot)) => Ok(robot),
+        _ => Err(Error::input(format!(
+            "{file}: the table [robot] is missing"
+        ))),
+    }
+}
+
+/// The recorded parameters with changes.
+fn apply(recorded: &RobotConfig, changes: &Toml, file: &str) -> Result<RobotConfig, Error> {
+    let failed = |error: &dyn std::fmt::Display| Error::input(format!("{file}: robot: {error}"));
+    let mut table = Toml::try_from(recorded).map_err(|error| failed(&error))?;
+    toml_file::lay_over(&mut table, changes.clone());
+    let config: RobotConfig = Value::Table(table)
+        .try_into()
+        .map_err(|error| failed(&error))?;
+    config.build().map_err(|error| failed(&error))?;
+    Ok(config)
+}
+
+fn table(report: &Report) -> String {
+    let mut table = Table::new([
+        "",
+        "position rms (mm)",
+        "max (mm)",
+        "at the end (mm)",
+        "heading rms (°)",
+        "at the end (°)",
+        "axle to axle rms (mm)",
+        "NEES",
+        "NIS",
+        "rejected",
+    ]);
+    let number = |value: Option<f64>, scale: f64, digits: usize| {
+        value.map_or("–".to_owned(), |value| {
+            format!("{:.digits$}", scale * value)
+        })
+    };
+    let degrees = 1f64.to_degrees();
+    let rows = [
+        ("recorded", Some(&report.recorded)),
+        ("with the given parameters", report.with.as_ref()),
+    ];
+    for (name, quality) in rows {
+        let Some(quality) = quality else { continue };
+        table.row([
+            name.to_owned(),
+            number(quality.position_rms_m, 1e3, 2),
+            number(quality.position_max_m, 1e3, 2),
+            number(quality.final_position_m, 1e3, 2),
+            number(quality.heading_rms_rad, degrees, 3),
+            number(quality.final_heading_rad, degrees, 3),
+            number(quality.relative_rms_m, 1e3, 3),
+            number(quality.mean_nees, 1.0, 2),
+            format!("{:.2}", quality.mean_nis),
+            format!("{:.1} %", 100.0 * quality.refused),
+        ]);
+    }
+    format!(
+        "\nEstimated less true state of the midpoint O, {} estimates\n\n{table}\n\
+         NEES: normalised square of the error of O, expected 3; NIS: of the innovation of the beam, expected\n\
+         {NIS_EXPECTED}. rejected: innovations beyond the gate.\n",
+        report.recorded.count
+    )
+}

@@ -1,0 +1,39 @@
+//! `cfmmr replay`: a log through the nodes again, as it was or with other parameters.
+
+#[cfg(feature = "full")]
+mod log;
+
+use crate::experiments::result::JsonArgs;
+use clap::Args;
+use host_sim::base::error::Error;
+use std::path::PathBuf;
+
+/// Arguments of `replay`.
+#[derive(Clone, Debug, Args)]
+pub struct ReplayArgs {
+    /// Log that `--log` wrote
+    pub log: PathBuf,
+    /// Write the whole records of a truncated or damaged log to a new log beside it, and replay that
+    #[arg(long)]
+    pub recover: bool,
+    /// File for the recovered log [default: LOG with the ending .recovered.mcap]
+    #[arg(long, value_name = "FILE", requires = "recover")]
+    pub out: Option<PathBuf>,
+    /// Estimate again with the parameters in this file (table `[robot]` of a scenario)
+    #[arg(long, value_name = "FILE")]
+    pub with: Option<PathBuf>,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+/// Runs the command.
+pub fn run(args: &ReplayArgs) -> Result<(), Error> {
+    #[cfg(feature = "full")]
+    return log::run(args);
+    #[cfg(not(feature = "full"))]
+    Err(output::terminal::left_out(&format!(
+        "replay {}",
+        args.log.display()
+    )))
+}

@@ -1,0 +1,184 @@
+//! Results as JSON, with everything that they depend on.
+
+use crate::BUILD;
+use clap::Args;
+use host_sim::base::error::Error;
+use host_sim::run::end::RunEnd;
+use host_sim::scenario::Scenario;
+use output::files;
+use output::terminal;
+use output::terminal::{note, wrapped};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+
+/// Options that do not change the result, with a value each.
+const WITHOUT_EFFECT: [&str; 3] = ["--threads", "--out", "--json"];
+
+/// Everything that a result depends on.
+#[derive(Clone, Debug, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub struct Provenance<'a> {
+    /// Command line, without options that do not change the result.
+    command: String,
+    version: &'static str,
+    /// Hash of the sources.
+    build: &'static str,
+    /// Commit of the sources, if they were under version control.
+    commit: Option<&'static str>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seed: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    world: Option<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scenario: Option<&'a Scenario>,
+}
+
+impl Default for Provenance<'_> {
+    /// A command without a scenario.
+    fn default() -> Self {
+        Self {
+            command: command_line(arguments()),
+            version: env!("CARGO_PKG_VERSION"),
+            build: BUILD,
+            commit: option_env!("COMMIT"),
+            seed: None,
+            world: None,
+            scenario: None,
+        }
+    }
+}
+
+impl<'a> Provenance<'a> {
+    /// Runs of a scenario.
+    pub fn of(scenario: &'a Scenario, seed: u64) -> Self {
+        Self {
+            seed: Some(seed),
+            world: Some(scenario.world.label()),
+            scenario: Some(scenario),
+            ..Self::default()
+        }
+    }
+
+    /// A computation that depends on its input files alone, however they are named on the command line.
+    pub fn of_files(command: &str) -> Self {
+        Self {
+            command: command.to_owned(),
+            ..Self::default()
+        }
+    }
+
+    /// The result with its provenance, as JSON.
+    pub fn json(&self, result: &impl Serialize) -> String {
+        #[derive(Serialize)]
+        struct Whole<'a, T> {
+            run: &'a Provenance<'a>,
+            #[serde(flatten)]
+            result: &'a T,
+        }
+        files::json(&Whole { run: self, result })
+    }
+}
+
+/// Arguments of the program; bytes that are no text stand as �.
+fn arguments() -> impl Iterator<Item = String> {
+    let given = std::env::args_os().skip(1);
+    given.map(|word| word.to_string_lossy().into_owned())
+}
+
+/// The command line as typed, without options that do not change the result.
+fn command_line(arguments: impl Iterator<Item = String>) -> String {
+    let mut words = vec!["cfmmr".to_owned()];
+    let mut arguments = arguments.peekable();
+    while let Some(word) = arguments.next() {
+        match WITHOUT_EFFECT.iter().find(|name| word.starts_with(*name)) {
+            Some(name) if word == *name => drop(arguments.next()),
+            Some(name) if word[name.len()..].starts_with('=') => {}
+            _ => words.push(word),
+        }
+    }
+    words.join(" ")
+}
+
+/// Names a goal that is reached without certainty on standard error, with the remedy.
+pub fn warn(end: &RunEnd, what: &str) {
+    if let Some(warning) = end.warning() {
+        note(format!("cfmmr: {what}: {warning}"));
+    }
+}
+
+/// Lines below the table of a run: its end and notices. Standard error names an uncertain end.
+pub fn end_lines(end: &RunEnd, what: &str) -> String {
+    warn(end, what);
+    let notices = end.notices_text().map(|text| wrapped(&text));
+    format!("end: {}\n{}", end.text(), notices.unwrap_or_default())
+}
+
+/// Destination of the result as JSON.
+#[derive(Clone, Debug, Default, Args)]
+pub struct JsonArgs {
+    /// Write the result as JSON to FILE; `-`: to standard output, the table to standard error
+    #[arg(id = "json", long = "json", value_name = "FILE")]
+    file: Option<PathBuf>,
+}
+
+impl JsonArgs {
+    /// Checks before the computation that the file can be written.
+    pub fn check(&self) -> Result<(), Error> {
+        match &self.file {
+            Some(path) if !self.is_standard_output() => files::try_file(path)
+                .map_err(|error| Error::input(format!("--json {}: {error}", path.display()))),
+            _ => Ok(()),
+        }
+    }
+
+    /// Writes the result.
+    pub fn write(&self, run: &Provenance, result: &impl Serialize) -> Result<(), Error> {
+        match &self.file {
+            None => Ok(()),
+            Some(_) if self.is_standard_output() => terminal::print(&run.json(result)),
+            Some(path) => Ok(files::write_file(path, run.json(result))?),
+        }
+    }
+
+    /// Prints text for people: to standard error if standard output carries the result.
+    pub fn print(&self, text: &str) -> Result<(), Error> {
+        match self.is_standard_output() {
+            true => note(text.trim_end()),
+            false => terminal::print(text)?,
+        }
+        Ok(())
+    }
+
+    /// Prints a page for people; see [`Self::print`].
+    pub fn print_page(&self, markdown: &str) -> Result<(), Error> {
+        match self.is_standard_output() {
+            true => self.print(markdown),
+            false => terminal::print_page(markdown),
+        }
+    }
+
+    fn is_standard_output(&self) -> bool {
+        self.file.as_deref() == Some(Path::new("-"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn command_line_omits_options_that_do_not_change_the_result() {
+        for (typed, kept) in [
+            (
+                "posture --seed 3 --threads 2 --out a",
+                "cfmmr posture --seed 3",
+            ),
+            ("--json=x --trials 2 --out=b", "cfmmr --trials 2"),
+            ("params get --json -", "cfmmr params get"),
+            ("world careful --toml", "cfmmr world careful --toml"),
+        ] {
+            let words = typed.split(' ').map(str::to_owned);
+            assert_eq!(command_line(words), kept);
+        }
+    }
+}

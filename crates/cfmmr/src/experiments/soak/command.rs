@@ -1,0 +1,224 @@
+//! `cfmmr soak`: hours of driving, and whether anything drifts or grows.
+
+use crate::experiments::arguments::{Place, WorldChoice, place};
+use crate::experiments::result::{JsonArgs, Provenance};
+use crate::experiments::soak;
+use crate::experiments::soak::{Drift, MEMORY_KIB, PAIR_M, PAIR_RAD, Report, Window};
+use clap::Args;
+use host_sim::base::error::Error;
+use host_sim::base::numbers::whole;
+use host_sim::base::statistics::NIS_EXPECTED;
+use host_sim::run::simulation::Simulation;
+use host_sim::scenario::Scenario;
+use output::progress::Progress;
+use remote::board_log::BoardLog;
+use remote::images::Images;
+use remote::interrupt::watch_for_interrupt;
+use remote::virtual_robot::report::BoardReport;
+use remote::virtual_robot::{Options, VirtualRobot};
+use serde::Serialize;
+use std::fmt::Write;
+use std::sync::atomic::Ordering::Relaxed;
+use std::time::Instant;
+
+/// Arguments of `soak`.
+#[derive(Clone, Debug, Args)]
+pub struct SoakArgs {
+    /// The world.
+    #[command(flatten)]
+    pub choice: WorldChoice,
+    /// Number of ticks (ms)
+    #[arg(long, default_value_t = 10_000_000, value_parser = whole::<u64>(10_000..=4_000_000_000))]
+    pub ticks: u64,
+    /// Place of the boards: in-process, or virtual (their images on virtual boards, built if needed)
+    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = place)]
+    pub on: Place,
+    /// Seed of all random draws; one seed gives the same bytes
+    #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
+    pub seed: u64,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
+}
+
+/// Parts that are reported.
+const WINDOWS: u64 = 10;
+
+/// Content of the JSON file.
+#[derive(Clone, Debug, Serialize)]
+struct Measured {
+    #[serde(flatten)]
+    report: Report,
+    /// Simulated time over time taken.
+    real_time_factor: f64,
+    /// Virtual boards.
+    boards: Vec<BoardReport>,
+    problems: Vec<String>,
+}
+
+/// A window's row of the table.
+fn row(window: &Window) -> String {
+    let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.2}"));
+    let error = window.position_m.map(|error| 1e2 * error);
+    format!(
+        "| {} | {:.3} | {} of {} | {} | {} | {:.1} | {:.1} | {:.2} | {:.2} | {} | {} | {} |\n",
+        window.end,
+        window.nis,
+        window.gated,
+        window.innovations,
+        number(window.nees),
+        number(error),
+        1e2 * window.sigma_m,
+        window.sigma_rad.to_degrees(),
+        1e3 * window.relative_m,
+        1e3 * window.relative_rad,
+        window.reached,
+        window.missed,
+        window
+            .resident_kib
+            .map_or(String::new(), |kib| kib.to_string()),
+    )
+}
+
+/// The page.
+fn markdown(measured: &Measured, scenario: &Scenario) -> String {
+    let report = &measured.report;
+    let (command, boards) = match measured.boards.is_empty() {
+        true => (
+            "> docs/soak.md",
+            "The boards run in the program without a restart",
+        ),
+        false => (
+            "--on virtual",
+            "The boards are virtual and run without a restart",
+        ),
+    };
+    let mut text = format!(
+        "# Soak\n\n\
+         Printed by `cfmmr soak --ticks {} {command}`. {:.2} hours of robot time: {} ticks with all\n\
+         sensors, all noise and a bus that loses {} % of the frames, from goal to goal in a square of 3 m\n\
+         (world: {}). {boards}. Position is by dead reckoning only.\n\n\
+         - *σ*: largest estimated standard deviation of position and heading.\n\
+         - *error*: position error at the goals, rms. *pair*: error of the relative posture of the axles, rms.\n\
+         - *NEES*: normalised square of the error, expected 3. *NIS*: of the beam's innovation, expected {NIS_EXPECTED}.\n\
+           Successive values are correlated.\n\
+         - *memory*: resident memory of the process with the pages of the program file, so the value differs between\n\
+           builds and machines. The limit is on its growth.\n\n\
+         | ticks | NIS | gated | NEES | error (cm) | σ (cm) | σ (°) | pair (mm) | pair (mrad) | goals reached | missed | memory (KiB) |\n\
+         |---|---|---|---|---|---|---|---|---|---|---|---|\n",
+        report.ticks,
+        soak::seconds(report.ticks) / 3600.0,
+        report.ticks,
+        100.0 * scenario.world.bus.loss,
+        scenario.world.label(),
+    );
+    for window in &report.windows {
+        text += &row(window);
+    }
+    if let Some(Drift { mean, gain, error }) = report.nis {
+        let _ = writeln!(
+            text,
+            "\nNIS: mean {mean:.3}; least-squares trend {gain:.3} ± {error:.3} over the run."
+        );
+    }
+    for board in &measured.boards {
+        let _ = writeln!(
+            text,
+            "\n{} board: longest tick {} µs, missed {}, load {:.0} %, findings {}, resets {}.",
+            board.name,
+            board.longest_tick_us,
+            board.missed_ticks,
+            100.0 * board.load,
+            board.findings.len(),
+            board.resets.len()
+        );
+    }
+    let faults: Vec<String> = report
+        .faults
+        .iter()
+        .map(|(reason, count)| format!("{reason}: {count}"))
+        .collect();
+    let faults = match faults.is_empty() {
+        true => "none".to_owned(),
+        false => faults.join(", "),
+    };
+    let _ = writeln!(
+        text,
+        "\nStops for a fault: {faults}. Speed: {:.1} times real time.",
+        measured.real_time_factor
+    );
+    text += &verdict(&measured.problems);
+    text
+}
+
+/// Last sentences of the page: the limits that hold, or the failures.
+fn verdict(problems: &[String]) -> String {
+    match problems {
+        [] => format!(
+            "The trend of the NIS is within three standard errors or a tenth of the mean. The pair error stays\n\
+             within {} mm and {} mrad. Memory grows by at most {MEMORY_KIB} KiB after the first window.\n",
+            1e3 * PAIR_M,
+            1e3 * PAIR_RAD
+        ),
+        problems => format!("Failed: {}.\n", problems.join("; ")),
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &SoakArgs) -> Result<(), Error> {
+    args.json.check()?;
+    if !args.ticks.is_multiple_of(10) {
+        return Err(Error::input(format!(
+            "--ticks {}: must be a multiple of 10: the robot is judged at the end of an epoch",
+            args.ticks
+        )));
+    }
+    if matches!(args.on, Place::Serial(_)) {
+        return Err(Error::input(
+            "--on: must be in-process or virtual: a soak compares estimates with the true posture",
+        ));
+    }
+    let in_process = args.on == Place::InProcess;
+    let scenario = soak::scenario(args.choice.world.as_deref(), in_process)?;
+    let interrupt = watch_for_interrupt()?;
+    let progress = Progress::new(soak::pieces(), "soak");
+    let started = Instant::now();
+    let mut advance = || {
+        progress.advance();
+        !interrupt.load(Relaxed)
+    };
+    let run = (args.ticks, WINDOWS, args.seed);
+    let (report, boards) = if in_process {
+        let mut robot = Simulation::new(&scenario, args.seed, 0)?;
+        let report = soak::run(&mut robot, &scenario, run, &mut advance)?;
+        (report, Vec::new())
+    } else {
+        let images = Images::open(None, None)?;
+        let logs = [(); 3].map(|()| BoardLog::default());
+        let options = Options {
+            threads: Options::threads(),
+            ..Options::default()
+        };
+        let mut robot = VirtualRobot::new(&scenario, &images, args.seed, 0, &options, &logs)?;
+        let report = soak::run(&mut robot, &scenario, run, &mut advance)?;
+        (report, robot.reports())
+    };
+    drop(progress);
+    let of_boards = boards.iter().filter_map(|board| board.problem(false));
+    let measured = Measured {
+        real_time_factor: soak::seconds(report.ticks) / started.elapsed().as_secs_f64(),
+        problems: report.problems().into_iter().chain(of_boards).collect(),
+        report,
+        boards,
+    };
+    args.json
+        .write(&Provenance::of(&scenario, args.seed), &measured)?;
+    let printed = args.json.print_page(&markdown(&measured, &scenario));
+    match measured.problems.as_slice() {
+        _ if interrupt.load(Relaxed) => Err(Error::Interrupted(
+            "interrupted: the table is that of the time so far".to_owned(),
+        )),
+        [] => printed,
+        problems => Err(Error::Failure(problems.join("; "))),
+    }
+}

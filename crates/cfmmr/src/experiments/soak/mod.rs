@@ -1,0 +1,546 @@
+//! Hours of driving from goal to goal, with all sensors, all noise and a bus that loses frames: the
+//! estimator's health, faults and memory, window by window.
+//!
+//! The robot is given a goal somewhere in a square, drives there, and is given the next, without a
+//! restart of any node. It goes by dead reckoning throughout, so it knows its place ever less well; at
+//! each goal what it believes is compared with the truth and with what it claims to know. These
+//! comparisons depend on those before, so that their drift is not judged, only their size at the end;
+//! innovations are independent, and their drift is judged. The zeros of the gauges walk, so the error of
+//! the posture of one axle seen from the other grows for hours: its size over the run is judged.
+
+pub mod command;
+
+use core_algos::fusion::ekf::Verdict;
+use core_algos::math::Posture;
+use core_algos::node::lead::Task;
+use core_algos::safety::OperatingState;
+use core_algos::time::{EPOCH, Micros, TICK};
+use core_algos::topology::Node;
+use host_sim::base::error::Error;
+use host_sim::base::statistics;
+use host_sim::base::statistics::nees;
+use host_sim::run::drive::{Errand, Progress, drive};
+use host_sim::run::end::EndKind;
+use host_sim::run::robot::{Record, Robot};
+use host_sim::scenario::Scenario;
+use host_sim::targets::HostCommand;
+use host_sim::world::random::{Stream, generator};
+use rand::RngExt;
+use rand_pcg::Pcg64;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Time for one goal, ticks.
+const PATIENCE: u64 = 60_000;
+/// Time at rest after a goal, ticks.
+const REST: u64 = 500;
+/// Time after which the robot drives on after a fault, ticks.
+const RECOVERY: u64 = 2_000;
+/// Half the side of the square of goals, m.
+const SQUARE_M: f64 = 1.5;
+/// Windows in which the drift of the innovations is looked for.
+const PIECES: u64 = 200;
+/// Memory that the process may take after the first window, KiB.
+pub const MEMORY_KIB: u64 = 1024;
+/// A drift of this share of the mean over the whole run is none.
+pub const DRIFT_SHARE: f64 = 0.1;
+/// Largest error (rms) of the position of one axle seen from the other, m.
+pub const PAIR_M: f64 = 2e-3;
+/// The same of its heading, rad.
+pub const PAIR_RAD: f64 = 8e-3;
+
+/// Largest squared error, of three components, that one sound estimate in a thousand exceeds.
+const WORST: f64 = 16.27;
+
+/// Robot and surroundings of the soak: all sensors, all noise, and, in process, a bus that loses 1 %.
+pub fn scenario(world: Option<&str>, in_process: bool) -> Result<Scenario, Error> {
+    let mut scenario = Scenario::in_world(world)?;
+    scenario.mission.settle_s = 0.0;
+    scenario.world.sensors.gyro.fitted = true;
+    scenario.world.sensors.accelerometer.fitted = true;
+    if in_process {
+        let loss = &mut scenario.world.bus.loss;
+        *loss = loss.max(0.01);
+    }
+    Ok(scenario)
+}
+
+/// A part of the run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Window {
+    /// Tick at its end.
+    pub end: u64,
+    /// Mean normalised innovation squared of the beam; 3 of a consistent estimator.
+    pub nis: f64,
+    /// Innovations.
+    pub innovations: u64,
+    /// Innovations that the gate refused.
+    pub gated: u64,
+    /// Mean normalised squared error of the robot's posture at the goals; 3 of a consistent estimator.
+    pub nees: Option<f64>,
+    /// Root mean square of the error of the robot's position at the goals, m.
+    pub position_m: Option<f64>,
+    /// Largest standard deviation of the robot's position along an axis, m.
+    pub sigma_m: f64,
+    /// Largest standard deviation of the robot's heading, rad.
+    pub sigma_rad: f64,
+    /// Root mean square of the error of the posture of one axle seen from the other: position, m.
+    pub relative_m: f64,
+    /// The same: heading, rad.
+    pub relative_rad: f64,
+    /// Goals reached.
+    pub reached: u64,
+    /// Goals given up.
+    pub missed: u64,
+    /// Resident memory of this process at its end, KiB; missing where the system does not tell.
+    pub resident_kib: Option<u64>,
+}
+
+/// A straight line through values over time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Drift {
+    /// Mean of the values.
+    pub mean: f64,
+    /// Change along the line over the run.
+    pub gain: f64,
+    /// Standard error of that.
+    pub error: f64,
+}
+
+impl Drift {
+    /// The line of least squares through values at times from 0 to 1; none for less than three.
+    pub fn of(values: &[(f64, f64)]) -> Option<Self> {
+        let n = values.len() as f64;
+        let times: Vec<f64> = values.iter().map(|(time, _)| *time).collect();
+        let (time, mean) = (
+            statistics::mean(&times),
+            statistics::sum(values.iter().map(|(_, value)| *value)) / n,
+        );
+        let spread = statistics::sum(times.iter().map(|t| (t - time).powi(2)));
+        if values.len() < 3 || !(spread > 0.0) {
+            return None;
+        }
+        let products = values.iter().map(|(t, value)| (t - time) * (value - mean));
+        let gain = statistics::sum(products) / spread;
+        let rest = |&(t, value): &(f64, f64)| (value - mean - gain * (t - time)).powi(2);
+        let rest = statistics::sum(values.iter().map(rest));
+        let error = (rest / (n - 2.0) / spread).sqrt();
+        Some(Self { mean, gain, error })
+    }
+
+    /// True if the rise exceeds three standard errors and a small share of the mean. A filter that learns constants of
+    /// the robot lets the innovations fall.
+    pub fn is_significant(&self) -> bool {
+        let rises = self.gain > 3.0 * self.error && self.gain > DRIFT_SHARE * self.mean.abs();
+        rises || !(self.gain.is_finite() && self.error.is_finite())
+    }
+}
+
+/// Result of a soak.
+#[derive(Clone, Debug, Serialize)]
+pub struct Report {
+    /// Ticks.
+    pub ticks: u64,
+    /// Windows of equal length.
+    pub windows: Vec<Window>,
+    /// Drift of the innovations.
+    pub nis: Option<Drift>,
+    /// Faults: the first reason of each stop, by name, and how often.
+    pub faults: BTreeMap<&'static str, u64>,
+}
+
+impl Report {
+    /// Violated limits.
+    pub fn problems(&self) -> Vec<String> {
+        let mut problems = Vec::new();
+        match self.nis {
+            Some(drift) if drift.is_significant() => problems.push(format!(
+                "NIS rises by {:.3} ± {:.3} over the run, mean {:.3}",
+                drift.gain, drift.error, drift.mean
+            )),
+            Some(_) => {}
+            None => problems.push("NIS: too few values; the run is too short".to_owned()),
+        }
+        let rms = |of: fn(&Window) -> f64| {
+            let squares: f64 = self.windows.iter().map(|window| of(window).powi(2)).sum();
+            1e3 * (squares / self.windows.len().max(1) as f64).sqrt()
+        };
+        for (error, most, unit) in [
+            (rms(|window| window.relative_m), 1e3 * PAIR_M, "mm"),
+            (rms(|window| window.relative_rad), 1e3 * PAIR_RAD, "mrad"),
+        ] {
+            if !(error <= most) {
+                problems.push(format!(
+                    "pair error {error:.2} {unit}: must be at most {most} {unit}"
+                ));
+            }
+        }
+        let last = self.windows.iter().rev().find_map(|window| window.nees);
+        match last {
+            Some(nees) if nees <= WORST => {}
+            Some(nees) => problems.push(format!(
+                "NEES at the end is {nees:.1}: must be at most {WORST}"
+            )),
+            None => problems.push("NEES: no goal reached; the run is too short".to_owned()),
+        }
+        if let [first, .., last] = self.windows.as_slice()
+            && let (Some(first), Some(last)) = (first.resident_kib, last.resident_kib)
+        {
+            let grown = last.saturating_sub(first);
+            if grown > MEMORY_KIB {
+                problems.push(format!(
+                    "memory grew by {grown} KiB after the first window: must be at most {MEMORY_KIB}"
+                ));
+            }
+        }
+        let missed: u64 = self.windows.iter().map(|window| window.missed).sum();
+        if missed > 0 {
+            problems.push(format!("{missed} goals were not reached"));
+        }
+        for (reason, count) in &self.faults {
+            problems.push(format!("{count} stops: {reason}"));
+        }
+        problems
+    }
+}
+
+/// Sums of a window, or of a piece of it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    nis: f64,
+    innovations: u64,
+    gated: u64,
+    nees: f64,
+    square_m2: f64,
+    goals: u64,
+    variance: [f64; 2],
+    relative: [f64; 2],
+    epochs: u64,
+    reached: u64,
+    missed: u64,
+}
+
+impl Sums {
+    fn window(&self, end: u64) -> Window {
+        let epochs = self.epochs.max(1) as f64;
+        Window {
+            end,
+            nis: self.nis / self.innovations.max(1) as f64,
+            innovations: self.innovations,
+            gated: self.gated,
+            nees: (self.goals > 0).then(|| self.nees / self.goals as f64),
+            position_m: (self.goals > 0).then(|| (self.square_m2 / self.goals as f64).sqrt()),
+            sigma_m: self.variance[0].sqrt(),
+            sigma_rad: self.variance[1].sqrt(),
+            relative_m: (self.relative[0] / epochs).sqrt(),
+            relative_rad: (self.relative[1] / epochs).sqrt(),
+            reached: self.reached,
+            missed: self.missed,
+            resident_kib: resident_kib(),
+        }
+    }
+}
+
+/// Resident memory of this process, KiB.
+fn resident_kib() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmRSS:"))?;
+    line.split_whitespace().nth(1)?.parse().ok()
+}
+
+/// Stage of the drive.
+#[derive(Clone, Copy, Debug)]
+enum Stage {
+    /// It rests until a tick.
+    Resting(u64),
+    /// It drives since a tick.
+    Driving(u64),
+}
+
+/// A soak under way.
+struct Soak<'a> {
+    ticks: u64,
+    windows: u64,
+    advance: &'a mut dyn FnMut() -> bool,
+    random: Pcg64,
+    stage: Stage,
+    /// A drive has ended: the monitor's changes are no longer needed.
+    judged: bool,
+    sums: Sums,
+    piece: Sums,
+    reported: Vec<Window>,
+    /// Mean NIS of each piece at its middle, 0 to 1.
+    innovations: Vec<(f64, f64)>,
+    faults: BTreeMap<&'static str, u64>,
+}
+
+impl Soak<'_> {
+    /// Takes in what the lead node estimates.
+    fn observe(&mut self, record: &Record) {
+        let fused = record.lead.fused;
+        let truth = record.relative;
+        let seen = fused.front.posture.relative_to(fused.rear.posture);
+        let [x, y, phi] = [seen.x, seen.y, seen.phi].map(f64::from);
+        let turned = libm::remainder(phi - truth[2], std::f64::consts::TAU);
+        let covariance = &fused.robot.covariance;
+        let variance = |i: usize| f64::from(covariance[i][i]);
+        for sums in [&mut self.sums, &mut self.piece] {
+            if matches!(fused.beam.verdict, Verdict::Used | Verdict::Gated) {
+                sums.innovations += 1;
+                sums.nis += f64::from(fused.beam.nis);
+                sums.gated += u64::from(fused.beam.verdict == Verdict::Gated);
+            }
+            sums.variance[0] = sums.variance[0].max(variance(0)).max(variance(1));
+            sums.variance[1] = sums.variance[1].max(variance(2));
+            sums.relative[0] += (x - truth[0]).powi(2) + (y - truth[1]).powi(2);
+            sums.relative[1] += turned.powi(2);
+            sums.epochs += 1;
+        }
+    }
+
+    /// Checks for a reached goal or another end of the drive.
+    fn judge(&mut self, robot: &impl Robot, record: &Record, tick: u64) {
+        let Stage::Driving(since) = self.stage else {
+            return;
+        };
+        if tick - since < REST {
+            return;
+        }
+        let lead = &record.lead;
+        let (done, failed) = (lead.done, lead.failed.is_some());
+        let monitor = robot.monitor();
+        let reason = monitor
+            .fault_since(Node::Lead)
+            .and_then(|_| monitor.first_fault()?.reason);
+        if reason.is_none() && !done && !failed && tick - since < PATIENCE {
+            return;
+        }
+        let (estimate, truth) = (lead.fused.robot, record.midpoint);
+        let [x, y] = [estimate.posture.x, estimate.posture.y].map(f64::from);
+        self.sums.nees += nees(&estimate, truth);
+        self.sums.square_m2 += (x - truth[0]).powi(2) + (y - truth[1]).powi(2);
+        self.sums.goals += 1;
+        self.sums.reached += u64::from(done);
+        self.sums.missed += u64::from(!done);
+        self.stage = Stage::Resting(tick + REST);
+        if let Some(reason) = reason {
+            *self.faults.entry(reason.entry().name).or_default() += 1;
+        }
+        self.judged = true;
+    }
+
+    /// Ends a piece and a window, if they end at this tick; false if the run is to end.
+    fn report(&mut self, tick: u64) -> bool {
+        let before = tick - EPOCH / TICK;
+        let ends = |parts: u64| tick * parts / self.ticks > before * parts / self.ticks;
+        let (piece, window) = (ends(PIECES), ends(self.windows));
+        if window {
+            let sums = std::mem::take(&mut self.sums);
+            self.reported.push(sums.window(tick));
+        }
+        if !piece {
+            return true;
+        }
+        let piece = std::mem::take(&mut self.piece);
+        let middle = tick as f64 / self.ticks as f64 - 0.5 / PIECES as f64;
+        if piece.innovations > 0 {
+            let nis = piece.nis / piece.innovations as f64;
+            self.innovations.push((middle, nis));
+        }
+        (self.advance)()
+    }
+}
+
+impl<R: Robot> Errand<R> for Soak<'_> {
+    fn task(&self) -> Option<Task> {
+        None
+    }
+
+    /// Gives the robot a goal, or clears its fault, as often as it takes: what is still wrong is not
+    /// cleared.
+    fn feed(&mut self, robot: &mut R) -> Result<(), Error> {
+        if std::mem::take(&mut self.judged) {
+            robot.control_mut().monitor.forget_changes();
+        }
+        let tick = robot.now() / TICK;
+        let Stage::Resting(until) = self.stage else {
+            return Ok(());
+        };
+        let lead = robot.monitor().latest(Node::Lead);
+        let faulty = lead.is_some_and(|lead| lead.state == OperatingState::Fault);
+        if tick < until {
+            return Ok(());
+        }
+        if faulty {
+            self.stage = Stage::Resting(tick + RECOVERY);
+            return robot.command(&HostCommand::Task(Task::Clear));
+        }
+        let mut uniform = |half: f64| self.random.random_range(-half..half);
+        let [x, y] = [uniform(SQUARE_M), uniform(SQUARE_M)];
+        let goal = Posture::from([x, y, uniform(3.1)].map(|value| value as f32));
+        self.stage = Stage::Driving(tick);
+        robot.command(&HostCommand::Task(Task::regulate(goal)))
+    }
+
+    /// A fault ends no soak.
+    fn must_end(&self, _robot: &R) -> bool {
+        false
+    }
+
+    fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress {
+        let tick = robot.now() / TICK;
+        // The first estimates of a board are those from before it got its place.
+        if since.is_some_and(|since| since >= REST * TICK) {
+            self.observe(record);
+            self.judge(robot, record, tick);
+        }
+        match self.report(tick) {
+            true => Progress::Driving,
+            false => Progress::Over,
+        }
+    }
+}
+
+/// Drives a robot for so many ticks, reported in `windows` equal parts; `advance` is called once for each of
+/// `PIECES` pieces and ends the run if it returns false.
+pub fn run(
+    robot: &mut impl Robot,
+    scenario: &Scenario,
+    (ticks, windows, seed): (u64, u64, u64),
+    advance: &mut dyn FnMut() -> bool,
+) -> Result<Report, Error> {
+    let mut soak = Soak {
+        ticks,
+        windows,
+        advance,
+        random: generator(seed, 1, Stream::Other(1)),
+        stage: Stage::Resting(REST),
+        judged: false,
+        sums: Sums::default(),
+        piece: Sums::default(),
+        reported: Vec::new(),
+        innovations: Vec::new(),
+        faults: BTreeMap::new(),
+    };
+    let end = drive(robot, scenario, seconds(ticks), &mut soak)?;
+    if end.kind == EndKind::NoAnswer {
+        return Err(Error::Failure(end.text()));
+    }
+    Ok(Report {
+        ticks: robot.now() / TICK,
+        windows: soak.reported,
+        nis: Drift::of(&soak.innovations),
+        faults: soak.faults,
+    })
+}
+
+/// Number of times `advance` is called in a run of at least as many ticks.
+pub const fn pieces() -> usize {
+    PIECES as usize
+}
+
+/// Simulated time of so many ticks, s.
+pub fn seconds(ticks: u64) -> f64 {
+    (ticks * TICK) as f64 * 1e-6
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Values about a line, off it by one to either side in turn.
+    fn values(count: u32, gain: f64) -> Vec<(f64, f64)> {
+        let value = |i: u32| {
+            let time = f64::from(i) / f64::from(count);
+            let off = if i.is_multiple_of(2) { 1.0 } else { -1.0 };
+            (time, 3.0 + gain * time + off)
+        };
+        (0..count).map(value).collect()
+    }
+
+    #[test]
+    fn a_line_is_found_with_its_error_and_a_drift_is_told_from_noise() {
+        let drift = Drift::of(&values(400, 2.0)).unwrap();
+        assert!((drift.gain - 2.0).abs() < 0.05, "{drift:?}");
+        // The spread of times that lie evenly from 0 to 1 is n / 12.
+        let error = (12.0f64 / 400.0).sqrt();
+        assert!((drift.error / error - 1.0).abs() < 0.02, "{drift:?}");
+        assert!(drift.is_significant());
+        assert!(!Drift::of(&values(400, 0.2)).unwrap().is_significant());
+        assert!(!Drift::of(&values(4000, -2.0)).unwrap().is_significant());
+        assert!(Drift::of(&values(400, f64::NAN)).unwrap().is_significant());
+        assert_eq!(Drift::of(&values(2, 1.0)), None);
+        assert_eq!(Drift::of(&[(0.5, 1.0); 5]), None);
+    }
+
+    fn sound() -> Report {
+        let window = Window {
+            nis: 3.0,
+            innovations: 1000,
+            nees: Some(2.0),
+            reached: 40,
+            resident_kib: Some(10_000),
+            ..Window::default()
+        };
+        Report {
+            ticks: 1000,
+            windows: vec![window; 5],
+            nis: Drift::of(&values(200, 0.0)),
+            faults: BTreeMap::new(),
+        }
+    }
+
+    #[test]
+    fn each_problem_is_named() {
+        assert!(sound().problems().is_empty());
+        let said = |change: fn(&mut Report), what: &str| {
+            let mut report = sound();
+            change(&mut report);
+            let problems = report.problems();
+            assert!(
+                problems.len() == 1 && problems[0].contains(what),
+                "{problems:?}"
+            );
+        };
+        said(
+            |report| report.nis = Drift::of(&values(200, 3.0)),
+            "NIS rises",
+        );
+        said(
+            |report| report.windows[1].relative_m = 0.1,
+            "mm: must be at most 2 mm",
+        );
+        said(
+            |report| report.windows[1].relative_rad = f64::NAN,
+            "pair error NaN mrad",
+        );
+        said(|report| report.nis = None, "too few");
+        said(
+            |report| report.windows[4].nees = Some(16.3),
+            "NEES at the end",
+        );
+        said(
+            |report| report.windows[4].nees = Some(f64::NAN),
+            "NEES at the end",
+        );
+        said(
+            |report| report.windows[4].resident_kib = Some(10_001 + MEMORY_KIB),
+            "memory grew",
+        );
+        said(|report| report.windows[2].missed = 1, "1 goals");
+        said(
+            |report| {
+                report.faults.insert("wheel slip", 2);
+            },
+            "2 stops: wheel slip",
+        );
+    }
+
+    #[test]
+    fn the_memory_of_this_process_is_known() {
+        let before = resident_kib().unwrap();
+        let block = vec![1u8; 64 << 20];
+        let after = resident_kib().unwrap();
+        assert!(block.iter().all(|byte| *byte == 1) && after > before + 32_000);
+    }
+}

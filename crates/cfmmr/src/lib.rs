@@ -1,0 +1,27 @@
+//! The program `cfmmr`.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`cli`] | the command line, and commands that print |
+//! | [`experiments`] | commands that compute |
+//! | [`dashboard`] | a run on the terminal |
+//!
+//! The feature `full` adds logs with their replay and live server, the dashboard, pages laid out on the terminal, and the
+//! text of the boards' logs. Without it, such an option names the command that builds it.
+
+#[cfg(test)]
+#[macro_use]
+#[path = "../../../core-algos/src/properties.rs"]
+mod properties;
+
+pub mod cli;
+#[cfg(feature = "full")]
+pub mod dashboard;
+#[cfg(not(feature = "full"))]
+#[path = "no_dashboard.rs"]
+pub mod dashboard;
+pub mod experiments;
+mod thinned;
+
+/// Name and version of the program, and a hash of its sources.
+pub const BUILD: &str = env!("BUILD");

@@ -1,0 +1,184 @@
+//! Calibration of the simulated robot: what it does not know of itself is found.
+
+use crate::program::{command, json_file, succeed};
+use crate::terminal::pseudo_terminal;
+use cfmmr::experiments::calibrate::Bench;
+use core_algos::params::find;
+use core_algos::topology::Role;
+use host_sim::scenario::Scenario;
+use host_sim::targets::Target;
+use remote::Remote;
+use remote::board_log::BoardLog;
+use remote::images::Images;
+use remote::virtual_link::VirtualLink;
+use serde_json::Value;
+use std::fs::{self, File};
+use std::io::{Read, Write};
+use std::path::Path;
+use std::process::Stdio;
+
+/// The report of a calibration of the robot of a seed.
+fn calibrate(directory: &Path, what: &str, seed: u32, more: &str) -> Value {
+    let arguments = format!("calibrate {what} --seed {seed} --json report.json {more}");
+    succeed(directory, &arguments);
+    json_file(directory, "report.json")
+}
+
+/// Errors before and after of the parameters whose name ends so.
+fn errors(report: &Value, name: &str) -> Vec<[f64; 2]> {
+    let rows = report["parameters"].as_array().unwrap().iter();
+    let named = rows.filter(|row| row["name"].as_str().unwrap().contains(name));
+    let found: Vec<_> = named
+        .map(|row| {
+            let number = |key: &str| row[key].as_f64().unwrap();
+            ["before", "after"].map(|key| number(key) - number("truth"))
+        })
+        .collect();
+    assert!(!found.is_empty(), "{name}");
+    found
+}
+
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let squares: Vec<f64> = values.map(|value| value * value).collect();
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}
+
+/// Every residual of several robots is within a bound of five standard deviations of what limits it.
+fn assert_found(what: &str, bounds: &[(&str, f64)], more: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    let reports: Vec<Value> = [1, 2, 4]
+        .into_iter()
+        .map(|seed| calibrate(folder.path(), what, seed, more))
+        .collect();
+    for (name, sigma) in bounds {
+        let all: Vec<[f64; 2]> = reports.iter().flat_map(|r| errors(r, name)).collect();
+        let before = rms(all.iter().map(|pair| pair[0]));
+        let after = rms(all.iter().map(|pair| pair[1]));
+        println!("{name}: {before:.3e} before, {after:.3e} after, {sigma:.1e} expected");
+        assert!(
+            all.iter().all(|pair| pair[1].abs() < 5.0 * sigma),
+            "{name}: {all:?}"
+        );
+        assert!(after < 0.5 * before, "{name}: {before} {after}");
+    }
+}
+
+/// Formers good to 0.1 %: four of them at ±1 and ±2 per metre leave 0.07 % common to all gains, and
+/// 1 µε of the edge with 0.4 µε of the formers in the zeros, two counts each.
+#[test]
+fn gauges_are_as_good_as_edge_and_formers() {
+    let bounds = [("zero_counts", 2.2), ("gain", 7e-4)];
+    assert_found("gauges", &bounds, "");
+}
+
+/// Two turns of 18.85 rad with 2 mrad at the marks: 0.75e-4; the bias walks by 0.5e-4 rad/s/√s in the
+/// 18 s of each, 3.8e-3 rad less what the rests see of it.
+#[test]
+fn gyros_are_as_good_as_marks_and_bias() {
+    assert_found("imu", &[("gyro_gain", 1.5e-4)], "");
+}
+
+/// A way of 4 m, measured twice to 1 mm at its end: 1.8e-4 of the radius. What is left of the ratio is
+/// mostly creep that differs from one square to the next. The track is told from creep to some
+/// thousandths only in one square each way, and no bound holds for it.
+#[test]
+fn radius_and_ratio_are_found_and_odometry_less_creep_comes_back() {
+    let bounds = [("wheel_radius_m", 1.3e-5), ("wheel_ratio", 1e-4)];
+    // A carpet that takes the robot along cannot be told from larger wheels.
+    let more = "--laps 1 --world ideal";
+    assert_found("wheels", &bounds, more);
+    let folder = tempfile::tempdir().unwrap();
+    let report = calibrate(folder.path(), "wheels", 1, more);
+    for effect in report["effects"].as_array().unwrap() {
+        if effect["what"].as_str().unwrap().ends_with("less creep") {
+            let number = |key: &str| effect[key].as_f64().unwrap();
+            assert!(number("after") < 0.2 * number("before"), "{effect}");
+        }
+    }
+}
+
+/// Calibration is the same bits on the boards' images, with what was found laid over as well; saving on
+/// them is in the tests of the parameters.
+#[test]
+fn runs_on_virtual_boards_are_those_of_boards_in_this_process() {
+    let images = Images::open(None, None).unwrap();
+    let boards = Role::ALL.map(|role| -> Box<dyn Target> {
+        let log = BoardLog::default();
+        let board = VirtualLink::start(&images, role, &log, None);
+        Box::new(Remote::new(role, Box::new(board.unwrap())))
+    });
+    let nominal = Scenario::in_world(Some("ideal")).unwrap();
+    let mut found = nominal.clone();
+    let ratio = find("robot.geometry.wheel_ratio").unwrap();
+    found.boards.put(Role::Rear, &[(ratio, 0.995)]);
+    let mut on_boards = Bench::new(&nominal, 1, Some(boards));
+    let mut here = Bench::new(&nominal, 1, None);
+    let line = host_sim::paths::Path::line(0.3).unwrap();
+    let [before, after] = [&nominal, &found].map(|scenario| {
+        let run = on_boards.drive(scenario, &line, 1).unwrap();
+        assert_eq!(run, here.drive(scenario, &line, 1).unwrap());
+        run.axles
+    });
+    let turned = [&before, &after].map(|axles| [0, 1].map(|i| axles[i].lap.end()[2]));
+    // A right wheel smaller by 0.5 % on 0.3 m and a track of 0.324 m.
+    let change = turned[1][1] - turned[0][1];
+    assert!((change + 0.005 * 0.3 / 0.324).abs() < 1e-3, "{change}");
+    // The robot steers by what it believes, so that the other axle turns a little as well.
+    let other = turned[1][0] - turned[0][0];
+    assert!(other.abs() < 0.5 * change.abs(), "{other}");
+}
+
+/// Output of a program on a terminal with this input.
+fn at_a_terminal(directory: &Path, arguments: &str, typed: &str) -> String {
+    let (master, path) = pseudo_terminal();
+    let inner = File::options().read(true).write(true).open(path).unwrap();
+    let mut child = command(directory, arguments)
+        .stdin(inner.try_clone().unwrap())
+        .stdout(inner)
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut outer = File::from(master);
+    // It is there when the program asks.
+    outer.write_all(typed.as_bytes()).unwrap();
+    let (mut shown, mut room) = (Vec::new(), [0; 4096]);
+    // Ends with an error once nobody has the terminal open.
+    while let Ok(count @ 1..) = outer.read(&mut room) {
+        shown.extend_from_slice(&room[..count]);
+    }
+    assert!(child.wait().unwrap().success());
+    String::from_utf8_lossy(&shown).into_owned()
+}
+
+#[test]
+fn at_a_terminal_it_asks_and_does_as_it_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let flash = folder.path().join("out/flash");
+    for (typed, saved) in [("n\n", false), ("\n", false), ("y\n", true)] {
+        let shown = at_a_terminal(folder.path(), "calibrate imu", typed);
+        let (before, after) = shown.split_once("save to the boards? [y/N]").unwrap();
+        assert!(before.contains("inertial.gyro_gain"), "{shown}");
+        assert_eq!(after.contains("not saved"), !saved, "{shown}");
+        assert_eq!(after.contains("2 values written"), saved, "{shown}");
+        assert_eq!(flash.join("rear.flash").exists(), saved);
+    }
+}
+
+#[test]
+fn nothing_is_saved_unasked_and_what_is_saved_is_what_was_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let shown = succeed(
+        folder.path(),
+        "calibrate imu --out found.toml --json report.json",
+    );
+    assert!(shown.contains("not saved: no terminal"), "{shown}");
+    assert!(!folder.path().join("out/flash").exists());
+    let report = calibrate(folder.path(), "imu", 1, "--yes");
+    assert_eq!(report["saved"], true);
+    let export = succeed(folder.path(), "params export");
+    let found = fs::read_to_string(folder.path().join("found.toml")).unwrap();
+    assert_eq!(export, found);
+    assert_eq!(found.matches("inertial.gyro_gain = ").count(), 2, "{found}");
+    let config = succeed(folder.path(), "config --scenario found.toml");
+    assert!(config.contains("[boards.rear.inertial]"));
+}

@@ -1,0 +1,61 @@
+//! The estimates of the whole robot on the plant, over a few runs, against what they claim.
+
+use cfmmr::experiments::Context;
+use cfmmr::experiments::arguments::{Common, ScenarioArgs, WorldChoice};
+use cfmmr::experiments::consistency::{Report, Row, Statement, measure};
+use cfmmr::experiments::posture::Variant;
+use core_algos::fusion::robot::Mode;
+
+const RUNS: u32 = 20;
+
+fn report() -> Report {
+    let common = Common {
+        // The data sheets that the estimators' priors are from describe this one.
+        scenario: ScenarioArgs {
+            choice: WorldChoice {
+                world: Some("ordinary".into()),
+            },
+            ..ScenarioArgs::default()
+        },
+        seed: 21,
+        out: None,
+        json: Default::default(),
+        threads: None,
+    };
+    let context = Context::new(&common, "consistency").unwrap();
+    let variant = |rps, imu, mode| Variant { rps, imu, mode };
+    let variants = [
+        variant(true, false, Mode::Joint),
+        variant(true, true, Mode::Joint),
+        variant(true, false, Mode::Intersection),
+        variant(false, false, Mode::Odometry),
+    ];
+    measure(&context, &variants, RUNS).unwrap()
+}
+
+/// NEES of both axles at the end of the runs.
+fn axles(row: &Row) -> [f64; 2] {
+    [row.end.front.nees, row.end.rear.nees]
+}
+
+#[test]
+fn no_fusion_is_overconfident() {
+    let report = report();
+    let [joint, inertial, intersection, odometry] = &report.rows[..] else {
+        panic!("four rows");
+    };
+    // Mean 3, standard deviation √(6/20) = 0.55 for honest covariances; half of them makes it 6.
+    for row in [joint, inertial] {
+        for nees in axles(row) {
+            assert!(nees > 1.4 && nees < 4.6, "{} {nees}", row.imu);
+        }
+        for nees in &row.path_mean[..2] {
+            assert!(*nees > 1.4 && *nees < 4.6, "{} path {nees}", row.imu);
+        }
+    }
+    for row in [intersection, odometry] {
+        assert_ne!(row.statement, Statement::Overconfident, "{:?}", axles(row));
+    }
+    // A gyro is there to make the heading better.
+    assert!(inertial.end.midpoint.rms[2] < joint.end.midpoint.rms[2]);
+}

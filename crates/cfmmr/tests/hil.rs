@@ -1,0 +1,461 @@
+//! Hardware in the loop: boards behind frames do what boards in the process do.
+
+use crate::terminal::pseudo_terminal;
+use cfmmr::experiments::posture::Variant;
+use core_algos::link::Identity;
+use core_algos::safety::{Condition, OperatingState};
+use core_algos::topology::{Node, Role};
+use host_sim::base::error::Error;
+use host_sim::paths::Path;
+use host_sim::run::bit_compare::Trace;
+use host_sim::run::path_run;
+use host_sim::run::path_run::{PathMode, Route};
+use host_sim::run::regulate::{Outcome, regulate_on};
+use host_sim::run::robot::Robot;
+use host_sim::run::simulation::Simulation;
+use host_sim::scenario::Scenario;
+use host_sim::targets;
+use host_sim::targets::{Failure, FailureMode, InProcess, Target, What};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use remote::Remote;
+use remote::board_log::BoardLog;
+use remote::images::Images;
+use remote::link::{Link, Loopback};
+use remote::serial::Serial;
+use remote::virtual_link::VirtualLink;
+use remote::virtual_robot::faults;
+use remote::virtual_robot::faults::{Case, Course, End, catalogue, model};
+use std::fs::File;
+use std::io::{self, Read, Write};
+use std::ops::RangeInclusive;
+use std::path::PathBuf;
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+fn loopback(role: Role) -> Loopback {
+    Loopback::new(Identity {
+        build: "loopback",
+        role,
+    })
+}
+
+fn framed(role: Role) -> Box<dyn Target> {
+    Box::new(Remote::new(role, Box::new(loopback(role))))
+}
+
+/// A run that is recorded.
+fn run(targets: [Box<dyn Target>; 3], scenario: &Scenario, seed: u64) -> (Outcome, Trace) {
+    let mut simulation = Simulation::on(targets, scenario, seed, 0).unwrap();
+    simulation.record_trace();
+    let outcome = regulate_on(&mut simulation, scenario, |_| {}).unwrap();
+    for report in simulation.boards().reports() {
+        println!("{report:?}");
+    }
+    (outcome, simulation.take_trace().unwrap())
+}
+
+fn assert_same(a: &Trace, b: &Trace) {
+    if let Some(difference) = a.difference(b) {
+        panic!("{difference}");
+    }
+}
+
+/// A mission that is over in a few seconds.
+fn short() -> Scenario {
+    let mut scenario = Scenario::default();
+    scenario.mission.start = [-0.7, 0.0, 0.0];
+    scenario
+}
+
+#[test]
+fn the_papers_experiment_is_the_same_behind_frames_with_and_without_the_sensor() {
+    for variant in Variant::PAIR {
+        let scenario = variant.apply(&Scenario::default());
+        let (outcome, framed) = run(Role::ALL.map(framed), &scenario, 1);
+        let (reference, direct) = run(targets::in_process(), &scenario, 1);
+        assert_same(&framed, &direct);
+        assert!(
+            outcome.end.is_success() && framed.ticks() > 8_000,
+            "{}",
+            framed.ticks()
+        );
+        assert_eq!(outcome.midpoint, reference.midpoint);
+    }
+}
+
+#[test]
+fn every_mixture_of_boards_is_the_same() {
+    let scenario = short();
+    let (_, direct) = run(targets::in_process(), &scenario, 2);
+    for remote in Role::ALL {
+        let targets = Role::ALL.map(|role| match role == remote {
+            true => framed(role),
+            false => Box::new(InProcess::new(role)) as Box<dyn Target>,
+        });
+        assert_same(&run(targets, &scenario, 2).1, &direct);
+    }
+}
+
+#[test]
+fn paths_longer_than_the_boards_buffer_are_the_same_behind_frames() {
+    let mut scenario = Scenario::default();
+    let route = Route::new(&Path::line(3.5).unwrap(), 1, &scenario).unwrap();
+    scenario.mission.start = route.start();
+    for path_mode in [PathMode::Follow, PathMode::Track] {
+        let traces = [Role::ALL.map(framed), targets::in_process()].map(|targets| {
+            let mut simulation = Simulation::on(targets, &scenario, 3, 0).unwrap();
+            simulation.record_trace();
+            let outcome =
+                path_run::drive_on(&mut simulation, &scenario, &route, path_mode, |_| {}).unwrap();
+            assert!(outcome.end.is_success());
+            simulation.take_trace().unwrap()
+        });
+        assert_same(&traces[0], &traces[1]);
+    }
+}
+
+#[test]
+fn sensors_and_losses_on_the_bus_change_nothing_in_that() {
+    let mut scenario = Variant::ALL[6].apply(&short());
+    scenario.world.bus.loss = 0.05;
+    scenario.world.bus.latency_ms = 4;
+    let (_, framed) = run(Role::ALL.map(framed), &scenario, 4);
+    let (_, direct) = run(targets::in_process(), &scenario, 4);
+    assert_same(&framed, &direct);
+}
+
+/// A serial link that loses and damages what goes through it.
+struct Unreliable {
+    link: Loopback,
+    random: Pcg64,
+    loss: f64,
+    damage: f64,
+}
+
+impl Unreliable {
+    /// Bytes that remain after the damage.
+    fn spoil(&mut self, bytes: &[u8]) -> Vec<u8> {
+        let mut bytes = bytes.to_vec();
+        if self.random.random::<f64>() < self.loss {
+            bytes.clear();
+        }
+        if self.random.random::<f64>() < self.damage && !bytes.is_empty() {
+            let place = self.random.random_range(0..bytes.len());
+            match self.random.random_range(0..3) {
+                0 => bytes[place] ^= 1 << self.random.random_range(0..8),
+                1 => drop(bytes.remove(place)),
+                _ => bytes.truncate(place),
+            }
+        }
+        bytes
+    }
+}
+
+impl Link for Unreliable {
+    fn name(&self) -> &'static str {
+        "unreliable"
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let bytes = self.spoil(bytes);
+        self.link.send(&bytes)
+    }
+
+    fn receive(&mut self, room: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        let count = self.link.receive(room, timeout)?;
+        let bytes = self.spoil(&room[..count]);
+        room[..bytes.len()].copy_from_slice(&bytes);
+        Ok(bytes.len())
+    }
+
+    fn kill(&mut self) -> Result<(), Error> {
+        self.link.kill()
+    }
+
+    fn revive(&mut self) -> Result<(), Error> {
+        self.link.revive()
+    }
+}
+
+#[test]
+fn loss_and_damage_on_the_serial_link_cost_repetitions_and_nothing_else() {
+    let scenario = short();
+    let targets = Role::ALL.map(|role| {
+        let link = Unreliable {
+            link: loopback(role),
+            random: Pcg64::seed_from_u64(role as u64),
+            loss: 0.05,
+            damage: 0.05,
+        };
+        Box::new(Remote::new(role, Box::new(link))) as Box<dyn Target>
+    });
+    let mut simulation = Simulation::on(targets, &scenario, 5, 0).unwrap();
+    simulation.record_trace();
+    regulate_on(&mut simulation, &scenario, |_| {}).unwrap();
+    let trace = simulation.take_trace().unwrap();
+    for report in simulation.boards().reports() {
+        // One exchange in five or six fails on one of its two ways.
+        let share = report.lost as f64 / trace.ticks() as f64;
+        assert!(share > 0.1 && share < 0.4, "{report:?}");
+        assert!(report.damaged > 100, "{report:?}");
+    }
+    assert_same(&trace, &run(targets::in_process(), &scenario, 5).1);
+}
+
+/// Events of a mission in which a board is switched off after 3 s, and what came of it; with
+/// `clear` the host clears faults a second after a restart.
+fn with_failure(
+    targets: [Box<dyn Target>; 3],
+    role: Role,
+    restart_after: Option<u32>,
+    clear: bool,
+) -> (Outcome, Simulation) {
+    let scenario = Scenario::default();
+    let mut simulation = Simulation::on(targets, &scenario, 1, 0).unwrap();
+    let failure = Failure {
+        role,
+        at: 3000,
+        mode: FailureMode::Off,
+    };
+    simulation.boards().plan(vec![failure], restart_after);
+    if restart_after.is_some() && clear {
+        simulation.recover();
+    }
+    let outcome = regulate_on(&mut simulation, &scenario, |_| {}).unwrap();
+    for event in simulation.boards().events() {
+        println!("{event}");
+    }
+    for status in simulation.monitor().changes() {
+        println!("{status}");
+    }
+    (outcome, simulation)
+}
+
+fn assert_torques_zero(simulation: &Simulation) {
+    let axles = simulation.plant().state().axle;
+    assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));
+}
+
+/// Time after which the motors of the other axle were off, ms.
+fn motors_off(simulation: &mut Simulation) -> Option<u32> {
+    let events = simulation.boards().events().iter();
+    let mut times = events.filter_map(|event| match event.what {
+        What::MotorsOff(after) => Some(after),
+        _ => None,
+    });
+    times.next()
+}
+
+/// A lost board is noticed 35 to 60 ms later: messages count for 50 ms from the beginning of their
+/// epoch. Slowing down takes 0.1 to 0.25 s, then 0.1 s at rest and 0.75 s to let the frame go follow.
+const STOP_MS: RangeInclusive<u32> = 35 + 950..=60 + 1100;
+
+#[test]
+fn a_robot_that_stopped_for_a_restart_stays_at_rest_until_it_is_cleared() {
+    let (outcome, simulation) = with_failure(targets::in_process(), Role::Rear, Some(100), false);
+    assert!(!outcome.end.is_success());
+    assert_torques_zero(&simulation);
+    assert!(simulation.failure().unwrap().contains("neighbour lost"));
+    let monitor = simulation.monitor();
+    for (node, state) in [
+        (Node::Lead, OperatingState::Fault),
+        (Node::FrontAxle, OperatingState::Fault),
+        // It has come up anew, and waits.
+        (Node::RearAxle, OperatingState::Idle),
+    ] {
+        assert_eq!(monitor.latest(node).unwrap().state, state, "{node:?}");
+    }
+}
+
+#[test]
+fn a_rear_board_that_restarts_stops_the_robot_which_then_drives_on() {
+    for targets in [Role::ALL.map(framed), targets::in_process()] {
+        let (outcome, mut simulation) = with_failure(targets, Role::Rear, Some(500), true);
+        let off = motors_off(&mut simulation).unwrap();
+        assert!(STOP_MS.contains(&off), "{off} ms");
+        let restarted = |event: &targets::Event| event.what == What::Restarted;
+        assert!(simulation.boards().events().iter().any(restarted));
+        assert!(outcome.end.is_success(), "the robot goes on to its goal");
+        let [x, y, phi] = outcome.midpoint;
+        println!("{:.4} m, {:.4} rad", x.hypot(y), phi);
+        // Without the restart 5 mm and 10 mrad are usual. With it the bent frame swings the axles
+        // while the motors are off, and they slip.
+        assert!(x.hypot(y) < 0.05 && phi.abs() < 0.05, "{x} {y} {phi}");
+    }
+}
+
+#[test]
+fn a_front_board_that_restarts_ends_the_run_with_motors_off() {
+    for targets in [Role::ALL.map(framed), targets::in_process()] {
+        let (outcome, mut simulation) = with_failure(targets, Role::Front, Some(500), true);
+        let off = motors_off(&mut simulation).unwrap();
+        assert!(STOP_MS.contains(&off), "{off} ms");
+        assert!(!outcome.end.is_success());
+        assert!(simulation.failure().unwrap().contains("front board"));
+        assert_torques_zero(&simulation);
+        assert!(simulation.now() < 5_200_000);
+    }
+}
+
+#[test]
+fn an_axle_lost_for_good_ends_the_run_with_motors_off_and_a_lost_beam_does_not() {
+    let (outcome, mut simulation) = with_failure(Role::ALL.map(framed), Role::Rear, None, true);
+    let off = motors_off(&mut simulation).unwrap();
+    assert!(STOP_MS.contains(&off), "{off} ms");
+    let fault = simulation.monitor().first_fault().unwrap();
+    assert_eq!(fault.reason, Some(Condition::NeighbourLost));
+    assert!(
+        !outcome.end.is_success()
+            && simulation
+                .failure()
+                .unwrap()
+                .contains("rear board was lost")
+    );
+    assert_torques_zero(&simulation);
+
+    for restart_after in [None, Some(500)] {
+        let targets = Role::ALL.map(framed);
+        let (outcome, simulation) = with_failure(targets, Role::Beam, restart_after, true);
+        assert!(outcome.end.is_success() && simulation.failure().is_none());
+    }
+}
+
+/// A run with a fault, recorded.
+fn faulty(
+    targets: [Box<dyn Target>; 3],
+    case: &Case,
+    unannounced: Option<(Role, FailureMode)>,
+) -> (faults::Outcome, Trace) {
+    let scenario = Scenario::default();
+    let mut simulation = Simulation::on(targets, &scenario, case.seed, 0).unwrap();
+    let at = model::tick(&scenario, case);
+    let Course::Model(fault) = case.entry.course else {
+        panic!("{}", case.entry.name);
+    };
+    simulation.inject(fault, at);
+    if let Some((role, mode)) = unannounced {
+        let failure = Failure { role, at, mode };
+        simulation.boards().plan(vec![failure], None);
+    }
+    simulation.record_trace();
+    let outcome = model::run_on(&mut simulation, &scenario, case).unwrap();
+    (outcome, simulation.take_trace().unwrap())
+}
+
+#[test]
+fn faults_of_boards_and_bus_are_the_same_behind_frames() {
+    let all = catalogue();
+    let (crash, hang) = (FailureMode::Crash, FailureMode::Hang);
+    for (name, unannounced) in [
+        ("front board resets", None),
+        ("front board freezes 0.3 s", None),
+        ("rear clock slow by 0.2 %, no common time", None),
+        ("bus corrupts 5 %", None),
+        ("encoder missing", None),
+        ("rear board lost", Some((Role::Rear, crash))),
+        ("front board lost", Some((Role::Front, hang))),
+    ] {
+        let entry = all.iter().find(|entry| entry.name == name).unwrap();
+        // Not at the beginning of an epoch.
+        let (after_ms, seed) = (2_003, 3);
+        let case = Case {
+            entry,
+            after_ms,
+            seed,
+        };
+        let (outcome, trace) = faulty(Role::ALL.map(framed), &case, unannounced);
+        let (reference, expected) = faulty(targets::in_process(), &case, None);
+        assert_same(&trace, &expected);
+        assert_eq!(outcome, reference, "{name}");
+        // A bus that spoils some frames may be driven on with.
+        assert!(
+            outcome.end == End::Stopped || name.starts_with("bus"),
+            "{name}"
+        );
+    }
+}
+
+/// A pseudo-terminal with a board behind it, until its other end is closed.
+fn terminal(mut board: impl Link + 'static) -> (PathBuf, JoinHandle<()>) {
+    let (master, path) = pseudo_terminal();
+    let path = PathBuf::from(path);
+    // Kept open until the board's thread ends, so that the terminal does not hang up between.
+    let keep = File::options().read(true).write(true).open(&path).unwrap();
+    let mut port = File::from(master);
+    let board = thread::spawn(move || {
+        let (mut room, mut answer) = ([0; 512], [0; 512]);
+        let mut keep = Some(keep);
+        while let Ok(count @ 1..) = port.read(&mut room) {
+            keep = None;
+            board.send(&room[..count]).unwrap();
+            while let count @ 1.. = board.receive(&mut answer, Duration::ZERO).unwrap() {
+                // Nobody listens to the answer to the last word.
+                let _ = port.write_all(&answer[..count]);
+            }
+        }
+        drop(keep);
+    });
+    (path, board)
+}
+
+/// One is virtual, with its own image; it resets into the session.
+#[test]
+fn boards_on_serial_ports_are_the_same() {
+    let mut scenario = short();
+    scenario.mission.time_limit_s = 1.5;
+    let images = Images::open(None, None).unwrap();
+    let mut boards = Vec::new();
+    let targets = Role::ALL.map(|role| {
+        let (path, board) = match role {
+            Role::Rear => {
+                let log = BoardLog::default();
+                terminal(VirtualLink::start(&images, role, &log, None).unwrap())
+            }
+            _ => terminal(loopback(role)),
+        };
+        boards.push(board);
+        let port = Serial::open(&path, 921_600).unwrap();
+        Box::new(Remote::new(role, Box::new(port))) as Box<dyn Target>
+    });
+    let (_, serial) = run(targets, &scenario, 6);
+    let (_, direct) = run(targets::in_process(), &scenario, 6);
+    assert_eq!(serial.ticks(), 2000);
+    assert_same(&serial, &direct);
+    for board in boards {
+        board.join().unwrap();
+    }
+}
+
+#[test]
+fn a_port_that_is_none_is_named() {
+    for path in ["/no/such/port", "/dev/null"] {
+        let error = Serial::open(path.as_ref(), 921_600).err().unwrap();
+        assert_eq!(error.exit_code(), 2);
+        assert!(error.to_string().contains(path), "{error}");
+    }
+}
+
+#[test]
+fn the_wrong_board_at_the_end_is_named() {
+    let swapped = [Role::Rear, Role::Front, Role::Beam].map(framed_as);
+    let error = Simulation::on(swapped, &Scenario::default(), 1, 0)
+        .err()
+        .unwrap();
+    assert_eq!(error.exit_code(), 2);
+    let text = error.to_string();
+    assert!(
+        text.contains("front board") && text.contains("rear board"),
+        "{text}"
+    );
+}
+
+/// A board that is another one than the host takes it for.
+fn framed_as(actual: Role) -> Box<dyn Target> {
+    let expected = match actual {
+        Role::Front => Role::Rear,
+        Role::Rear => Role::Front,
+        Role::Beam => Role::Beam,
+    };
+    Box::new(Remote::new(expected, Box::new(loopback(actual))))
+}

@@ -1,0 +1,27 @@
+//! The tests that need no time of their own, in one program: one to build, and no core without work.
+
+mod calibration;
+mod command_line;
+mod consistency;
+#[path = "docs/main.rs"]
+mod docs;
+mod drive;
+mod ends;
+mod faults;
+mod first_steps;
+mod follow;
+mod hil;
+mod imports;
+mod keys;
+mod params;
+mod posture;
+#[path = "shared/program.rs"]
+mod program;
+mod random_faults;
+mod soak;
+mod starts;
+mod supervision;
+mod terminal;
+mod virtual_boards;
+mod virtual_faults;
+mod virtual_tools;

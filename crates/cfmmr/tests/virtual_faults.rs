@@ -1,0 +1,81 @@
+//! Faults of the boards that run the images that users flash: a few of them, and the judge.
+
+use crate::program::assert_refused;
+use host_sim::scenario::Scenario;
+use remote::images::Images;
+use remote::virtual_robot::faults::{
+    Campaign, Case, End, Entry, Outcome, UnderWay, catalogue, reference, run,
+};
+use std::collections::HashSet;
+
+const AFTER_MS: u64 = 400;
+const SEED: u64 = 1;
+
+fn outcomes(entries: &[Entry]) -> Vec<Outcome> {
+    let campaign = Campaign {
+        scenario: Scenario::default(),
+        images: Some(Images::open(None, None).unwrap()),
+        quick: true,
+    };
+    let reference = reference(&campaign, SEED, AFTER_MS).unwrap();
+    let case = |entry| Case {
+        entry,
+        after_ms: AFTER_MS,
+        seed: SEED,
+    };
+    let cases: Vec<Case> = entries.iter().map(case).collect();
+    let robots = UnderWay::of(&cases);
+    let run = |case| run(&campaign, case, &reference, &robots).unwrap();
+    cases.iter().map(run).collect()
+}
+
+fn named(name: &str) -> Entry {
+    let mut entries = catalogue().into_iter();
+    entries.find(|entry| entry.name == name).unwrap()
+}
+
+#[test]
+fn the_catalogue_has_each_fault_once() {
+    let names: Vec<&str> = catalogue().iter().map(|entry| entry.name).collect();
+    let different: HashSet<&&str> = names.iter().collect();
+    assert!(names.len() >= 40 && different.len() == names.len());
+}
+
+/// A fault of the processor where the motors are driven, and one that the program cannot see.
+#[test]
+fn faults_end_as_the_catalogue_allows() {
+    let names = ["HardFault in the current loop", "nFAULT low for 30 µs"];
+    let ends = outcomes(&names.map(named)).into_iter().map(|run| run.end);
+    assert!(ends.eq([End::Stopped, End::WentOn]));
+}
+
+/// The same runs under entries that allow what does not come about.
+#[test]
+fn the_judge_finds_what_an_entry_does_not_allow() {
+    let mut stops = named("none");
+    stops.goes_on = false;
+    let mut never_stops = named("nFAULT low for 20 ms");
+    (never_stops.goes_on, never_stops.codes) = (true, vec![]);
+    let mut sooner = named("nFAULT low for 20 ms");
+    sooner.off_within_s = 0.01;
+    let mut silent = named("HardFault of the beam's board");
+    silent.findings = &[];
+    let mut other = named("nFAULT low for 20 ms");
+    other.codes = vec![core_algos::safety::Condition::SupplyLow];
+    for outcome in outcomes(&[stops, never_stops, sooner, silent, other]) {
+        assert!(matches!(outcome.end, End::Wrong(_)), "{outcome:?}");
+    }
+}
+
+#[test]
+fn a_fault_that_is_not_in_the_catalogue_is_refused() {
+    let table = "
+        --only earthquake
+        --only crystal
+        --quick --seeds 2
+        --threads 0
+        --on serial:front=/dev/null
+        --axle-image x";
+    let folder = tempfile::tempdir().unwrap();
+    assert_refused(folder.path(), "faults", table);
+}

@@ -1,0 +1,135 @@
+//! Bus description (DBC), from the table of messages.
+
+use core_algos::bus::field::POSITION_SPAN_M;
+use core_algos::bus::layout::{BIT_RATE, Layout, MESSAGES, Signal};
+use core_algos::topology::Node;
+
+/// The bus description of all messages, as text.
+pub fn description() -> String {
+    let mut text = String::from("VERSION \"\"\n\nNS_ :\n\nBS_:\n\nBU_:");
+    for node in Node::ALL {
+        text += &format!(" {}", node.name());
+    }
+    text += "\n\n";
+    for layout in &MESSAGES {
+        text += &message(layout);
+    }
+    text += &format!(
+        "CM_ \"Positions of odometric and reference postures are sent modulo {POSITION_SPAN_M} m; \
+         ln_sigma_* is the natural logarithm of a standard deviation.\";\n"
+    );
+    for Layout { id, meaning, .. } in &MESSAGES {
+        text += &format!("CM_ BO_ {id} \"{}\";\n", plain(meaning));
+    }
+    for layout in &MESSAGES {
+        for signal in layout.signals {
+            let (name, meaning) = (signal.name, plain(signal.meaning));
+            text += &format!("CM_ SG_ {} {name} \"{meaning}\";\n", layout.id);
+        }
+    }
+    text += "BA_DEF_ \"Baudrate\" INT 1 1000000;\n";
+    for (attribute, _) in TIMES {
+        text += &format!("BA_DEF_ BO_ \"{attribute}\" INT 0 65535;\n");
+    }
+    text += "BA_DEF_DEF_ \"Baudrate\" 1000000;\n";
+    for (attribute, _) in TIMES {
+        text += &format!("BA_DEF_DEF_ \"{attribute}\" 0;\n");
+    }
+    text += &format!("BA_ \"Baudrate\" {BIT_RATE};\n");
+    for (attribute, time) in TIMES {
+        for layout in &MESSAGES {
+            text += &format!("BA_ \"{attribute}\" BO_ {} {};\n", layout.id, time(layout));
+        }
+    }
+    for layout in &MESSAGES {
+        for signal in layout.signals.iter().filter(|s| !s.labels.is_empty()) {
+            text += &format!("VAL_ {} {}", layout.id, signal.name);
+            for (number, label) in signal.labels.iter().enumerate() {
+                text += &format!(" {number} \"{label}\"");
+            }
+            text += " ;\n";
+        }
+    }
+    text
+}
+
+type Time = fn(&Layout) -> u16;
+
+/// Attributes of a message, ms; 0 means "on request" and "does not age".
+const TIMES: [(&str, Time); 2] = [
+    ("GenMsgCycleTime", |layout| layout.period_ms),
+    ("MsgTimeout", |layout| layout.timeout_ms),
+];
+
+fn message(layout: &Layout) -> String {
+    let mut text = format!(
+        "BO_ {} {}: {} {}\n",
+        layout.id,
+        layout.name,
+        layout.bytes(),
+        layout.sender.name()
+    );
+    let receivers: Vec<&str> = Node::ALL
+        .into_iter()
+        .filter(|&node| node != layout.sender)
+        .map(Node::name)
+        .collect();
+    let mut start = 0;
+    for signal in layout.signals {
+        text += &self::signal(signal, start, &receivers.join(","));
+        start += u32::from(signal.bits);
+    }
+    text.push('\n');
+    text
+}
+
+fn signal(signal: &Signal, start: u32, receivers: &str) -> String {
+    let sign = if signal.signed { '-' } else { '+' };
+    let (low, high) = signal.range();
+    format!(
+        " SG_ {} : {start}|{}@1{sign} ({},{}) [{low}|{high}] \"{}\" {receivers}\n",
+        signal.name, signal.bits, signal.scale, signal.offset, signal.unit,
+    )
+}
+
+/// Comment of the table as plain text.
+pub fn plain(comment: &str) -> String {
+    let text = comment
+        .trim()
+        .replace('"', "'")
+        .replace(['`', '[', ']'], "");
+    // Paths of links are for rustdoc.
+    let paths = [
+        ("(crate::safety::Condition)", ""),
+        ("(super::layout::schema)", ""),
+    ];
+    paths
+        .iter()
+        .fold(text, |text, (path, with)| text.replace(path, with))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The lines of this text that begin with `keyword`.
+    fn lines<'a>(text: &'a str, keyword: &'a str) -> impl Iterator<Item = &'a str> {
+        text.lines().filter(move |line| line.starts_with(keyword))
+    }
+
+    #[test]
+    fn each_message_and_signal_stands_once() {
+        let text = description();
+        assert_eq!(lines(&text, "BO_ ").count(), MESSAGES.len());
+        let signals: usize = MESSAGES.iter().map(|layout| layout.signals.len()).sum();
+        assert_eq!(lines(&text, " SG_ ").count(), signals);
+        assert!(text.contains(
+            "BO_ 544 BeamWrench: 8 Beam\n \
+             SG_ sequence : 0|8@1+ (1,0) [0|255] \"\" Lead,FrontAxle,RearAxle,Service\n \
+             SG_ force_x : 8|14@1- (0.05,0) [-409.6|409.55002] \"N\" \
+             Lead,FrontAxle,RearAxle,Service\n"
+        ));
+        assert!(text.contains("BA_ \"GenMsgCycleTime\" BO_ 768 100;\n"));
+        assert!(text.contains("VAL_ 112 mode 0 \"idle\" 1 \"active\" 2 \"hold\" 3 \"clear\" ;\n"));
+    }
+}

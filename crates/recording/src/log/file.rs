@@ -1,0 +1,448 @@
+//! The MCAP file: a channel for each topic.
+
+use super::sink::Sink;
+use super::standard;
+use crate::dbc;
+use crate::entry::{ABOUT, BusEntry, Can, END, FORMAT, LeadEntry, LoggedFrame, Pose, TruthEntry};
+use crate::topics::TOPICS;
+use crate::{About, Line, failed};
+use core_algos::bus::{self, CanFrame, layout};
+use core_algos::link::framing::crc32c;
+use core_algos::math::Posture;
+use core_algos::safety::{Class, OperatingState};
+use core_algos::topology::{Node, Role};
+use foxglove::messages::{
+    FrameTransforms, Log, PoseInFrame, PosesInFrame, SceneUpdate, log::Level,
+};
+use foxglove::{Channel, ChannelBuilder, Encode, PartialMetadata, RawChannel};
+use host_sim::base::error::Error;
+use host_sim::run::end::{EndKind, RunEnd};
+use host_sim::run::recovery::Status;
+use host_sim::run::robot::Record;
+use host_sim::targets::Report;
+use host_sim::world::body::Body;
+use serde::Serialize;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+/// Epochs between two pictures of the scene.
+const SCENE_EPOCHS: u64 = 5;
+/// Epochs between two points of the way so far, and between two messages of it.
+const WAY_EPOCHS: [u64; 2] = [10, 100];
+/// Most points of the way in a message, about; of a longer one every n-th is sent.
+const WAY_POINTS: usize = 300;
+
+/// Most points of the path to be driven, about.
+const REFERENCE_POINTS: usize = 2_000;
+
+/// A simulated time in ns as that of a message.
+fn at(nanos: u64) -> PartialMetadata {
+    PartialMetadata::with_log_time(nanos)
+}
+
+fn nanos(tick: u32) -> u64 {
+    u64::from(tick) * 1_000_000
+}
+
+/// A channel of messages in JSON.
+struct Json {
+    channel: Arc<RawChannel>,
+    /// A file takes them all; a viewer need not want them.
+    filed: bool,
+}
+
+impl Json {
+    fn new(sink: &Sink, topic: &str) -> Result<Self, Error> {
+        let known = TOPICS.iter().find(|known| known.name == topic);
+        let schema = known.map(|known| &known.schema);
+        let schema = schema.ok_or_else(|| failed(format!("no topic {topic}")))?;
+        ChannelBuilder::new(topic)
+            .context(sink.context())
+            .message_encoding("json")
+            .schema(foxglove::Schema::new(
+                schema.name,
+                "jsonschema",
+                schema.json().into_bytes(),
+            ))
+            .build_raw()
+            .map(|channel| Self {
+                channel,
+                filed: sink.is_file(),
+            })
+            .map_err(failed)
+    }
+
+    fn of_boards(sink: &Sink, what: &str) -> Result<[Self; 3], Error> {
+        let one = |role: Role| Self::new(sink, &format!("/boards/{}/{what}", role.name()));
+        Ok([one(Role::Front)?, one(Role::Rear)?, one(Role::Beam)?])
+    }
+
+    fn write(&self, room: &mut Vec<u8>, nanos: u64, entry: &impl Serialize) {
+        if !self.filed && !self.channel.has_sinks() {
+            return;
+        }
+        room.clear();
+        // No entry's `Serialize` fails, and memory can be written to.
+        if serde_json::to_writer(&mut *room, entry).is_ok() {
+            self.channel.log_with_meta(room, at(nanos));
+        }
+    }
+}
+
+/// A channel of Foxglove's messages.
+fn standard_channel<T: Encode>(sink: &Sink, topic: &str) -> Channel<T> {
+    ChannelBuilder::new(topic).context(sink.context()).build()
+}
+
+/// An MCAP file that is being written.
+pub struct Mcap {
+    sink: Sink,
+    about: Vec<(&'static str, String)>,
+    boards: [String; 3],
+    body: Body,
+    transforms: Channel<FrameTransforms>,
+    truth_robot: Channel<PoseInFrame>,
+    estimate_robot: Channel<PoseInFrame>,
+    way: Channel<PosesInFrame>,
+    goal: Channel<PoseInFrame>,
+    reference: Channel<PosesInFrame>,
+    scene: Channel<SceneUpdate>,
+    log: Channel<Log>,
+    lead: Json,
+    truth: Json,
+    bus: Json,
+    order: Json,
+    start: [Json; 3],
+    ticks: [Json; 3],
+    off: [Json; 3],
+    room: Vec<u8>,
+    /// Common time of the boards at the start of the run, µs.
+    zero: i64,
+    /// Latest heartbeat of each node.
+    statuses: [Option<Status>; Node::ALL.len()],
+    /// The latest estimate and when it holds, ns.
+    estimate: Option<(u64, Posture)>,
+    way_so_far: Vec<Pose>,
+    epochs: u64,
+    end: RunEnd,
+    whole: bool,
+    /// Goal and path of the run, for viewers that connect later.
+    planned_goal: Option<PoseInFrame>,
+    planned_path: Option<PosesInFrame>,
+}
+
+impl Mcap {
+    /// A file whose metadata are those of the run.
+    pub fn new(sink: Sink, about: &About) -> Result<Self, Error> {
+        let scenario = about.scenario.to_toml()?;
+        let sum = |text: &str| format!("{:08x}", crc32c(text.as_bytes()));
+        let described = vec![
+            ("format", FORMAT.to_owned()),
+            ("build", about.build.to_owned()),
+            ("version", env!("CARGO_PKG_VERSION").to_owned()),
+            ("command", about.command.to_owned()),
+            ("seed", about.seed.to_string()),
+            ("trial", about.trial.to_string()),
+            ("world", about.scenario.world.label()),
+            ("scenario_hash", sum(&scenario)),
+            ("scenario", scenario),
+            ("messages_hash", sum(&dbc::description())),
+        ];
+        // At the start, so that a log that is cut off can be replayed.
+        sink.metadata(ABOUT, &described);
+        Ok(Self {
+            about: described,
+            boards: Default::default(),
+            body: Body::of(&about.scenario.world.plant),
+            transforms: standard_channel(&sink, "/tf"),
+            truth_robot: standard_channel(&sink, "/truth/robot"),
+            estimate_robot: standard_channel(&sink, "/estimate/robot"),
+            way: standard_channel(&sink, "/truth/path"),
+            goal: standard_channel(&sink, "/goal"),
+            reference: standard_channel(&sink, "/reference/path"),
+            scene: standard_channel(&sink, "/scene"),
+            log: standard_channel(&sink, "/log"),
+            lead: Json::new(&sink, "/lead")?,
+            truth: Json::new(&sink, "/truth")?,
+            bus: Json::new(&sink, "/bus")?,
+            order: Json::new(&sink, "/host/order")?,
+            start: Json::of_boards(&sink, "start")?,
+            ticks: Json::of_boards(&sink, "tick")?,
+            off: Json::of_boards(&sink, "off")?,
+            room: Vec::with_capacity(1024),
+            zero: 0,
+            statuses: [None; Node::ALL.len()],
+            estimate: None,
+            way_so_far: Vec::new(),
+            epochs: 0,
+            end: RunEnd {
+                kind: EndKind::Interrupted,
+                ..RunEnd::default()
+            },
+            whole: false,
+            planned_goal: None,
+            planned_path: None,
+            sink,
+        })
+    }
+
+    /// Goal and path of the run.
+    pub fn plan(&mut self, goal: [f64; 3], path: &[[f64; 3]]) {
+        let goal = standard::in_world(0, &goal.into());
+        self.goal.log_with_meta(&goal, at(0));
+        self.planned_goal = Some(goal);
+        if !path.is_empty() {
+            let stride = path.len().div_ceil(REFERENCE_POINTS);
+            let points = path.iter().step_by(stride).copied();
+            let poses: Vec<Pose> = points.map(Pose::from).collect();
+            let path = standard::path(0, &poses);
+            self.reference.log_with_meta(&path, at(0));
+            self.planned_path = Some(path);
+        }
+    }
+
+    /// Waits for a viewer of a run that is served; an error if the flag is set meanwhile.
+    pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
+        match self.sink.server() {
+            Some(server) => server.await_viewer(interrupt),
+            None => Ok(()),
+        }
+    }
+
+    /// Tells viewers the time, and those that have just come where the robot is to go.
+    fn serve(&self, time: u64) {
+        let Some(server) = self.sink.server() else {
+            return;
+        };
+        server.time(time);
+        for (channel, viewer) in server.joined() {
+            let (goal, reference) = (&self.planned_goal, &self.planned_path);
+            if let Some(goal) = goal.as_ref().filter(|_| channel == self.goal.id()) {
+                self.goal
+                    .log_with_meta_to_sink(goal, at(time), Some(viewer));
+            }
+            if let Some(path) = reference
+                .as_ref()
+                .filter(|_| channel == self.reference.id())
+            {
+                self.reference
+                    .log_with_meta_to_sink(path, at(time), Some(viewer));
+            }
+        }
+    }
+
+    /// Time of the run at a tick of the boards, ns; ticks before the start have its time.
+    fn nanos(&self, tick: u32) -> u64 {
+        let micros = i64::from(tick) * 1000 - self.zero;
+        u64::try_from(micros).unwrap_or_default() * 1000
+    }
+
+    /// Line of a tap.
+    pub fn note(&mut self, line: &Line) {
+        let at = |tick: u32| self.nanos(tick);
+        match line {
+            Line::Zero(zero) => self.zero = *zero,
+            Line::Axle(role, entry) => {
+                let time = at(entry.tick);
+                self.ticks[*role as usize].write(&mut self.room, time, entry);
+            }
+            Line::Beam(entry) => {
+                let time = at(entry.tick);
+                self.ticks[Role::Beam as usize].write(&mut self.room, time, entry);
+            }
+            Line::Lead(tick, output) => {
+                let epoch = crate::entry::epoch_of(*tick);
+                let (time, held) = (at(*tick), at(epoch));
+                let epoch_s = f64::from(epoch) * 1e-3 - self.zero as f64 * 1e-6;
+                let entry = LeadEntry::new(*tick, epoch_s, output);
+                self.lead.write(&mut self.room, time, &entry);
+                self.estimate = Some((held, output.fused.robot.posture));
+            }
+            Line::Board(role, what) => self.boards[*role as usize].clone_from(what),
+            Line::Frames(role, tick, frames) => self.frames(*role, *tick, frames),
+            Line::Command(entry) => {
+                let time = at(entry.tick);
+                self.order.write(&mut self.room, time, entry);
+            }
+            Line::Start(role, started) => {
+                let (entry, report) = &**started;
+                let time = at(entry.tick);
+                self.start[*role as usize].write(&mut self.room, time, entry);
+                self.started(*role, &entry.parameters_hash, report.as_ref());
+            }
+            Line::Off(role, entry) => {
+                let time = at(entry.tick);
+                self.off[*role as usize].write(&mut self.room, time, entry);
+                let text = format!("{} board off: {}", role.name(), entry.reason);
+                self.say(entry.tick, Level::Error, role.name(), text);
+            }
+        }
+    }
+
+    /// The boards are started one after the other; the last one completes what is known of the run.
+    fn started(&mut self, role: Role, parameters: &str, report: Option<&Report>) {
+        let board = &mut self.boards[role as usize];
+        if let (true, Some(report)) = (board.is_empty(), report) {
+            *board = format!("{}, {}", report.target, report.build);
+        }
+        if self.epochs == 0 && role == Role::Front {
+            self.about.push(("parameters_hash", parameters.to_owned()));
+        }
+    }
+
+    fn frames(&mut self, role: Role, tick: u32, frames: &[CanFrame]) {
+        let said = frames.iter().map(|frame| LoggedFrame {
+            name: layout::find(frame.id).map_or("unknown", |layout| layout.name),
+            frame: Can(*frame),
+            message: bus::decode(frame).ok(),
+        });
+        let entry = BusEntry {
+            tick,
+            board: role,
+            frames: said.collect(),
+        };
+        let time = self.nanos(tick);
+        self.bus.write(&mut self.room, time, &entry);
+        let messages = entry.frames.iter().filter_map(|said| said.message.as_ref());
+        for status in messages.filter_map(|message| Status::of(tick, message)) {
+            self.status(tick, status);
+        }
+    }
+
+    /// Tells of a node that has changed.
+    fn status(&mut self, tick: u32, status: Status) {
+        let last = self.statuses[status.node as usize].replace(status);
+        let same =
+            last.is_some_and(|last| (last.state, last.reason) == (status.state, status.reason));
+        if same {
+            return;
+        }
+        let level = match (status.state, status.reason.map(|reason| reason.class())) {
+            (OperatingState::Fault, _) | (_, Some(Class::Cut)) => Level::Error,
+            (OperatingState::SafeStop, _) | (_, Some(_)) => Level::Warning,
+            _ => Level::Info,
+        };
+        self.say(tick, level, status.node.name(), status.to_string());
+    }
+
+    fn say(&self, tick: u32, level: Level, name: &str, message: String) {
+        let time = self.nanos(tick);
+        let log = Log {
+            timestamp: Some(standard::stamp(time)),
+            level: level as i32,
+            message,
+            name: name.to_owned(),
+            ..Log::default()
+        };
+        self.log.log_with_meta(&log, at(time));
+    }
+
+    /// The true state at the end of an epoch.
+    pub fn see(&mut self, record: &Record) {
+        let tick = (record.time_s * 1e3).round() as u32;
+        let time = nanos(tick);
+        self.serve(time);
+        // The true state of a real robot is not known.
+        let known = record.midpoint[0].is_finite();
+        let robot = Pose::from(record.midpoint);
+        let [front, rear] = record.axles.map(Pose::from);
+        let mut frames = match known {
+            true => vec![("robot", robot), ("front_axle", front), ("rear_axle", rear)],
+            false => Vec::new(),
+        };
+        if let Some((held, posture)) = self.estimate {
+            let estimate = Pose::from(posture);
+            let pose = standard::in_world(held, &estimate);
+            self.estimate_robot.log_with_meta(&pose, at(time));
+            frames.push(("robot_estimate", estimate));
+        }
+        let transforms = standard::transforms(time, &frames);
+        self.transforms.log_with_meta(&transforms, at(time));
+        if known {
+            self.see_truth(record, time, (robot, front, rear));
+        }
+        self.epochs += 1;
+    }
+
+    /// The true state of a simulated robot.
+    fn see_truth(&mut self, record: &Record, time: u64, (robot, front, rear): (Pose, Pose, Pose)) {
+        let pose = standard::in_world(time, &robot);
+        self.truth_robot.log_with_meta(&pose, at(time));
+        let [force_x, force_y, root, end] = record.wrench;
+        let four = |pairs: [[f64; 2]; 2]| [pairs[0][0], pairs[0][1], pairs[1][0], pairs[1][1]];
+        let truth = TruthEntry {
+            time_s: record.time_s,
+            robot,
+            front,
+            rear,
+            relative: record.relative.into(),
+            wheel_speed_rad_s: four(record.wheel_speed),
+            torque_nm: four(record.torque),
+            force_n: [force_x, force_y],
+            moment_nm: [root, end],
+            strain: record.strain.to_vec(),
+        };
+        self.truth.write(&mut self.room, time, &truth);
+        if self.epochs.is_multiple_of(SCENE_EPOCHS) {
+            let scene = standard::scene(time, record, &self.body);
+            self.scene.log_with_meta(&scene, at(time));
+        }
+        if self.epochs.is_multiple_of(WAY_EPOCHS[0]) {
+            self.way_so_far.push(robot);
+        }
+        if self.epochs.is_multiple_of(WAY_EPOCHS[1]) {
+            let stride = self.way_so_far.len().div_ceil(WAY_POINTS).max(1);
+            let way = standard::path(time, self.way_so_far.iter().step_by(stride));
+            self.way.log_with_meta(&way, at(time));
+        }
+    }
+
+    /// Metadata of the run, at its end.
+    fn metadata(&mut self) {
+        let mut with_boards = false;
+        for role in Role::ALL {
+            let board = std::mem::take(&mut self.boards[role as usize]);
+            let key = match role {
+                Role::Front => "board_front",
+                Role::Rear => "board_rear",
+                Role::Beam => "board_beam",
+            };
+            if !board.is_empty() {
+                self.about.push((key, board));
+                with_boards = true;
+            }
+        }
+        if with_boards {
+            // A reader takes the later record of a name.
+            self.sink.metadata(ABOUT, &self.about);
+        }
+        let mut end = self.end.fields();
+        end.push(("whole".to_owned(), self.whole.to_string()));
+        end.push(("epochs".to_owned(), self.epochs.to_string()));
+        self.sink.metadata(END, &end);
+    }
+
+    /// Finishes the file of a run.
+    pub fn close(&mut self, end: &RunEnd) -> Result<(), Error> {
+        self.end = end.clone();
+        self.whole = true;
+        self.metadata();
+        let closed = self.sink.close();
+        self.about.clear();
+        Ok(closed?)
+    }
+
+    /// Path of the file.
+    pub fn path(&self) -> Option<PathBuf> {
+        self.sink.path()
+    }
+}
+
+impl Drop for Mcap {
+    fn drop(&mut self) {
+        if !self.about.is_empty() {
+            self.metadata();
+        }
+    }
+}

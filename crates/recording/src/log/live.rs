@@ -1,0 +1,114 @@
+//! A run served by websocket while it goes: the topics of a log, to viewers such as Foxglove.
+
+use super::gate::{Gate, hidden_address};
+use foxglove::websocket::{Capability, ChannelView, Client, ServerListener};
+use foxglove::{ChannelId, Context, SinkId, WebSocketServer, WebSocketServerHandle};
+use host_sim::base::error::Error;
+use output::terminal::note;
+use std::fmt::Display;
+use std::net::SocketAddr;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::time::Duration;
+use std::{mem, thread};
+
+/// Time between two looks at whether a viewer has come.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// Longest time in which viewers are handed what waits for them.
+const STOP: Duration = Duration::from_secs(2);
+
+/// Subscriptions since the last call, and whether a viewer ever connected.
+#[derive(Default)]
+struct Viewers {
+    joined: Mutex<Vec<(ChannelId, SinkId)>>,
+    came: AtomicBool,
+}
+
+impl ServerListener for Viewers {
+    fn on_subscribe(&self, client: Client, channel: ChannelView) {
+        let mut joined = self.joined.lock().unwrap_or_else(PoisonError::into_inner);
+        joined.extend(client.sink_id().map(|viewer| (channel.id(), viewer)));
+        self.came.store(true, Relaxed);
+    }
+}
+
+/// A server of all channels of a context.
+pub struct Server {
+    handle: WebSocketServerHandle,
+    viewers: Arc<Viewers>,
+    gate: Gate,
+}
+
+impl Server {
+    /// Serves from now on; port 0 is any that is free. Web pages of other machines may connect from these origins only.
+    pub fn start(
+        context: &Arc<Context>,
+        address: SocketAddr,
+        origins: Vec<String>,
+    ) -> Result<Self, Error> {
+        let refuse = |error: &dyn Display| {
+            Error::input(format!(
+                "--live {address}: {error}: must be an address of this machine with a port that is free"
+            ))
+        };
+        let hidden = hidden_address();
+        let viewers = Arc::new(Viewers::default());
+        let handle = WebSocketServer::new()
+            .name("cfmmr")
+            .context(context)
+            .bind(hidden.to_string(), 0)
+            .capabilities([Capability::Time])
+            .listener(viewers.clone())
+            .start_blocking()
+            .map_err(|error| refuse(&error))?;
+        let inner = SocketAddr::new(hidden.into(), handle.port());
+        let gate = Gate::open(address, inner, origins).map_err(|error| refuse(&error))?;
+        Ok(Self {
+            handle,
+            viewers,
+            gate,
+        })
+    }
+
+    /// Says where it is, and waits for a viewer; an error if the flag is set meanwhile.
+    pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
+        note(format!(
+            "live: ws://{}, waiting for a viewer (Foxglove: Open connection, Foxglove WebSocket)",
+            self.gate.address()
+        ));
+        while !self.viewers.came.load(Relaxed) {
+            if interrupt.load(Relaxed) {
+                return Err(Error::Interrupted(
+                    "interrupted before a viewer came".to_owned(),
+                ));
+            }
+            thread::sleep(LOOK);
+        }
+        Ok(())
+    }
+
+    /// Tells viewers the simulated time, ns.
+    pub fn time(&self, nanos: u64) {
+        self.handle.broadcast_time(nanos);
+    }
+
+    /// Subscriptions since the last call.
+    pub fn joined(&self) -> Vec<(ChannelId, SinkId)> {
+        let joined = self.viewers.joined.lock();
+        mem::take(&mut *joined.unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Hands out what waits, and ends; a viewer that takes nothing is not waited for longer than [`STOP`].
+    pub fn stop(self) {
+        let (ended, end) = mpsc::channel();
+        let handle = self.handle;
+        drop(self.gate);
+        thread::spawn(move || {
+            handle.stop().wait_blocking();
+            // Nobody listens after the limit.
+            let _ = ended.send(());
+        });
+        let _ = end.recv_timeout(STOP);
+    }
+}

@@ -1,0 +1,37 @@
+//! The run as an MCAP file or served to live viewers; the way back from the file.
+
+mod file;
+mod gate;
+mod intact;
+mod live;
+pub mod read;
+pub mod recover;
+pub mod replay;
+mod sink;
+mod standard;
+
+pub(crate) use file::Mcap;
+pub use mcap::MAGIC;
+
+use crate::{About, Destinations};
+use host_sim::base::error::Error;
+use output::files;
+use sink::Sink;
+
+/// Checks the path of the log.
+pub(crate) fn check(to: &Destinations) -> Result<(), Error> {
+    match &to.log {
+        Some(path) => Ok(files::try_file(path)?),
+        None => Ok(()),
+    }
+}
+
+/// Opens the log, and serves the run to live viewers.
+pub(crate) fn open(to: &Destinations, about: &About) -> Result<Option<Mcap>, Error> {
+    let mut sink = to.log.as_deref().map(Sink::to_file).transpose()?;
+    if let Some(address) = to.live {
+        sink.get_or_insert_with(Sink::nowhere)
+            .serve(address, &to.live_origin)?;
+    }
+    sink.map(|sink| Mcap::new(sink, about)).transpose()
+}

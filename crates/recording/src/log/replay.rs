@@ -1,0 +1,615 @@
+//! A recorded run once more: what each board got goes through its nodes again.
+//!
+//! [`compare`] runs every board by itself on exactly what it got, and finds the first thing that it
+//! does otherwise. [`estimate_again`] runs them with other parameters. What a board tells another
+//! one then changes too, so each frame that arrived is replaced by the one that its sender now puts
+//! on the bus at the same tick; what was lost stays lost, and what was never sent does not arrive.
+//! The motion stays the recorded one: the robot does not drive by the new estimates.
+
+use super::read::{Event, Recording, Step};
+use crate::entry::{Exact, Pose, TruthEntry, epoch_of};
+use core_algos::bus::{self, CanFrame};
+use core_algos::fusion::ekf::Verdict;
+use core_algos::node::lead;
+use core_algos::node::robot::RobotConfig;
+use core_algos::time::{Micros, TICK};
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::base::statistics::nees;
+use host_sim::run::bit_compare::{lead_difference, show_frame};
+use host_sim::targets::{Fault, InProcess, Posted, Target};
+use serde::Serialize;
+use std::collections::{BTreeMap, HashMap};
+
+/// The first thing that a board did otherwise.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Divergence {
+    /// The tick, ms.
+    pub tick: u32,
+    /// The board.
+    pub board: &'static str,
+    /// Name of the differing signal.
+    pub signal: String,
+    /// As recorded.
+    pub recorded: String,
+    /// As replayed.
+    pub replayed: String,
+}
+
+impl std::fmt::Display for Divergence {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self {
+            tick,
+            board,
+            signal,
+            recorded,
+            replayed,
+        } = self;
+        write!(
+            f,
+            "tick {tick}, {board} board: {signal} was {recorded}, replayed {replayed}"
+        )
+    }
+}
+
+/// A board under replay.
+struct ReplayedBoard {
+    role: Role,
+    target: InProcess,
+    on: bool,
+    /// The lead node's latest output.
+    lead: Option<lead::Output>,
+}
+
+/// Output of a board at a tick.
+struct TickResult {
+    torque_nm: [f32; 2],
+    sent: Vec<CanFrame>,
+}
+
+impl ReplayedBoard {
+    fn new(role: Role) -> Self {
+        Self {
+            role,
+            target: InProcess::new(role),
+            on: false,
+            lead: None,
+        }
+    }
+
+    fn failed(&self, tick: u32, fault: Fault) -> Error {
+        let why = match fault {
+            Fault::Fatal(error) => error.to_string(),
+            Fault::Silent(why) => why,
+            Fault::Restarted => "restarted".to_owned(),
+        };
+        Error::input(format!("tick {tick}, {} board: {why}", self.role.name()))
+    }
+
+    /// Anything but a tick; parameters are put through `change`.
+    fn event(
+        &mut self,
+        event: &Event,
+        change: &dyn Fn(&RobotConfig) -> RobotConfig,
+    ) -> Result<(), Error> {
+        let (tick, result) = match event {
+            Event::Start {
+                tick,
+                config,
+                place,
+            } => {
+                self.on = true;
+                let config = change(config);
+                (*tick, self.target.start(&config, *tick, place.as_deref()))
+            }
+            Event::Off(..) => {
+                self.on = false;
+                self.target.kill()?;
+                return Ok(());
+            }
+            Event::Command(tick, command) => (*tick, self.target.command(command)),
+            Event::Tick(_) => return Ok(()),
+        };
+        result.map_err(|fault| self.failed(tick, fault))
+    }
+
+    /// One tick, with these frames arriving before it.
+    fn step(&mut self, step: &Step, received: &[CanFrame]) -> Result<TickResult, Error> {
+        let failed = |again: &Self, fault| again.failed(step.tick, fault);
+        let now = Micros::from(step.tick) * TICK;
+        for frame in received {
+            // The board cannot have heard what it cannot decode.
+            if let Ok(message) = bus::decode(frame) {
+                self.target.receive(now, frame, &message);
+            }
+        }
+        let begun = self.target.begin(step.tick, &step.samples);
+        begun.map_err(|fault| failed(self, fault))?;
+        let mut sent = Vec::new();
+        let output = self.target.finish(&mut |posted| {
+            if let Posted::Message(message) = posted
+                && let Ok(frame) = bus::encode(message)
+            {
+                sent.push(frame);
+            }
+        });
+        let output = output.map_err(|fault| failed(self, fault))?;
+        self.lead = output.lead.or(self.lead);
+        Ok(TickResult {
+            torque_nm: output.torque_nm,
+            sent,
+        })
+    }
+
+    /// First difference from the recorded tick.
+    fn divergence(&self, step: &Step, done: &TickResult) -> Option<Divergence> {
+        let part = |signal: String, recorded: String, replayed: String| {
+            Some(Divergence {
+                tick: step.tick,
+                board: self.role.name(),
+                signal,
+                recorded,
+                replayed,
+            })
+        };
+        let count = step.sent.len().max(done.sent.len());
+        if let Some(i) = (0..count).find(|&i| step.sent.get(i) != done.sent.get(i)) {
+            let show = |frame: Option<&CanFrame>| frame.map_or("absent".to_owned(), show_frame);
+            return part(
+                "frame on the bus".to_owned(),
+                show(step.sent.get(i)),
+                show(done.sent.get(i)),
+            );
+        }
+        for (k, side) in ["left", "right"].into_iter().enumerate() {
+            let (recorded, replayed) = (step.torque_nm[k], Exact(done.torque_nm[k]));
+            if recorded != replayed {
+                return part(
+                    format!("{side} wheel torque"),
+                    format!("{:e} N m", recorded.0),
+                    format!("{:e} N m", replayed.0),
+                );
+            }
+        }
+        let recorded = step.lead.as_deref()?;
+        let replayed = self.lead.unwrap_or_default();
+        let (path, recorded, replayed) = lead_difference(recorded, &replayed)?;
+        part(format!("lead node{path}"), recorded, replayed)
+    }
+}
+
+/// The first thing in which the nodes of this program part from those of a recording.
+pub fn compare(recording: &Recording) -> Result<Option<Divergence>, Error> {
+    let mut first: Option<Divergence> = None;
+    for (role, events) in Role::ALL.into_iter().zip(&recording.boards) {
+        let mut again = ReplayedBoard::new(role);
+        for event in events {
+            again.event(event, &|config| *config)?;
+            let Event::Tick(step) = event else {
+                continue;
+            };
+            if first.as_ref().is_some_and(|first| first.tick < step.tick) {
+                break;
+            }
+            let done = match again.on {
+                true => again.step(step, &step.received)?,
+                false => {
+                    return Err(Error::input(format!(
+                        "tick {}: the {} board has no start",
+                        step.tick,
+                        role.name()
+                    )));
+                }
+            };
+            if let Some(divergence) = again.divergence(step, &done) {
+                let earlier = |first: &Divergence| first.tick <= divergence.tick;
+                if !first.as_ref().is_some_and(earlier) {
+                    first = Some(divergence);
+                }
+                break;
+            }
+        }
+    }
+    Ok(first)
+}
+
+/// Estimates of the lead node by time of validity, ms.
+pub type Estimates = BTreeMap<u32, lead::Output>;
+
+/// The lead node's outputs as recorded, until the common time of the boards goes back.
+pub fn recorded_estimates(recording: &Recording) -> Estimates {
+    let mut estimates = Estimates::new();
+    let mut last = 0;
+    for event in &recording.boards[Role::Front as usize] {
+        if event.tick() < last {
+            break;
+        }
+        last = event.tick();
+        if let Event::Tick(step) = event
+            && let Some(output) = &step.lead
+        {
+            estimates.insert(epoch_of(step.tick), **output);
+        }
+    }
+    estimates
+}
+
+/// The lead node's outputs with other parameters.
+pub fn estimate_again(
+    recording: &Recording,
+    change: &dyn Fn(&RobotConfig) -> RobotConfig,
+) -> Result<Estimates, Error> {
+    let mut boards = Role::ALL.map(ReplayedBoard::new);
+    let mut rest = recording
+        .boards
+        .each_ref()
+        .map(|events| events.iter().peekable());
+    // When each frame was last sent, and what its sender sends at a tick now.
+    let mut recorded: HashMap<(u16, u8, [u8; 8]), u32> = HashMap::new();
+    let mut now: HashMap<(u16, u32), CanFrame> = HashMap::new();
+    let key = |frame: &CanFrame| (frame.id, frame.length, frame.data);
+    let mut estimates = Estimates::new();
+    while let Some(tick) = rest
+        .iter_mut()
+        .filter_map(|rest| rest.peek().map(|event| event.tick()))
+        .min()
+    {
+        // What is sent at a tick arrives at a later one.
+        let (mut sent, mut sent_now) = (Vec::new(), Vec::new());
+        for (again, rest) in boards.iter_mut().zip(&mut rest) {
+            while let Some(event) = rest.next_if(|event| event.tick() <= tick) {
+                let heard = again.event(event, change);
+                // By other estimates the robot is elsewhere on its path, so that more of the path may
+                // find no room. That steers; it does not estimate.
+                if !matches!(event, Event::Command(..)) {
+                    heard?;
+                }
+                let Event::Tick(step) = event else {
+                    continue;
+                };
+                let received: Vec<CanFrame> = step
+                    .received
+                    .iter()
+                    .filter_map(|frame| match recorded.get(&key(frame)) {
+                        Some(at) => now.get(&(frame.id, *at)).copied(),
+                        None => Some(*frame),
+                    })
+                    .collect();
+                let done = again.step(step, &received)?;
+                sent.extend(step.sent.iter().map(|frame| (key(frame), tick)));
+                let replayed = done.sent.into_iter();
+                sent_now.extend(replayed.map(|frame| ((frame.id, tick), frame)));
+                if step.lead.is_some()
+                    && let Some(lead) = again.lead
+                {
+                    estimates.insert(epoch_of(tick), lead);
+                }
+            }
+        }
+        recorded.extend(sent);
+        now.extend(sent_now);
+    }
+    Ok(estimates)
+}
+
+/// Quality of estimates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Quality {
+    /// Root mean square of the midpoint's position error, m; none without the true state.
+    pub position_rms_m: Option<f64>,
+    /// Largest position error, m.
+    pub position_max_m: Option<f64>,
+    /// Root mean square of the heading error, rad.
+    pub heading_rms_rad: Option<f64>,
+    /// Position error at the end, m.
+    pub final_position_m: Option<f64>,
+    /// Heading error at the end, rad.
+    pub final_heading_rad: Option<f64>,
+    /// Root mean square of the error of the front axle's position seen from the rear axle, m.
+    pub relative_rms_m: Option<f64>,
+    /// Mean of the midpoint's normalised error squared; 3 if its covariance is right.
+    pub mean_nees: Option<f64>,
+    /// Mean of the beam's normalised innovation squared; 3 if its covariance is right.
+    pub mean_nis: f64,
+    /// Share of innovations that the gate refused.
+    pub refused: f64,
+    /// Number of estimates.
+    pub count: usize,
+}
+
+impl Quality {
+    /// Of estimates of a recording against the true states of the same instants.
+    pub fn of(estimates: &Estimates, recording: &Recording) -> Self {
+        let zero_us = recording.zero_us.unwrap_or_default();
+        let mut errors = Errors::default();
+        let (mut nis, mut used, mut refused) = (0.0, 0u32, 0u32);
+        for (time, output) in estimates {
+            let beam = &output.fused.beam;
+            match beam.verdict {
+                Verdict::Used => {
+                    nis += f64::from(beam.nis);
+                    used += 1;
+                }
+                Verdict::Gated => {
+                    nis += f64::from(beam.nis);
+                    used += 1;
+                    refused += 1;
+                }
+                _ => {}
+            }
+            if let Some(truth) = true_state(&recording.truth, 1000 * i64::from(*time) - zero_us) {
+                errors.add(output, truth);
+            }
+        }
+        let share = |sum: f64, count: u32| sum / f64::from(count.max(1));
+        Self {
+            mean_nis: share(nis, used),
+            refused: share(refused.into(), used),
+            count: estimates.len(),
+            ..errors.quality()
+        }
+    }
+}
+
+/// True postures of the midpoint and of the front axle in the rear axle's frame at a time of the run, µs, between the
+/// entries around it.
+fn true_state(truth: &BTreeMap<u32, TruthEntry>, at_us: i64) -> Option<(Pose, Pose)> {
+    let at = u32::try_from(at_us.div_euclid(1000)).ok()?;
+    let (before, first) = truth.range(..=at).next_back()?;
+    let since = at_us as f64 * 1e-3 - f64::from(*before);
+    if since == 0.0 {
+        return Some((first.robot, first.relative));
+    }
+    let (after, second) = truth.range(at + 1..).next()?;
+    let share = since / f64::from(after - before);
+    let between = |a: Pose, b: Pose| {
+        let turn = std::f64::consts::TAU;
+        let angle = b.phi_rad - a.phi_rad;
+        Pose {
+            x_m: a.x_m + share * (b.x_m - a.x_m),
+            y_m: a.y_m + share * (b.y_m - a.y_m),
+            phi_rad: a.phi_rad + share * (angle - turn * (angle / turn).round()),
+        }
+    };
+    let robot = between(first.robot, second.robot);
+    Some((robot, between(first.relative, second.relative)))
+}
+
+/// Sums that become a [`Quality`].
+#[derive(Clone, Copy, Debug, Default)]
+struct Errors {
+    position: f64,
+    position_max: f64,
+    heading: f64,
+    relative: f64,
+    nees: f64,
+    last: [f64; 2],
+    count: u32,
+}
+
+impl Errors {
+    fn add(&mut self, output: &lead::Output, (robot, apart): (Pose, Pose)) {
+        let fused = &output.fused;
+        let seen = Pose::from(fused.robot.posture);
+        let distance = (seen.x_m - robot.x_m).hypot(seen.y_m - robot.y_m);
+        let turn = std::f64::consts::TAU;
+        let heading = seen.phi_rad - robot.phi_rad;
+        let heading = heading - turn * (heading / turn).round();
+        let relative = Pose::from(fused.front.posture.relative_to(fused.rear.posture));
+        let apart = [relative.x_m - apart.x_m, relative.y_m - apart.y_m];
+        self.position += distance.powi(2);
+        self.position_max = self.position_max.max(distance);
+        self.heading += heading.powi(2);
+        self.relative += apart[0].powi(2) + apart[1].powi(2);
+        self.nees += nees(&fused.robot, robot.into());
+        self.last = [distance, heading];
+        self.count += 1;
+    }
+
+    fn quality(&self) -> Quality {
+        if self.count == 0 {
+            return Quality::default();
+        }
+        let count = f64::from(self.count);
+        let rms = |sum: f64| Some((sum / count).sqrt());
+        Quality {
+            position_rms_m: rms(self.position),
+            position_max_m: Some(self.position_max),
+            heading_rms_rad: rms(self.heading),
+            final_position_m: Some(self.last[0]),
+            final_heading_rad: Some(self.last[1]),
+            relative_rms_m: rms(self.relative),
+            mean_nees: Some(self.nees / count),
+            ..Quality::default()
+        }
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::super::read;
+    use super::*;
+    use crate::{About, Destinations, Session};
+    use core_algos::math::Posture;
+    use core_algos::node::lead::Task;
+    use host_sim::run::end::RunEnd;
+    use host_sim::run::robot::Robot;
+    use host_sim::run::simulation::Simulation;
+    use host_sim::scenario::Scenario;
+    use host_sim::targets;
+    use host_sim::targets::HostCommand;
+    use host_sim::targets::{Failure, FailureMode};
+    use std::fs;
+
+    fn scenario() -> Scenario {
+        let mut scenario = Scenario::default();
+        scenario.world.sensors.gyro.fitted = true;
+        scenario.world.sensors.accelerometer.fitted = true;
+        scenario.world.bus.loss = 0.02;
+        scenario
+    }
+
+    /// The bytes of a log of so many ticks; the robot drives after the first fifth of a second.
+    pub(in crate::log) fn recorded(ticks: u32, prepare: impl FnOnce(&mut Simulation)) -> Vec<u8> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.mcap");
+        let scenario = scenario();
+        let about = About {
+            command: "test",
+            build: "test",
+            seed: 5,
+            trial: 0,
+            scenario: &scenario,
+        };
+        let args = Destinations {
+            log: Some(path.clone()),
+            ..Destinations::default()
+        };
+        let session = Session::begin(&args, &about).unwrap().unwrap();
+        let targets = session.tap(targets::in_process(), &scenario);
+        let mut simulation = Simulation::on(targets, &scenario, 5, 0).unwrap();
+        simulation.observe(Box::new(session.clone()));
+        prepare(&mut simulation);
+        let goal = Posture::ORIGIN;
+        for tick in 0..ticks {
+            // The boards must have heard each other at rest.
+            if tick == 200 {
+                let task = Task::regulate(goal);
+                simulation.command(&HostCommand::Task(task)).unwrap();
+            }
+            simulation.step().unwrap();
+        }
+        assert!(!path.exists(), "not before it is whole");
+        session.close(&RunEnd::default()).unwrap();
+        fs::read(path).unwrap()
+    }
+
+    fn step(recording: &mut Recording, role: Role, tick: u32) -> &mut Step {
+        let events = recording.boards[role as usize].iter_mut();
+        let mut steps = events.filter_map(|event| match event {
+            Event::Tick(step) => Some(step),
+            _ => None,
+        });
+        steps.find(|step| step.tick == tick).unwrap()
+    }
+
+    #[test]
+    fn a_recording_replays_bit_for_bit_and_one_bit_is_found() {
+        let recording = read::read(&recorded(1500, |_| ()), "log").unwrap();
+        assert_eq!(recording.ticks(), 1500);
+        assert_eq!(compare(&recording).unwrap(), None);
+
+        let mut other = recording.clone();
+        let torque = &mut step(&mut other, Role::Rear, 1400).torque_nm[1];
+        assert!(torque.0 != 0.0, "under way");
+        *torque = Exact(f32::from_bits(torque.0.to_bits() ^ 1));
+        let found = compare(&other).unwrap().unwrap();
+        assert_eq!((found.tick, found.board), (1400, "rear"));
+        assert_eq!(found.signal, "right wheel torque");
+
+        // An encoder count more is felt at once by the axle that drives.
+        let mut other = recording.clone();
+        if let core_algos::node::board::Samples::Axle(samples) =
+            &mut step(&mut other, Role::Front, 1300).samples
+        {
+            samples.encoder[0] = samples.encoder[0].map(|count| count + 1);
+        }
+        let found = compare(&other).unwrap().unwrap();
+        assert_eq!((found.tick, found.board), (1300, "front"));
+
+        let mut other = recording.clone();
+        let sent = &mut step(&mut other, Role::Beam, 1200).sent;
+        sent[1].data[0] ^= 1;
+        let found = compare(&other).unwrap().unwrap();
+        assert_eq!((found.tick, found.board), (1200, "beam"));
+        assert_eq!(found.signal, "frame on the bus");
+
+        let mut other = recording;
+        let lead = step(&mut other, Role::Front, 1203).lead.as_mut().unwrap();
+        lead.fused.robot.covariance[2][0] += 1e-9;
+        let found = compare(&other).unwrap().unwrap();
+        assert_eq!(found.tick, 1203);
+        assert_eq!(found.signal, "lead node.fused.robot.covariance[2][0]");
+    }
+
+    #[test]
+    fn a_board_that_fails_and_comes_back_replays_too() {
+        let bytes = recorded(1500, |simulation| {
+            let failure = |role, at| Failure {
+                role,
+                at,
+                mode: FailureMode::Off,
+            };
+            let failures = vec![failure(Role::Beam, 700), failure(Role::Rear, 1000)];
+            simulation.boards().plan(failures, Some(100));
+        });
+        let recording = read::read(&bytes, "log").unwrap();
+        let starts = |role: Role| {
+            let events = recording.boards[role as usize].iter();
+            events.filter(|event| event.config().is_some()).count()
+        };
+        assert_eq!(Role::ALL.map(starts), [1, 2, 2]);
+        assert_eq!(compare(&recording).unwrap(), None);
+    }
+
+    #[test]
+    fn the_same_parameters_estimate_the_same_and_others_do_not() {
+        let recording = read::read(&recorded(8000, |_| ()), "log").unwrap();
+        let estimates = recorded_estimates(&recording);
+        assert_eq!(estimates.len(), 800);
+        let same = estimate_again(&recording, &|config| *config).unwrap();
+        assert!(
+            same == estimates,
+            "frames were lost alike, and none came otherwise"
+        );
+
+        // A radius that is believed a hundredth too large makes the way that much longer.
+        let larger = |config: &RobotConfig| {
+            let mut config = *config;
+            config.geometry.wheel_radius_m *= 1.01;
+            config
+        };
+        let wrong = estimate_again(&recording, &larger).unwrap();
+        let way = |estimates: &Estimates| {
+            let at = |time| estimates[&time].fused.robot.posture;
+            let (start, end) = (at(200), at(7990));
+            f64::from(end.x - start.x).hypot(f64::from(end.y - start.y))
+        };
+        assert!(way(&estimates) > 1.0, "{}", way(&estimates));
+        let ratio = way(&wrong) / way(&estimates);
+        // The beam tells the filter some of it.
+        assert!((1.003..1.012).contains(&ratio), "{ratio}");
+        let good = Quality::of(&estimates, &recording);
+        let bad = Quality::of(&wrong, &recording);
+        assert!(bad.position_rms_m > good.position_rms_m);
+        assert_eq!(
+            Quality::of(&estimates, &Recording::default()).mean_nees,
+            None
+        );
+    }
+
+    #[test]
+    fn a_file_that_is_cut_short_damaged_or_foreign_is_refused_as_bad_input() {
+        let bytes = recorded(60, |_| ());
+        assert!(read::read(&bytes, "log").is_ok());
+        let refused = |bytes: &[u8]| {
+            let error = read::read(bytes, "some.mcap").unwrap_err();
+            assert_eq!(error.exit_code(), 2, "{error}");
+            assert!(error.to_string().starts_with("some.mcap: "), "{error}");
+            error.to_string()
+        };
+        for end in (0..bytes.len()).step_by(bytes.len() / 200) {
+            refused(&bytes[..end]);
+        }
+        for place in (0..bytes.len()).step_by(bytes.len() / 200) {
+            let mut damaged = bytes.clone();
+            damaged[place] ^= 0x10;
+            refused(&damaged);
+        }
+        assert!(refused(b"time_s,x_m\n0.0,1.0\n").contains("another type of file"));
+        let mut empty = mcap::Writer::new(std::io::Cursor::new(Vec::new())).unwrap();
+        empty.finish().unwrap();
+        let foreign = empty.into_inner().into_inner();
+        assert!(refused(&foreign).contains("not a log of cfmmr"));
+    }
+}

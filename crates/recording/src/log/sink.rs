@@ -1,0 +1,187 @@
+//! The file of a log: a temporary one until it is whole, then renamed.
+//!
+//! A log that is dropped before it was closed is finished and renamed too, so that a run that was
+//! interrupted leaves a readable file of what there was. What cannot be written is told at the end:
+//! a log is no reason to stop a robot.
+
+use super::live::Server;
+use foxglove::{Context, McapWriter, McapWriterHandle};
+use host_sim::base::error::Error;
+use output::files;
+use output::files::OutputError;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, ErrorKind, Seek, SeekFrom, Write};
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use tempfile::{NamedTempFile, TempPath};
+
+/// The first error of a writer, which its user does not hear of.
+type FirstError = Arc<Mutex<Option<io::Error>>>;
+
+/// The file of a log.
+struct Watched {
+    file: BufWriter<File>,
+    error: FirstError,
+}
+
+impl Watched {
+    fn note<T>(&self, result: io::Result<T>) -> io::Result<T> {
+        result.map_err(|error| {
+            let kind = error.kind();
+            let mut first = self.error.lock().unwrap_or_else(PoisonError::into_inner);
+            first.get_or_insert(error);
+            kind.into()
+        })
+    }
+}
+
+impl Write for Watched {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.file.write(bytes);
+        self.note(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let flushed = self.file.flush();
+        self.note(flushed)
+    }
+}
+
+impl Seek for Watched {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let place = self.file.seek(to);
+        self.note(place)
+    }
+}
+
+fn failed(path: &Path) -> impl FnOnce(io::Error) -> OutputError + use<> {
+    let path = path.to_path_buf();
+    move |source| OutputError {
+        action: "write",
+        path,
+        source,
+    }
+}
+
+/// The file under its temporary name.
+fn create(path: &Path) -> Result<NamedTempFile, OutputError> {
+    // A log is read from its end: a pipe or a device would take none.
+    if fs::metadata(path).is_ok_and(|data| !data.is_file()) {
+        let what = io::Error::new(ErrorKind::InvalidInput, "must be a regular file");
+        return Err(failed(path)(what));
+    }
+    files::temporary_beside(path)
+}
+
+/// An open log.
+pub struct Sink {
+    context: Arc<Context>,
+    handle: Option<McapWriterHandle<Watched>>,
+    server: Option<Server>,
+    error: FirstError,
+    /// Path until the file is whole, and then.
+    temporary: Option<TempPath>,
+    path: Option<PathBuf>,
+}
+
+impl Sink {
+    /// A log in a file, which appears when it is closed or dropped.
+    pub fn to_file(path: &Path) -> Result<Self, OutputError> {
+        let (file, temporary) = create(path)?.into_parts();
+        let mut sink = Self::open(BufWriter::new(file)).map_err(failed(path))?;
+        (sink.temporary, sink.path) = (Some(temporary), Some(path.to_path_buf()));
+        Ok(sink)
+    }
+
+    /// A log that is not written, to be served.
+    pub fn nowhere() -> Self {
+        Self {
+            context: Context::new(),
+            handle: None,
+            server: None,
+            error: FirstError::default(),
+            temporary: None,
+            path: None,
+        }
+    }
+
+    /// True if the log goes to a file.
+    pub fn is_file(&self) -> bool {
+        self.handle.is_some()
+    }
+
+    /// Serves to viewers at this address what is written from now on; web pages of other machines only from these
+    /// origins.
+    pub fn serve(&mut self, address: SocketAddr, origins: &[String]) -> Result<(), Error> {
+        self.server = Some(Server::start(&self.context, address, origins.to_vec())?);
+        Ok(())
+    }
+
+    /// Server, if the log is served.
+    pub fn server(&self) -> Option<&Server> {
+        self.server.as_ref()
+    }
+
+    fn open(file: BufWriter<File>) -> io::Result<Self> {
+        let mut sink = Self::nowhere();
+        let watched = Watched {
+            file,
+            error: sink.error.clone(),
+        };
+        let handle = McapWriter::with_options(foxglove::McapWriteOptions::new().profile("cfmmr"))
+            .context(&sink.context)
+            .create(watched)
+            .map_err(io::Error::other)?;
+        sink.handle = Some(handle);
+        Ok(sink)
+    }
+
+    /// Final path of the file.
+    pub fn path(&self) -> Option<PathBuf> {
+        self.path.clone()
+    }
+
+    /// Context of the channels.
+    pub fn context(&self) -> &Arc<Context> {
+        &self.context
+    }
+
+    /// Writes a metadata record.
+    pub fn metadata(&self, name: &str, entries: &[(impl ToString, String)]) {
+        let entries = entries.iter();
+        let map = entries.map(|(key, value)| (key.to_string(), value.clone()));
+        if let Some(handle) = &self.handle {
+            // Told at the end, as of all that is written.
+            let _ = handle.write_metadata(name, map.collect());
+        }
+    }
+
+    /// Finishes the log; an error if not all of it could be written, and then there is no file.
+    pub fn close(&mut self) -> Result<(), OutputError> {
+        if let Some(server) = self.server.take() {
+            server.stop();
+        }
+        let Some(handle) = self.handle.take() else {
+            return Ok(());
+        };
+        let closed = handle.close().map_err(io::Error::other);
+        let mut result = closed.map(|mut watched| drop(watched.flush()));
+        let mut first = self.error.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(error) = first.take() {
+            result = Err(error);
+        }
+        let (Some(temporary), Some(path)) = (self.temporary.take(), &self.path) else {
+            return Ok(());
+        };
+        let result = result.and_then(|()| Ok(temporary.persist(path)?));
+        result.map_err(failed(path))
+    }
+}
+
+impl Drop for Sink {
+    fn drop(&mut self) {
+        // Nobody is left to be told.
+        let _ = self.close();
+    }
+}

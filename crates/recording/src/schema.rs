@@ -1,0 +1,187 @@
+//! Schemas of a log's messages: each message is declared once, as a struct of which the schema follows.
+
+use serde_json::{Value, json};
+
+/// Type of a field.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// A whole number.
+    Integer,
+    /// A number; of the boards one that is not finite stands as its bits in hexadecimal.
+    Number,
+    /// Yes or no.
+    Truth,
+    /// Text.
+    Text,
+    /// A list of so many whole numbers; those missing are null.
+    Integers(usize),
+    /// A list of so many numbers.
+    Numbers(usize),
+    /// A list of numbers.
+    List,
+    /// A list of texts.
+    Texts,
+    /// x_m, y_m (m) and phi_rad (rad).
+    Pose,
+    /// A posture and its covariance.
+    Estimate,
+    /// A list of frames, each with name, frame and message, whose fields depend on the name.
+    Frames,
+}
+
+/// One field of a message.
+#[derive(Clone, Copy, Debug)]
+pub struct Field {
+    /// Name.
+    pub name: &'static str,
+    /// Type.
+    pub kind: Kind,
+    /// True if the field may be null.
+    pub optional: bool,
+    /// Unit and meaning.
+    pub text: &'static str,
+}
+
+/// A kind of message.
+#[derive(Clone, Copy, Debug)]
+pub struct Schema {
+    /// Name; those of Foxglove are encoded as protobuf, ours as JSON.
+    pub name: &'static str,
+    /// Description of the message.
+    pub text: &'static str,
+    /// Fields; none where the schema is Foxglove's.
+    pub fields: &'static [Field],
+}
+
+/// A type that a field of a message may have.
+pub trait Logged {
+    /// Its kind.
+    const KIND: Kind;
+    /// True if it may be null.
+    const OPTIONAL: bool = false;
+}
+
+impl<T: Logged> Logged for Option<T> {
+    const KIND: Kind = T::KIND;
+    const OPTIONAL: bool = true;
+}
+
+/// Declares kinds of types.
+macro_rules! kinds {
+    ($($kind:expr => $($type:ty),+;)*) => {$($(
+        impl $crate::schema::Logged for $type {
+            const KIND: Kind = $kind;
+        }
+    )+)*};
+}
+
+/// Declares messages: structs with name and meaning, and their fields with unit and meaning.
+macro_rules! messages {
+    ($($(#[$attribute:meta])* pub struct $type:ident = $name:literal, $text:literal {
+        $($field:ident: $kind:ty, $meaning:literal;)*
+    })*) => {$(
+        #[doc = $text]
+        $(#[$attribute])*
+        pub struct $type {
+            $(#[doc = $meaning] pub $field: $kind,)*
+        }
+
+        impl $type {
+            /// Its schema.
+            pub const SCHEMA: Schema = Schema {
+                name: $name,
+                text: $text,
+                fields: &[$(Field {
+                    name: stringify!($field),
+                    kind: <$kind as $crate::schema::Logged>::KIND,
+                    optional: <$kind as $crate::schema::Logged>::OPTIONAL,
+                    text: $meaning,
+                },)*],
+            };
+        }
+    )*};
+}
+
+pub(super) use {kinds, messages};
+
+/// A list of so many items; without a number, of any.
+fn list(items: &Value, count: Option<usize>) -> Value {
+    let mut schema = json!({ "type": "array", "items": items });
+    if let Some(count) = count {
+        schema["minItems"] = count.into();
+        schema["maxItems"] = count.into();
+    }
+    schema
+}
+
+/// An object of these properties and no others.
+fn object<'a>(properties: impl IntoIterator<Item = (&'a str, Value)>) -> Value {
+    let (names, schemas): (Vec<_>, Vec<_>) = properties.into_iter().unzip();
+    let named = names.iter().map(|name| (*name).to_owned()).zip(schemas);
+    let properties: serde_json::Map<_, _> = named.collect();
+    json!({
+        "type": "object", "additionalProperties": false, "required": names, "properties": properties,
+    })
+}
+
+impl Kind {
+    fn schema(self) -> Value {
+        let text = json!({ "type": "string" });
+        let number = json!({ "type": ["number", "string", "null"] });
+        let pose = [("x_m", "m"), ("y_m", "m"), ("phi_rad", "rad")]
+            .map(|(name, unit)| (name, json!({ "type": "number", "description": unit })));
+        match self {
+            Self::Integer => json!({ "type": "integer" }),
+            Self::Number => number,
+            Self::Truth => json!({ "type": "boolean" }),
+            Self::Text => text,
+            Self::Integers(n) => list(&json!({ "type": ["integer", "null"] }), Some(n)),
+            Self::Numbers(n) => list(&number, Some(n)),
+            Self::List => list(&number, None),
+            Self::Texts => list(&text, None),
+            Self::Pose => object(pose),
+            Self::Estimate => {
+                let mut covariance = list(&list(&number, Some(3)), Some(3));
+                covariance["description"] = "m², m rad, rad²: covariance of (x, y, phi)".into();
+                object(pose.into_iter().chain([("covariance", covariance)]))
+            }
+            Self::Frames => {
+                let message = json!({ "type": ["object", "null"] });
+                let frame = object([
+                    ("name", text.clone()),
+                    ("frame", text),
+                    ("message", message),
+                ]);
+                list(&frame, None)
+            }
+        }
+    }
+}
+
+impl Schema {
+    /// As JSON schema.
+    pub fn json(&self) -> String {
+        let property = |field: &Field| {
+            let mut schema = field.kind.schema();
+            schema["description"] = field.text.into();
+            if field.optional
+                && let Some(text) = schema["type"].as_str()
+            {
+                schema["type"] = json!([text, "null"]);
+            }
+            (field.name.to_owned(), schema)
+        };
+        let properties: serde_json::Map<_, _> = self.fields.iter().map(property).collect();
+        let required: Vec<_> = self.fields.iter().map(|field| field.name).collect();
+        json!({
+            "$schema": "http://json-schema.org/draft-07/schema#",
+            "title": self.name,
+            "description": self.text,
+            "type": "object",
+            "additionalProperties": false,
+            "required": required,
+            "properties": properties,
+        })
+        .to_string()
+    }
+}

@@ -1,0 +1,156 @@
+//! A log as tables for a spreadsheet.
+
+use super::Line;
+use super::entry::AxleTick;
+use crate::csv;
+use core_algos::beam::MAX_GAUGES;
+use core_algos::bus::{CanFrame, layout};
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::run::end::RunEnd;
+use host_sim::run::robot::Record;
+use output::files::{Cell, Csv, OutputDir, try_file, write_file};
+use std::path::{Path, PathBuf};
+
+/// Destination of the tables: one file, or a folder.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Place {
+    /// The epochs only.
+    File(PathBuf),
+    /// Epochs, ticks and frames.
+    Folder(PathBuf),
+}
+
+/// The tables of a run.
+pub struct Tables {
+    place: Place,
+    records: Vec<Record>,
+    axles: Csv,
+    beam: Csv,
+    bus: Csv,
+    /// Common time of the boards at the start of the run, µs.
+    zero: i64,
+}
+
+impl Tables {
+    /// Tables that will be written to `path`: one file if its name ends in `.csv`, otherwise a
+    /// folder.
+    pub fn new(path: &Path) -> Result<Self, Error> {
+        let is_file = path
+            .extension()
+            .is_some_and(|end| end.eq_ignore_ascii_case("csv"));
+        let place = match is_file && !path.is_dir() {
+            true => {
+                try_file(path)?;
+                Place::File(path.to_path_buf())
+            }
+            false => {
+                OutputDir::create(path)?;
+                Place::Folder(path.to_path_buf())
+            }
+        };
+        let counts = (1..=MAX_GAUGES).map(|i| format!("bridge_{i}_counts"));
+        let header = "time_s axle encoder_left_counts encoder_right_counts gyro_rad_s \
+                      acceleration_m_s2 conditions_bits torque_left_nm torque_right_nm";
+        Ok(Self {
+            place,
+            records: Vec::new(),
+            axles: Csv::new(header.split_whitespace()),
+            beam: Csv::new(std::iter::once("time_s".to_owned()).chain(counts)),
+            zero: 0,
+            bus: Csv::new(["time_s", "board", "identifier_hex", "message", "data_hex"]),
+        })
+    }
+
+    /// One more epoch.
+    pub fn epoch(&mut self, record: &Record) {
+        self.records.push(*record);
+    }
+
+    fn all(&self) -> bool {
+        matches!(self.place, Place::Folder(_))
+    }
+
+    /// One more line of the recording.
+    pub(super) fn note(&mut self, line: &Line) {
+        match line {
+            Line::Zero(zero) => self.zero = *zero,
+            _ if !self.all() => {}
+            Line::Axle(role, tick) => self.axle(*role, tick),
+            Line::Beam(tick) => {
+                let counts = tick.counts.into_iter().map(Cell::from);
+                let time = self.seconds(tick.tick);
+                self.beam.row(std::iter::once(time).chain(counts));
+            }
+            Line::Frames(role, tick, frames) => {
+                frames
+                    .iter()
+                    .for_each(|frame| self.frame(*role, *tick, frame));
+            }
+            Line::Start(..)
+            | Line::Off(..)
+            | Line::Command(_)
+            | Line::Lead(..)
+            | Line::Board(..) => {}
+        }
+    }
+
+    /// Time of the run at a tick of the boards.
+    fn seconds(&self, tick: u32) -> Cell {
+        (f64::from(tick) * 1e-3 - self.zero as f64 * 1e-6).into()
+    }
+
+    fn axle(&mut self, role: Role, tick: &AxleTick) {
+        let [left, right] = tick.encoder;
+        let time = self.seconds(tick.tick);
+        self.axles.row::<Cell>([
+            time,
+            role.name().into(),
+            left.into(),
+            right.into(),
+            tick.gyro_rad_s.map(|value| value.0).into(),
+            tick.acceleration_m_s2.map(|value| value.0).into(),
+            Cell::Text(serde_json::to_string(&tick.conditions).unwrap_or_default()),
+            tick.torque_nm[0].0.into(),
+            tick.torque_nm[1].0.into(),
+        ]);
+    }
+
+    fn frame(&mut self, role: Role, tick: u32, frame: &CanFrame) {
+        let data = frame.data.iter().take(usize::from(frame.length));
+        let name = layout::find(frame.id).map_or("unknown", |layout| layout.name);
+        let time = self.seconds(tick);
+        self.bus.row::<Cell>([
+            time,
+            role.name().into(),
+            Cell::Text(format!("{:#05x}", frame.id)),
+            name.into(),
+            match frame.length {
+                0 => Cell::Empty,
+                _ => {
+                    Cell::Text(data.fold("0x".to_owned(), |text, byte| format!("{text}{byte:02x}")))
+                }
+            },
+        ]);
+    }
+
+    /// Writes the tables of a run with its end; gives where.
+    pub fn write(self, end: &RunEnd) -> Result<Vec<PathBuf>, Error> {
+        let epochs = csv::of_records(&self.records);
+        match self.place {
+            Place::File(path) => {
+                write_file(&path, epochs.into_bytes())?;
+                Ok(vec![path])
+            }
+            Place::Folder(path) => {
+                let mut files = OutputDir::create(path)?;
+                files.csv("epochs.csv", epochs);
+                files.csv("axles.csv", self.axles);
+                files.csv("beam.csv", self.beam);
+                files.csv("bus.csv", self.bus);
+                files.csv("end.csv", csv::of_ends([end]));
+                Ok(files.commit()?)
+            }
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! A board whose inputs and outputs are written down on their way, wherever it runs.
+
+use super::entry::{Can, HostCommandEntry, Off, Start};
+use super::{Line, Session};
+use core_algos::bus::{self, CanFrame, Message};
+use core_algos::link::protocol::{Place, StackUse};
+use core_algos::node::board::Samples;
+use core_algos::node::robot::RobotConfig;
+use core_algos::time::Micros;
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::targets::{Fault, HostCommand, Output, Posted, Report, Room, Target, Traffic};
+
+/// A board that is listened to.
+pub struct Tap {
+    role: Role,
+    target: Box<dyn Target>,
+    session: Session,
+    /// True if the frames of a board in this process are encoded here.
+    encoded: bool,
+    /// The tick whose answer is awaited, ms, and its samples.
+    begun: Option<(u32, Samples)>,
+    /// The tick that comes next, ms.
+    next: u32,
+    received: Vec<Can>,
+    sent: Vec<CanFrame>,
+}
+
+impl Tap {
+    /// Listens to a board.
+    pub fn new(role: Role, target: Box<dyn Target>, session: Session, encoded: bool) -> Self {
+        Self {
+            role,
+            target,
+            session,
+            encoded,
+            sent: Vec::new(),
+            begun: None,
+            next: 0,
+            received: Vec::new(),
+        }
+    }
+
+    fn off(&mut self, tick: u32, reason: String) {
+        self.begun = None;
+        self.received.clear();
+        self.sent.clear();
+        self.session
+            .note(Line::Off(self.role, Off { tick, reason }));
+    }
+
+    /// The board gave no answer to the latest tick.
+    fn failed(&mut self, fault: &Fault) {
+        let reason = match fault {
+            Fault::Restarted => "restarted without a command".to_owned(),
+            Fault::Silent(why) => why.clone(),
+            Fault::Fatal(error) => error.to_string(),
+        };
+        self.off(self.next.saturating_sub(1), reason);
+    }
+
+    /// The board answered.
+    fn answered(&mut self, output: &Output) {
+        let Some((tick, samples)) = self.begun.take() else {
+            return;
+        };
+        if !self.sent.is_empty() {
+            let sent = std::mem::take(&mut self.sent);
+            self.session.note(Line::Frames(self.role, tick, sent));
+        }
+        if let Some(lead) = &output.lead {
+            self.session.note(Line::Lead(tick, Box::new(*lead)));
+        }
+        let received = std::mem::take(&mut self.received);
+        self.session.note(Line::of_tick(
+            self.role,
+            (tick, &samples),
+            received,
+            output.torque_nm,
+        ));
+    }
+}
+
+impl Target for Tap {
+    fn start(
+        &mut self,
+        config: &RobotConfig,
+        tick: u32,
+        place: Option<&Place>,
+    ) -> Result<(), Fault> {
+        self.target.start(config, tick, place)?;
+        self.received.clear();
+        self.next = tick;
+        let entry = Start::new(tick, config, place);
+        let started = Box::new((entry, Some(self.target.report())));
+        self.session.note(Line::Start(self.role, started));
+        Ok(())
+    }
+
+    fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
+        self.target.command(command)?;
+        let entry = HostCommandEntry::new(self.next, command);
+        self.session.note(Line::Command(entry));
+        Ok(())
+    }
+
+    fn room(&mut self) -> Room {
+        self.target.room()
+    }
+
+    fn receive(&mut self, now: Micros, frame: &CanFrame, message: &Message) {
+        self.received.push(Can(*frame));
+        self.target.receive(now, frame, message);
+    }
+
+    fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault> {
+        self.next = tick + 1;
+        self.begun = Some((tick, *samples));
+        let begun = self.target.begin(tick, samples);
+        begun.inspect_err(|fault| self.failed(fault))
+    }
+
+    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
+        let Self {
+            target,
+            sent,
+            encoded,
+            ..
+        } = self;
+        let finished = target.finish(&mut |posted| {
+            let frame = match posted {
+                Posted::Message(message) => bus::encode(message).ok(),
+                Posted::Frame(frame) => Some(*frame),
+            };
+            sent.extend(frame);
+            match (&frame, posted) {
+                // Encoded once is enough.
+                (Some(frame), Posted::Message(_)) if *encoded => post(Posted::Frame(frame)),
+                _ => post(posted),
+            }
+        });
+        match &finished {
+            Ok(output) => self.answered(output),
+            Err(fault) => self.failed(fault),
+        }
+        finished
+    }
+
+    fn resume(&mut self, tick: u32) -> Result<(), Fault> {
+        self.target.resume(tick)
+    }
+
+    fn halt(&mut self, halted: bool) -> Result<(), Error> {
+        self.target.halt(halted)
+    }
+
+    fn crash(&mut self) -> Result<(), Error> {
+        self.target.crash()
+    }
+
+    fn stack(&mut self) -> Option<StackUse> {
+        self.target.stack()
+    }
+
+    fn kill(&mut self) -> Result<(), Error> {
+        self.off(self.next, "switched off".to_owned());
+        self.target.kill()
+    }
+
+    fn revive(&mut self) -> Result<(), Error> {
+        self.target.revive()
+    }
+
+    fn traffic(&self) -> Option<Traffic> {
+        self.target.traffic()
+    }
+
+    fn report(&self) -> Report {
+        self.target.report()
+    }
+}

@@ -1,0 +1,180 @@
+//! A recording is written down on a thread of its own: the run waits for nothing but room.
+
+use super::log::Mcap;
+use super::tables::Tables;
+use super::{Line, failed};
+use host_sim::base::error::Error;
+use host_sim::run::end::RunEnd;
+use host_sim::run::robot::Record;
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::thread::{Builder, JoinHandle};
+
+/// Notes that are handed over at once: a handing over wakes the other thread.
+const BATCH: usize = 256;
+/// Batches that may wait to be written down.
+const WAITING: usize = 32;
+
+/// Something to be written down.
+pub(super) enum Note {
+    /// Line of a tap.
+    Line(Line),
+    /// The true state at the end of an epoch.
+    Epoch(Box<Record>),
+    /// Goal and path of the run.
+    Plan([f64; 3], Vec<[f64; 3]>),
+}
+
+/// Files of a recording.
+pub(super) struct Files {
+    pub mcap: Option<Mcap>,
+    pub tables: Option<Tables>,
+}
+
+impl Files {
+    fn take(&mut self, note: &Note) {
+        if let Some(mcap) = &mut self.mcap {
+            match note {
+                Note::Line(line) => mcap.note(line),
+                Note::Epoch(record) => mcap.see(record),
+                Note::Plan(goal, path) => mcap.plan(*goal, path),
+            }
+        }
+        if let Some(tables) = &mut self.tables {
+            match note {
+                Note::Line(line) => tables.note(line),
+                Note::Epoch(record) => tables.epoch(record),
+                Note::Plan(..) => {}
+            }
+        }
+    }
+
+    /// Ends the files; gives where they are.
+    pub fn close(self, end: &RunEnd) -> Result<Vec<PathBuf>, Error> {
+        let mut paths = Vec::new();
+        if let Some(mut mcap) = self.mcap {
+            mcap.close(end)?;
+            paths.extend(mcap.path());
+        }
+        if let Some(tables) = self.tables {
+            paths.extend(tables.write(end)?);
+        }
+        Ok(paths)
+    }
+}
+
+/// A thread that writes.
+struct Thread {
+    to: SyncSender<Vec<Note>>,
+    handle: JoinHandle<Option<Box<Files>>>,
+}
+
+impl Thread {
+    /// Hands the files over, unless there is no other thread to be had.
+    fn start(files: Box<Files>) -> Result<Self, Box<Files>> {
+        let (to, notes) = sync_channel::<Vec<Note>>(WAITING);
+        let (give, given): (_, Receiver<Box<Files>>) = sync_channel(1);
+        let write = move || {
+            let mut files = given.recv().ok()?;
+            while let Ok(batch) = notes.recv() {
+                batch.iter().for_each(|note| files.take(note));
+            }
+            Some(files)
+        };
+        match Builder::new().name("log".to_owned()).spawn(write) {
+            Ok(handle) => match give.send(files) {
+                Ok(()) => Ok(Self { to, handle }),
+                Err(back) => Err(back.0),
+            },
+            Err(_) => Err(files),
+        }
+    }
+}
+
+/// Destination of notes.
+enum Place {
+    /// Nothing was noted yet, or it is written down where it is noted.
+    Here(Box<Files>),
+    There(Thread),
+    Closed,
+}
+
+/// Writes down what it is given, in order; what is dropped before it was closed is finished as it is.
+pub(super) struct Writer {
+    place: Place,
+    /// True if a thread was started.
+    tried: bool,
+    batch: Vec<Note>,
+    /// Viewers wait for every epoch.
+    prompt: bool,
+}
+
+impl Writer {
+    /// A writer to these files; `prompt` hands over every epoch at once.
+    pub fn new(files: Files, prompt: bool) -> Self {
+        Self {
+            place: Place::Here(Box::new(files)),
+            tried: false,
+            batch: Vec::new(),
+            prompt,
+        }
+    }
+
+    /// The files, as long as nothing was noted.
+    pub fn files(&mut self) -> Option<&mut Files> {
+        match &mut self.place {
+            Place::Here(files) => Some(files),
+            Place::There(_) | Place::Closed => None,
+        }
+    }
+
+    /// One note.
+    pub fn take(&mut self, note: Note) {
+        if !self.tried {
+            self.tried = true;
+            if let Place::Here(files) = std::mem::replace(&mut self.place, Place::Closed) {
+                self.place = Thread::start(files).map_or_else(Place::Here, Place::There);
+            }
+        }
+        if let Place::Here(files) = &mut self.place {
+            files.take(&note);
+            return;
+        }
+        let now = self.prompt && matches!(note, Note::Epoch(_));
+        self.batch.push(note);
+        if now || self.batch.len() >= BATCH {
+            self.hand_over();
+        }
+    }
+
+    fn hand_over(&mut self) {
+        let batch = std::mem::replace(&mut self.batch, Vec::with_capacity(BATCH));
+        if let Place::There(thread) = &self.place {
+            // A thread that is gone is told of at the end.
+            let _ = thread.to.send(batch);
+        }
+    }
+
+    /// The files with everything in them; none if they were given back already.
+    pub fn finish(&mut self) -> Result<Option<Box<Files>>, Error> {
+        self.hand_over();
+        match std::mem::replace(&mut self.place, Place::Closed) {
+            Place::Here(files) => Ok(Some(files)),
+            Place::There(Thread { to, handle }) => {
+                drop(to);
+                let files = handle.join().ok().flatten();
+                files
+                    .map(Some)
+                    .ok_or_else(|| failed("the thread that writes it has failed"))
+            }
+            Place::Closed => Ok(None),
+        }
+    }
+}
+
+impl Drop for Writer {
+    fn drop(&mut self) {
+        // Files that are dropped are finished; nobody is left to be told.
+        let _ = self.finish();
+    }
+}

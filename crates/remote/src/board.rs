@@ -1,0 +1,648 @@
+//! A board's nodes at the other end of a link.
+//!
+//! One request at a time, repeated until its answer comes; see [`core_algos::link`].
+
+use crate::link::Link;
+use crate::unanswered::Unanswered;
+use core_algos::bus::{CanFrame, Message};
+use core_algos::link::Stamp;
+use core_algos::link::framing::{self, Decoder, MAX_FRAME};
+use core_algos::link::protocol::{
+    self, CONFIG_CHUNK, CrashRecord, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request,
+    StackUse, Telemetry,
+};
+use core_algos::node::board::Samples;
+use core_algos::node::path_task::{PATH_POINTS, TRAJECTORY_POINTS};
+use core_algos::node::robot::RobotConfig;
+use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::targets::boards::fatal;
+use host_sim::targets::{
+    Fault, HostCommand, Latency, Output, Posted, Report, Room, Target, Traffic,
+};
+use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use std::time::{Duration, Instant};
+
+/// Time after which a request is repeated: much longer than any answer takes.
+const REPEAT_AFTER: Duration = Duration::from_millis(250);
+/// Times a request is sent before the board counts as lost.
+const ATTEMPTS: u32 = 40;
+/// The same where a user waits: 1.5 s.
+const HASTY_ATTEMPTS: u32 = 6;
+/// Answers to earlier requests that are taken for late ones.
+const STALE: u32 = 4;
+/// Ticks in an epoch, and the one at which the lead node works.
+const EPOCH_TICKS: u32 = (EPOCH / TICK) as u32;
+const LEAD_TICK: u32 = (LEAD_PHASE / TICK) as u32;
+
+/// A board at the other end of a link.
+pub struct Remote {
+    pub(super) role: Role,
+    pub(super) conversation: Conversation,
+    bus: Packed,
+    build: String,
+    room: Room,
+    /// Parts of the lead node's output.
+    telemetry: Vec<u8>,
+    tick: u32,
+    /// The bus frames of a tick were too many.
+    overflow: bool,
+    tick_bytes: [u64; 2],
+    latencies: Vec<u32>,
+}
+
+impl Remote {
+    /// A board at the end of `link`; nothing is sent yet.
+    pub fn new(role: Role, link: Box<dyn Link>) -> Self {
+        Self {
+            role,
+            conversation: Conversation::new(link),
+            bus: Packed::new(),
+            build: String::new(),
+            room: EMPTY,
+            telemetry: Vec::new(),
+            tick: 0,
+            overflow: false,
+            tick_bytes: [0; 2],
+            latencies: Vec::new(),
+        }
+    }
+
+    /// Gives the board less time, for a question that a user waits for: a running board answers within milliseconds.
+    pub fn hasten(&mut self) {
+        self.conversation.attempts = HASTY_ATTEMPTS;
+    }
+
+    /// Begins a session: a board that drives is asked for one, and resets. Checks that the board is the one that is
+    /// expected.
+    pub(super) fn hello(&mut self) -> Result<(), Fault> {
+        self.change_session("a session", true, &Request::Rig)
+    }
+
+    /// Ends a session that an earlier host has left open: a board in a session does not relay.
+    pub(super) fn attend(&mut self) -> Result<(), Fault> {
+        self.change_session("the end of its session", false, &Request::Leave)
+    }
+
+    /// Asks until the board is in a session, or in none.
+    fn change_session(&mut self, what: &str, open: bool, ask: &Request) -> Result<(), Fault> {
+        for _ in 0..STALE {
+            if self.greet_once()? == open {
+                return Ok(());
+            }
+            self.conversation.ask(ask)?;
+            match self.conversation.answer()? {
+                // Where the answer was lost, the board has reset already.
+                Reply::Done | Reply::Refused(Refusal::NoSession) => {}
+                other => return Err(refused(self.role, what, other)),
+            }
+        }
+        Err(unexpected(self.role, what))
+    }
+
+    /// Ends a session that an earlier host has left open, with the parameters that it has changed and not saved.
+    pub fn end_earlier_session(&mut self) -> Result<(), Error> {
+        let role = self.role;
+        self.attend().map_err(|fault| fatal(role, fault))
+    }
+
+    /// Ends the session and waits for the answer.
+    pub fn leave(mut self) -> Result<(), Error> {
+        let left = self.carry_out("the end of the session", &Request::Leave);
+        self.build.clear();
+        match left {
+            // Where the answer was lost, the board has reset already.
+            Ok(()) | Err(Fault::Restarted) => Ok(()),
+            Err(fault) => Err(fatal(self.role, fault)),
+        }
+    }
+
+    /// Crash record of a board that drives.
+    pub fn crash_record(&mut self) -> Result<CrashRecord, Error> {
+        let role = self.role;
+        self.ask_for_crash_record()
+            .map_err(|fault| fatal(role, fault))
+    }
+
+    fn ask_for_crash_record(&mut self) -> Result<CrashRecord, Fault> {
+        let role = self.role;
+        self.attend()?;
+        self.conversation.ask(&Request::Crash)?;
+        match self.conversation.answer()? {
+            Reply::Crash { counts, message } => Ok(CrashRecord {
+                counts,
+                message: message.try_into().unwrap_or_default(),
+            }),
+            other => Err(refused(role, "its crash record", other)),
+        }
+    }
+
+    /// The link.
+    pub(super) fn link(&mut self) -> &mut dyn Link {
+        self.conversation.link.as_mut()
+    }
+
+    /// Says hello; whether the board is in a session.
+    fn greet_once(&mut self) -> Result<bool, Fault> {
+        static NONCE: AtomicU32 = AtomicU32::new(1);
+        let sent = NONCE.fetch_add(1, Relaxed);
+        let request = Request::Hello {
+            protocol: PROTOCOL,
+            nonce: sent,
+        };
+        let expected = self.role;
+        // An answer to what was asked before the hello may still be on its way.
+        for _ in 0..STALE {
+            self.conversation.ask(&request)?;
+            let Reply::Hello {
+                protocol,
+                nonce,
+                role,
+                build,
+                session,
+                ..
+            } = self.conversation.answer()?
+            else {
+                continue;
+            };
+            if nonce != sent {
+                continue;
+            }
+            greeted(protocol, (expected, role), build).map_err(Fault::Fatal)?;
+            self.build = build.to_owned();
+            return Ok(session);
+        }
+        Err(unexpected(expected, "hello"))
+    }
+
+    /// Sends the parameters; gives their check sum as the board found it.
+    fn configure(&mut self, config: &RobotConfig) -> Result<u32, Fault> {
+        let mut room = [0; MAX_CONFIG];
+        let bytes = postcard::to_slice(config, &mut room)
+            .map_err(|error| Error::Failure(format!("parameters: {error}")))?;
+        let mut found = 0;
+        for (k, part) in bytes.chunks(CONFIG_CHUNK).enumerate() {
+            self.conversation.ask(&Request::Configure {
+                total: bytes.len() as u16,
+                offset: (k * CONFIG_CHUNK) as u16,
+                bytes: part,
+            })?;
+            match self.conversation.answer()? {
+                Reply::Configured { hash } => found = hash,
+                other => return Err(refused(self.role, "parameters", other)),
+            }
+        }
+        let hash = framing::crc32c(bytes);
+        if found != hash {
+            return Err(Fault::Fatal(Error::Failure(format!(
+                "{} board: checksum of the parameters is {found:08x} on the board, {hash:08x} in this program",
+                self.role.name()
+            ))));
+        }
+        Ok(hash)
+    }
+
+    pub(super) fn carry_out(&mut self, what: &str, request: &Request) -> Result<(), Fault> {
+        self.conversation.ask(request)?;
+        match self.conversation.answer()? {
+            Reply::Done => Ok(()),
+            other => Err(refused(self.role, what, other)),
+        }
+    }
+}
+
+const EMPTY: Room = Room {
+    path: PATH_POINTS,
+    trajectory: TRAJECTORY_POINTS,
+};
+
+/// Refuses a board of another protocol or another role.
+pub(super) fn greeted(
+    protocol: u16,
+    (wanted, role): (Role, Role),
+    build: &str,
+) -> Result<(), Error> {
+    let name = wanted.name();
+    if protocol != PROTOCOL {
+        return Err(Error::input(format!(
+            "{name} board: its image ({build}) has protocol version {protocol}, this program version {PROTOCOL}: \
+             flash the image of this version"
+        )));
+    }
+    if role != wanted {
+        return Err(Error::input(format!(
+            "--on serial:{name}: the {name} board's port leads to the {} board: check ports and strap",
+            role.name()
+        )));
+    }
+    Ok(())
+}
+
+fn unexpected(role: Role, what: &str) -> Fault {
+    Fault::Fatal(Error::Failure(format!(
+        "{} board: {what}: unexpected answer",
+        role.name()
+    )))
+}
+
+pub(super) fn refused(role: Role, what: &str, reply: Reply) -> Fault {
+    let reason = match reply {
+        Reply::Refused(Refusal::NoSession | Refusal::NotStarted) => return Fault::Restarted,
+        Reply::Refused(Refusal::Point(error)) => {
+            return Fault::Fatal(Error::input(format!("{what}: {error}")));
+        }
+        Reply::Refused(Refusal::Parameter { text }) => text.to_owned(),
+        Reply::Refused(Refusal::Armed) => {
+            return Fault::Fatal(Error::input(format!(
+                "{} board refuses {what}: its motors may be on; stop the robot first",
+                role.name()
+            )));
+        }
+        Reply::Refused(Refusal::Leased) => {
+            "another program commands the robot, or did so a second ago".to_owned()
+        }
+        Reply::Refused(Refusal::NotSaved) => "writing its flash failed".to_owned(),
+        Reply::Refused(Refusal::Hash { found }) => {
+            format!("the board received parameters with checksum {found:08x}")
+        }
+        Reply::Refused(reason) => format!("{reason:?}"),
+        _ => return unexpected(role, what),
+    };
+    Fault::Fatal(Error::Failure(format!(
+        "{} board refuses {what}: {reason}",
+        role.name()
+    )))
+}
+
+impl Drop for Remote {
+    /// The board goes back to driving; without an answer it does so by itself.
+    fn drop(&mut self) {
+        if !self.build.is_empty() {
+            let _ = self.conversation.ask(&Request::Leave);
+        }
+    }
+}
+
+impl Target for Remote {
+    fn start(
+        &mut self,
+        config: &RobotConfig,
+        tick: u32,
+        place: Option<&Place>,
+    ) -> Result<(), Fault> {
+        self.hello()?;
+        let hash = self.configure(config)?;
+        let start = Request::Start {
+            hash,
+            tick,
+            place: place.copied(),
+        };
+        self.carry_out("start", &start)?;
+        self.room = EMPTY;
+        self.telemetry.clear();
+        self.bus = Packed::new();
+        Ok(())
+    }
+
+    fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
+        for order in command.orders() {
+            // A session is that of one host.
+            let stamp = Stamp::default();
+            self.carry_out(command.subject(), &Request::Order { stamp, order })?;
+        }
+        match command {
+            HostCommand::Path(points, _) => {
+                self.room.path = self.room.path.saturating_sub(points.len());
+            }
+            HostCommand::Trajectory(points, _) => {
+                self.room.trajectory = self.room.trajectory.saturating_sub(points.len());
+            }
+            HostCommand::Task(_) | HostCommand::Place(_) | HostCommand::Lost => {}
+        }
+        Ok(())
+    }
+
+    fn room(&mut self) -> Room {
+        self.room
+    }
+
+    fn receive(&mut self, _now: Micros, frame: &CanFrame, _message: &Message) {
+        // The beam board has nothing to hear.
+        if self.role != Role::Beam {
+            self.overflow |= !self.bus.push(frame);
+        }
+    }
+
+    fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault> {
+        let bus = std::mem::take(&mut self.bus);
+        if std::mem::take(&mut self.overflow) {
+            return Err(Fault::Fatal(Error::Failure(format!(
+                "{} board: more bus frames at tick {tick} than one request holds",
+                self.role.name()
+            ))));
+        }
+        self.tick = tick;
+        let request = match *samples {
+            Samples::Axle(samples) => Request::Axle {
+                tick,
+                samples,
+                bus: bus.bytes(),
+            },
+            Samples::Beam(samples) => Request::Beam { tick, samples },
+        };
+        self.tick_bytes[0] += self.conversation.ask(&request)? as u64;
+        Ok(())
+    }
+
+    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
+        let reply = self.conversation.answer()?;
+        let (torque_nm, bus, telemetry) = match reply {
+            Reply::Axle {
+                torque_nm,
+                bus,
+                telemetry,
+                ..
+            } => (torque_nm, bus, telemetry),
+            Reply::Beam { bus, .. } => ([0.0; 2], bus, [].as_slice()),
+            other => return Err(refused(self.role, "tick", other)),
+        };
+        for frame in protocol::unpack(bus) {
+            post(Posted::Frame(&frame));
+        }
+        if self.tick % EPOCH_TICKS == LEAD_TICK {
+            self.telemetry.clear();
+        }
+        self.telemetry.extend_from_slice(telemetry);
+        let lead = match complete(&self.telemetry) {
+            Some(latest) if !telemetry.is_empty() => {
+                self.room = Room {
+                    path: latest.path_room.into(),
+                    trajectory: latest.trajectory_room.into(),
+                };
+                Some(latest.output)
+            }
+            _ => None,
+        };
+        self.latencies.push(self.conversation.latency_us);
+        self.tick_bytes[1] += self.conversation.answered_bytes;
+        Ok(Output { torque_nm, lead })
+    }
+
+    fn resume(&mut self, tick: u32) -> Result<(), Fault> {
+        self.carry_out("its next tick", &Request::Resume { tick })
+    }
+
+    fn halt(&mut self, halted: bool) -> Result<(), Error> {
+        self.conversation.link.halt(halted)
+    }
+
+    fn crash(&mut self) -> Result<(), Error> {
+        self.conversation.link.crash()
+    }
+
+    fn stack(&mut self) -> Option<StackUse> {
+        self.conversation.ask(&Request::Stack).ok()?;
+        match self.conversation.answer().ok()? {
+            Reply::Stack(stack) if stack.size_bytes > 0 => Some(stack),
+            _ => None,
+        }
+    }
+
+    fn kill(&mut self) -> Result<(), Error> {
+        self.conversation.link.kill()
+    }
+
+    fn revive(&mut self) -> Result<(), Error> {
+        self.conversation.link.revive()
+    }
+
+    fn traffic(&self) -> Option<Traffic> {
+        let counters = self.conversation.decoder.counters();
+        Some(Traffic {
+            frames: counters.received.into(),
+            lost: self.conversation.repeated,
+            damaged: counters.damaged.into(),
+        })
+    }
+
+    fn report(&self) -> Report {
+        let traffic = self.traffic().unwrap_or_default();
+        let ticks = self.latencies.len().max(1) as f64;
+        Report {
+            role: self.role.name(),
+            target: self.conversation.link.name(),
+            build: self.build.clone(),
+            frames: traffic.frames,
+            lost: traffic.lost,
+            damaged: traffic.damaged,
+            sent_per_tick: self.tick_bytes[0] as f64 / ticks,
+            received_per_tick: self.tick_bytes[1] as f64 / ticks,
+            latency: Latency::of(&self.latencies),
+            stack: None,
+        }
+    }
+}
+
+/// The lead node's output, once all of it has come.
+pub(super) fn complete(telemetry: &[u8]) -> Option<Telemetry> {
+    let (length, bytes) = telemetry.split_first_chunk()?;
+    let all = usize::from(u16::from_le_bytes(*length)) == bytes.len();
+    all.then(|| postcard::from_bytes(bytes).ok()).flatten()
+}
+
+/// Requests and answers over a link.
+pub(super) struct Conversation {
+    link: Box<dyn Link>,
+    decoder: Decoder,
+    number: u8,
+    asked: framing::SerialFrame,
+    asked_at: Instant,
+    payload: Vec<u8>,
+    repeated: u64,
+    latency_us: u32,
+    answered_bytes: u64,
+    /// Bytes that came since the request.
+    strange: Unanswered,
+    /// Times a request is sent before the board counts as lost.
+    attempts: u32,
+    /// True if the latest request is a hello.
+    greets: bool,
+}
+
+impl Conversation {
+    fn new(link: Box<dyn Link>) -> Self {
+        Self {
+            link,
+            decoder: Decoder::new(),
+            number: 0,
+            asked: framing::SerialFrame::default(),
+            asked_at: Instant::now(),
+            payload: Vec::new(),
+            repeated: 0,
+            latency_us: 0,
+            answered_bytes: 0,
+            strange: Unanswered::default(),
+            attempts: ATTEMPTS,
+            greets: false,
+        }
+    }
+
+    /// Sends a request with the next number; gives the number of bytes.
+    pub(super) fn ask(&mut self, request: &Request) -> Result<usize, Fault> {
+        self.number = self.number.wrapping_add(1);
+        self.asked = protocol::encode(self.number, request)
+            .ok_or_else(|| Error::Failure(format!("request too long: {request:?}")))?;
+        // What a session before this one left unfinished must not spoil the first frame.
+        self.greets = matches!(request, Request::Hello { .. });
+        let bytes = match self.greets {
+            true => self.asked.repeated(),
+            false => self.asked.bytes(),
+        };
+        self.asked_at = Instant::now();
+        self.link.send(bytes).map_err(gone)?;
+        Ok(bytes.len())
+    }
+
+    /// Waits for the answer to the latest request, which is repeated as often as needed.
+    pub(super) fn answer(&mut self) -> Result<Reply<'_>, Fault> {
+        self.answered_bytes = 0;
+        self.strange = Unanswered::to(self.asked.bytes());
+        for attempt in 0..self.attempts {
+            if attempt > 0 {
+                self.repeated += 1;
+                self.link.send(self.asked.repeated()).map_err(gone)?;
+            }
+            let deadline = Instant::now() + REPEAT_AFTER;
+            if self.listen(deadline)? {
+                // Other answers may be as their requests.
+                if self.greets && self.strange.is_echo() {
+                    return Err(Fault::Silent(self.strange.to_string()));
+                }
+                self.latency_us = self.asked_at.elapsed().as_micros() as u32;
+                let (_, reply) = protocol::decode(&self.payload).ok_or_else(|| {
+                    Error::Failure(
+                        "a board sent an answer that does not decode in this version".to_owned(),
+                    )
+                })?;
+                return Ok(reply);
+            }
+        }
+        let patience = REPEAT_AFTER * self.attempts;
+        let arrived = &self.strange;
+        Err(Fault::Silent(format!(
+            "no answer in {patience:?}: {arrived}"
+        )))
+    }
+
+    /// Waits for the answer; false if the deadline passed.
+    fn listen(&mut self, deadline: Instant) -> Result<bool, Fault> {
+        let mut room = [0; 2 * MAX_FRAME];
+        loop {
+            let left = deadline.saturating_duration_since(Instant::now());
+            let count = self.link.receive(&mut room, left).map_err(gone)?;
+            self.strange.hear(room.get(..count).unwrap_or_default());
+            let mut found = false;
+            for &byte in room.get(..count).unwrap_or_default() {
+                if let Some(payload) = self.decoder.take_byte(byte)
+                    && payload.first() == Some(&self.number)
+                {
+                    self.payload.clear();
+                    self.payload.extend_from_slice(payload);
+                    found = true;
+                }
+            }
+            self.answered_bytes += count as u64;
+            if found || count == 0 {
+                return Ok(found);
+            }
+        }
+    }
+}
+
+fn gone(error: std::io::Error) -> Fault {
+    use std::io::ErrorKind::{BrokenPipe, Other, UnexpectedEof};
+    match error.kind() {
+        UnexpectedEof | BrokenPipe => Fault::Silent("the board closed the link".to_owned()),
+        // What a virtual board did that no board may do.
+        Other => Fault::Fatal(Error::Failure(error.to_string())),
+        _ => Fault::Silent(error.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::VecDeque;
+    use std::io;
+
+    /// A device that says these bytes and then nothing.
+    struct Device(VecDeque<u8>);
+
+    impl Link for Device {
+        fn name(&self) -> &'static str {
+            "device"
+        }
+
+        fn send(&mut self, _bytes: &[u8]) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn receive(&mut self, room: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+            let bytes = self.0.pop_front().into_iter();
+            Ok(room
+                .iter_mut()
+                .zip(bytes)
+                .map(|(to, from)| *to = from)
+                .count())
+        }
+    }
+
+    /// A port whose TX is connected to its RX.
+    struct Loop(VecDeque<u8>);
+
+    impl Link for Loop {
+        fn name(&self) -> &'static str {
+            "loop"
+        }
+
+        fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+            self.0.extend(bytes);
+            Ok(())
+        }
+
+        fn receive(&mut self, room: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+            io::Read::read(&mut self.0, room)
+        }
+    }
+
+    #[test]
+    fn port_that_echoes_is_named() {
+        let mut remote = Remote::new(Role::Front, Box::new(Loop(VecDeque::new())));
+        let Err(error) = remote.crash_record() else {
+            panic!("an echo answers");
+        };
+        assert!(
+            error.to_string().contains("TX is connected to its RX"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn silence_and_foreign_bytes_are_told_apart() {
+        for (said, expected) in [
+            (&b""[..], "nothing arrived"),
+            (
+                &b"AT OK"[..],
+                "5 bytes arrived that are no answer, the first is 0x41",
+            ),
+        ] {
+            let device = Device(said.iter().copied().collect());
+            let mut conversation = Conversation::new(Box::new(device));
+            for _ in 0..=said.len() {
+                assert!(!conversation.listen(Instant::now()).unwrap());
+            }
+            assert!(conversation.strange.to_string().starts_with(expected));
+        }
+    }
+}

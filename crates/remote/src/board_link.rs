@@ -1,0 +1,633 @@
+//! A board of a robot that drives, at its serial port: bus frames and record; at the front board orders for the lead node,
+//! and its output.
+//!
+//! The link has no clock and no port: whoever has both calls [`BoardLink::take`] with the bytes that came and
+//! [`BoardLink::to_send`] for those to send.
+
+use crate::board::{complete, greeted, refused};
+use core_algos::bus::CanFrame;
+use core_algos::link::framing::{Decoder, SerialFrame};
+use core_algos::link::lease::TERM;
+use core_algos::link::protocol::{
+    self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Refusal, Reply, Request, Telemetry,
+};
+use core_algos::link::record::{self, Entry};
+use core_algos::link::{Order, Stamp};
+use core_algos::node::lead::Task;
+use core_algos::time::Micros;
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::targets::board_record::{BoardEvent, BoardRecord};
+use host_sim::targets::{Fault, HostCommand, Room};
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU16, Ordering::Relaxed};
+
+/// Time after which a request is repeated, µs.
+const REPEAT: Micros = 250_000;
+/// Time without an answer to a request after which the board counts as silent, µs.
+const SILENCE: Micros = 5_000_000;
+/// Time between renewals of the lease, µs.
+const RENEW: Micros = TERM / 8;
+/// Output of the lead node whose room is that after an order: two outputs may be on their way when it is carried out.
+const FRESH: u32 = 3;
+
+/// Subject of a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Subject {
+    /// Renewal of the lease.
+    Lease,
+    Record,
+    /// A speed, which the next one replaces.
+    Speed,
+    Other(&'static str),
+}
+
+impl Subject {
+    /// Name in messages.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Lease => "lease",
+            Self::Record => "record",
+            Self::Speed => "speed",
+            Self::Other(name) => name,
+        }
+    }
+}
+
+/// A request that waits for its answer.
+#[derive(Clone)]
+struct Pending {
+    number: u8,
+    what: Subject,
+    frame: SerialFrame,
+    /// Time at which it was sent latest.
+    sent: Option<Micros>,
+    /// Time since which the board owes an answer to it, or to a speed that it replaces.
+    since: Option<Micros>,
+}
+
+/// Number of the latest order of a host; a clone counts on by itself.
+#[derive(Default)]
+struct Sequence(Arc<AtomicU16>);
+
+impl Clone for Sequence {
+    fn clone(&self) -> Self {
+        Self(Arc::new(self.0.load(Relaxed).into()))
+    }
+}
+
+impl Sequence {
+    /// The same number, for another place that counts it on.
+    fn shared(&self) -> Self {
+        Self(self.0.clone())
+    }
+
+    /// The stamp of the next order.
+    fn next(&self, owner: u16) -> Stamp {
+        let sequence = self.0.fetch_add(1, Relaxed).wrapping_add(1);
+        Stamp { owner, sequence }
+    }
+}
+
+/// The link.
+#[derive(Clone)]
+pub struct BoardLink {
+    role: Role,
+    decoder: Decoder,
+    number: u8,
+    waiting: VecDeque<Pending>,
+    parts: Vec<u8>,
+    latest: Option<Telemetry>,
+    /// Outputs since the latest answer to an order.
+    outputs: u32,
+    frames: Vec<CanFrame>,
+    /// Encoded configuration of the nodes, as far as it has come, and the record that it begins.
+    config: Vec<u8>,
+    record: Option<BoardRecord>,
+    denied: bool,
+    /// Numbered orders that the board may tell of.
+    orders: VecDeque<(u16, Order)>,
+    /// Number of the latest report.
+    report: Option<u16>,
+    /// Reports since the start.
+    reports: u64,
+    /// Requests that the board has answered.
+    answered: u32,
+    lost: u16,
+    build: String,
+    /// Number of this host for its lease, and number of its latest order.
+    owner: u16,
+    sequence: Sequence,
+    /// Set while this host has the lease: the time of the latest order or renewal that was sent, µs.
+    kept: Option<Option<Micros>>,
+    leased: bool,
+}
+
+impl BoardLink {
+    /// A link of a host that draws this number for its lease.
+    pub fn new(role: Role, owner: u16) -> Self {
+        Self {
+            role,
+            owner,
+            decoder: Decoder::default(),
+            number: 0,
+            waiting: VecDeque::new(),
+            parts: Vec::new(),
+            latest: None,
+            outputs: 0,
+            frames: Vec::new(),
+            config: Vec::new(),
+            record: None,
+            denied: false,
+            orders: VecDeque::new(),
+            report: None,
+            reports: 0,
+            answered: 0,
+            lost: 0,
+            build: String::new(),
+            sequence: Sequence::default(),
+            kept: None,
+            leased: false,
+        }
+    }
+
+    /// Forgets whatever was asked before, and watches the board.
+    pub fn open(&mut self) {
+        let (number, sequence) = (self.number, self.sequence.shared());
+        *self = Self {
+            number,
+            sequence,
+            ..Self::new(self.role, self.owner)
+        };
+        self.watch();
+    }
+
+    /// Has the nodes of the board begin anew, and records them from there on.
+    pub fn record(&mut self) {
+        (self.config, self.record, self.denied) = (Vec::new(), None, false);
+        for offset in (0..MAX_CONFIG as u16).step_by(CONFIG_CHUNK) {
+            self.ask(
+                Subject::Other("configuration"),
+                &Request::Configuration { offset },
+            );
+        }
+        let stamp = self.sequence.next(self.owner);
+        self.ask(Subject::Record, &Request::Record(stamp));
+    }
+
+    /// The board.
+    pub fn role(&self) -> Role {
+        self.role
+    }
+
+    /// True if the board is recorded.
+    pub fn is_recorded(&self) -> bool {
+        self.record.as_ref().is_some_and(BoardRecord::is_running)
+    }
+
+    /// Events of the record since the last call.
+    pub fn take_events(&mut self) -> Vec<BoardEvent> {
+        self.record.as_mut().map_or(Vec::new(), BoardRecord::take)
+    }
+
+    /// Takes a part of the configuration.
+    fn configured(&mut self, total: u16, bytes: &[u8]) -> Result<(), Error> {
+        self.config.extend_from_slice(bytes);
+        if bytes.is_empty() || self.config.len() < usize::from(total) {
+            return Ok(());
+        }
+        let config = postcard::from_bytes(&self.config).map_err(|error| {
+            Error::Failure(format!(
+                "{} board: configuration: {error}",
+                self.role.name()
+            ))
+        })?;
+        self.record = Some(BoardRecord::new(self.role, config));
+        Ok(())
+    }
+
+    /// Takes a report.
+    fn reported(&mut self, (sequence, lost): (u16, u16), entries: &[u8]) {
+        let before = self.report.replace(sequence);
+        let lost_before = std::mem::replace(&mut self.lost, lost);
+        self.reports += 1;
+        if before != Some(sequence.wrapping_sub(1)) {
+            self.end_record("a report was lost");
+        }
+        for entry in record::entries(entries) {
+            let Some(entry) = entry else {
+                self.end_record("a report was damaged");
+                break;
+            };
+            self.frames.extend(entry.frame());
+            let Some(record) = &mut self.record else {
+                continue;
+            };
+            let Entry::Carried(number) = entry else {
+                record.put(&entry);
+                continue;
+            };
+            match self.orders.iter().find(|(sent, _)| *sent == number) {
+                Some((_, order)) => record.put(&Entry::Order(*order)),
+                None => record.end("an order of another program was carried out".to_owned()),
+            }
+        }
+        if lost != lost_before {
+            self.end_record("the board had no room for all that happened");
+        }
+    }
+
+    /// Ends the record.
+    pub fn end_record(&mut self, reason: &str) {
+        if let Some(record) = &mut self.record {
+            record.end(reason.to_owned());
+        }
+    }
+
+    /// True if the nodes have begun anew since the record was asked for.
+    pub fn has_begun(&self) -> bool {
+        self.record.as_ref().is_some_and(BoardRecord::has_begun)
+    }
+
+    /// True if the board is not recorded because its motors may be on.
+    pub fn is_denied(&self) -> bool {
+        self.denied
+    }
+
+    /// Has the board send a frame of a service tool on the bus.
+    pub fn send(&mut self, frame: &CanFrame) {
+        let mut bus = Packed::new();
+        bus.push(frame);
+        self.ask(
+            Subject::Other("bus frame"),
+            &Request::Send { bus: bus.bytes() },
+        );
+    }
+
+    /// Asks the board who it is, and watches it.
+    pub fn watch(&mut self) {
+        let hello = Request::Hello {
+            protocol: PROTOCOL,
+            nonce: self.number.into(),
+        };
+        self.ask(Subject::Other("hello"), &hello);
+        self.ask(Subject::Other("watch"), &Request::Watch);
+    }
+
+    /// The port was opened again. An order that waits goes first: the board knows the last one by its number, and carries
+    /// it out once.
+    pub fn rejoin(&mut self) {
+        self.end_record("the port was closed");
+        for pending in &mut self.waiting {
+            (pending.sent, pending.since) = (None, None);
+        }
+        if self.kept.is_some() && self.waiting.is_empty() {
+            // Before the lease lapses.
+            let stamp = self.stamp();
+            self.ask(Subject::Lease, &Request::Keep(stamp));
+        }
+        self.watch();
+    }
+
+    /// Puts an order at the end of the queue. A speed that the board has not confirmed is replaced: the latest one counts.
+    pub fn command(&mut self, command: &HostCommand) {
+        let what = match command {
+            HostCommand::Task(Task::Drive { .. }) => Subject::Speed,
+            _ => Subject::Other(command.subject()),
+        };
+        let late = self
+            .waiting
+            .pop_back_if(|late| (late.what, what) == (Subject::Speed, Subject::Speed));
+        for order in command.orders() {
+            let stamp = self.stamp();
+            self.ask(what, &Request::Order { stamp, order });
+            self.orders.push_back((stamp.sequence, order));
+        }
+        if let (Some(late), Some(latest)) = (late, self.waiting.back_mut()) {
+            latest.since = late.since;
+        }
+        // Those that wait, and the latest of those before.
+        let most = 2 * self.waiting.len() + 64;
+        self.orders.drain(..self.orders.len().saturating_sub(most));
+        self.outputs = 0;
+    }
+
+    /// True if an order was refused because another host has the lease.
+    pub fn is_leased(&self) -> bool {
+        self.leased
+    }
+
+    /// Takes the lease before the first order.
+    pub fn take_lease(&mut self) {
+        let stamp = self.stamp();
+        self.ask(Subject::Other("command"), &Request::Keep(stamp));
+    }
+
+    /// Ends the lease.
+    pub fn release(&mut self) {
+        let stamp = self.stamp();
+        self.ask(Subject::Other("release"), &Request::Release(stamp));
+        self.kept = None;
+    }
+
+    /// The stamp of the next order.
+    fn stamp(&mut self) -> Stamp {
+        self.kept.get_or_insert(None);
+        self.sequence.next(self.owner)
+    }
+
+    /// Frames that switch the motors off whatever is under way, each newer than all orders before it.
+    pub fn motors_off(&self) -> impl FnMut() -> SerialFrame + Send + 'static {
+        let (owner, sequence) = (self.owner, self.sequence.shared());
+        move || {
+            let stamp = sequence.next(owner);
+            let order = Order::Task(Task::Idle);
+            // Its number is that of no request of the link.
+            protocol::encode(0, &Request::Order { stamp, order }).unwrap_or_default()
+        }
+    }
+
+    fn ask(&mut self, what: Subject, request: &Request) {
+        // Number 0 is that of reports.
+        self.number = self.number % u8::MAX + 1;
+        self.waiting.push_back(Pending {
+            number: self.number,
+            what,
+            // Every request of this link is bounded to fit.
+            frame: protocol::encode(self.number, request).unwrap_or_default(),
+            sent: None,
+            since: None,
+        });
+    }
+
+    /// True if the board has answered all that it was asked, renewals of the lease apart.
+    pub fn is_settled(&self) -> bool {
+        self.waiting
+            .iter()
+            .all(|pending| pending.what == Subject::Lease)
+    }
+
+    /// True if the latest output of the lead node is younger than all orders.
+    pub fn is_fresh(&self) -> bool {
+        self.latest.is_some() && self.outputs >= FRESH
+    }
+
+    /// Points that the lead node has room for; none before it has told.
+    pub fn room(&self) -> Room {
+        match &self.latest {
+            Some(latest) if self.is_settled() && self.outputs >= FRESH => Room {
+                path: latest.path_room.into(),
+                trajectory: latest.trajectory_room.into(),
+            },
+            _ => Room {
+                path: 0,
+                trajectory: 0,
+            },
+        }
+    }
+
+    /// Latest output of the lead node, once one has come.
+    pub fn latest(&self) -> Option<&Telemetry> {
+        self.latest.as_ref()
+    }
+
+    /// Bus frames that came since the last call, in the order of the front board.
+    pub fn take_frames(&mut self) -> Vec<CanFrame> {
+        std::mem::take(&mut self.frames)
+    }
+
+    /// Reports that came. A board that was restarted answers and reports nothing.
+    pub fn reports(&self) -> u64 {
+        self.reports
+    }
+
+    /// Bus frames that the board had no room for.
+    pub fn lost(&self) -> u16 {
+        self.lost
+    }
+
+    /// Damaged frames at the port.
+    pub fn damaged(&self) -> u32 {
+        self.decoder.counters().damaged
+    }
+
+    /// Build of the board's image, once it has answered.
+    pub fn build(&self) -> &str {
+        &self.build
+    }
+
+    /// Bytes to send at `now`; an error if the board does not answer.
+    pub fn to_send(&mut self, now: Micros) -> Result<Option<&[u8]>, Error> {
+        if let Some(kept) = &mut self.kept {
+            let due = now.saturating_sub(*kept.get_or_insert(now)) >= RENEW;
+            if !self.waiting.is_empty() {
+                *kept = Some(now);
+            } else if due {
+                *kept = Some(now);
+                let stamp = self.stamp();
+                self.ask(Subject::Lease, &Request::Keep(stamp));
+            }
+        }
+        let Some(pending) = self.waiting.front_mut() else {
+            return Ok(None);
+        };
+        if let Some(sent) = pending.sent
+            && now.saturating_sub(sent) < REPEAT
+        {
+            return Ok(None);
+        }
+        if now - *pending.since.get_or_insert(now) >= SILENCE {
+            return Err(Error::Failure(format!(
+                "{} board: {}: no answer at its serial port in {} s",
+                self.role.name(),
+                pending.what.name(),
+                SILENCE / 1_000_000
+            )));
+        }
+        pending.sent = Some(now);
+        Ok(Some(pending.frame.repeated()))
+    }
+
+    /// Takes bytes that came; gives whether an output of the lead node is complete.
+    pub fn take(&mut self, bytes: &[u8]) -> Result<bool, Error> {
+        let decoder = &mut self.decoder;
+        let payload = |&byte: &u8| decoder.take_byte(byte).map(<[u8]>::to_vec);
+        let payloads: Vec<Vec<u8>> = bytes.iter().filter_map(payload).collect();
+        let mut complete = false;
+        for payload in &payloads {
+            match protocol::decode::<Reply>(payload) {
+                Some((
+                    _,
+                    Reply::Report {
+                        sequence,
+                        lost,
+                        entries,
+                        offset,
+                        telemetry,
+                    },
+                )) => {
+                    self.reported((sequence, lost), entries);
+                    complete |= self.told((usize::from(offset), telemetry));
+                }
+                Some((number, reply)) => self.replied(number, reply)?,
+                None => {}
+            }
+        }
+        Ok(complete)
+    }
+
+    /// Takes a part of the lead node's output; gives whether the output is complete.
+    fn told(&mut self, part: (usize, &[u8])) -> bool {
+        let complete = Self::join(&mut self.parts, part, &mut self.latest);
+        self.outputs += u32::from(complete);
+        if let (true, Some(record), Some(latest)) = (complete, &mut self.record, &self.latest) {
+            record.lead(latest.tick, &latest.output);
+        }
+        complete
+    }
+
+    /// Takes a reply.
+    fn replied(&mut self, number: u8, reply: Reply) -> Result<(), Error> {
+        let Some(Pending { what, .. }) = self.waiting.pop_front_if(|it| it.number == number) else {
+            return Ok(());
+        };
+        if what != Subject::Lease {
+            self.outputs = 0;
+        }
+        match reply {
+            Reply::Done => {}
+            Reply::Refused(Refusal::Armed) if what == Subject::Record => self.denied = true,
+            Reply::Configuration { total, bytes } => self.configured(total, bytes)?,
+            Reply::Hello {
+                protocol,
+                role,
+                build,
+                counters,
+                session,
+                ..
+            } => {
+                self.build = build.to_owned();
+                greeted(protocol, (self.role, role), build)?;
+                let name = role.name();
+                if session {
+                    return Err(Error::Failure(format!(
+                        "{name} board: it is in a session of another program, which ends after 60 s of silence"
+                    )));
+                }
+                // The board counts from its start.
+                if counters.received < self.answered {
+                    return Err(restarted(self.role));
+                }
+            }
+            other => {
+                self.leased |= matches!(other, Reply::Refused(Refusal::Leased));
+                return Err(failure(self.role, what.name(), other));
+            }
+        }
+        self.answered = self.answered.saturating_add(1);
+        Ok(())
+    }
+
+    /// Appends a part of an output; a part that does not follow is dropped with those before it.
+    fn join(
+        parts: &mut Vec<u8>,
+        (offset, part): (usize, &[u8]),
+        latest: &mut Option<Telemetry>,
+    ) -> bool {
+        if offset == 0 {
+            parts.clear();
+        }
+        if part.is_empty() || offset != parts.len() {
+            return false;
+        }
+        parts.extend_from_slice(part);
+        let found = complete(parts);
+        let done = found.is_some();
+        *latest = found.or(*latest);
+        done
+    }
+}
+
+fn failure(role: Role, what: &str, reply: Reply) -> Error {
+    let name = role.name();
+    match refused(role, what, reply) {
+        Fault::Fatal(error) => error,
+        Fault::Silent(why) => Error::Failure(format!("{name} board: {what}: {why}")),
+        Fault::Restarted => restarted(role),
+    }
+}
+
+fn restarted(role: Role) -> Error {
+    Error::Failure(format!(
+        "{} board: it was restarted, and its place and its task are lost: start the run again",
+        role.name()
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core_algos::link::attendant::Station;
+    use core_algos::link::protocol::{CrashRecord, StackUse};
+    use core_algos::link::{Attendant, Demand, Identity};
+    use core_algos::math::Posture;
+    use core_algos::node::robot::RobotConfig;
+    use host_sim::world::random::{Stream, generator};
+    use rand::RngExt;
+    use std::sync::LazyLock;
+
+    static CONFIG: LazyLock<RobotConfig> = LazyLock::new(RobotConfig::default);
+
+    /// The line loses one frame in ten in either direction: each order is carried out once, in order.
+    #[test]
+    fn orders_over_a_lossy_line_are_carried_out_once_in_order() {
+        let mut random = generator(5, 0, Stream::Other(0));
+        let (role, build) = (Role::Front, "test");
+        let identity = Identity { build, role };
+        let mut board = Attendant::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
+        let mut station = Station::default();
+        let mut link = BoardLink::new(role, 7);
+        link.open();
+        let goal = |k: u16| Task::regulate(Posture::new(k.into(), 0.0, 0.0));
+        (0..500).for_each(|k| link.command(&HostCommand::Task(goal(k))));
+        let mut carried = Vec::new();
+        while !link.is_settled() {
+            station.now += 1000;
+            let sent = link.to_send(station.now).unwrap().map(<[u8]>::to_vec);
+            let Some(sent) = sent.filter(|_| random.random_bool(0.9)) else {
+                continue;
+            };
+            let mut answers = Vec::new();
+            let mut answer = |bytes: &[u8]| answers.push(bytes.to_vec());
+            if let Some(Demand::Order(_, order)) = board.receive(&sent, &mut station, &mut answer) {
+                carried.push(order);
+                board.done(Ok(()), &mut answer);
+            }
+            for answer in answers {
+                if random.random_bool(0.9) {
+                    link.take(&answer).unwrap();
+                }
+            }
+        }
+        let expected: Vec<_> = (0..500).map(|k| Order::Task(goal(k))).collect();
+        assert_eq!(carried, expected);
+        assert!(station.now > 20 * REPEAT, "some were lost");
+    }
+    /// Reports still come, but nothing that is sent arrives: a speed that is given again and again ends with an error.
+    #[test]
+    fn speeds_that_stay_without_an_answer_end_with_an_error() {
+        let mut link = BoardLink::new(Role::Front, 7);
+        let speed = HostCommand::Task(Task::Drive {
+            speed_m_s: 0.1,
+            curvature: 0.0,
+        });
+        let error = (0..7000).step_by(50).find_map(|ms| {
+            link.command(&speed);
+            link.to_send(1000 * ms).err().map(|error| (ms, error))
+        });
+        let (ms, error) = error.unwrap();
+        assert_eq!(ms, 5000);
+        assert!(error.to_string().contains("speed: no answer"), "{error}");
+    }
+}

@@ -1,0 +1,134 @@
+//! Log of a virtual board: defmt frames, decoded line by line.
+
+use core_algos::topology::Role;
+#[cfg(feature = "board-logs")]
+use defmt_decoder::{DecodeError, Table};
+#[cfg(feature = "board-logs")]
+use defmt_parser::Level;
+use host_sim::base::error::Error;
+use output::files::OutputDir;
+#[cfg(not(feature = "board-logs"))]
+use output::terminal::left_out;
+use output::terminal::note;
+use std::io::Read;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+
+/// Lines of a board's log, over all its starts.
+#[derive(Clone, Debug, Default)]
+pub struct BoardLog {
+    lines: Arc<Mutex<String>>,
+    quiet: bool,
+}
+
+impl BoardLog {
+    /// One whose warnings and errors are not repeated on standard error.
+    pub fn quiet() -> Self {
+        Self {
+            quiet: true,
+            ..Self::default()
+        }
+    }
+
+    /// The lines so far.
+    pub fn text(&self) -> String {
+        self.lines
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
+    }
+
+    fn append(&self, line: &str) {
+        let mut text = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
+        text.push_str(line);
+        text.push('\n');
+    }
+
+    /// Decodes what a board with this image writes until it ends. Warnings and errors go to
+    /// standard error too.
+    #[cfg(feature = "board-logs")]
+    pub fn follow(
+        &self,
+        role: Role,
+        image: Arc<Vec<u8>>,
+        mut from: impl Read + Send + 'static,
+    ) -> JoinHandle<()> {
+        let log = self.clone();
+        thread::spawn(move || {
+            let Ok(Some(table)) = Table::parse(&image) else {
+                return log.append("the image contains no table of log messages");
+            };
+            let mut decoder = table.new_stream_decoder();
+            let mut room = [0; 1024];
+            while let Ok(count @ 1..) = from.read(&mut room) {
+                decoder.received(room.get(..count).unwrap_or_default());
+                loop {
+                    match decoder.decode() {
+                        Ok(frame) => {
+                            let line = frame.display(false).to_string();
+                            if !log.quiet && frame.level().is_some_and(|level| level >= Level::Warn)
+                            {
+                                note(format!("{} board: {line}", role.name()));
+                            }
+                            log.append(&line);
+                        }
+                        Err(DecodeError::UnexpectedEof) => break,
+                        Err(DecodeError::Malformed) => log.append("a damaged log message"),
+                    }
+                }
+            }
+        })
+    }
+
+    /// Takes what a board writes until it ends: this build has no decoder.
+    #[cfg(not(feature = "board-logs"))]
+    pub fn follow(
+        &self,
+        role: Role,
+        _image: Arc<Vec<u8>>,
+        mut from: impl Read + Send + 'static,
+    ) -> JoinHandle<()> {
+        let log = self.clone();
+        thread::spawn(move || {
+            let mut room = [0; 1024];
+            let mut written = false;
+            while let Ok(1..) = from.read(&mut room) {
+                if !std::mem::replace(&mut written, true) {
+                    let error = left_out(&format!("text of the {} board's log", role.name()));
+                    log.append(&error.to_string());
+                    if !log.quiet {
+                        note(error);
+                    }
+                }
+            }
+        })
+    }
+}
+
+/// The result of a run; before an error, the logs are put into the output folder: what the boards said may tell why.
+pub fn kept<T>(
+    result: Result<T, Error>,
+    logs: &[BoardLog; 3],
+    output: impl FnOnce() -> Result<OutputDir, Error>,
+) -> Result<T, Error> {
+    if result.is_err() {
+        let mut files = output()?;
+        if put(&mut files, logs) {
+            files.commit()?;
+        }
+    }
+    result
+}
+
+/// Adds the boards' logs; whether there is anything in them.
+pub fn put(files: &mut OutputDir, logs: &[BoardLog; 3]) -> bool {
+    let mut any = false;
+    for (role, log) in Role::ALL.into_iter().zip(logs) {
+        let text = log.text();
+        if !text.is_empty() {
+            files.text(&format!("board-{}.log", role.name()), text);
+            any = true;
+        }
+    }
+    any
+}

@@ -1,0 +1,220 @@
+//! Byte links to boards: in this process, or through file descriptors.
+
+use core_algos::link::protocol::StackUse;
+use core_algos::link::{Endpoint, Identity};
+use firmware_common::store::Store;
+use firmware_common::store::simulated::{Flash, run};
+use host_sim::base::error::Error;
+use host_sim::base::input;
+use output::files;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{self, ErrorKind, Read, Write};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// A link to one board.
+pub trait Link: Send {
+    /// Name of the link, for reports.
+    fn name(&self) -> &'static str;
+
+    /// Sends bytes.
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
+
+    /// Waits for bytes; 0 if none came in time. An error means that the board is gone.
+    fn receive(&mut self, room: &mut [u8], timeout: Duration) -> io::Result<usize>;
+
+    /// A second end to send bytes by, if there can be one.
+    fn second(&self) -> Option<File> {
+        None
+    }
+
+    /// Switches the board off.
+    fn kill(&mut self) -> Result<(), Error> {
+        let name = self.name();
+        Err(Error::input(format!(
+            "{name}: this program cannot switch the board off"
+        )))
+    }
+
+    /// Ends the board as if it had failed by itself; only the link may tell.
+    fn crash(&mut self) -> Result<(), Error> {
+        self.kill()
+    }
+
+    /// Stops the board's processor with its link open, or lets it go on.
+    fn halt(&mut self, _halted: bool) -> Result<(), Error> {
+        let name = self.name();
+        Err(Error::input(format!(
+            "{name}: this program cannot halt the board"
+        )))
+    }
+
+    /// Switches the board on again.
+    fn revive(&mut self) -> Result<(), Error> {
+        let name = self.name();
+        Err(Error::input(format!(
+            "{name}: this program cannot switch the board on"
+        )))
+    }
+}
+
+/// Sectors of a board's store, as on the chip.
+const SECTORS: usize = 3;
+const SECTOR: usize = 16 * 1024;
+
+/// An endpoint in this process, behind its frames, with the board's store in a simulated flash.
+pub struct Loopback {
+    identity: Identity,
+    endpoint: Option<Endpoint>,
+    halted: bool,
+    waiting: VecDeque<u8>,
+    store: Store<Flash<SECTOR>>,
+    /// File that keeps the flash.
+    file: Option<PathBuf>,
+}
+
+impl Loopback {
+    /// A board that has just been started, with a blank flash.
+    pub fn new(identity: Identity) -> Self {
+        Self::with(identity, Flash::new(SECTORS, 1), None)
+    }
+
+    /// The same with its flash in a file, blank if there is none.
+    pub fn keeping(identity: Identity, file: &Path) -> Result<Self, Error> {
+        let mut flash = Flash::new(SECTORS, 1);
+        if let Some(bytes) = flash_file(file)? {
+            flash.bytes = bytes;
+        }
+        Ok(Self::with(identity, flash, Some(file.to_owned())))
+    }
+
+    fn with(identity: Identity, flash: Flash<SECTOR>, file: Option<PathBuf>) -> Self {
+        let range = flash.range();
+        let mut board = Self {
+            identity,
+            endpoint: None,
+            halted: false,
+            waiting: VecDeque::new(),
+            store: Store::new(flash, range).expect("whole sectors"),
+            file,
+        };
+        board.start();
+        board
+    }
+
+    fn start(&mut self) {
+        let mut endpoint = Endpoint::new(self.identity, StackUse::unknown);
+        endpoint.load(run(self.store.load()));
+        self.endpoint = Some(endpoint);
+    }
+}
+
+/// Flash of a board from a file; `None` if the file does not exist.
+pub fn flash_file(path: &Path) -> Result<Option<Vec<u8>>, Error> {
+    let wrong = |why: String| Error::input(format!("{}: {why}", path.display()));
+    match input::bytes(path, input::DATA) {
+        Ok(bytes) if bytes.len() == SECTORS * SECTOR => Ok(Some(bytes)),
+        Ok(bytes) => Err(wrong(format!(
+            "{} bytes: the flash of a board must have {}",
+            bytes.len(),
+            SECTORS * SECTOR
+        ))),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(wrong(error.to_string())),
+    }
+}
+
+/// Makes a file that is a blank flash, if there is none.
+pub fn make_flash_file(path: &Path) -> Result<(), Error> {
+    if flash_file(path)?.is_none() {
+        files::write_file(path, vec![0xff; SECTORS * SECTOR])?;
+    }
+    Ok(())
+}
+
+impl Link for Loopback {
+    fn name(&self) -> &'static str {
+        "frames in process"
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        let endpoint = self.endpoint.as_mut().ok_or(ErrorKind::BrokenPipe)?;
+        if self.halted {
+            return Ok(());
+        }
+        let mut answer = |bytes: &[u8]| self.waiting.extend(bytes);
+        endpoint.receive(bytes, &mut answer);
+        if let Some(save) = endpoint.save() {
+            let saved = run(self.store.save(&save.settings, &save.base, save.off));
+            if let Some(file) = &self.file {
+                let written = files::write_file(file, &self.store.flash().bytes);
+                written.map_err(|error| io::Error::other(error.to_string()))?;
+            }
+            let done = saved.ok().map(|values| (values, self.store.contents()));
+            endpoint.saved(done, &mut answer);
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, room: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+        self.waiting.read(room)
+    }
+
+    fn kill(&mut self) -> Result<(), Error> {
+        self.endpoint = None;
+        self.waiting.clear();
+        Ok(())
+    }
+
+    fn halt(&mut self, halted: bool) -> Result<(), Error> {
+        self.halted = halted;
+        Ok(())
+    }
+
+    fn revive(&mut self) -> Result<(), Error> {
+        self.start();
+        Ok(())
+    }
+}
+
+/// A link through file descriptors: pipes, a socket, a serial port.
+#[derive(Debug)]
+pub struct Descriptors {
+    from: File,
+    to: File,
+}
+
+impl Descriptors {
+    /// Reads from one and writes to the other.
+    pub fn new(from: File, to: File) -> Self {
+        Self { from, to }
+    }
+
+    /// A second end to send bytes by.
+    pub fn second(&self) -> Option<File> {
+        self.to.try_clone().ok()
+    }
+
+    /// Sends bytes.
+    pub fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.to.write_all(bytes)
+    }
+
+    /// Waits for bytes; 0 if none came in time.
+    pub fn receive(&mut self, room: &mut [u8], timeout: Duration) -> io::Result<usize> {
+        let timeout = Timespec::try_from(timeout).map_err(|_| ErrorKind::InvalidInput)?;
+        let mut waiting = [PollFd::new(&self.from, PollFlags::IN)];
+        match poll(&mut waiting, Some(&timeout)) {
+            Ok(0) | Err(rustix::io::Errno::INTR) => return Ok(0),
+            Ok(_) => {}
+            Err(error) => return Err(error.into()),
+        }
+        match self.from.read(room) {
+            Ok(0) => Err(ErrorKind::UnexpectedEof.into()),
+            Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(0),
+            other => other,
+        }
+    }
+}

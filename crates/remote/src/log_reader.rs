@@ -1,0 +1,93 @@
+//! The boards' logs: what a probe reads out of their memory, decoded line by line.
+
+use crate::board_log::BoardLog;
+use core_algos::topology::Role;
+use std::io::Read;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::JoinHandle;
+use virtual_board::board::Board;
+use virtual_board::image::Image;
+use virtual_board::probe::rtt::Rtt;
+
+/// First address of the memory that holds the log.
+const SRAM: u32 = 0x2000_0000;
+
+/// Bytes on their way to the decoder.
+struct Stream {
+    from: Receiver<Vec<u8>>,
+    rest: Vec<u8>,
+}
+
+impl Read for Stream {
+    fn read(&mut self, room: &mut [u8]) -> std::io::Result<usize> {
+        if self.rest.is_empty() {
+            // Without a sender the log has ended.
+            self.rest = self.from.recv().unwrap_or_default();
+        }
+        let count = self.rest.len().min(room.len());
+        room[..count].copy_from_slice(&self.rest[..count]);
+        self.rest.drain(..count);
+        Ok(count)
+    }
+}
+
+/// Reads the log of a board; a copy takes what the board writes and shows it to nobody.
+pub struct Reader {
+    rtt: Rtt,
+    to: Option<Sender<Vec<u8>>>,
+    decoder: Option<JoinHandle<()>>,
+}
+
+impl Reader {
+    /// For a board with this image; lines go to `log`.
+    pub fn new(role: Role, image: &Image, log: &BoardLog) -> Self {
+        let (to, from) = channel();
+        let stream = Stream {
+            from,
+            rest: Vec::new(),
+        };
+        let bytes = Arc::new(image.bytes().to_vec());
+        Self {
+            rtt: Rtt::new(SRAM, image.symbol("_SEGGER_RTT")),
+            to: Some(to),
+            decoder: Some(log.follow(role, bytes, stream)),
+        }
+    }
+
+    /// Reads no more, and leaves the board's log full and waiting for it.
+    pub fn hang(&mut self, board: &mut Board) {
+        self.rtt.set_blocking(board.chip().sram());
+        self.rtt.leave_full(board.chip().sram());
+        self.rtt.set_reading(false);
+    }
+
+    /// Takes what the board has written since the last call.
+    pub fn read(&mut self, board: &mut Board) {
+        let mut bytes = Vec::new();
+        self.rtt.poll(board.chip().sram(), &mut bytes);
+        if let (false, Some(to)) = (bytes.is_empty(), &self.to) {
+            // A decoder that has ended wants no more.
+            let _ = to.send(bytes);
+        }
+    }
+}
+
+impl Clone for Reader {
+    fn clone(&self) -> Self {
+        Self {
+            rtt: self.rtt.clone(),
+            to: None,
+            decoder: None,
+        }
+    }
+}
+
+impl Drop for Reader {
+    fn drop(&mut self) {
+        self.to = None;
+        if let Some(decoder) = self.decoder.take() {
+            let _ = decoder.join();
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! The parameters that a board behind a link keeps; see [`core_algos::link::stored_parameters`].
+
+use crate::board::Remote;
+use crate::board::refused;
+use core_algos::link::protocol::{Refusal, Reply, Request};
+use core_algos::params::{COUNT, Parameter, Source, TABLE, fingerprint};
+use host_sim::base::error::Error;
+use host_sim::scenario::board_parameters::Values;
+use host_sim::targets::Fault;
+use host_sim::targets::boards::fatal;
+use output::terminal::note;
+
+/// One parameter of a board.
+#[derive(Clone, Copy, Debug)]
+pub struct Kept {
+    /// Parameter.
+    pub parameter: &'static Parameter,
+    /// Its value.
+    pub value: f32,
+    /// Source of the value at the start of the board or at its latest save.
+    pub source: Source,
+    /// True if the board has this value after a reset.
+    pub saved: bool,
+}
+
+impl Kept {
+    /// True if the value differs from the image's default.
+    pub fn is_own(&self) -> bool {
+        self.source == Source::Stored || !self.saved
+    }
+}
+
+impl Remote {
+    /// Begins a session.
+    pub fn greet(&mut self) -> Result<(), Error> {
+        let role = self.role;
+        self.hello().map_err(|fault| fatal(role, fault))
+    }
+
+    /// All parameters of the board, in the order of the table.
+    pub fn parameters(&mut self) -> Result<Vec<Kept>, Error> {
+        let role = self.role;
+        self.ask_for_parameters()
+            .map_err(|fault| fatal(role, fault))
+    }
+
+    /// Those whose values are the board's own.
+    pub fn own_parameters(&mut self) -> Result<Values, Error> {
+        let kept = self.parameters()?;
+        let own = kept.iter().filter(|kept| kept.is_own());
+        Ok(own.map(|kept| (kept.parameter, kept.value)).collect())
+    }
+
+    /// Gives a parameter another value, until the board is reset or its parameters are saved.
+    pub fn set_parameter(&mut self, parameter: &Parameter, value: f32) -> Result<(), Error> {
+        let role = self.role;
+        let place = TABLE.iter().position(|other| other.id == parameter.id);
+        let index = place.unwrap_or(COUNT) as u8;
+        let set = self.carry_out("the value", &Request::SetParameter { index, value });
+        set.map_err(|fault| fatal(role, fault))
+    }
+
+    /// Saves what was set; gives the number of values written.
+    pub fn save_parameters(&mut self) -> Result<u8, Error> {
+        let role = self.role;
+        self.ask_to_save().map_err(|fault| fatal(role, fault))
+    }
+
+    fn ask_to_save(&mut self) -> Result<u8, Fault> {
+        self.conversation.ask(&Request::SaveParameters)?;
+        match self.conversation.answer()? {
+            Reply::Saved { values } => Ok(values),
+            // Values that are each in range and together make no node: the user's input.
+            Reply::Refused(Refusal::Parameter { text }) => Err(Fault::Fatal(Error::input(
+                format!("{} board: not saved: {text}", self.role.name()),
+            ))),
+            other => Err(refused(self.role, "to save", other)),
+        }
+    }
+
+    fn ask_for_parameters(&mut self) -> Result<Vec<Kept>, Fault> {
+        let role = self.role;
+        self.conversation.ask(&Request::Parameters)?;
+        let (table, count, unusable) = match self.conversation.answer()? {
+            Reply::Parameters {
+                table,
+                count,
+                unusable,
+            } => (table, count, unusable),
+            other => return Err(refused(role, "its parameters", other)),
+        };
+        if (table, usize::from(count)) != (fingerprint(), COUNT) {
+            return Err(Fault::Fatal(Error::Failure(format!(
+                "{} board: its table of parameters ({count}, hash {table:08x}) differs from this program \
+                 ({COUNT}, hash {:08x}): flash the image of this version",
+                role.name(),
+                fingerprint()
+            ))));
+        }
+        if unusable {
+            note(format!(
+                "{} board: the stored parameters form no valid configuration; the board uses the defaults",
+                role.name()
+            ));
+        }
+        let mut all = Vec::with_capacity(COUNT);
+        for (index, parameter) in (0..).zip(&TABLE) {
+            self.conversation.ask(&Request::Parameter { index })?;
+            match self.conversation.answer()? {
+                Reply::Parameter {
+                    value,
+                    source,
+                    saved,
+                } => all.push(Kept {
+                    parameter,
+                    value,
+                    source,
+                    saved,
+                }),
+                other => return Err(refused(role, "a parameter", other)),
+            }
+        }
+        Ok(all)
+    }
+}

@@ -1,0 +1,589 @@
+//! A real robot behind the serial port of its front board. Its true state is not known.
+//!
+//! Time is the computer's. When the run ends, or is dropped, the host stops the robot and has its motors switched off. A
+//! port that closes is opened again: the robot goes on with its task for the time of the lease, then it stops.
+
+use crate::board_link::BoardLink;
+use crate::interrupt;
+use crate::link::Link;
+use crate::unanswered::Unanswered;
+use core_algos::bus::CanFrame;
+use core_algos::link::lease::TERM;
+use core_algos::link::protocol::Place;
+use core_algos::node::lead::{self, Task};
+use core_algos::safety::{Condition, OperatingState};
+use core_algos::time::{Micros, TICK};
+use core_algos::topology::{Node, Role};
+use host_sim::base::error::Error;
+use host_sim::bus::virtual_bus::{BusStatistics, sender};
+use host_sim::run::recovery::NODES;
+use host_sim::run::robot::{Record, Robot, RunControl};
+use host_sim::scenario::Scenario;
+use host_sim::targets::board_record::BoardEvent;
+use host_sim::targets::{BoardTraffic, HostCommand, Room, Traffic};
+use plant::Plant;
+use std::io::Write;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Longest time without a report of the board before its port is opened again, µs.
+const SILENCE: Micros = 1_000_000;
+/// Time between attempts to open it, µs, and the longest time without a report before the run ends.
+const ATTEMPT: Micros = 100_000;
+const PATIENCE: Micros = 10_000_000;
+/// Delay from which on lost ticks are left out.
+const HELD_UP: Duration = Duration::from_millis(50);
+/// Time in which the lease of another program ends.
+const LEASE: Duration = Duration::from_micros(TERM + 100_000);
+
+/// Longest time that a board that reports takes for what it is asked, ms.
+const WAIT_MS: u64 = 11_000;
+
+/// Longest time until recorded boards have begun anew, ms.
+const RECORD_MS: u64 = 5000;
+
+/// Opens the port of the front board.
+pub type Connect = Box<dyn FnMut() -> Result<Box<dyn Link>, Error>>;
+
+/// Port of another board, which is recorded.
+pub struct OtherBoard {
+    /// None once it was closed.
+    port: Option<Box<dyn Link>>,
+    link: BoardLink,
+    /// Number of the latest report, and its time, µs.
+    heard: (u64, Micros),
+}
+
+impl OtherBoard {
+    /// A board at its port.
+    pub fn new(role: Role, port: Box<dyn Link>) -> Self {
+        Self {
+            port: Some(port),
+            link: BoardLink::new(role, owner()),
+            heard: (0, 0),
+        }
+    }
+
+    /// Exchanges bytes with the board. A board that is gone or silent ends its record.
+    fn exchange(&mut self, now: Micros) -> Result<(), Error> {
+        let Some(port) = &mut self.port else {
+            return Ok(());
+        };
+        if let Some(bytes) = self.link.to_send(now)? {
+            // The request is repeated.
+            let _ = port.send(bytes);
+        }
+        let mut room = [0; 512];
+        loop {
+            match port.receive(&mut room, Duration::ZERO) {
+                Ok(0) => break,
+                Ok(count) => {
+                    self.link.take(&room[..count])?;
+                    self.link.take_frames();
+                }
+                Err(_) => {
+                    self.port = None;
+                    self.link.end_record("its serial port was closed");
+                    return Ok(());
+                }
+            }
+        }
+        let reports = self.link.reports();
+        if self.heard.0 != reports {
+            self.heard = (reports, now);
+        } else if now.saturating_sub(self.heard.1) > SILENCE {
+            self.link.end_record("silent at its serial port");
+        }
+        Ok(())
+    }
+}
+
+/// The robot.
+pub struct SerialRobot {
+    connect: Connect,
+    /// None while it is closed.
+    port: Option<Box<dyn Link>>,
+    link: BoardLink,
+    others: Vec<OtherBoard>,
+    /// Common time of the boards at the start of the run, µs, once it is known.
+    zero: Option<i64>,
+    began: Instant,
+    /// Ticks since the program opened the port, and those before the run.
+    tick: u64,
+    start: u64,
+    /// Time of the latest report, and of the latest opening, µs.
+    heard: Micros,
+    opened: Micros,
+    /// Bytes since the latest report.
+    unanswered: Unanswered,
+    reconnected: u32,
+    lead: lead::Output,
+    /// The latest task.
+    task: Task,
+    frames: u64,
+    control: RunControl,
+    closed: bool,
+}
+
+impl SerialRobot {
+    /// A robot at rest at a place, or where it believes to be; waits for the first output of its lead node. The nodes of a
+    /// robot that is recorded begin anew.
+    pub fn open(
+        mut connect: Connect,
+        place: Option<Place>,
+        record: Option<(&Scenario, Vec<OtherBoard>)>,
+    ) -> Result<Self, Error> {
+        let mut robot = Self {
+            port: Some(connect()?),
+            connect,
+            link: BoardLink::new(Role::Front, owner()),
+            others: Vec::new(),
+            zero: None,
+            began: Instant::now(),
+            tick: 0,
+            start: 0,
+            heard: 0,
+            opened: 0,
+            unanswered: Unanswered::default(),
+            reconnected: 0,
+            lead: lead::Output::default(),
+            task: Task::Idle,
+            frames: 0,
+            control: RunControl::default(),
+            closed: false,
+        };
+        robot.guard();
+        let mut ready = robot.await_lead(place);
+        if robot.link.is_leased() {
+            // A program that ended without a word leaves its lease behind.
+            thread::sleep(LEASE);
+            ready = robot.await_lead(place);
+        }
+        ready?;
+        if let Some((config, others)) = record {
+            robot.begin_record(place, config, others)?;
+        }
+        // The run begins now.
+        robot.start = robot.tick;
+        Ok(robot)
+    }
+
+    /// A program that ends at once switches the motors off by the port that is open now.
+    fn guard(&self) {
+        let port = self.port.as_ref().and_then(|port| port.second());
+        let mut frames = self.link.motors_off();
+        interrupt::set_last_action(move || {
+            // Several, should one be lost: the user wants to be sure.
+            for _ in 0..3 {
+                let frame = frames();
+                let _ = port
+                    .as_ref()
+                    .map(|mut port| port.write_all(frame.repeated()));
+                thread::sleep(Duration::from_millis(20));
+            }
+        });
+    }
+
+    /// Asks the board for reports, and tells it where it stands; waits for both.
+    fn await_lead(&mut self, place: Option<Place>) -> Result<(), Error> {
+        match place {
+            Some(place) => {
+                self.link.open();
+                self.link.command(&HostCommand::Place(place));
+            }
+            None => self.link.watch(),
+        }
+        self.link.take_lease();
+        self.settle()
+    }
+
+    /// Waits until the board has answered all, and for an output of its lead node after that.
+    fn settle(&mut self) -> Result<(), Error> {
+        // An output that was on its way does not know of the place yet.
+        self.wait(|robot| robot.link.is_settled() && robot.link.is_fresh())
+    }
+
+    /// Exchanges until the robot is `ready`, for somewhat longer than it may be silent.
+    fn wait(&mut self, ready: impl Fn(&Self) -> bool) -> Result<(), Error> {
+        let end = self.tick + WAIT_MS;
+        while !ready(self) {
+            if self.tick >= end {
+                return Err(Error::Failure(format!(
+                    "front board: it reports, but does not do what it is asked for {} s",
+                    WAIT_MS / 1000
+                )));
+            }
+            self.step()?;
+        }
+        Ok(())
+    }
+
+    /// Has the nodes begin anew, at a place or where the robot believes to be, and waits until all boards are recorded.
+    fn begin_record(
+        &mut self,
+        place: Option<Place>,
+        scenario: &Scenario,
+        others: Vec<OtherBoard>,
+    ) -> Result<(), Error> {
+        let fused = self.lead.fused;
+        let known = fused.robot.covariance[0][0] > 0.0;
+        let told = scenario.mission.told();
+        let mut here = scenario.robot.put_down(fused.robot.posture, &told);
+        here.center = fused.robot;
+        here.relative.posture = fused.front.posture.relative_to(fused.rear.posture);
+        let place = place.or(known.then_some(here));
+        if let Some(node) = NODES
+            .iter()
+            .filter_map(|node| self.control.monitor.latest(*node))
+            .find(|it| it.state == OperatingState::Fault)
+        {
+            return Err(Error::Failure(format!(
+                "{node}: clear the fault before the run is recorded"
+            )));
+        }
+        self.others = others;
+        for other in &mut self.others {
+            other.link.open();
+            other.link.record();
+        }
+        // The lead node takes its place after the axles have begun anew.
+        self.await_record(|robot| robot.others.iter().all(|other| other.link.has_begun()))?;
+        self.link.record();
+        if let Some(place) = place {
+            self.link.command(&HostCommand::Place(place));
+        }
+        self.settle()?;
+        self.await_record(|robot| robot.link.has_begun() && robot.is_ready())
+    }
+
+    /// Waits for boards that begin anew.
+    fn await_record(&mut self, ready: impl Fn(&Self) -> bool) -> Result<(), Error> {
+        let end = self.tick + RECORD_MS;
+        while !ready(self) {
+            self.step()?;
+            let mut links = self
+                .others
+                .iter()
+                .map(|other| &other.link)
+                .chain([&self.link]);
+            if let Some(link) = links.find(|link| link.is_denied()) {
+                let name = link.role().name();
+                return Err(Error::Failure(format!(
+                    "{name} board: its motors may be on: stop the robot before the run is recorded"
+                )));
+            }
+            if self.tick >= end {
+                return Err(Error::Failure(format!(
+                    "the boards did not begin to record within {} s: check that all boards are on the bus",
+                    RECORD_MS / 1000
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// True if no node of a board is starting.
+    fn is_ready(&self) -> bool {
+        let ready = |node: &Node| {
+            let latest = self.control.monitor.latest(*node);
+            latest.is_none_or(|latest| latest.state != OperatingState::Boot)
+        };
+        NODES.iter().all(ready)
+    }
+
+    /// Tells the observers what was recorded.
+    fn publish(&mut self) {
+        if self.control.observers.is_empty() {
+            return;
+        }
+        let links = std::iter::once(&mut self.link)
+            .chain(self.others.iter_mut().map(|other| &mut other.link));
+        for link in links {
+            let events = link.take_events();
+            if self.zero.is_none() {
+                let ticks = events.iter().rev().find_map(|event| match event {
+                    BoardEvent::Tick(tick) => Some(i64::from(tick.tick)),
+                    _ => None,
+                });
+                let run_tick = self.tick.saturating_sub(self.start) as i64;
+                self.zero = ticks.map(|tick| 1000 * (tick - run_tick));
+            }
+            let Some(zero) = self.zero else {
+                continue;
+            };
+            for event in &events {
+                for observer in &mut self.control.observers {
+                    observer.event(link.role(), zero, event);
+                }
+            }
+        }
+    }
+
+    /// Time since the program opened the port, µs.
+    fn clock(&self) -> Micros {
+        self.tick * TICK
+    }
+
+    /// Tick of the run, ms.
+    fn run_tick(&self) -> u32 {
+        self.tick.saturating_sub(self.start) as u32
+    }
+
+    /// Build of the front board's image.
+    pub fn build(&self) -> &str {
+        self.link.build()
+    }
+
+    /// Bus frames that the front board had no room for.
+    pub fn lost(&self) -> u16 {
+        self.link.lost()
+    }
+
+    /// Times the port was opened again.
+    pub fn reconnected(&self) -> u32 {
+        self.reconnected
+    }
+
+    /// Waits until `until`, and opens the port again if it is time for it.
+    fn reconnect(&mut self, until: Instant) -> Result<(), Error> {
+        let now = self.clock();
+        if now.saturating_sub(self.heard) > PATIENCE {
+            let seconds = PATIENCE / 1_000_000;
+            let never = self.link.build().is_empty();
+            let what = match never {
+                true => "no robot answered at the serial port of the front board",
+                false => {
+                    "the front board does not report any more; a robot without a host stops by itself"
+                }
+            };
+            let unanswered = &self.unanswered;
+            return Err(Error::NoAnswer(format!(
+                "{what} within {seconds} s: {unanswered}"
+            )));
+        }
+        thread::sleep(until.saturating_duration_since(Instant::now()));
+        if now.saturating_sub(self.opened) < ATTEMPT {
+            return Ok(());
+        }
+        self.opened = now;
+        // It holds the port that was open.
+        interrupt::clear_last_action();
+        if let Ok(port) = (self.connect)() {
+            self.port = Some(port);
+            self.guard();
+            self.reconnected += 1;
+            self.link.rejoin();
+        }
+        Ok(())
+    }
+
+    /// Exchanges bytes with the board until `until`.
+    fn exchange(&mut self, until: Instant) -> Result<(), Error> {
+        let now = self.clock();
+        let silent = now.saturating_sub(self.heard.max(self.opened)) > SILENCE;
+        let Some(port) = self.port.as_mut().filter(|_| !silent) else {
+            self.port = None;
+            return self.reconnect(until);
+        };
+        if let Some(bytes) = self.link.to_send(now)? {
+            if self.unanswered.is_new() {
+                self.unanswered = Unanswered::to(bytes);
+            }
+            if port.send(bytes).is_err() {
+                self.port = None;
+                return Ok(());
+            }
+        }
+        let mut room = [0; 512];
+        loop {
+            let left = until.saturating_duration_since(Instant::now());
+            let Ok(count) = port.receive(&mut room, left) else {
+                self.port = None;
+                break;
+            };
+            if count > 0 {
+                let before = self.link.reports();
+                self.unanswered.hear(&room[..count]);
+                if self.link.take(&room[..count])?
+                    && let Some(latest) = self.link.latest()
+                {
+                    self.lead = latest.output;
+                    if !self.link.is_recorded() {
+                        for observer in &mut self.control.observers {
+                            observer.lead(self.tick.saturating_sub(self.start) as u32, &self.lead);
+                        }
+                    }
+                }
+                if self.link.reports() > before {
+                    self.heard = now;
+                    self.unanswered = Unanswered::default();
+                }
+            }
+            if left.is_zero() {
+                break;
+            }
+        }
+        let tick = self.run_tick();
+        let frames = self.link.take_frames();
+        for frame in &frames {
+            self.control.monitor.see(tick, frame);
+        }
+        self.frames += frames.len() as u64;
+        for role in Role::ALL {
+            let recorded = match role {
+                Role::Front => self.link.is_recorded(),
+                _ => self
+                    .others
+                    .iter()
+                    .any(|other| other.link.role() == role && other.link.is_recorded()),
+            };
+            let of_board = |frame: &&CanFrame| sender(frame) == Some(role);
+            let frames: Vec<_> = frames.iter().filter(of_board).copied().collect();
+            if recorded || frames.is_empty() {
+                continue;
+            }
+            for observer in &mut self.control.observers {
+                observer.frames(role, tick, frames.clone());
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Number of this program for its lease: another one for each run.
+fn owner() -> u16 {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    let nanoseconds = since.map_or(0, |since| since.subsec_nanos());
+    (std::process::id() ^ nanoseconds ^ nanoseconds >> 16) as u16
+}
+
+impl Drop for SerialRobot {
+    fn drop(&mut self) {
+        // The error that ended the run was reported.
+        let _ = self.stop();
+        interrupt::clear_last_action();
+    }
+}
+
+impl Robot for SerialRobot {
+    fn now(&self) -> Micros {
+        Micros::from(self.run_tick()) * TICK
+    }
+
+    fn command(&mut self, command: &HostCommand) -> Result<(), Error> {
+        if let HostCommand::Task(task) = command {
+            self.task = *task;
+        }
+        self.link.command(command);
+        Ok(())
+    }
+
+    fn is_settled(&self) -> bool {
+        self.link.is_settled()
+    }
+
+    fn send(&mut self, frame: &CanFrame) -> Result<(), Error> {
+        self.link.send(frame);
+        Ok(())
+    }
+
+    fn room(&mut self) -> Room {
+        self.link.room()
+    }
+
+    fn failure(&self) -> Option<String> {
+        // A speed that is no longer given has this notice, too.
+        let ends_itself = matches!(
+            self.task,
+            Task::Regulate { .. } | Task::Follow { .. } | Task::Track { .. }
+        );
+        let lead = self.control.monitor.latest(Node::Lead);
+        let lost = lead.is_some_and(|lead| lead.notices.contains(Condition::CommanderSilent));
+        if ends_itself && lost && self.link.is_settled() && self.link.is_fresh() {
+            let term = TERM / 1_000_000;
+            return Some(format!(
+                "the board was without a host for {term} s, and the robot stopped"
+            ));
+        }
+        self.control.monitor.fault_since(Node::Lead)?;
+        self.control.monitor.why_stopped()
+    }
+
+    fn step(&mut self) -> Result<(), Error> {
+        let mut until = self.began + Duration::from_micros((self.tick + 1) * TICK);
+        // A program that was held up does not make up for lost ticks: the timers of the link count them.
+        let behind = Instant::now().saturating_duration_since(until);
+        if behind > HELD_UP {
+            self.began += behind;
+            until += behind;
+        }
+        let now = self.clock();
+        for other in &mut self.others {
+            other.exchange(now)?;
+        }
+        self.exchange(until)?;
+        self.publish();
+        self.tick += 1;
+        self.show()
+    }
+
+    fn record(&self) -> Record {
+        Record::without_truth(self.now(), self.lead)
+    }
+
+    fn plant(&self) -> Option<&Plant> {
+        None
+    }
+
+    /// Ends the lease, too; once.
+    fn stop(&mut self) -> Result<(), Error> {
+        // A board of another version would not understand.
+        if self.closed || self.link.build().is_empty() {
+            return Ok(());
+        }
+        self.closed = true;
+        // They take no part in the stop.
+        self.others.clear();
+        let stopped = self.bring_to_rest().and_then(|()| {
+            self.link.release();
+            self.wait(|robot| robot.link.is_settled())
+        });
+        stopped.map_err(|error| {
+            Error::Failure(format!(
+                "front board: the robot did not confirm that it stopped: press its button ({error})"
+            ))
+        })
+    }
+
+    fn control(&self) -> &RunControl {
+        &self.control
+    }
+
+    fn control_mut(&mut self) -> &mut RunControl {
+        &mut self.control
+    }
+
+    fn builds(&self) -> Vec<(Role, String)> {
+        vec![(Role::Front, self.link.build().to_owned())]
+    }
+
+    fn traffic(&self) -> Vec<BoardTraffic> {
+        let of = |role: Role| BoardTraffic {
+            role,
+            on: true,
+            traffic: (role == Role::Front).then(|| Traffic {
+                frames: self.frames,
+                lost: self.link.lost().into(),
+                damaged: self.link.damaged().into(),
+            }),
+        };
+        Role::ALL.map(of).to_vec()
+    }
+
+    fn bus(&self) -> BusStatistics {
+        BusStatistics {
+            sent: self.frames,
+            ..BusStatistics::default()
+        }
+    }
+}

@@ -1,0 +1,268 @@
+//! A virtual board behind its serial port, in a thread of its own.
+//!
+//! The board's time passes only while it is asked: from the first byte sent to the end of its answer, or to the time
+//! after which a request counts as lost.
+
+use crate::board_log::BoardLog;
+use crate::images::Images;
+use crate::link::{Link, flash_file, make_flash_file};
+use crate::log_reader::Reader;
+use crate::serial_line::SerialLine;
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use output::files;
+use std::collections::VecDeque;
+use std::io::{self, ErrorKind, Read};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+use virtual_board::Time;
+use virtual_board::board::Board;
+use virtual_board::chip::{Circuit, Drive, Inputs, Pin};
+use virtual_board::finding::Kind;
+
+/// Strap of the rear board, and nSLEEP of the drivers.
+const STRAP: Pin = Pin::new('C', 13);
+const NSLEEP: Pin = Pin::new('C', 4);
+/// Time that the board runs between looks at what it sent.
+const SLICE_NS: u64 = 200_000;
+/// Time after which a request counts as lost, ns.
+const PATIENCE_NS: u64 = 250_000_000;
+/// First byte of the store in the flash.
+const STORE: usize = 16 << 10;
+
+/// Circuit of the board: a serial adapter and, on a rear board, the strap.
+#[derive(Clone)]
+struct Port {
+    rear: bool,
+    told: bool,
+    line: SerialLine,
+    /// The drivers were woken.
+    woken: bool,
+}
+
+impl Circuit for Port {
+    fn pin(&mut self, pin: Pin, drive: Drive, _at: Time) {
+        self.woken |= pin == NSLEEP && drive == Drive::High;
+    }
+
+    fn serial(&mut self, byte: u8, _at: Time) {
+        self.line.sent.push(byte);
+    }
+
+    fn next(&self) -> Time {
+        match self.told {
+            true => self.line.next(),
+            false => Time(0),
+        }
+    }
+
+    fn advance(&mut self, at: Time, inputs: &mut Inputs) {
+        if !self.told {
+            self.told = true;
+            let strap = if self.rear { Drive::Low } else { Drive::Open };
+            inputs.pins.push((STRAP, strap));
+        }
+        self.line.advance(at, inputs);
+    }
+}
+
+/// Order to the thread of a board.
+enum Order {
+    Send(Vec<u8>),
+    Power(bool),
+    Hold(bool),
+}
+
+/// A board and its log.
+struct Bench {
+    board: Board,
+    reader: Reader,
+    held: bool,
+    file: Option<PathBuf>,
+    kept: Vec<u8>,
+}
+
+impl Bench {
+    fn obey(&mut self, order: Order) -> Option<io::Result<Vec<u8>>> {
+        match order {
+            Order::Power(on) => self.board.power(on),
+            Order::Hold(held) => self.held = held,
+            Order::Send(bytes) => return Some(self.exchange(&bytes)),
+        }
+        None
+    }
+
+    /// Sends bytes and runs the board to the end of its answer, or until there is none.
+    fn exchange(&mut self, bytes: &[u8]) -> io::Result<Vec<u8>> {
+        if self.held {
+            return Ok(Vec::new());
+        }
+        let now = self.board.now();
+        self.port()?.line.send(bytes, now);
+        self.board.chip().refresh();
+        let end = now + Time::from_nanos(PATIENCE_NS);
+        loop {
+            let until = self.board.now() + Time::from_nanos(SLICE_NS);
+            self.board.run_until(until);
+            let sent = &self.port()?.line.sent;
+            // An answer ends with a zero, and is more than that.
+            if sent.len() > 1 && sent.ends_with(&[0]) || until > end {
+                break;
+            }
+        }
+        self.reader.read(&mut self.board);
+        self.keep()?;
+        let findings = self.board.chip().findings().list().iter();
+        let mut findings = findings.filter(|finding| finding.kind != Kind::Reset);
+        if let Some(finding) = findings.next() {
+            return Err(io::Error::other(finding.to_string()));
+        }
+        let port = self.port()?;
+        if port.woken {
+            return Err(io::Error::other("the drivers were woken in a session"));
+        }
+        Ok(std::mem::take(&mut port.line.sent))
+    }
+
+    fn port(&mut self) -> io::Result<&mut Port> {
+        let port = self.board.chip().circuit::<Port>();
+        port.ok_or_else(|| io::Error::other("the board has no port"))
+    }
+
+    /// Writes the store to its file when it has changed.
+    fn keep(&mut self) -> io::Result<()> {
+        let Some(file) = &self.file else {
+            return Ok(());
+        };
+        let store = &self.board.chip().flash()[STORE..STORE + self.kept.len()];
+        if store != self.kept {
+            self.kept = store.to_vec();
+            files::write_file(file, &self.kept)
+                .map_err(|error| io::Error::other(error.to_string()))?;
+        }
+        Ok(())
+    }
+}
+
+/// A board on its way or at rest.
+pub struct VirtualLink {
+    on: bool,
+    orders: Option<Sender<Order>>,
+    answers: Receiver<io::Result<Vec<u8>>>,
+    /// Exchanges whose answer was not fetched yet.
+    waiting: usize,
+    rest: VecDeque<u8>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl VirtualLink {
+    /// Switches a board on; its log goes to `log`, its store is in the file `flash`, else in memory.
+    pub fn start(
+        images: &Images,
+        role: Role,
+        log: &BoardLog,
+        flash: Option<&Path>,
+    ) -> Result<Self, Error> {
+        let port = Port {
+            rear: role == Role::Rear,
+            told: false,
+            line: SerialLine::default(),
+            woken: false,
+        };
+        let image = images.of(role);
+        let mut board = Board::new(Box::new(port), 0);
+        board.flash(image);
+        let mut kept = Vec::new();
+        if let Some(file) = flash {
+            make_flash_file(file)?;
+            kept = flash_file(file)?.unwrap_or_default();
+            board.chip().flash()[STORE..STORE + kept.len()].copy_from_slice(&kept);
+        }
+        board.power(true);
+        let mut bench = Bench {
+            board,
+            reader: Reader::new(role, image, log),
+            held: false,
+            file: flash.map(Path::to_owned),
+            kept,
+        };
+        let (orders, from) = channel();
+        let (to, answers) = channel();
+        let thread = thread::spawn(move || {
+            for order in from {
+                // Nobody waits for the answer of a link that is being dropped.
+                if let Some(answer) = bench.obey(order)
+                    && to.send(answer).is_err()
+                {
+                    break;
+                }
+            }
+        });
+        Ok(Self {
+            on: true,
+            orders: Some(orders),
+            answers,
+            waiting: 0,
+            rest: VecDeque::new(),
+            thread: Some(thread),
+        })
+    }
+
+    fn order(&self, order: Order) -> io::Result<()> {
+        let orders = self.orders.as_ref().ok_or(ErrorKind::BrokenPipe)?;
+        orders.send(order).map_err(|_| ErrorKind::BrokenPipe.into())
+    }
+
+    fn power(&mut self, on: bool) -> Result<(), Error> {
+        self.on = on;
+        self.rest.clear();
+        Ok(self.order(Order::Power(on))?)
+    }
+}
+
+impl Link for VirtualLink {
+    fn name(&self) -> &'static str {
+        "virtual"
+    }
+
+    fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
+        if !self.on {
+            return Err(ErrorKind::BrokenPipe.into());
+        }
+        self.waiting += 1;
+        self.order(Order::Send(bytes.to_vec()))
+    }
+
+    fn receive(&mut self, room: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+        if self.rest.is_empty() && self.waiting > 0 {
+            self.waiting -= 1;
+            let answer = self.answers.recv().map_err(|_| ErrorKind::BrokenPipe)?;
+            self.rest.extend(answer?);
+        }
+        self.rest.read(room)
+    }
+
+    fn kill(&mut self) -> Result<(), Error> {
+        self.power(false)
+    }
+
+    fn halt(&mut self, halted: bool) -> Result<(), Error> {
+        Ok(self.order(Order::Hold(halted))?)
+    }
+
+    fn revive(&mut self) -> Result<(), Error> {
+        self.power(true)
+    }
+}
+
+impl Drop for VirtualLink {
+    fn drop(&mut self) {
+        self.orders = None;
+        if let Some(thread) = self.thread.take() {
+            // The thread has ended, by a panic or not.
+            let _ = thread.join();
+        }
+    }
+}

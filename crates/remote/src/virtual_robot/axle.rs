@@ -1,0 +1,524 @@
+//! What is soldered to an axle's board, wired as docs/wiring.md says.
+
+use super::power::{BATTERY_V, Power};
+use crate::serial_line::SerialLine;
+use core_algos::topology::Role;
+use host_sim::scenario::Scenario;
+use host_sim::world::drawn::Drawn;
+use host_sim::world::random::{Stream, generator, normal};
+use rand::RngExt;
+use virtual_board::Time;
+use virtual_board::chip::{Circuit, Drive, Inputs, Net, Pin};
+use virtual_board::device::{
+    Amplifier, AmplifierConfig, Contact, Divider, DriverConfig, Drv8874, Encoder, EncoderConfig,
+    Icm42688, InertialConfig, Motion, Motor, MotorConfig, Thermistor, olimex_h405,
+};
+
+const ENABLE: [Pin; 2] = [Pin::new('A', 8), Pin::new('A', 9)];
+const DIRECTION: [Pin; 2] = [Pin::new('B', 14), Pin::new('B', 15)];
+const AWAKE: Pin = Pin::new('C', 5);
+const FAULT: [Pin; 2] = [Pin::new('C', 8), Pin::new('C', 9)];
+const CURRENT: [Pin; 2] = [Pin::new('C', 0), Pin::new('C', 1)];
+const SUPPLY: Pin = Pin::new('C', 2);
+const TEMPERATURE: Pin = Pin::new('C', 3);
+const STOP: Pin = Pin::new('B', 12);
+const ENCODER: [[Pin; 2]; 2] = [
+    [Pin::new('C', 6), Pin::new('C', 7)],
+    [Pin::new('B', 6), Pin::new('B', 7)],
+];
+const SELECT: Pin = Pin::new('A', 4);
+const STRAP: Pin = Pin::new('C', 13);
+const BUTTON: Pin = Pin::new('A', 0);
+const LED: Pin = Pin::new('C', 12);
+
+/// Supply of chip, amplifiers and sensors, V.
+const LOGIC_V: f64 = 3.3;
+/// Temperature between the drivers, °C.
+const AMBIENT_C: f64 = 25.0;
+/// Two periods of the pulses.
+const PULSE_PERIODS: Time = Time::from_micros(100);
+/// Largest time for which contacts bounce.
+const BOUNCE: Time = Time::from_micros(5_000);
+
+/// Motion of a wheel from a time on: angle (rad), speed (rad/s), forward positive.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct WheelMotion {
+    /// Angle, rad.
+    pub angle_rad: f64,
+    /// Speed, rad/s.
+    pub speed_rad_s: f64,
+}
+
+/// Motion of an axle from a time on.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct AxleMotion {
+    /// Wheels, left and right.
+    pub wheels: [WheelMotion; 2],
+    /// Motion at an inertial sensor in the middle of the axle.
+    pub inertial: Motion,
+}
+
+/// Parts that differ from axle to axle.
+#[derive(Clone, Debug)]
+pub struct AxleParts {
+    /// The strap says that this is the rear one.
+    pub rear: bool,
+    /// Lines of the encoders, and their phases (left, right), counts.
+    pub lines: u32,
+    /// Phases of the encoders (left, right), counts.
+    pub phase: [f64; 2],
+    /// The inertial sensor, if one is fitted.
+    pub inertial: Option<InertialConfig>,
+    /// Battery, V.
+    pub battery_v: f64,
+    /// Seed of all noise.
+    pub seed: u64,
+}
+
+impl AxleParts {
+    /// Those of an axle of a scenario, as they were drawn.
+    pub fn of(scenario: &Scenario, drawn: &Drawn, role: Role, seed: u64) -> Self {
+        let k = role as usize;
+        let (gyro, accelerometer) = (
+            &scenario.world.sensors.gyro,
+            &scenario.world.sensors.accelerometer,
+        );
+        // The average at rest takes the bias away; what comes after it is that of the world's sensors.
+        let mut random = generator(seed, 0, Stream::Other(0x202));
+        let third = |value: f64| [0.0, 0.0, value];
+        let first = |value: f64| [value, 0.0, 0.0];
+        Self {
+            rear: role == Role::Rear,
+            lines: scenario.world.sensors.encoder.counts_per_revolution / 4,
+            phase: drawn.encoder_phase[k],
+            inertial: gyro.fitted.then(|| InertialConfig {
+                gyro_density: gyro.noise_density,
+                gyro_bias: third(normal(&mut random, gyro.bias_sigma)),
+                gyro_scale: third(drawn.gyro_scale_error[k]),
+                accel_density: accelerometer.noise_density,
+                accel_bias: first(normal(&mut random, accelerometer.bias_sigma)),
+                accel_scale: first(drawn.accelerometer_scale_error[k]),
+                ..InertialConfig::default()
+            }),
+            battery_v: BATTERY_V,
+            seed,
+        }
+    }
+}
+
+/// The parts around an axle's board.
+#[derive(Clone)]
+pub struct AxleBoard {
+    pub(super) drivers: [Drv8874; 2],
+    pub(super) amplifiers: [Amplifier; 2],
+    pub(super) encoders: [Encoder; 2],
+    pub(super) inertial: Option<Icm42688>,
+    pub(super) power: Power,
+    divider: Divider,
+    pub(super) thermistor: Thermistor,
+    pub(super) stop: Contact,
+    pub(super) button: Contact,
+    /// Serial port.
+    pub(super) serial: SerialLine,
+    /// Edges of the LED; it is lit at every other one, from the first on.
+    pub(super) led: Vec<Time>,
+    /// The strap's contact, and whether the chip knows.
+    strap: (bool, bool),
+    /// Times of scheduled events at the drivers.
+    looks: Vec<Time>,
+    /// Latest levels of the fault pins at the chip.
+    faults: [Drive; 2],
+    /// Nothing was told yet.
+    fresh: bool,
+}
+
+/// Drivers with their motors, amplifiers, and the resistors of the supply's divider, Ω, within their tolerances.
+fn power_parts(parts: &AxleParts) -> ([Drv8874; 2], [Amplifier; 2], [f64; 2]) {
+    // Standard deviations of a third of the data sheets' tolerances, relative ones but the offset's, V.
+    let mut random = generator(parts.seed, 0, Stream::Other(0x203));
+    let mut scaled = |nominal: f64, sigma: f64| nominal * (1.0 + normal(&mut random, sigma));
+    let resistors = [47e3, 10e3].map(|ohm| scaled(ohm, 3e-3));
+    let mut driver = || {
+        let nominal = MotorConfig::default();
+        let motor = Motor::new(MotorConfig {
+            resistance_ohm: scaled(nominal.resistance_ohm, 0.03),
+            inductance_h: scaled(nominal.inductance_h, 0.06),
+            constant_nm_a: scaled(nominal.constant_nm_a, 0.02),
+        });
+        let nominal = DriverConfig::default();
+        let config = DriverConfig {
+            on_ohm: scaled(nominal.on_ohm, 0.06),
+            trip_a: scaled(nominal.trip_a, 0.02),
+            ..nominal
+        };
+        Drv8874::new(config, motor, parts.battery_v)
+    };
+    let drivers = [driver(), driver()];
+    let mut amplifier = |k: u64| {
+        let config = AmplifierConfig {
+            gain_error: normal(&mut random, 4e-3),
+            offset_v: normal(&mut random, 8e-6),
+            edge_tau_s: random.random_range(0.4e-6..=4.8e-6),
+            ..AmplifierConfig::default()
+        };
+        Amplifier::new(config, part_seed(parts.seed, 1 + k))
+    };
+    let amplifiers = [amplifier(0), amplifier(1)];
+    (drivers, amplifiers, resistors)
+}
+
+/// Seed of a part of an axle.
+fn part_seed(seed: u64, part: u64) -> u64 {
+    seed ^ part.wrapping_mul(0x9e37_79b9_7f4a_7c15)
+}
+
+impl AxleBoard {
+    /// The parts at rest.
+    pub fn new(parts: &AxleParts) -> Self {
+        let seed = |part: u64| part_seed(parts.seed, part);
+        let (drivers, amplifiers, resistors) = power_parts(parts);
+        let encoder = |k: usize| {
+            let phase = match k {
+                0 => parts.phase[k],
+                // It turns the other way round.
+                _ => 1.0 - parts.phase[k],
+            };
+            Encoder::new(EncoderConfig {
+                lines: parts.lines,
+                phase,
+            })
+        };
+        Self {
+            drivers,
+            amplifiers,
+            encoders: [encoder(0), encoder(1)],
+            inertial: parts.inertial.map(|config| Icm42688::new(config, seed(3))),
+            divider: Divider::new(resistors[0], resistors[1], 100e-9, parts.battery_v),
+            power: Power::new(parts.battery_v),
+            thermistor: Thermistor::default(),
+            stop: Contact::new(true, BOUNCE, seed(4)),
+            button: Contact::new(false, BOUNCE, seed(5)),
+            serial: SerialLine::default(),
+            led: Vec::new(),
+            strap: (parts.rear, false),
+            looks: Vec::new(),
+            faults: [Drive::Open; 2],
+            fresh: true,
+        }
+    }
+
+    /// Presses the button, or lets it go.
+    pub fn press(&mut self, pressed: bool, at: Time) {
+        self.button.set(pressed, at);
+    }
+
+    /// Presses the emergency stop, or releases it.
+    pub fn stop(&mut self, pressed: bool, at: Time) {
+        self.stop.set(!pressed, at);
+    }
+
+    /// The axle moves in this way from `at` on.
+    pub fn motion(&mut self, at: Time, motion: &AxleMotion) {
+        for (k, wheel) in motion.wheels.iter().enumerate() {
+            let sign = if k == 0 { 1.0 } else { -1.0 };
+            let (angle, speed) = (sign * wheel.angle_rad, sign * wheel.speed_rad_s);
+            self.encoders[k].motion(at, angle, speed, 0.0);
+            self.drivers[k].speed(wheel.speed_rad_s, at);
+        }
+        if let Some(inertial) = &mut self.inertial {
+            inertial.motion(at, motion.inertial);
+        }
+    }
+
+    /// Mean torques at the wheels since the last call, N m; the battery sags by what the motors took.
+    pub fn take_torque(&mut self, at: Time) -> [f64; 2] {
+        let works = [0, 1].map(|k: usize| self.drivers[k].take_work(at));
+        let amperes = works.iter().map(|work| work.mean_supplied_a()).sum();
+        let volts = self.power.battery.battery_v(at, amperes);
+        self.divider.input(at, volts);
+        for driver in &mut self.drivers {
+            driver.supply(volts, at);
+        }
+        [0, 1].map(|k: usize| {
+            works[k].mean_current_a() * self.drivers[k].motor().config().constant_nm_a
+        })
+    }
+
+    /// Closes the strap to ground, or opens it.
+    pub fn strap(&mut self, closed: bool) {
+        self.strap = (closed, false);
+    }
+
+    /// From one time to another a driver reports a fault and is off.
+    pub fn force_fault(&mut self, side: usize, from: Time, to: Time) {
+        self.drivers[side].force_fault(from, to);
+        self.looks.extend([from, to]);
+    }
+
+    /// Currents of the motors, A; none while a motor brakes in a short circuit.
+    pub fn driven_currents(&mut self, at: Time) -> [f64; 2] {
+        [0, 1].map(|k: usize| {
+            let driver = &mut self.drivers[k];
+            let current = driver.current(at);
+            // Between two pulses a bridge shorts its motor too.
+            let brakes = driver.brakes() && at > driver.driven_until() + PULSE_PERIODS;
+            if brakes { 0.0 } else { current }
+        })
+    }
+
+    /// True while the supply drives a motor, or did in the latest two periods of the pulses.
+    pub fn is_driven(&self, at: Time) -> bool {
+        let drivers = self.drivers.iter();
+        drivers
+            .map(Drv8874::driven_until)
+            .any(|until| at <= until + PULSE_PERIODS)
+    }
+
+    /// True if both drivers are awake.
+    pub fn is_awake(&self) -> bool {
+        self.drivers.iter().all(Drv8874::is_awake)
+    }
+
+    fn fault_pins(&self) -> [Drive; 2] {
+        [0, 1].map(|k: usize| self.drivers[k].fault_pin())
+    }
+}
+
+impl Circuit for AxleBoard {
+    fn nets(&self) -> &'static [Net] {
+        olimex_h405::NETS
+    }
+
+    fn pin(&mut self, pin: Pin, drive: Drive, at: Time) {
+        let level = drive == Drive::High;
+        match pin {
+            AWAKE => self
+                .drivers
+                .iter_mut()
+                .for_each(|driver| driver.awake(level, at)),
+            LED if (drive == Drive::Low) != self.led.len().is_multiple_of(2) => {}
+            LED => self.led.push(at),
+            SELECT => {
+                if let Some(inertial) = &mut self.inertial {
+                    inertial.select(drive == Drive::Low, at);
+                }
+            }
+            _ => {
+                for k in 0..2 {
+                    if pin == ENABLE[k] {
+                        self.drivers[k].enable(level, at);
+                    } else if pin == DIRECTION[k] {
+                        self.drivers[k].phase(level, at);
+                    }
+                }
+            }
+        }
+    }
+
+    fn voltage(&mut self, pin: Pin, at: Time) -> f64 {
+        for k in 0..2 {
+            if pin == CURRENT[k] {
+                let driver = &mut self.drivers[k];
+                let current = driver.current(at);
+                let (slope, edge) = (driver.current_slope(), driver.latest_edge());
+                return self.amplifiers[k].output(at, current, slope, edge, LOGIC_V);
+            }
+        }
+        match pin {
+            SUPPLY => self.divider.output(at),
+            TEMPERATURE => self.thermistor.voltage(AMBIENT_C, LOGIC_V),
+            _ => 0.0,
+        }
+    }
+
+    fn spi(&mut self, word: u16, _bits: u32, at: Time) -> u16 {
+        let inertial = self.inertial.as_mut();
+        inertial.map_or(!0, |inertial| inertial.exchange(word as u8, at).into())
+    }
+
+    fn serial(&mut self, byte: u8, _at: Time) {
+        self.serial.sent.push(byte);
+    }
+
+    fn supply(&mut self, at: Time) -> f64 {
+        self.power.logic_v(at)
+    }
+
+    fn next(&self) -> Time {
+        if self.fresh {
+            return Time(0);
+        }
+        if self.faults != self.fault_pins() || !self.strap.1 {
+            return Time(0);
+        }
+        let [left, right] = &self.encoders;
+        let switches = self.stop.next().min(self.button.next());
+        let looks = self.looks.iter().copied().min().unwrap_or(Time::NEVER);
+        let other = switches
+            .min(looks)
+            .min(self.power.next())
+            .min(self.serial.next());
+        left.next().min(right.next()).min(other)
+    }
+
+    fn advance(&mut self, at: Time, inputs: &mut Inputs) {
+        for (encoder, pins) in self.encoders.iter_mut().zip(ENCODER) {
+            if self.fresh || encoder.next() <= at {
+                encoder.advance(at);
+                let (a, b) = encoder.drives();
+                inputs.pins.extend([(pins[0], a), (pins[1], b)]);
+            }
+        }
+        self.serial.advance(at, inputs);
+        if self.fresh || self.stop.next() <= at {
+            self.stop.advance(at);
+            let closed = self.stop.is_closed();
+            inputs
+                .pins
+                .push((STOP, if closed { Drive::Low } else { Drive::Open }));
+        }
+        if self.fresh || self.button.next() <= at {
+            self.button.advance(at);
+            let closed = self.button.is_closed();
+            inputs
+                .pins
+                .push((BUTTON, if closed { Drive::High } else { Drive::Open }));
+        }
+        self.power.advance(at, inputs);
+        if self.looks.iter().any(|look| *look <= at) {
+            self.looks.retain(|look| *look > at);
+            self.drivers
+                .iter_mut()
+                .for_each(|driver| driver.advance(at));
+        }
+        let faults = self.fault_pins();
+        if self.fresh || faults != self.faults {
+            inputs
+                .pins
+                .extend([(FAULT[0], faults[0]), (FAULT[1], faults[1])]);
+            self.faults = faults;
+        }
+        if self.fresh || !self.strap.1 {
+            let closed = self.strap.0;
+            let drive = if closed { Drive::Low } else { Drive::Open };
+            inputs.pins.push((STRAP, drive));
+            self.strap.1 = true;
+        }
+        self.fresh = false;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core_algos::drive::sampling;
+    use virtual_board::chip::Usable;
+
+    /// Rows of the pin tables of docs/wiring.md: pins and function.
+    fn wiring() -> Vec<(Pin, String)> {
+        let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/wiring.md");
+        let text = std::fs::read_to_string(path).unwrap();
+        let mut pins = Vec::new();
+        for row in text.lines().filter(|line| line.starts_with("| P")) {
+            let cells: Vec<_> = row.split('|').map(str::trim).collect();
+            for name in cells[1].split(", ") {
+                let Some(number) = name.get(2..).and_then(|number| number.parse().ok()) else {
+                    continue;
+                };
+                let port = name.chars().nth(1).unwrap();
+                pins.push((Pin::new(port, number), cells[2].to_owned()));
+            }
+        }
+        pins
+    }
+
+    #[test]
+    fn wiring_uses_no_net_of_the_board_except_button_and_led() {
+        let pins = wiring();
+        assert_eq!(pins.len(), 37, "{pins:?}");
+        for (pin, function) in pins {
+            let net = olimex_h405::NETS.iter().find(|net| net.pin == pin);
+            let usable = net.is_none_or(|net| match net.usable {
+                Usable::Input => function.starts_with("input"),
+                Usable::Output => function.starts_with("output"),
+                Usable::No => false,
+            });
+            assert!(usable, "{pin}: {net:?}");
+        }
+    }
+
+    /// The loader drives PA9 with nSLEEP low, so the bridge stays off, and PB10 as the image does.
+    #[test]
+    fn the_boot_loader_drives_no_pin_of_the_wiring_against_a_part() {
+        let driven = olimex_h405::LOADER.iter().filter(|pin| pin.driven);
+        let wired: Vec<_> = driven
+            .map(|loader| loader.pin)
+            .filter(|pin| wiring().iter().any(|(wired, _)| wired == pin))
+            .collect();
+        assert_eq!(wired, [ENABLE[1], Pin::new('B', 10)]);
+        assert!(!wired.contains(&AWAKE));
+    }
+
+    /// Largest error of a current, A, as the axle's board samples it at these duties, with the slowest amplifier that
+    /// the data sheet allows.
+    fn sampling_error(duties: [f64; 2]) -> f64 {
+        const TOP: u16 = sampling::AXLE.top;
+        let compares = duties.map(|duty| (duty * f64::from(TOP)) as u16);
+        let trigger = sampling::AXLE.build().unwrap().compare(compares);
+        let counts = |count: u64| Time::from_nanos(count * 1000 / 168);
+        let config = AmplifierConfig {
+            edge_tau_s: 4.8e-6,
+            noise_v: 0.0,
+            ..AmplifierConfig::default()
+        };
+        let mut worst = 0.0f64;
+        for (k, compare) in compares.into_iter().enumerate() {
+            let mut amplifier = Amplifier::new(config, 1);
+            let mut driver = Drv8874::new(
+                DriverConfig::default(),
+                Motor::new(MotorConfig::default()),
+                12.0,
+            );
+            driver.awake(true, Time(0));
+            driver.phase(true, Time(0));
+            // A mean current of about 1 A.
+            driver.speed(((12.0 * duties[k] - 3.1) / 0.6).max(-5.0), Time(0));
+            let wakes = counts(400 * u64::from(TOP));
+            for period in 0..200 {
+                // From zero up to the top and down again: the pulse ends at the compare value and begins opposite.
+                let at = |count: u64| wakes + counts(2 * u64::from(TOP) * period + count);
+                let (ends, begins) = (u64::from(compare), 2 * u64::from(TOP) - u64::from(compare));
+                let sampled = at(u64::from(trigger) + [112, 432][k]);
+                let mut events = vec![(at(ends), Some(false)), (at(begins), Some(true))];
+                events.push((sampled, None));
+                events.sort();
+                for (time, level) in events {
+                    if let Some(level) = level {
+                        driver.enable(level, time);
+                        continue;
+                    }
+                    let current = driver.current(time);
+                    let (slope, edge) = (driver.current_slope(), driver.latest_edge());
+                    let volts = amplifier.output(time, current, slope, edge, LOGIC_V);
+                    if period > 150 {
+                        worst = worst.max(((volts - 0.5 * LOGIC_V) / 0.2 - current).abs());
+                    }
+                }
+            }
+        }
+        worst
+    }
+
+    #[test]
+    fn currents_are_sampled_where_a_slow_amplifier_has_settled() {
+        for percent in [10, 25, 45, 50, 60, 75, 80, 90] {
+            let duty = f64::from(percent) / 100.0;
+            let error = sampling_error([duty, duty]);
+            // 60 mV e^(−10.9/4.8) are 31 mA.
+            assert!(error < 0.035, "{percent} %: {error} A");
+        }
+        // The worst pair of duties.
+        let error = sampling_error([0.2, 0.72]);
+        assert!(error < 0.13, "{error} A");
+    }
+}

@@ -1,0 +1,352 @@
+//! Boards that are tried one by one: power that fails while they start and while they write their
+//! flash, and flash that does not hold what it should.
+
+use super::Campaign;
+use super::bench::Bench;
+use super::run::node;
+use crate::virtual_robot::{Options, store};
+use core_algos::bus::field::Calibrate;
+use core_algos::bus::{self, Message};
+use core_algos::params::stored::Report;
+use core_algos::params::{Disarmed, Settings, TABLE};
+use core_algos::safety::Condition;
+use core_algos::topology::{Node, Role};
+use firmware_common::store::Store;
+use firmware_common::store::simulated::{Flash, run};
+use host_sim::base::error::Error;
+use host_sim::run::robot::Robot;
+use host_sim::world::random::{Stream, generator};
+use rand::RngExt;
+use std::ops::Range;
+use virtual_board::Time;
+use virtual_board::chip::FlashOperation;
+use virtual_board::finding::Kind;
+use virtual_board::wire::{Frame, Id};
+
+/// Result of a trial: the number of cases, or the failure.
+type Found = Result<Result<usize, String>, Error>;
+
+const SECTOR: usize = 16 << 10;
+/// The store in the flash.
+const STORE: Range<usize> = store::FIRST..store::FIRST + 3 * SECTOR;
+/// Time after which a board has started and told of itself, ms.
+const STARTED_MS: u64 = 1_000;
+/// Time that a calibration and its save take at most, ms.
+const SAVED_MS: u64 = 6_000;
+
+const fn ms(count: u64) -> Time {
+    Time::from_micros(1_000 * count)
+}
+
+/// One board on the bus, with a node that acknowledges.
+fn rig(campaign: &Campaign, seed: u64) -> Result<Bench, Error> {
+    let mut bench = Bench::new(campaign, Options::default(), seed)?;
+    bench.intruder(|_, _| {});
+    Ok(bench)
+}
+
+impl Bench {
+    /// So many milliseconds pass.
+    pub fn pass(&mut self, ms: u64) {
+        for _ in 0..ms {
+            self.robot.advance();
+        }
+    }
+
+    /// Switches a board on, waits until it has told of itself.
+    fn start_alone(&mut self, role: Role) {
+        self.board(role, |board| board.power(true));
+        let now = self.now();
+        // Somebody must tell the time for the beam to speak.
+        if role == Role::Beam {
+            for epoch in 0..STARTED_MS as u32 / 10 {
+                let message = Message::TimeSync {
+                    epoch,
+                    last_delay_us: (epoch > 0).then_some(0),
+                };
+                self.say(now + ms(50 + 10 * u64::from(epoch)), &message);
+            }
+        }
+        self.wait(role);
+    }
+
+    /// Waits until a board tells of itself, for as long as it may.
+    fn wait(&mut self, role: Role) {
+        for _ in 0..STARTED_MS {
+            self.pass(1);
+            if self.robot.monitor().latest(node(role)).is_some() {
+                return;
+            }
+        }
+    }
+
+    /// The node that is no board sends a message.
+    fn say(&mut self, at: Time, message: &Message) {
+        let Ok(frame) = bus::encode(message) else {
+            return;
+        };
+        let data = frame.data.get(..frame.length.into()).unwrap_or_default();
+        let frame = Frame::new(Id::Standard(frame.id), data);
+        self.intruder(|node, _| node.send(at, frame));
+    }
+
+    /// Content of the store in a board's flash.
+    fn stored(&mut self, role: Role) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        self.board(role, |board| bytes = board.chip().flash()[STORE].to_vec());
+        bytes
+    }
+
+    fn store(&mut self, role: Role, bytes: &[u8]) {
+        self.board(role, |board| {
+            board.chip().flash()[STORE].copy_from_slice(bytes);
+        });
+    }
+
+    fn operations(&mut self) -> Vec<FlashOperation> {
+        let mut list = Vec::new();
+        self.board(Role::Beam, |board| {
+            list = board.chip().flash_operations().to_vec();
+        });
+        list
+    }
+
+    /// Finding or reset of a board, if any.
+    fn complaint(&mut self, role: Role) -> Option<String> {
+        let mut complaint = None;
+        self.board(role, |board| {
+            let mut findings = board.chip().findings().list().iter();
+            let finding = findings.find(|found| found.kind != Kind::Reset);
+            complaint = finding.map(ToString::to_string);
+        });
+        complaint
+    }
+}
+
+/// The settings that a board makes of its store.
+fn settled(bytes: &[u8], role: Role) -> (Settings, Report) {
+    let mut flash = Flash::<SECTOR>::new(3, 1);
+    flash.bytes.copy_from_slice(bytes);
+    let range = flash.range();
+    let base = Settings::of(role);
+    let Some(mut store) = Store::new(flash, range) else {
+        return (base, Report::default());
+    };
+    let check = |settings: &Settings| settings.check(role);
+    run(store.load()).settle(&base, check)
+}
+
+/// The rail fails once the board has started before, at instants of its next start.
+pub fn brown_outs(campaign: &Campaign, seed: u64) -> Found {
+    let cases = if campaign.quick { 10 } else { 100 };
+    let mut bench = rig(campaign, seed)?;
+    bench.start_alone(Role::Front);
+    let before = bench.stored(Role::Front);
+    for case in 0..cases {
+        bench.board(Role::Front, |board| board.power(false));
+        bench.pass(2);
+        bench.board(Role::Front, |board| board.power(true));
+        let at = bench.now() + Time::from_micros(bench.draw(120_000));
+        let span = Time::from_micros(10 + bench.draw(3_000));
+        let volts = bench.draw(2_700) as f64 * 1e-3;
+        bench.axle(Role::Front, |axle, _| axle.power.dip(at, at + span, volts));
+        while bench.now() < at + span {
+            bench.pass(1);
+        }
+        bench.robot.control.monitor = Default::default();
+        bench.wait(Role::Front);
+        let told = bench.robot.monitor().latest(Node::FrontAxle).is_some();
+        let kept = bench.stored(Role::Front) == before;
+        if let Some(complaint) = bench.complaint(Role::Front) {
+            return Ok(Err(format!("{at}, {volts} V: {complaint}")));
+        }
+        if !(told && kept) {
+            return Ok(Err(format!(
+                "case {case}: {at}, {volts} V for {span}: told {told}, flash as before {kept}"
+            )));
+        }
+    }
+    Ok(Ok(cases))
+}
+
+/// A board that was asked at this time to set its zeros, and saves them.
+fn calibrating(
+    campaign: &Campaign,
+    seed: u64,
+    kept: Option<&[u8]>,
+) -> Result<(Bench, Time), Error> {
+    let mut bench = rig(campaign, seed)?;
+    if let Some(bytes) = kept {
+        bench.store(Role::Beam, bytes);
+    }
+    bench.start_alone(Role::Beam);
+    let asked = bench.now();
+    let message = Message::BeamCalibration {
+        sequence: 1,
+        calibrate: Calibrate::Zero(0.0),
+    };
+    bench.say(asked, &message);
+    Ok((bench, asked))
+}
+
+/// The power fails at these instants of the operations of a save: the share of the operation's time.
+fn cuts(
+    campaign: &Campaign,
+    seed: u64,
+    kept: Option<&[u8]>,
+    wanted: impl Fn(usize, &FlashOperation) -> Vec<f64>,
+) -> Found {
+    let (mut bench, asked) = calibrating(campaign, seed, kept)?;
+    let before = settled(&bench.stored(Role::Beam), Role::Beam).0;
+    bench.pass(SAVED_MS);
+    let after = settled(&bench.stored(Role::Beam), Role::Beam).0;
+    if TABLE.iter().all(|p| p.get(&before) == p.get(&after)) {
+        return Ok(Err("nothing was saved".to_owned()));
+    }
+    let operations = bench.operations();
+    let operations = operations.iter().filter(|operation| operation.at > asked);
+    let mut cases = 0;
+    for (k, operation) in operations.enumerate() {
+        for share in wanted(k, operation) {
+            let at = operation.at + Time((operation.takes.0 as f64 * share) as u64);
+            if let Err(why) = cut(campaign, seed, kept, at, [&before, &after])? {
+                return Ok(Err(format!("operation {k}, {at}: {why}")));
+            }
+            cases += 1;
+        }
+    }
+    Ok(match cases {
+        0 => Err("nothing was written".to_owned()),
+        _ => Ok(cases),
+    })
+}
+
+/// The power fails at an instant and comes back: each value must be the old or the new one.
+fn cut(
+    campaign: &Campaign,
+    seed: u64,
+    kept: Option<&[u8]>,
+    at: Time,
+    either: [&Settings; 2],
+) -> Result<Result<(), String>, Error> {
+    let (mut bench, _) = calibrating(campaign, seed, kept)?;
+    while bench.now() + ms(1) <= at {
+        bench.pass(1);
+    }
+    bench.robot.network.run_until(at);
+    bench.board(Role::Beam, |board| board.power(false));
+    bench.pass(3);
+    bench.robot.control.monitor = Default::default();
+    bench.start_alone(Role::Beam);
+    let bytes = bench.stored(Role::Beam);
+    let (found, report) = settled(&bytes, Role::Beam);
+    for parameter in &TABLE {
+        let value = parameter.get(&found);
+        if either
+            .iter()
+            .all(|settings| parameter.get(settings) != value)
+        {
+            return Ok(Err(format!("{} = {value}", parameter.name)));
+        }
+    }
+    if report.defaults() > 0 {
+        return Ok(Err(format!("{} values lost", report.defaults())));
+    }
+    let told = bench.robot.monitor().noticed(Node::Beam);
+    let same = told.contains(Condition::ParameterDefault) == report.unverified;
+    Ok(match (bench.robot.monitor().latest(Node::Beam), same) {
+        (None, _) => Err("the board did not start".to_owned()),
+        (Some(_), false) => Err("the notice is not what the store is".to_owned()),
+        (Some(_), true) => match bench.complaint(Role::Beam) {
+            Some(complaint) => Err(complaint),
+            None => Ok(()),
+        },
+    })
+}
+
+/// Power cuts in the words of a save.
+pub fn cuts_of_words(campaign: &Campaign, seed: u64) -> Found {
+    let every = if campaign.quick { 16 } else { 1 };
+    cuts(campaign, seed, None, |k, operation| {
+        let chosen = !operation.erases && k % every == 0;
+        chosen
+            .then_some(0.3 + 0.1 * (k % 7) as f64)
+            .into_iter()
+            .collect()
+    })
+}
+
+/// Power cuts in the erase of a save into a store that is full.
+pub fn cuts_of_erases(campaign: &Campaign, seed: u64) -> Found {
+    let full = full_store(campaign, seed)?;
+    let shares: &[f64] = match campaign.quick {
+        true => &[0.5],
+        false => &[0.001, 0.1, 0.3, 0.5, 0.7, 0.9, 0.999],
+    };
+    cuts(
+        campaign,
+        seed,
+        Some(&full),
+        |_, operation| match operation.erases {
+            true => shares.to_vec(),
+            false => Vec::new(),
+        },
+    )
+}
+
+/// The store of a beam in which the next save of its zeros erases a sector.
+fn full_store(campaign: &Campaign, seed: u64) -> Result<Vec<u8>, Error> {
+    let mut bytes = rig(campaign, seed)?.stored(Role::Beam);
+    let base = Settings::of(Role::Beam);
+    let mut settings = settled(&bytes, Role::Beam).0;
+    for round in 0..10_000 {
+        for parameter in TABLE.iter().filter(|p| p.name.contains("zero_counts")) {
+            let value = parameter.get(&settings) + [1.0, -1.0][round % 2];
+            parameter.set(&mut settings, value)?;
+        }
+        let mut flash = Flash::<SECTOR>::new(3, 1);
+        flash.bytes.copy_from_slice(&bytes);
+        let range = flash.range();
+        let off = Disarmed::when(true);
+        let (Some(mut store), Some(off)) = (Store::new(flash, range), off) else {
+            break;
+        };
+        run(store.save(&settings, &base, off))
+            .map_err(|error| Error::Failure(format!("store: {error:?}")))?;
+        let flash = store.into_flash();
+        if flash.erases > 0 {
+            return Ok(bytes);
+        }
+        bytes = flash.bytes;
+    }
+    Err(Error::Failure("store: never full".to_owned()))
+}
+
+/// A bit of what was stored is another one: the value is as it was, or its default is used with a
+/// notice, and nothing is written.
+pub fn flipped_bits(campaign: &Campaign, seed: u64) -> Found {
+    let cases = if campaign.quick { 4 } else { 40 };
+    let mut random = generator(seed, 0, Stream::Other(0x301));
+    for _ in 0..cases {
+        let mut bench = rig(campaign, seed)?;
+        let mut bytes = bench.stored(Role::Beam);
+        let saved = settled(&bytes, Role::Beam).0;
+        let used = bytes.iter().rposition(|&byte| byte != 0xff).unwrap_or(0) + 1;
+        let bit: usize = random.random_range(0..8 * used);
+        bytes[bit / 8] ^= 1 << (bit % 8);
+        bench.store(Role::Beam, &bytes);
+        bench.start_alone(Role::Beam);
+        let (found, _) = settled(&bytes, Role::Beam);
+        let told = bench.robot.monitor().noticed(Node::Beam);
+        let same = TABLE.iter().all(|p| p.get(&found) == p.get(&saved));
+        let kept = bench.stored(Role::Beam) == bytes;
+        let heard = bench.robot.monitor().latest(Node::Beam).is_some();
+        let told = told.contains(Condition::ParameterDefault);
+        if !(heard && kept && (same || told)) {
+            return Ok(Err(format!(
+                "bit {bit}: heard {heard}, flash as before {kept}, values the same {same}, told {told}"
+            )));
+        }
+    }
+    Ok(Ok(cases))
+}

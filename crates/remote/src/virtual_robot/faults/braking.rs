@@ -1,0 +1,120 @@
+//! Emergency stops on the level and on a slope: braking distance, and what happens until the robot stands.
+
+use super::Campaign;
+use super::bench::Bench;
+use super::entry::{Alone, Entry, entries};
+use crate::virtual_robot::Options;
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+
+/// Time that the robot drives before the contact opens, ms.
+const DRIVE_MS: u64 = 1_600;
+/// Time for which a chock stays after the press of the button, ms.
+const CHOCK_MS: u64 = 150;
+/// Time for which it is watched afterwards, ms.
+const WATCH_MS: u64 = 3_000;
+/// Least speed before the stop, m/s.
+const DRIVEN_M_S: f64 = 0.1;
+/// Speed of a robot that rests, m/s: it goes on for 2 mm.
+const REST_M_S: f64 = 1e-2;
+/// Longest time to rest on the level, ms.
+const REST_WITHIN_MS: u64 = 500;
+/// Speed of a braked robot on a slope, m/s, at most, and the time after which it has that, ms.
+const CREEP_M_S: f64 = 0.1;
+const CREEP_AFTER_MS: u64 = 500;
+/// A braked robot creeps on, m/s.
+const CREEP_AT_LEAST_M_S: f64 = 0.02;
+/// The slope, °.
+const SLOPE_DEG: f64 = 5.0;
+
+/// Speed of the robot, m/s, and true while the drivers of both axles are awake: before the stop, then each millisecond.
+fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bool)>, Error> {
+    let mut campaign = campaign.clone();
+    let world = &mut campaign.scenario.world;
+    world.plant.slope_rad = slope_deg.to_radians();
+    // With a chock at one wheel the robot creeps, so that no biases are found.
+    (
+        world.sensors.gyro.fitted,
+        world.sensors.accelerometer.fitted,
+    ) = (false, false);
+    let mut bench = Bench::new(&campaign, Options::default(), seed)?;
+    // A chock holds the robot until its motors do: asleep, the drivers would let it roll.
+    bench.robot.blocked = Some((0, 0));
+    bench.robot.boot(&Options::default())?;
+    bench.press();
+    bench.pass(CHOCK_MS);
+    bench.robot.blocked = None;
+    bench.pass(DRIVE_MS);
+    let mut seen = Vec::new();
+    for ms in 0..=WATCH_MS {
+        if ms == 1 {
+            for role in [Role::Front, Role::Rear] {
+                bench.axle(role, |axle, now| axle.stop(true, now));
+            }
+        }
+        bench.pass(1);
+        let [front, rear] = bench.robot.plant.state().axle;
+        let speed = 0.5 * (front.velocity[0] + rear.velocity[0]).abs();
+        let mut awake = true;
+        for role in [Role::Front, Role::Rear] {
+            bench.axle(role, |axle, _| awake &= axle.is_awake());
+        }
+        seen.push((speed, awake));
+    }
+    Ok(seen)
+}
+
+/// First violation of a limit, in words.
+fn on_the_level(campaign: &Campaign, seed: u64) -> Result<Result<usize, String>, Error> {
+    let seen = speeds(campaign, seed, 0.0)?;
+    let rest = seen.iter().rposition(|(speed, _)| *speed > REST_M_S);
+    let rest = rest.map_or(0, |last| last as u64 + 1);
+    let asleep = seen.last().is_some_and(|(_, awake)| !awake);
+    let before = seen.first().map_or(0.0, |(speed, _)| *speed);
+    Ok(if before < DRIVEN_M_S {
+        Err(format!(
+            "{before:.3} m/s before the stop: must be at least {DRIVEN_M_S} m/s"
+        ))
+    } else if rest > REST_WITHIN_MS {
+        Err(format!(
+            "rests {rest} ms after the stop: must be at most {REST_WITHIN_MS} ms"
+        ))
+    } else if !asleep {
+        Err("drivers awake although the robot rests".to_owned())
+    } else {
+        Ok(1)
+    })
+}
+
+/// First violation of a limit, in words.
+fn on_a_slope(campaign: &Campaign, seed: u64) -> Result<Result<usize, String>, Error> {
+    let seen = speeds(campaign, seed, SLOPE_DEG)?;
+    for (ms, (speed, awake)) in seen.iter().enumerate() {
+        if ms as u64 >= CREEP_AFTER_MS && *speed > CREEP_M_S {
+            return Ok(Err(format!(
+                "{speed:.3} m/s {ms} ms after the stop: must be at most {CREEP_M_S} m/s"
+            )));
+        }
+        if *speed > 0.01 && !awake {
+            return Ok(Err(format!(
+                "drivers asleep at {speed:.3} m/s, {ms} ms after the stop"
+            )));
+        }
+    }
+    let last = seen.last().map_or(0.0, |(speed, _)| *speed);
+    Ok(match last > CREEP_AT_LEAST_M_S {
+        true => Ok(1),
+        false => Err(format!(
+            "{last:.3} m/s at the end: the slope does not move the robot"
+        )),
+    })
+}
+
+pub fn entries() -> Vec<Entry> {
+    const LEVEL: Alone = on_the_level;
+    const SLOPE: Alone = on_a_slope;
+    entries! {
+        "emergency stop on the level: at rest within 0.5 s", "contact", alone(LEVEL);
+        "emergency stop on a slope of 5°: braked to 0.1 m/s", "contact", alone(SLOPE);
+    }
+}

@@ -1,0 +1,274 @@
+//! Faults of samples, frames and plant of a robot whose boards run in this process, and a run with one of them.
+
+use super::Campaign;
+use super::entry::{Entry, entries};
+use super::outcome::{Case, End, Outcome, stopped_wrongly};
+use super::sensors::WHEELS;
+use core_algos::bus::LeadMode;
+use core_algos::control::regulator::Phase;
+use core_algos::math::Posture;
+use core_algos::node::lead::Task;
+use core_algos::safety::Condition::{self, *};
+use core_algos::time::{Micros, TICK};
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::bus::virtual_bus::BusConfig;
+use host_sim::run::drive::{Errand, Progress, drive};
+use host_sim::run::robot::{Record, Robot as _};
+use host_sim::run::simulation::Simulation;
+use host_sim::scenario::Scenario;
+use host_sim::world::faults::Fault;
+use host_sim::world::faults::Fault::{
+    AccelerometerMissing, Bus, EncoderJumps, EncoderMissing, EncoderStuck, EncodersSwapped,
+    FrameSnapped, Freeze, GaugeDrift, GaugeRail, GaugeStuck, GyroBias, GyroNotANumber, Loss,
+    MotorStuckOn, MotorWeak, Reported, Reset, SlowClock, WheelLifted,
+};
+
+/// Codes of a lost or late message.
+const SILENCE: &[Condition] = &[CommandTimeout, NeighbourLost, NeighbourFault];
+/// Codes of messages with wrong contents or times.
+const CORRUPTION: &[Condition] = &[
+    CommandTimeout,
+    NeighbourLost,
+    NeighbourFault,
+    EstimateInconsistent,
+    TrackingLost,
+    WrenchHigh,
+    FrameBent,
+    WheelSlip,
+    // A stop begins from the last reference, which may be a wrong one: then the motors are cut.
+    StopNotFollowed,
+];
+/// Codes of wrong gauges.
+const GAUGES: &[Condition] = &[EstimateInconsistent, WrenchHigh, FrameBent, DegradedTooLong];
+/// Codes of a frame in two pieces.
+const SNAPPED: &[Condition] = &[EstimateInconsistent, FrameBent, WrenchHigh, TrackingLost];
+/// Time to the stop of a robot whose beam is lost, s.
+const BEAM_S: f64 = 22.0;
+/// Time to the stop of a robot that notices by its estimate, s.
+const SLOW_S: f64 = 20.0;
+
+/// Speed of an axle's midpoint (m/s; the governor allows half of it), steering angle |ψ| (rad) and force of the frame (N)
+/// that a robot under control never exceeds for longer than 0.3 s.
+pub const BOUNDS: [f64; 3] = [0.5, 0.8, 40.0];
+/// The same, ticks.
+const MOMENT: u32 = 300;
+/// Largest distance (m) and heading error (rad) of a finished task.
+pub const TOLERANCE: [f64; 2] = [0.03, 0.052_36];
+/// Speed of a robot at rest, m/s.
+const REST_M_S: f64 = 0.02;
+/// Speed of a robot that a motor drives again, m/s.
+const SWING_M_S: f64 = 0.1;
+/// Time at rest with motors off that counts as stopped, ticks.
+const REST: u32 = 100;
+/// Time a stopped robot is watched, µs.
+const WATCH: Micros = 1_000_000;
+
+/// The bus to which a fault is added.
+const BUS: BusConfig = BusConfig::SOUND;
+
+pub(super) fn entries() -> Vec<Entry> {
+    [frames(), samples(), plant()].concat()
+}
+
+fn frames() -> Vec<Entry> {
+    entries! {
+        "none, boards in process", "", model(Fault::None).goes_on();
+        "bus loses 1 %", "frames", model(Bus(BusConfig { loss: 0.01, ..BUS })).goes_on();
+        "bus loses 10 %", "frames", model(Bus(BusConfig { loss: 0.1, ..BUS })).goes_on().stops(SILENCE).within(60.0);
+        "bus loses 50 %", "frames", model(Bus(BusConfig { loss: 0.5, ..BUS })).goes_on().stops(SILENCE).within(SLOW_S);
+        "bus late by 20 ms", "frames", model(Bus(BusConfig { late_ms: [20; 3], ..BUS })).goes_on().stops(SILENCE);
+        "bus reorders within 8 ms", "frames", model(Bus(BusConfig { jitter_ms: 8, ..BUS })).goes_on().stops(SILENCE);
+        "bus doubles 30 %", "frames", model(Bus(BusConfig { doubling: 0.3, ..BUS })).goes_on();
+        "bus corrupts 5 %", "frames", model(Bus(BusConfig { corruption: 0.05, ..BUS })).goes_on().stops(CORRUPTION)
+            .within(SLOW_S);
+        "front board resets", "boards", model(Reset(Role::Front, 200)).stops(SILENCE).within(1.5);
+        "front board lost", "boards", model(Loss(Role::Front)).stops(SILENCE).within(1.5);
+        "rear board lost", "boards", model(Loss(Role::Rear)).stops(SILENCE).within(1.5);
+        "beam board lost", "boards", model(Loss(Role::Beam)).goes_on().stops(&[DegradedTooLong]).within(BEAM_S);
+        "front board freezes 0.3 s", "boards", model(Freeze(Role::Front, 300)).stops(SILENCE).within(1.8);
+        "rear clock slow by 0.02 %, no common time", "boards", model(SlowClock(Role::Rear, 5000)).goes_on()
+            .stops(CORRUPTION).within(SLOW_S);
+        "rear clock slow by 0.2 %, no common time", "boards", model(SlowClock(Role::Rear, 500)).goes_on()
+            .stops(CORRUPTION).within(SLOW_S);
+    }
+}
+
+fn samples() -> Vec<Entry> {
+    entries! {
+        "gauge dead", "samples", model(GaugeRail(1, false)).goes_on();
+        "all gauges dead", "samples", model(GaugeRail(5, false)).goes_on().stops(&[DegradedTooLong]).within(BEAM_S);
+        "gauge stuck", "samples", model(GaugeStuck(2)).goes_on().stops(GAUGES).within(BEAM_S);
+        "gauge drifts", "samples", model(GaugeDrift(2, 40.0)).goes_on().stops(GAUGES).within(BEAM_S);
+        "encoder stuck", "samples", model(EncoderStuck((1, 0))).stops(WHEELS);
+        "encoder jumps", "samples", model(EncoderJumps((0, 0), 500)).goes_on().stops(WHEELS);
+        "encoders swapped", "samples", model(EncodersSwapped(1)).goes_on().stops(WHEELS).within(SLOW_S);
+        "encoder missing", "samples", model(EncoderMissing((0, 1))).stops(WHEELS).within(1.5);
+        "gyro not a number", "samples", model(GyroNotANumber(0)).goes_on().stops(&[NotANumber]).within(1.5);
+        "gyro off by 0.3 rad/s", "samples", model(GyroBias(1, 0.3)).goes_on().stops(WHEELS).within(10.0);
+        "accelerometer missing", "samples", model(AccelerometerMissing(0)).goes_on();
+        "driver too hot", "samples", model(Reported(0, OverTemperature, 0)).stops(&[OverTemperature, NeighbourFault]);
+    }
+}
+
+fn plant() -> Vec<Entry> {
+    entries! {
+        "motor without torque", "plant", model(MotorWeak((0, 0), 0.0)).goes_on().stops(WHEELS).within(SLOW_S);
+        "motor weak", "plant", model(MotorWeak((1, 1), 0.3)).goes_on().stops(WHEELS).within(SLOW_S);
+        "motor stuck on", "plant", model(MotorStuckOn((0, 1), 1.5)).stops(WHEELS).within(3.5);
+        "wheel lifted", "plant", model(WheelLifted((1, 0))).goes_on().stops(WHEELS).within(SLOW_S);
+        "frame snapped", "plant", model(FrameSnapped).stops(SNAPPED).within(3.0);
+    }
+}
+
+/// First tick of the fault.
+pub fn tick(scenario: &Scenario, case: &Case) -> u32 {
+    (scenario.mission.settle_s * 1e3) as u32 + case.after_ms as u32
+}
+
+/// Regulates to the scenario's goal.
+pub(super) fn run(campaign: &Campaign, case: &Case, fault: Fault) -> Result<Outcome, Error> {
+    let mut simulation = Simulation::new(&campaign.scenario, case.seed, 0)?;
+    simulation.inject(fault, tick(&campaign.scenario, case));
+    run_on(&mut simulation, &campaign.scenario, case)
+}
+
+/// A run under way.
+struct Watch {
+    goal: Posture,
+    /// Time of the fault, µs.
+    from: Micros,
+    /// Consecutive ticks beyond each bound.
+    beyond: [u32; 3],
+    /// Consecutive ticks at rest with motors off.
+    rest: u32,
+    /// Time of the stop, µs.
+    stopped: Option<Micros>,
+    /// Failure, in words.
+    wrong: Option<String>,
+}
+
+impl Watch {
+    /// The bound that was exceeded for longer than a moment.
+    fn exceeded(&mut self, simulation: &Simulation) -> Option<String> {
+        let force = simulation.plant().wrench().force;
+        let seen = [
+            simulation.speed(),
+            simulation.steering().abs(),
+            force[0].hypot(force[1]),
+        ];
+        let mut exceeded = None;
+        for (i, beyond) in self.beyond.iter_mut().enumerate() {
+            // NaN is beyond every bound.
+            let within = seen[i] <= BOUNDS[i];
+            *beyond = if within { 0 } else { *beyond + 1 };
+            if *beyond > MOMENT {
+                let what = ["speed", "steering", "force"][i];
+                exceeded = Some(format!("{what} of {:.2}, beyond {}", seen[i], BOUNDS[i]));
+            }
+        }
+        exceeded
+    }
+}
+
+impl Errand<Simulation> for Watch {
+    fn task(&self) -> Option<Task> {
+        Some(Task::regulate(self.goal))
+    }
+
+    fn must_end(&self, _robot: &Simulation) -> bool {
+        false
+    }
+
+    fn tick(&mut self, simulation: &Simulation) -> Progress {
+        let now = simulation.now() - TICK;
+        if now < self.from {
+            return Progress::Driving;
+        }
+        self.wrong = self.exceeded(simulation);
+        let (speed, off) = (simulation.speed(), simulation.torque() == [[0.0; 2]; 2]);
+        self.rest = (self.rest + 1) * u32::from(off && speed < REST_M_S);
+        let faulted = simulation.monitor().first_fault().is_some();
+        match self.stopped {
+            // The frame may swing a little when the motors let go.
+            Some(_) if !off || !(speed < SWING_M_S) => {
+                self.wrong = Some("drives again after its stop".to_owned());
+            }
+            Some(since) if now - since >= WATCH => return Progress::Over,
+            None if faulted && self.rest >= REST => {
+                self.stopped = Some(now - Micros::from(self.rest) * TICK);
+            }
+            _ => {}
+        }
+        match self.wrong {
+            Some(_) => Progress::Over,
+            None => Progress::Driving,
+        }
+    }
+
+    fn epoch(&mut self, _robot: &Simulation, record: &Record, _since: Option<Micros>) -> Progress {
+        let lead = &record.lead;
+        match lead.done && lead.mode == LeadMode::Hold && lead.phase == Phase::Done {
+            true => Progress::Done,
+            false => Progress::Driving,
+        }
+    }
+}
+
+/// The same with a simulation into which the fault has been put.
+pub fn run_on(
+    simulation: &mut Simulation,
+    scenario: &Scenario,
+    case: &Case,
+) -> Result<Outcome, Error> {
+    let mission = &scenario.mission;
+    let mut watch = Watch {
+        goal: Posture::from(mission.goal.map(|v| v as f32)),
+        from: Micros::from(tick(scenario, case)) * TICK,
+        beyond: [0; 3],
+        rest: 0,
+        stopped: None,
+        wrong: None,
+    };
+    let done = drive(simulation, scenario, mission.time_limit_s, &mut watch)?.is_success();
+    let first = simulation.monitor().first_fault().copied();
+    let reason = first.and_then(|status| status.reason);
+    let since = |at: Micros| at.saturating_sub(watch.from) as f64 * 1e-6;
+    let off_s = watch.stopped.map(since);
+    let wrong = watch.wrong.or_else(|| match off_s {
+        Some(off_s) => stopped_wrongly(case.entry, reason, off_s, None),
+        None if done => missed(simulation, scenario, case.entry),
+        None => Some("neither done nor stopped".to_owned()),
+    });
+    let end = if done { End::WentOn } else { End::Stopped };
+    Ok(Outcome {
+        seed: case.seed,
+        after_ms: case.after_ms,
+        end: wrong.map_or(end, End::Wrong),
+        reason,
+        off_s,
+        own_off_s: None,
+        cases: 1,
+    })
+}
+
+/// The true error of a finished task, if it is larger than [`TOLERANCE`] and than what the robot claims (95 %).
+fn missed(simulation: &Simulation, scenario: &Scenario, entry: &Entry) -> Option<String> {
+    if !entry.goes_on {
+        return Some("finished in spite of the fault".to_owned());
+    }
+    let [x, y, phi] = simulation.plant().midpoint();
+    let goal = scenario.mission.goal;
+    let turned = libm::remainder(phi - goal[2], std::f64::consts::TAU).abs();
+    let away = (x - goal[0]).hypot(y - goal[1]);
+    let claimed = simulation.lead_output().fused.robot.half_axes_95();
+    let [position, heading] = [0, 1].map(|i| TOLERANCE[i].max(f64::from(claimed[i])));
+    let near = away <= position && turned <= heading;
+    (!near).then(|| {
+        format!(
+            "{:.1} cm and {:.1}° off at the end",
+            1e2 * away,
+            turned.to_degrees()
+        )
+    })
+}

@@ -1,0 +1,354 @@
+//! One run with a fault, and how it is judged.
+
+use super::Campaign;
+use super::bench::Bench;
+use super::entry::{Course, Entry, Step};
+use super::model;
+use super::outcome::{Case, End, Outcome, stopped_wrongly};
+use super::under_way::{UnderWay, kept};
+use crate::virtual_robot::Options;
+use core_algos::safety::{Condition, OperatingState};
+use core_algos::topology::{Node, Role};
+use host_sim::base::error::Error;
+use host_sim::run::robot::Robot;
+use virtual_board::Time;
+use virtual_board::device::Drv8874;
+use virtual_board::wire::ErrorKind;
+
+/// A current that counts, A: 25 mN m at the wheel.
+const CURRENT_A: f64 = 0.05;
+/// Time that a robot is watched that goes on, ms.
+const WATCH_MS: u64 = 1_000;
+/// Largest distance of a robot that goes on from where it would be without the fault, m.
+const AWAY_M: f64 = 0.02;
+/// Time within which all nodes must be ready after the last act, ms.
+const READY_MS: u64 = 1_500;
+/// For how long they must be.
+const STAYS_MS: u64 = 100;
+/// Time that a started robot drives, ms.
+const DRIVE_MS: u64 = 400;
+/// Postures of the robot without a fault, by ms since the press of the button.
+pub type Reference = Vec<[f64; 3]>;
+
+/// The course of an undisturbed run, as long as any run is.
+pub fn reference(campaign: &Campaign, seed: u64, longest_ms: u64) -> Result<Reference, Error> {
+    let mut bench = Bench::new(campaign, Options::default(), seed)?;
+    bench.robot.boot(&Options::default())?;
+    bench.press();
+    let ticks = longest_ms + WATCH_MS + 1_000;
+    Ok((0..ticks)
+        .map(|_| {
+            bench.robot.advance();
+            bench.robot.plant.midpoint()
+        })
+        .collect())
+}
+
+/// Does a run; the robots under way are those of all cases.
+pub fn run(
+    campaign: &Campaign,
+    case: &Case,
+    reference: &Reference,
+    robots: &UnderWay,
+) -> Result<Outcome, Error> {
+    match &case.entry.course {
+        Course::Alone(trial) => {
+            let (end, cases) = match trial(campaign, case.seed)? {
+                Ok(cases) => (End::WentOn, cases),
+                Err(why) => (End::Wrong(why), 1),
+            };
+            Ok(Outcome {
+                seed: case.seed,
+                after_ms: 0,
+                end,
+                reason: None,
+                off_s: None,
+                own_off_s: None,
+                cases,
+            })
+        }
+        Course::Drive(steps) => {
+            let (mut bench, before) = robots.get(campaign, case)?;
+            let seen = watch(&mut bench, case.entry, steps);
+            Ok(judge(bench, case, seen, reference, &before))
+        }
+        Course::Start(steps) => start(campaign, case, steps),
+        Course::Model(fault) => model::run(campaign, case, *fault),
+    }
+}
+
+/// Observations of a run.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    /// The fault began.
+    from: Time,
+    /// Last time at which a motor of each axle carried current.
+    last: [Time; 2],
+    /// True if a motor carried current at the end.
+    driven: bool,
+}
+
+/// Lets time pass until it is clear what follows from the fault.
+fn watch(bench: &mut Bench, entry: &Entry, steps: &[Step]) -> Seen {
+    let from = bench.now();
+    let mut seen = Seen {
+        from,
+        last: [from; 2],
+        driven: true,
+    };
+    let longest = steps.iter().map(|step| step.after_ms).max().unwrap_or(0);
+    let limit = longest + (entry.off_within_s * 1e3) as u64 + entry.rest_ms + 500;
+    for elapsed in 0..=limit {
+        for step in steps.iter().filter(|step| step.after_ms == elapsed) {
+            (step.act)(bench);
+        }
+        bench.pass(1);
+        let now = bench.now();
+        for (role, last) in [Role::Front, Role::Rear].into_iter().zip(&mut seen.last) {
+            if let Some(axle) = bench.robot.axle(role)
+                && axle
+                    .driven_currents(now)
+                    .iter()
+                    .any(|a| a.abs() > CURRENT_A)
+            {
+                *last = now;
+            }
+        }
+        if elapsed < longest {
+            continue;
+        }
+        let rest = Time::from_micros(1000 * entry.rest_ms);
+        seen.driven = seen.last.iter().any(|last| now - *last < rest);
+        let told = !entry.restarts || has_restarted(bench);
+        let faulty = stopped(bench).is_some();
+        let since = elapsed - longest;
+        let off = !seen.driven && since >= entry.rest_ms;
+        let on = seen.driven && !faulty && since >= WATCH_MS && entry.goes_on;
+        if told && (off || on) {
+            break;
+        }
+    }
+    seen
+}
+
+/// The first reason for which the lead node or an axle stopped; the robot drives on without its beam.
+fn stopped(bench: &Bench) -> Option<Condition> {
+    let changes = bench.robot.monitor().changes().iter();
+    let mut stops = changes.filter(|status| {
+        let stopped = matches!(
+            status.state,
+            OperatingState::SafeStop | OperatingState::Fault
+        );
+        stopped && status.node != Node::Beam
+    });
+    stops.find_map(|status| status.reason)
+}
+
+/// The node of a board.
+pub fn node(role: Role) -> Node {
+    match role {
+        Role::Front => Node::FrontAxle,
+        Role::Rear => Node::RearAxle,
+        Role::Beam => Node::Beam,
+    }
+}
+
+/// True if the affected board was reset and reports *restarted*.
+fn has_restarted(bench: &mut Bench) -> bool {
+    let Some(role) = bench.struck else {
+        return false;
+    };
+    let told = bench.robot.monitor().latest(node(role)).copied();
+    told.is_some_and(|status| status.reason == Some(Condition::Restarted))
+}
+
+/// Unexplained resets, findings and losses of a run.
+fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<String> {
+    for report in bench.robot.reports() {
+        let name = report.name;
+        let is_struck = bench.struck.is_some_and(|role| role.name() == name);
+        if entry.must_reset && is_struck && report.resets.is_empty() {
+            return Some(format!("{name} board not reset"));
+        }
+        let may_reset = entry.resets.iter().any(|role| role.name() == name);
+        if let (Some((time_s, cause)), false) = (report.resets.first(), may_reset) {
+            return Some(format!("{name} board reset by {cause} at {time_s:.3} s"));
+        }
+        let own = |text: &str| entry.findings.iter().any(|part| text.contains(part));
+        let finding = report
+            .findings
+            .iter()
+            .find(|finding| !own(&format!("{}: {}", finding.kind, finding.text)));
+        if let Some(finding) = finding {
+            return Some(format!(
+                "{name} board: {}: {}, in {}",
+                finding.kind, finding.text, finding.place
+            ));
+        }
+    }
+    if kept(bench) != before {
+        return Some("parameters in the flash have changed".to_owned());
+    }
+    if let Some(condition) = entry.notice {
+        let role = bench.struck.unwrap_or(Role::Front);
+        if !bench
+            .robot
+            .monitor()
+            .noticed(node(role))
+            .contains(condition)
+        {
+            return Some(format!("no notice of {}", condition.entry().name));
+        }
+    }
+    if entry.fast_ppb.iter().any(Option::is_some)
+        && let Some(misread) = misread(bench)
+    {
+        return Some(misread);
+    }
+    let seen = bench.wrong.take();
+    if let Some(wrong) = seen.or_else(|| entry.check.and_then(|check| check(bench))) {
+        return Some(wrong);
+    }
+    (entry.restarts && !has_restarted(bench)).then(|| "the restart was not told".to_owned())
+}
+
+/// End of the last pulse of the struck axle's drivers.
+fn last_pulse(bench: &mut Bench) -> Option<Time> {
+    let axle = bench.robot.axle(bench.struck?)?;
+    axle.drivers.iter().map(Drv8874::driven_until).max()
+}
+
+/// Errors on the bus; that nobody acknowledges while the others start is none.
+fn misread(bench: &mut Bench) -> Option<String> {
+    let of_board = |role| {
+        let place = bench.robot.place(role)?;
+        let statistics = bench.robot.network.wire().statistics(place);
+        let kind = ErrorKind::ALL.into_iter().find(|&kind| {
+            !matches!(kind, ErrorKind::Acknowledgement) && statistics.errors_of(kind) > 0
+        })?;
+        let count = statistics.errors_of(kind);
+        Some(format!(
+            "{} board: {count} errors: {}",
+            role.name(),
+            kind.name()
+        ))
+    };
+    Role::ALL.into_iter().find_map(of_board)
+}
+
+fn judge(
+    mut bench: Bench,
+    case: &Case,
+    seen: Seen,
+    reference: &Reference,
+    before: &[Vec<u8>],
+) -> Outcome {
+    let entry = case.entry;
+    let first = bench.robot.monitor().first_fault().copied();
+    let reason = first.and_then(|status| status.reason);
+    let off = |last: Time| (last - seen.from).seconds();
+    let off_s = (!seen.driven).then(|| off(seen.last[0].max(seen.last[1])));
+    let last = last_pulse(&mut bench).filter(|_| !seen.driven);
+    let own_off_s = last.map(off);
+    let wrong = complaint(&mut bench, entry, before).or_else(|| match off_s {
+        Some(off_s) => stopped_wrongly(entry, reason, off_s, own_off_s),
+        None => drives_wrongly(&bench, case, seen.from, reference),
+    });
+    let end = match wrong {
+        Some(why) => End::Wrong(why),
+        None if seen.driven => End::WentOn,
+        None => End::Stopped,
+    };
+    Outcome {
+        seed: case.seed,
+        after_ms: case.after_ms,
+        end,
+        reason,
+        off_s,
+        own_off_s,
+        cases: 1,
+    }
+}
+
+fn drives_wrongly(bench: &Bench, case: &Case, from: Time, reference: &Reference) -> Option<String> {
+    let reason = stopped(bench);
+    if !case.entry.goes_on || reason.is_some() {
+        return Some(format!("motors on at the end: {reason:?}"));
+    }
+    for node in [Node::Lead, Node::FrontAxle, Node::RearAxle] {
+        let state = bench
+            .robot
+            .monitor()
+            .latest(node)
+            .map(|status| status.state);
+        if state != Some(OperatingState::Active) {
+            return Some(format!("{} at the end: {state:?}", node.name()));
+        }
+    }
+    let place = case.after_ms + (bench.now() - from).micros() / 1000;
+    let expected = reference.get(place as usize - 1)?;
+    let midpoint = bench.robot.plant.midpoint();
+    let away = (midpoint[0] - expected[0]).hypot(midpoint[1] - expected[1]);
+    (away > AWAY_M).then(|| format!("{:.1} cm away from where it should be", 1e2 * away))
+}
+
+/// A run from power on.
+fn start(campaign: &Campaign, case: &Case, steps: &[Step]) -> Result<Outcome, Error> {
+    let entry = case.entry;
+    let options = entry.options();
+    let mut bench = Bench::new(campaign, options.clone(), case.seed)?;
+    let before = kept(&mut bench);
+    let acts = steps.iter().map(|step| step.after_ms);
+    let last = acts.chain(entry.power_on_ms).max().unwrap_or(0);
+    let mut ready = 0;
+    for elapsed in 0..last + READY_MS {
+        bench.robot.power_up(&options);
+        for step in steps.iter().filter(|step| step.after_ms == elapsed) {
+            (step.act)(&mut bench);
+        }
+        bench.pass(1);
+        let waits = bench.robot.waits_for().is_some();
+        ready = if waits { 0 } else { ready + 1 };
+        if ready >= STAYS_MS && elapsed >= last {
+            break;
+        }
+    }
+    let waits = bench.robot.waits_for();
+    bench.press();
+    bench.pass(DRIVE_MS / 2);
+    let mut driven = false;
+    for _ in 0..DRIVE_MS / 2 {
+        bench.pass(1);
+        let now = bench.now();
+        for role in [Role::Front, Role::Rear] {
+            let axle = bench.robot.axle(role);
+            driven |= axle.is_some_and(|axle| {
+                axle.driven_currents(now)
+                    .iter()
+                    .any(|a| a.abs() > CURRENT_A)
+            });
+        }
+    }
+    let reason = stopped(&bench);
+    let wrong = complaint(&mut bench, entry, &before).or_else(|| match (entry.goes_on, waits) {
+        (true, Some(why)) if !entry.unready => Some(format!("not ready: {why}")),
+        (true, _) if !driven || reason.is_some() => Some(format!("does not drive: {reason:?}")),
+        (false, None) => Some("ready in spite of the fault".to_owned()),
+        (false, Some(_)) if driven => Some("motors on".to_owned()),
+        _ => None,
+    });
+    let end = match wrong {
+        Some(why) => End::Wrong(why),
+        None if driven => End::WentOn,
+        None => End::Stopped,
+    };
+    Ok(Outcome {
+        seed: case.seed,
+        after_ms: 0,
+        end,
+        reason,
+        off_s: (!driven).then_some(0.0),
+        own_off_s: None,
+        cases: 1,
+    })
+}

@@ -1,0 +1,113 @@
+//! Boot orders, and faults that are there when the power comes on.
+
+use super::bench::Bench;
+use super::entry::{Entry, at, entries};
+use super::power::{beam, crystal, struck};
+use core_algos::safety::Condition;
+use core_algos::topology::Role;
+use host_sim::run::robot::Robot;
+
+/// The LED of the front board has flashed 20 times a second.
+fn blinks_fast(bench: &mut Bench) -> Option<String> {
+    let mut halves = 0;
+    let mut spans = Vec::new();
+    bench.axle(Role::Front, |axle, _| {
+        spans = axle
+            .led
+            .windows(2)
+            .map(|edges| (edges[1] - edges[0]).micros())
+            .collect();
+        halves = spans
+            .iter()
+            .filter(|us| (24_500..25_500).contains(*us))
+            .count();
+    });
+    (halves < 20).then(|| format!("{halves} halves of a blink at the LED: must be 20 and more"))
+}
+
+/// A board has reported that another one has its role.
+fn names_the_role(bench: &mut Bench) -> Option<String> {
+    let mut changes = bench.robot.monitor().changes().iter();
+    let named = changes.any(|status| status.reason == Some(Condition::RoleTaken));
+    (!named).then(|| "no node reports that its role is taken".to_owned())
+}
+
+pub fn entries() -> Vec<Entry> {
+    [orders(), buses(), others()].concat()
+}
+
+fn orders() -> Vec<Entry> {
+    entries! {
+        "boards powered together", "power", start(&[]).goes_on();
+        "front board a second later", "power", start(&[]).powered([1000, 0, 0]).goes_on();
+        "rear board a second later", "power", start(&[]).powered([0, 1000, 0]).goes_on();
+        "beam board a second later", "power", start(&[]).powered([0, 0, 1000]).goes_on();
+        "a board powered twice", "power", start(&[
+            at(120, |b| {
+                let role = b.any();
+                b.board(role, |board| board.power(false));
+            }),
+            at(140, |b| {
+                let role = b.any();
+                b.board(role, |board| board.power(true));
+            }),
+        ]).goes_on();
+        "bus open at the start, closed after 0.5 s", "wire", start(&[
+            at(0, |b| {
+                for (piece, role) in (2..).zip(Role::ALL) {
+                    b.piece(role, piece);
+                }
+            }),
+            at(500, |b| {
+                Role::ALL.into_iter().for_each(|role| b.piece(role, 0))
+            }),
+        ]).goes_on();
+    }
+}
+
+fn buses() -> Vec<Entry> {
+    entries! {
+        "bus open", "wire", start(&[at(0, |b| b.piece(Role::Rear, 2))]);
+        "no acknowledgement from the start", "wire", start(&[at(0, |b| {
+            for (piece, role) in (2..).zip(Role::ALL) {
+                b.piece(role, piece);
+            }
+        })]);
+        "transceiver dead from the start", "transceiver", start(&[at(0, |b| {
+            let role = b.wheel().0;
+            b.transceiver(role, false, false);
+        })]);
+        "transceiver of the beam dead from the start", "transceiver", start(&[at(0, |b| b.transceiver(Role::Beam, false, false))])
+            .unready();
+        "bus held dominant from the start", "wire", start(&[at(0, |b| {
+            use virtual_board::wire::{Fault, Level};
+            b.wire(Fault::Level(Some(Level::Dominant)));
+        })]);
+    }
+}
+
+fn others() -> Vec<Entry> {
+    entries! {
+        "crystal dead for the first 4.5 s", "crystal", start(&[
+            at(0, |b| crystal(b, Bench::any, false)),
+            at(4500, |b| crystal(b, Bench::any, true)),
+        ]).goes_on().must_reset().finds(&["reset"]);
+        "crystal of an axle's board dead for good", "crystal", start(&[at(0, |b| crystal(b, struck, false))])
+            .resets(&[Role::Front, Role::Rear]).finds(&["reset"]);
+        "crystal of the beam's board dead for good", "crystal", start(&[at(0, |b| crystal(b, beam, false))])
+            .unready().resets(&[Role::Beam]).finds(&["reset"]);
+        "crystal of the front board at 12 MHz", "crystal", start(&[])
+            .vary(|role, chip| if role == Role::Front { chip.crystal_hz = 12_000_000 })
+            .resets(&[Role::Front, Role::Rear]).check(blinks_fast).finds(&["reset"]);
+        "slow oscillators at 17 kHz", "LSI", start(&[]).vary(|_, chip| chip.slow_hz = 17_000).goes_on();
+        "slow oscillators at 47 kHz", "LSI", start(&[]).vary(|_, chip| chip.slow_hz = 47_000).goes_on();
+        "internal oscillators 4 % slow", "HSI", start(&[]).vary(|_, chip| chip.internal_hz = 15_360_000).goes_on();
+        "strap of the rear board broken: two front boards", "PC13", start(&[at(0, |b| {
+            b.axle(Role::Rear, |axle, _| axle.strap(false));
+        })]).check(names_the_role);
+        "emergency stop open from the start", "contact", start(&[at(0, |b| {
+            let role = b.wheel().0;
+            b.axle(role, |axle, now| axle.stop(true, now));
+        })]);
+    }
+}

@@ -1,0 +1,108 @@
+//! Robots under way: runs with the same options, seed and time of the fault are one run until then.
+
+use super::Campaign;
+use super::bench::Bench;
+use super::entry::Course;
+use super::outcome::Case;
+use crate::virtual_robot::{Options, store};
+use host_sim::base::error::Error;
+use std::sync::{Mutex, PoisonError};
+
+/// Size of the parameters in the flash.
+const KEPT: usize = 3 * (16 << 10);
+
+/// A robot at the time of the fault, with the parameters as they were at first.
+type Robot = (Bench, Vec<Vec<u8>>);
+
+/// The parameters of all boards, as their flash holds them.
+pub fn kept(bench: &mut Bench) -> Vec<Vec<u8>> {
+    let boards = bench.robot.network.boards();
+    boards
+        .map(|board| board.chip().flash()[store::FIRST..store::FIRST + KEPT].to_vec())
+        .collect()
+}
+
+/// Options, seed and time of the fault, which several cases share.
+struct Group {
+    options: Options,
+    seed: u64,
+    after_ms: u64,
+    /// Cases that have not got theirs, and the robot once the first of them has asked for it.
+    state: Mutex<(usize, Option<Robot>)>,
+}
+
+impl Group {
+    fn of(case: &Case) -> Self {
+        Self {
+            options: case.entry.options(),
+            seed: case.seed,
+            after_ms: case.after_ms,
+            state: Mutex::default(),
+        }
+    }
+
+    fn holds(&self, case: &Case) -> bool {
+        if (self.seed, self.after_ms) != (case.seed, case.after_ms) {
+            return false;
+        }
+        let (options, own) = (case.entry.options(), &self.options);
+        own.power_on_ms == options.power_on_ms
+            && own.fast_ppb == options.fast_ppb
+            && std::ptr::fn_addr_eq(own.vary, options.vary)
+    }
+
+    fn drive(&self, campaign: &Campaign) -> Result<Robot, Error> {
+        let mut bench = Bench::new(campaign, self.options.clone(), self.seed)?;
+        let before = kept(&mut bench);
+        bench.robot.boot(&self.options)?;
+        bench.press();
+        bench.pass(self.after_ms);
+        Ok((bench, before))
+    }
+}
+
+/// A robot for each group of cases; it is driven when the first asks for it, and kept until the last has.
+pub struct UnderWay(Vec<Group>);
+
+impl UnderWay {
+    /// Of these cases, each of which will ask once.
+    pub fn of(cases: &[Case]) -> Self {
+        let mut all = Self(Vec::new());
+        for case in cases {
+            if !matches!(case.entry.course, Course::Drive(_)) {
+                continue;
+            }
+            let place = all.place(case);
+            if place == all.0.len() {
+                all.0.push(Group::of(case));
+            }
+            let state = all.0[place].state.get_mut();
+            state.unwrap_or_else(PoisonError::into_inner).0 += 1;
+        }
+        all
+    }
+
+    /// Place of the group of a case, or behind the last; few robots are kept if cases ask in this order.
+    pub fn place(&self, case: &Case) -> usize {
+        let found = self.0.iter().position(|group| group.holds(case));
+        found.unwrap_or(self.0.len())
+    }
+
+    /// The robot of a case, at the time of the fault.
+    pub(super) fn get(&self, campaign: &Campaign, case: &Case) -> Result<Robot, Error> {
+        let Some(group) = self.0.get(self.place(case)) else {
+            return Group::of(case).drive(campaign);
+        };
+        let mut state = group.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let (left, robot) = &mut *state;
+        let ready = match robot.take() {
+            Some(ready) => ready,
+            None => group.drive(campaign)?,
+        };
+        *left = left.saturating_sub(1);
+        if *left > 0 {
+            *robot = Some(ready.clone());
+        }
+        Ok(ready)
+    }
+}

@@ -1,0 +1,594 @@
+//! The robot with its boards as users flash them: the boards' default images on virtual STM32F405
+//! boards, with everything that is wired to them, in the simulated plant.
+//!
+//! Nothing connects the host with the boards but the robot and the serial port of the front board: motors turn wheels,
+//! wheels turn encoders, the bent frame strains gauges. Orders and the lead node's output go through the port
+//! ([`BoardLink`]), states are read on the bus.
+
+pub mod axle;
+pub mod beam;
+mod clock;
+pub mod faults;
+mod options;
+mod port;
+mod power;
+pub mod report;
+mod store;
+pub mod tools;
+#[cfg(test)]
+mod turns;
+
+pub use options::Options;
+pub use report::BoardReport;
+
+use crate::board_link::BoardLink;
+use crate::board_log::BoardLog;
+use crate::images::Images;
+use crate::log_reader::Reader;
+use axle::{AxleBoard, AxleMotion, AxleParts, WheelMotion};
+use beam::{BeamBoard, BridgeParts};
+use clock::Clock;
+use core_algos::beam::MAX_GAUGES;
+use core_algos::bus::{self, CanFrame, Message};
+use core_algos::link::protocol::Place;
+use core_algos::math::Posture;
+use core_algos::node::lead::{self, Task};
+use core_algos::safety::{Condition, OperatingState};
+use core_algos::time::{EPOCH, Micros};
+use core_algos::topology::{Node, Role};
+use host_sim::base::error::Error;
+use host_sim::bus::virtual_bus::BusStatistics;
+use host_sim::run::recovery::NODES;
+use host_sim::run::robot::{FRAME_POINTS, Record, Robot, RunControl};
+use host_sim::scenario::Scenario;
+use host_sim::targets::{BoardTraffic, HostCommand, Room};
+use host_sim::world::drawn::Drawn;
+use host_sim::world::random::{Stream, generator};
+use host_sim::world::sensors::Sensors;
+use plant::{Outline, Plant, Station};
+use rand::RngExt;
+use report::Watch;
+use tools::Tools;
+use virtual_board::Time;
+use virtual_board::board::Board;
+use virtual_board::device::Motion;
+use virtual_board::network::Network;
+use virtual_board::wire::{Id, Wire};
+
+/// A tick of the plant.
+const TICK: Time = Time::from_micros(1_000);
+/// Time for which the boards run by themselves.
+const QUANTUM: Time = Time::from_micros(40);
+/// Time within which all nodes must be ready after power came on, and for which they must stay so.
+const BOOT: Time = Time::from_micros(5_000_000);
+const READY_TICKS: u32 = 100;
+/// Time for which the button is held.
+const PRESS: Time = Time::from_micros(150_000);
+/// Crystals are off by this at most, parts in 10⁹.
+const CRYSTAL_PPB: i64 = 20_000;
+/// Ticks that a run goes on after the lead node's fault: what follows from it can be seen.
+const GRACE: u64 = 1000;
+/// Friction of a blocked wheel, N m s/rad: as much as steps of a millisecond can follow.
+const BLOCKED_NM_S: f64 = 2.0;
+/// Standard gravity, m/s².
+const GRAVITY: f64 = 9.806_65;
+
+/// The robot.
+#[derive(Clone)]
+pub struct VirtualRobot {
+    network: Network,
+    roles: Vec<Role>,
+    images: Images,
+    readers: Vec<Reader>,
+    watches: Vec<Watch>,
+    plant: Plant,
+    /// Midpoint at the start.
+    start: [f64; 3],
+    /// Angles of the motors when the robot was put there again, rad.
+    turned: [[f64; 2]; 2],
+    gauges: Vec<Station>,
+    outline: Outline,
+    half_thickness: f64,
+    /// Strains at the gauges: true strain plus drift.
+    strains: [f32; MAX_GAUGES],
+    /// Biases of the inertial sensors since their average at rest, which ends before all nodes are ready.
+    sensors: Box<Sensors>,
+    /// True if inertial sensors are fitted.
+    inertial: bool,
+    biases: [[f64; 2]; 2],
+    /// Link to the front board, and those to the other boards that are recorded.
+    link: BoardLink,
+    others: Vec<BoardLink>,
+    recorded: bool,
+    reported: Vec<bus::CanFrame>,
+    /// True if this program is the host at the front board's serial port.
+    hosted: bool,
+    clock: Clock,
+    /// Place where the robot is put, as the lead node is told.
+    place: Place,
+    /// Latest output of the lead node that came through the link.
+    lead: lead::Output,
+    /// Time of validity of its estimates, µs since power on.
+    held: Option<Micros>,
+    /// The latest task.
+    task: Task,
+    frames: u64,
+    /// Time from power on to the beginning of the experiment.
+    booted: Time,
+    tick: u64,
+    control: RunControl,
+    /// Loss of a board that ends the run.
+    failure: Option<String>,
+    tools: Tools,
+    /// A wheel that is blocked: axle and side.
+    blocked: Option<(usize, usize)>,
+}
+
+fn posture(place: [f64; 3]) -> Posture {
+    Posture::from(place.map(|value| value as f32))
+}
+
+/// The boards with their parts, images and stores, without power.
+fn boards(
+    scenario: &Scenario,
+    images: &Images,
+    (seed, trial): (u64, u64),
+    options: &Options,
+    roles: &[Role],
+    parts: &(Drawn, Vec<BridgeParts>),
+) -> Result<Vec<Board>, Error> {
+    let (drawn, bridges) = parts;
+    let mut random = generator(seed, trial, Stream::Other(0x200));
+    let mut boards = Vec::new();
+    for &role in roles {
+        let fast_ppb = random.random_range(-CRYSTAL_PPB..=CRYSTAL_PPB);
+        let fast_ppb = options.fast_ppb[role as usize].unwrap_or(fast_ppb);
+        let part_seed: u64 = random.random();
+        let mut board = match role {
+            Role::Beam => {
+                let circuit = BeamBoard::new(&scenario.world.sensors.bridge, bridges, seed, trial);
+                Board::new(Box::new(circuit), fast_ppb)
+            }
+            Role::Front | Role::Rear => {
+                let circuit = AxleBoard::new(&AxleParts::of(scenario, drawn, role, part_seed));
+                Board::new(Box::new(circuit), fast_ppb)
+            }
+        };
+        let mut variation = options::chip(part_seed);
+        if role == Role::Beam {
+            // The converter of the world's bridges.
+            variation.converter_nonlinearity = scenario.world.sensors.bridge.nonlinearity_counts;
+            variation.converter_seed = drawn.converter.into();
+        }
+        (options.vary)(role, &mut variation);
+        board.chip().set_variation(variation);
+        board.flash(images.of(role));
+        board.core_mut().set_profiling(options.profile);
+        let kept = store::sectors(scenario, role, parts)?;
+        let flash = board.chip().flash();
+        flash[store::FIRST..store::FIRST + kept.len()].copy_from_slice(&kept);
+        boards.push(board);
+    }
+    Ok(boards)
+}
+
+impl VirtualRobot {
+    /// Builds a robot with the imperfections of a trial, switches its boards on and waits until all
+    /// nodes are ready.
+    pub fn new(
+        scenario: &Scenario,
+        images: &Images,
+        seed: u64,
+        trial: u64,
+        options: &Options,
+        logs: &[BoardLog; 3],
+    ) -> Result<Self, Error> {
+        let mut robot = Self::without_power(scenario, images, seed, trial, options, logs)?;
+        robot.boot(options)?;
+        Ok(robot)
+    }
+
+    /// The same with its boards still off.
+    fn without_power(
+        scenario: &Scenario,
+        images: &Images,
+        seed: u64,
+        trial: u64,
+        options: &Options,
+        logs: &[BoardLog; 3],
+    ) -> Result<Self, Error> {
+        let drawn = scenario.world.draw(seed, trial);
+        let plant = scenario.world.plant_of(&drawn, scenario.mission.rps);
+        let plant = plant.build();
+        let mut plant = plant.map_err(|error| Error::input(format!("plant.{error}")))?;
+        let start = std::array::from_fn(|i| scenario.mission.start[i] + drawn.placement[i]);
+        plant.place(start);
+        let sensors = Sensors::new(&scenario.world.sensors, &drawn, seed, trial)
+            .map_err(|error| Error::input(error.to_string()))?;
+        let gauges = scenario.world.gauges_of(&drawn, &plant);
+        let bridges: Vec<BridgeParts> = (0..gauges.len())
+            .map(|k| BridgeParts::of(&drawn, k))
+            .collect();
+        let roles: Vec<Role> = Role::ALL
+            .into_iter()
+            .filter(|role| scenario.mission.rps || *role != Role::Beam)
+            .collect();
+        let parts = (drawn, bridges);
+        let boards = boards(scenario, images, (seed, trial), options, &roles, &parts)?;
+        let mut wire = Wire::new(boards.len() + options.others, QUANTUM, seed);
+        wire.record();
+        let at = posture(scenario.mission.start);
+        let place = scenario.robot.put_down(at, &scenario.mission.told());
+        Ok(Self {
+            network: Network::new(boards, wire, QUANTUM, options.threads),
+            readers: roles
+                .iter()
+                .map(|&role| Reader::new(role, images.of(role), &logs[role as usize]))
+                .collect(),
+            watches: roles.iter().map(|_| Watch::default()).collect(),
+            half_thickness: scenario.world.sensors.bridge.half_thickness_m,
+            strains: [0.0; MAX_GAUGES],
+            outline: plant.outline(FRAME_POINTS),
+            sensors: Box::new(sensors),
+            inertial: scenario.world.sensors.gyro.fitted,
+            biases: Default::default(),
+            link: BoardLink::new(Role::Front, 0),
+            others: Vec::new(),
+            recorded: false,
+            reported: Vec::new(),
+            hosted: false,
+            clock: Clock::default(),
+            place,
+            lead: lead::Output::default(),
+            held: None,
+            task: Task::Idle,
+            images: images.clone(),
+            roles,
+            gauges,
+            plant,
+            start,
+            turned: Default::default(),
+            frames: 0,
+            booted: Time(0),
+            tick: 0,
+            control: RunControl::default(),
+            failure: None,
+            tools: Tools::default(),
+            blocked: None,
+        })
+    }
+
+    /// Time that the boards took from power on until all nodes were ready, s.
+    pub fn boot_s(&self) -> f64 {
+        self.booted.seconds()
+    }
+
+    /// Frames on the bus so far.
+    pub fn frames(&self) -> u64 {
+        self.frames
+    }
+
+    /// Report of each board.
+    pub fn reports(&mut self) -> Vec<BoardReport> {
+        let mut reports = Vec::new();
+        for (place, &role) in self.roles.iter().enumerate() {
+            let can = self.network.wire().statistics(place);
+            let Some(board) = self.network.board(place) else {
+                continue;
+            };
+            reports.push(report::of(
+                role,
+                self.images.of(role),
+                board,
+                &self.watches[place],
+                &can,
+            ));
+        }
+        reports
+    }
+
+    fn place(&self, role: Role) -> Option<usize> {
+        self.roles.iter().position(|other| *other == role)
+    }
+
+    fn axle(&mut self, role: Role) -> Option<&mut AxleBoard> {
+        let place = self.place(role)?;
+        self.network.board(place)?.chip().circuit::<AxleBoard>()
+    }
+
+    fn beam(&mut self) -> Option<&mut BeamBoard> {
+        let place = self.place(Role::Beam)?;
+        self.network.board(place)?.chip().circuit::<BeamBoard>()
+    }
+
+    /// The host that reads a board's log stops doing so and leaves the log waiting for it.
+    fn hang_reader(&mut self, role: Role) {
+        if let Some(place) = self.place(role)
+            && let Some(board) = self.network.board(place)
+        {
+            self.readers[place].hang(board);
+        }
+    }
+
+    /// Switches those boards on whose time has come.
+    fn power_up(&mut self, options: &Options) {
+        let now = self.network.now();
+        for place in 0..self.roles.len() {
+            let after = options.power_on_ms[self.roles[place] as usize];
+            if now == Time::from_micros(1000 * after)
+                && let Some(board) = self.network.board(place)
+            {
+                board.power(true);
+            }
+        }
+    }
+
+    /// Switches the boards on and runs them until all nodes are ready.
+    fn boot(&mut self, options: &Options) -> Result<(), Error> {
+        let mut ready = 0;
+        while ready < READY_TICKS {
+            let now = self.network.now();
+            self.power_up(options);
+            self.advance();
+            ready = if self.waits_for().is_none() {
+                ready + 1
+            } else {
+                0
+            };
+            if now >= BOOT {
+                let why = self.waits_for().unwrap_or_default();
+                return Err(Error::Failure(format!(
+                    "the boards were not ready {} s after power on: {why}",
+                    BOOT.seconds()
+                )));
+            }
+        }
+        self.hosted = options.host;
+        if options.host {
+            self.open_links(options.record)?;
+        }
+        self.booted = self.network.now();
+        for (place, watch) in self.watches.iter_mut().enumerate() {
+            let lost = self.network.wire().statistics(place).given_up;
+            if let Some(board) = self.network.board(place) {
+                watch.booted(board, lost);
+            }
+        }
+        Ok(())
+    }
+
+    /// First node that is not ready, or `None`.
+    fn waits_for(&self) -> Option<String> {
+        let fitted = |node: &Node| *node != Node::Beam || self.roles.contains(&Role::Beam);
+        for node in NODES.into_iter().filter(fitted) {
+            let name = node.name();
+            match self.control.monitor.latest(node) {
+                None => return Some(format!("no heartbeat of {name}")),
+                Some(status) if status.state != OperatingState::Idle || status.reason.is_some() => {
+                    return Some(status.to_string());
+                }
+                // A fitted sensor is there once its bias was found at rest; the robot would drive without it.
+                Some(status)
+                    if self.inertial && status.notices.contains(Condition::InertialLost) =>
+                {
+                    return Some(format!("{name}: bias of the inertial sensor not yet known"));
+                }
+                Some(_) => {}
+            }
+        }
+        None
+    }
+
+    /// One millisecond of boards, bus and plant.
+    fn advance(&mut self) {
+        let from = self.network.now();
+        self.show_motion(from);
+        self.network.run_until(from + TICK);
+        self.follow();
+    }
+
+    /// The plant moves by what the boards did, and they are listened to.
+    fn follow(&mut self) {
+        let until = self.network.now();
+        let torque = [Role::Front, Role::Rear].map(|role| {
+            let axle = self.axle(role);
+            axle.map_or([0.0; 2], |axle| axle.take_torque(until))
+        });
+        self.plant.step(self.hindered(torque));
+        self.hear();
+        for (reader, board) in self.readers.iter_mut().zip(self.network.boards()) {
+            reader.read(board);
+        }
+    }
+
+    /// Torques at the wheels; a blocked one is held against its motor.
+    fn hindered(&self, mut torque: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
+        if let Some((axle, side)) = self.blocked {
+            let speed = self.plant.state().axle[axle].wheel_speed[side];
+            torque[axle][side] = -BLOCKED_NM_S * speed;
+        }
+        torque
+    }
+
+    /// The parts around the boards move as the plant does.
+    fn show_motion(&mut self, at: Time) {
+        let state = *self.plant.state();
+        if self.booted > Time(0) {
+            self.biases = self.sensors.inertial_biases();
+        }
+        for (role, axle) in [Role::Front, Role::Rear].into_iter().zip(&state.axle) {
+            let [rate, force] = self.biases[role as usize];
+            let turned = self.turned[role as usize];
+            let wheel = |k: usize| WheelMotion {
+                angle_rad: turned[k] + axle.motor_angle[k],
+                speed_rad_s: axle.motor_speed[k],
+            };
+            let motion = AxleMotion {
+                wheels: [wheel(0), wheel(1)],
+                inertial: Motion {
+                    rate: [0.0, 0.0, axle.velocity[2] + rate],
+                    rate_slope: [0.0, 0.0, axle.acceleration[2]],
+                    force: [axle.acceleration[0] + force, axle.acceleration[1], GRAVITY],
+                    force_slope: [0.0; 3],
+                },
+            };
+            if let Some(board) = self.axle(role) {
+                board.motion(at, &motion);
+            }
+        }
+        let mut strains = [0.0; MAX_GAUGES];
+        let half = self.half_thickness;
+        self.plant.gauges(&self.gauges, |i, curvature| {
+            if let Some(strain) = strains.get_mut(i) {
+                *strain = half * curvature;
+            }
+        });
+        if let Some(beam) = self.beam() {
+            beam.strain(at, &mut strains);
+            self.strains = strains.map(|strain| strain as f32);
+        }
+        for board in self.network.boards() {
+            board.chip().refresh();
+        }
+    }
+
+    /// Takes note of what a board reports about itself.
+    fn watch(&mut self, message: &Message) {
+        let (Message::BoardHealth { board, .. } | Message::BoardIdentity { board, .. }) = *message
+        else {
+            return;
+        };
+        let place = self.place(board);
+        let Some(watch) = place.and_then(|place| self.watches.get_mut(place)) else {
+            return;
+        };
+        match *message {
+            Message::BoardHealth {
+                missed_ticks,
+                tick_worst_us,
+                tick_jitter_us,
+                ..
+            } => {
+                watch.health(missed_ticks, tick_worst_us, tick_jitter_us);
+            }
+            Message::BoardIdentity { build, schema, .. } => watch.identify(build, schema),
+            _ => {}
+        }
+    }
+
+    /// Reads the frames on the bus.
+    fn hear(&mut self) {
+        for record in self.network.wire().take_records() {
+            let sender = self.roles.get(record.node).copied();
+            if !self.tools.heard(sender, &record) {
+                continue;
+            }
+            self.frames += 1;
+            let Id::Standard(id) = record.frame.id() else {
+                continue;
+            };
+            let bytes = record.frame.data();
+            let mut data = [0; 8];
+            data[..bytes.len()].copy_from_slice(bytes);
+            let frame = bus::CanFrame {
+                id,
+                length: bytes.len() as u8,
+                data,
+            };
+            let at = record.end - self.booted;
+            self.control
+                .monitor
+                .see((at.micros() / 1000) as u32, &frame);
+            let Ok(message) = bus::decode(&frame) else {
+                continue;
+            };
+            self.clock.hear(record.end.micros(), &message);
+            self.watch(&message);
+        }
+    }
+}
+
+impl Robot for VirtualRobot {
+    fn now(&self) -> Micros {
+        self.tick * core_algos::time::TICK
+    }
+
+    fn command(&mut self, command: &HostCommand) -> Result<(), Error> {
+        if let HostCommand::Task(task) = command {
+            self.task = *task;
+        }
+        self.link.command(command);
+        Ok(())
+    }
+
+    fn is_settled(&self) -> bool {
+        self.link.is_settled()
+    }
+
+    fn send(&mut self, frame: &CanFrame) -> Result<(), Error> {
+        self.link.send(frame);
+        Ok(())
+    }
+
+    fn room(&mut self) -> Room {
+        self.link.room()
+    }
+
+    fn failure(&self) -> Option<String> {
+        if self.failure.is_some() {
+            return self.failure.clone();
+        }
+        let fault = self.control.monitor.fault_since(Node::Lead)?;
+        let lasts = self.tick.saturating_sub(fault) >= GRACE;
+        (lasts && !self.restart_pending())
+            .then(|| self.control.monitor.why_stopped())
+            .flatten()
+    }
+
+    fn step(&mut self) -> Result<(), Error> {
+        self.begin_tick();
+        self.ask()?;
+        self.advance();
+        self.answer()?;
+        self.tick += 1;
+        self.end_tick()
+    }
+
+    fn record(&self) -> Record {
+        let seen = (self.lead, self.strains);
+        Record::of(self.now(), &self.plant, &self.outline, seen)
+    }
+
+    fn plant(&self) -> Option<&Plant> {
+        Some(&self.plant)
+    }
+
+    fn control(&self) -> &RunControl {
+        &self.control
+    }
+
+    fn control_mut(&mut self) -> &mut RunControl {
+        &mut self.control
+    }
+
+    fn estimate_age(&self) -> Micros {
+        let now = self.network.now().micros();
+        self.held.map_or(EPOCH, |held| now.saturating_sub(held))
+    }
+
+    fn builds(&self) -> Vec<(Role, String)> {
+        let of = |role: &Role| (*role, self.images.name(*role));
+        self.roles.iter().map(of).collect()
+    }
+
+    fn traffic(&self) -> Vec<BoardTraffic> {
+        self.heard_of_boards()
+    }
+
+    fn bus(&self) -> BusStatistics {
+        BusStatistics {
+            sent: self.frames,
+            ..BusStatistics::default()
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! Options of the boards, and what the seed draws of each chip.
+
+use core_algos::topology::Role;
+use host_sim::world::random::{Stream, generator};
+use rand::RngExt;
+use virtual_board::Time;
+use virtual_board::chip::ChipVariation;
+
+/// Options of the boards.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Threads that the boards are spread over.
+    pub threads: usize,
+    /// Each board's power comes on so long after the first one's, ms.
+    pub power_on_ms: [u64; 3],
+    /// True if time is counted by instruction, for [`profile`](super::tools::profile).
+    pub profile: bool,
+    /// Crystals that are off by so much, parts in 10⁹; by chance, if not given.
+    pub fast_ppb: [Option<i64>; 3],
+    /// Changes a chip beyond what the seed draws.
+    pub vary: fn(Role, &mut ChipVariation),
+    /// Nodes at the bus beside the boards.
+    pub others: usize,
+    /// True if this program is the host at the front board's serial port.
+    pub host: bool,
+    /// True if all boards are recorded, each at its serial port.
+    pub record: bool,
+}
+
+/// A chip within the limits of its data sheet.
+pub fn chip(seed: u64) -> ChipVariation {
+    let mut random = generator(seed, 0, Stream::Other(0x201));
+    ChipVariation {
+        crystal_start: Time::from_micros(random.random_range(1_000..=5_000)),
+        internal_hz: random.random_range(15_840_000..=16_160_000),
+        slow_hz: random.random_range(17_000..=47_000),
+        converter_nonlinearity: random.random_range(0.5..=3.0),
+        converter_seed: seed,
+        seed,
+        ..ChipVariation::default()
+    }
+}
+
+impl Options {
+    /// Threads of a robot that runs alone.
+    pub fn threads() -> usize {
+        rayon::current_num_threads().min(2)
+    }
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            threads: 1,
+            power_on_ms: [0; 3],
+            profile: false,
+            fast_ppb: [None; 3],
+            vary: |_, _| {},
+            others: 0,
+            host: true,
+            record: false,
+        }
+    }
+}

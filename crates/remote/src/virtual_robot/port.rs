@@ -1,0 +1,151 @@
+//! The serial ports of the boards, where the host is.
+
+use super::axle::AxleBoard;
+use super::beam::BeamBoard;
+use super::{BOOT, VirtualRobot};
+use crate::board_link::BoardLink;
+use crate::serial_line::SerialLine;
+use core_algos::bus::CanFrame;
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::targets::HostCommand;
+use virtual_board::network::Network;
+
+impl VirtualRobot {
+    /// Watches the front board, or records all boards, and tells the lead node where the robot stands.
+    pub(super) fn open_links(&mut self, record: bool) -> Result<(), Error> {
+        self.recorded = record;
+        if record {
+            let others = self.roles.iter().filter(|role| **role != Role::Front);
+            self.others = others.map(|role| BoardLink::new(*role, 0)).collect();
+        }
+        // The lead node takes its place after the axles have begun anew.
+        for role in self.roles.iter().rev().copied().collect::<Vec<_>>() {
+            self.open_link(role);
+            while record && !self.has_begun(role) {
+                self.exchange()?;
+            }
+        }
+        while record && !(self.link.is_settled() && self.waits_for().is_none()) {
+            self.exchange()?;
+        }
+        Ok(())
+    }
+
+    /// One millisecond of the boards before the experiment.
+    fn exchange(&mut self) -> Result<(), Error> {
+        self.ask()?;
+        self.advance();
+        self.answer()?;
+        match self.network.now() >= BOOT {
+            true => Err(Error::Failure("the boards do not record".to_owned())),
+            false => Ok(()),
+        }
+    }
+
+    fn has_begun(&self, role: Role) -> bool {
+        let mut links = std::iter::once(&self.link).chain(&self.others);
+        links.any(|link| link.role() == role && link.has_begun())
+    }
+
+    /// Opens the link to a board that has just been started.
+    pub(super) fn open_link(&mut self, role: Role) {
+        let links = std::iter::once(&mut self.link).chain(&mut self.others);
+        for link in links.filter(|link| link.role() == role) {
+            link.open();
+            if self.recorded {
+                link.record();
+            }
+        }
+        if role == Role::Front {
+            self.link.command(&HostCommand::Place(self.place));
+        }
+    }
+
+    /// Sends what is due at the serial ports.
+    pub(super) fn ask(&mut self) -> Result<(), Error> {
+        let now = self.network.now();
+        for link in std::iter::once(&mut self.link).chain(&mut self.others) {
+            let role = link.role();
+            if self.tools.is_off(role) {
+                continue;
+            }
+            let Some(bytes) = link.to_send(now.micros())? else {
+                continue;
+            };
+            if let Some(port) = port(&mut self.network, &self.roles, role) {
+                port.send(bytes, now);
+            }
+        }
+        Ok(())
+    }
+
+    /// Bus frames that the front board reported in the latest tick.
+    pub fn reported(&self) -> &[CanFrame] {
+        &self.reported
+    }
+
+    /// The link to the front board.
+    pub fn link(&mut self) -> &mut BoardLink {
+        &mut self.link
+    }
+
+    /// The serial port of a board.
+    pub fn serial(&mut self, role: Role) -> Option<&mut SerialLine> {
+        port(&mut self.network, &self.roles, role)
+    }
+
+    /// Switches all boards off or on.
+    pub fn power(&mut self, on: bool) {
+        for place in 0..self.roles.len() {
+            if let Some(board) = self.network.board(place) {
+                board.power(on);
+            }
+        }
+    }
+
+    /// Takes what the boards sent at their serial ports.
+    pub(super) fn answer(&mut self) -> Result<(), Error> {
+        if !self.hosted {
+            return Ok(());
+        }
+        for link in &mut self.others {
+            if let Some(port) = port(&mut self.network, &self.roles, link.role()) {
+                link.take(&std::mem::take(&mut port.sent))?;
+                link.take_frames();
+            }
+        }
+        let port = self.serial(Role::Front);
+        let sent = port.map(|port| std::mem::take(&mut port.sent));
+        if self.link.take(&sent.unwrap_or_default())?
+            && let Some(latest) = self.link.latest()
+        {
+            self.lead = latest.output;
+            self.held = self.clock.held();
+        }
+        self.reported = self.link.take_frames();
+        Ok(())
+    }
+
+    /// Tells the observers what was recorded.
+    pub(super) fn publish(&mut self) {
+        let zero = self.clock.common(self.booted.micros());
+        for link in std::iter::once(&mut self.link).chain(&mut self.others) {
+            for event in link.take_events() {
+                for observer in &mut self.control.observers {
+                    observer.event(link.role(), zero, &event);
+                }
+            }
+        }
+    }
+}
+
+/// The serial port of a board.
+fn port<'a>(network: &'a mut Network, roles: &[Role], role: Role) -> Option<&'a mut SerialLine> {
+    let place = roles.iter().position(|other| *other == role)?;
+    let chip = network.board(place)?.chip();
+    match role {
+        Role::Beam => chip.circuit::<BeamBoard>().map(|beam| &mut beam.serial),
+        _ => chip.circuit::<AxleBoard>().map(|axle| &mut axle.serial),
+    }
+}

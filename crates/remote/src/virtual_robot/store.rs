@@ -1,0 +1,119 @@
+//! What a board keeps in its flash: the parameters of a calibrated robot, as the board itself would
+//! have stored them.
+
+use super::beam::{BridgeParts, zero};
+use core_algos::acquisition::oversampling::FULL_SCALE;
+use core_algos::params::{Button, Disarmed, Settings, TABLE};
+use core_algos::topology::Role;
+use firmware_common::store::Store;
+use firmware_common::store::simulated::{Flash, run};
+use host_sim::base::error::Error;
+use host_sim::scenario::Scenario;
+use host_sim::world::drawn::Drawn;
+
+/// Sectors 1 to 3, 16 KiB each.
+const SECTOR: usize = 16 << 10;
+const SECTORS: usize = 3;
+/// Place of the first in the flash.
+pub const FIRST: usize = SECTOR;
+
+/// Bytes of the sectors of a board's parameters in a scenario.
+pub fn sectors(
+    scenario: &Scenario,
+    role: Role,
+    (drawn, bridges): &(Drawn, Vec<BridgeParts>),
+) -> Result<Vec<u8>, Error> {
+    let base = Settings::of(role);
+    let mut settings = wanted(scenario, role)?;
+    if role == Role::Beam {
+        calibrate(scenario, &mut settings, bridges, drawn)?;
+    }
+    let off = Disarmed::when(true).ok_or_else(|| Error::Failure("store: armed".to_owned()))?;
+    let flash = Flash::<SECTOR>::new(SECTORS, 1);
+    let range = flash.range();
+    let store = Store::new(flash, range);
+    let mut store = store.ok_or_else(|| Error::Failure("store: its sectors".to_owned()))?;
+    run(store.save(&settings, &base, off))
+        .map_err(|error| Error::Failure(format!("store: {error:?}")))?;
+    Ok(store.into_flash().bytes)
+}
+
+/// The settings of a board that are asked for. What no parameter tells the board must be the default.
+fn wanted(scenario: &Scenario, role: Role) -> Result<Settings, Error> {
+    let mut asked = Settings::new(scenario.completed_robot());
+    let [start, goal] = [scenario.mission.start, scenario.mission.goal].map(super::posture);
+    asked.button = Button {
+        start,
+        goal,
+        ..Button::default()
+    };
+    scenario.boards.apply(role, &mut asked)?;
+    let mut settings = Settings::of(role);
+    for parameter in TABLE
+        .iter()
+        .filter(|parameter| !is_calibrated(parameter.name))
+    {
+        parameter.set(&mut settings, parameter.get(&asked))?;
+    }
+    let mut left = settings.robot.completed();
+    left.beam.calibration = asked.robot.beam.calibration;
+    if left != asked.robot {
+        return Err(Error::input(
+            "robot: the default images take only the parameters of `cfmmr params list`; settings without a \
+             board parameter must keep their default",
+        ));
+    }
+    Ok(settings)
+}
+
+/// True if a calibration determines the parameter.
+fn is_calibrated(name: &str) -> bool {
+    name.starts_with("robot.beam.calibration.")
+}
+
+/// Zeros as a straight edge gives them, and gains as the data sheets of these parts do.
+fn calibrate(
+    scenario: &Scenario,
+    settings: &mut Settings,
+    bridges: &[BridgeParts],
+    drawn: &Drawn,
+) -> Result<(), Error> {
+    let config = &scenario.world.sensors.bridge;
+    let converter = config.converter(drawn);
+    let amplified =
+        f64::from(config.active_gauges) / 4.0 * config.gauge_factor * config.amplifier_gain;
+    let nominal = 1.0 / (f64::from(FULL_SCALE) * amplified);
+    let gain = nominal / f64::from(settings.robot.beam.calibration.strain_per_count);
+    let error = |ratio: f64| converter.as_ref().map_or(0.0, |error| error.at(ratio));
+    // The board divides by the excitation as the same converter reads it, at half of its range.
+    let excitation = 1.0 + 2.0 * error(0.5);
+    for (k, parts) in bridges.iter().enumerate() {
+        let ratio = zero(config, parts);
+        let counts = f64::from(FULL_SCALE) * (ratio + error(ratio)) / excitation;
+        for (name, value) in [("zero_counts", counts), ("gain", gain)] {
+            let name = format!("robot.beam.calibration.{name}[{k}]");
+            let parameter = TABLE.iter().find(|parameter| parameter.name == name);
+            if let Some(parameter) = parameter {
+                parameter.set(settings, value as f32)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core_algos::fusion::robot::Mode;
+
+    #[test]
+    fn without_the_sensor_the_stored_fusion_is_odometry() {
+        let mut scenario = Scenario::default();
+        for rps in [true, false] {
+            scenario.mission.rps = rps;
+            let stored = wanted(&scenario, Role::Front).unwrap();
+            assert_eq!(stored.robot.lead.fusion.mode, scenario.fusion());
+        }
+        assert_eq!(scenario.fusion(), Mode::Odometry);
+    }
+}

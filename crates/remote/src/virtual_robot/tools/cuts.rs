@@ -1,0 +1,98 @@
+//! Boards whose power is cut in the middle of a run, and comes back.
+
+use crate::virtual_robot::VirtualRobot;
+use core_algos::topology::Role;
+use host_sim::targets::{Event, Failure, Losses};
+
+/// Planned and past power cuts of the boards.
+#[derive(Clone, Default)]
+pub(super) struct Cuts {
+    failures: Vec<Failure>,
+    restart_after: Option<u32>,
+    /// Time at which each board's power returns, ms.
+    revivals: [Option<u32>; 3],
+    off: [bool; 3],
+    pub losses: Losses,
+}
+
+impl Cuts {
+    pub fn events(&self) -> &[Event] {
+        self.losses.events()
+    }
+
+    pub fn is_off(&self, role: Role) -> bool {
+        self.off[role as usize]
+    }
+}
+
+impl VirtualRobot {
+    /// Boards whose power is cut on the way; it comes back `restart_after` ms later, if at all.
+    pub fn plan(&mut self, failures: Vec<Failure>, restart_after: Option<u32>) {
+        let cuts = &mut self.tools.cuts;
+        (cuts.failures, cuts.restart_after) = (failures, restart_after);
+    }
+
+    /// Cuts power and switches it on where that is due.
+    pub(super) fn switch_power(&mut self) {
+        let tick = self.tick as u32;
+        let mut restarted = Vec::new();
+        let cuts = &mut self.tools.cuts;
+        for (place, &role) in self.roles.iter().enumerate() {
+            let k = role as usize;
+            let due = |failure: &Failure| failure.role == role && failure.at == tick;
+            let Some(board) = self.network.board(place) else {
+                continue;
+            };
+            if !cuts.off[k] && cuts.failures.iter().any(due) {
+                board.power(false);
+                let why = "switched off".to_owned();
+                let observers = self.control.observers.iter_mut();
+                observers.for_each(|observer| observer.off(role, tick, &why));
+                let back = cuts.restart_after.map(|after| tick + after.max(1));
+                (cuts.off[k], cuts.revivals[k]) = (true, back);
+                cuts.losses.lost(tick, role, why, back.is_some());
+            }
+            if cuts.revivals[k] == Some(tick) {
+                board.power(true);
+                (cuts.off[k], cuts.revivals[k]) = (false, None);
+                cuts.losses.restarted(tick, role);
+                restarted.push(role);
+                if role == Role::Front {
+                    self.tools.moved = true;
+                    let path = self.task.is_on_path();
+                    self.failure = path.then(|| {
+                        "the front board was restarted: its path and its posture are lost"
+                            .to_owned()
+                    });
+                }
+            }
+        }
+        // They have forgotten their host.
+        for role in restarted {
+            self.open_link(role);
+        }
+    }
+
+    /// True if a board's power will come back, or the host will act after it has.
+    pub(in crate::virtual_robot) fn restart_pending(&self) -> bool {
+        self.tools.recovery.is_pending() || self.tools.cuts.revivals.iter().any(Option::is_some)
+    }
+
+    /// Looks whether the motors are off, and whether the run must end.
+    pub(super) fn watch_power(&mut self) {
+        if self.tools.cuts.losses.events().is_empty() {
+            return;
+        }
+        let (tick, now) = (self.tick as u32, self.network.now());
+        // A motor that brakes in a short circuit is off.
+        let off = [Role::Front, Role::Rear].into_iter().all(|role| {
+            let on = !self.tools.cuts.is_off(role);
+            !on || self.axle(role).is_none_or(|axle| !axle.is_driven(now))
+        });
+        let cuts = &mut self.tools.cuts;
+        cuts.losses.watch(tick, off);
+        if let Some(why) = cuts.losses.end(tick) {
+            self.failure.get_or_insert_with(|| why.to_owned());
+        }
+    }
+}

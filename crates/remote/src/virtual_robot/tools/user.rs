@@ -1,0 +1,46 @@
+//! The host after an axle board was restarted. The front board has forgotten where the robot is: it is put back on its start
+//! first, and a path is lost.
+
+use crate::virtual_robot::{PRESS, VirtualRobot};
+use core_algos::node::lead::Task;
+use core_algos::topology::Role;
+use host_sim::targets::{HostCommand, What};
+
+impl VirtualRobot {
+    /// Does what the host does at this tick after a restart.
+    pub(in crate::virtual_robot) fn recover(&mut self) {
+        let tools = &mut self.tools;
+        let (tick, restart) = (self.tick as u32, tools.cuts.losses.last_restart());
+        let Some(act) = tools.recovery.step(tick, restart, &self.control.monitor) else {
+            return;
+        };
+        let task = match act {
+            What::Cleared => Task::Clear,
+            _ => self.task,
+        };
+        if act == What::Resumed && std::mem::take(&mut tools.moved) {
+            self.put_back();
+            self.link.command(&HostCommand::Place(self.place));
+        }
+        self.link.command(&HostCommand::Task(task));
+        self.tools.cuts.losses.note(tick, act);
+    }
+
+    /// Puts the robot back on its start.
+    fn put_back(&mut self) {
+        for (turned, axle) in self.turned.iter_mut().zip(&self.plant.state().axle) {
+            let [left, right] = axle.motor_angle;
+            *turned = [turned[0] + left, turned[1] + right];
+        }
+        self.plant.place(self.start);
+    }
+
+    /// Presses the button of the front board.
+    pub(in crate::virtual_robot) fn press(&mut self) {
+        let now = self.network.now();
+        if let Some(front) = self.axle(Role::Front) {
+            front.press(true, now);
+            front.press(false, now + PRESS);
+        }
+    }
+}

@@ -1,0 +1,471 @@
+//! The figures of the experiments, as [`plot::Figure`](crate::plot::Figure)s.
+//!
+//! Postures are (x, y, heading) in metres and radians.
+
+use crate::plot::{Figure, Height, Panel, extent};
+use crate::style::{
+    BODY, ESTIMATE, FRAME, GOAL_MARK, Mark, OTHERS, REFERENCE, Rgb, Shape, TRUTH, WHEELS,
+    color_scale, mark_of, stroke_of,
+};
+use host_sim::run::end::Verdict;
+use host_sim::run::final_error::FinalError;
+use host_sim::run::robot::Record;
+use host_sim::world::body::Body;
+
+/// Distance below which θ and α are not drawn, m: there they are the direction of a residue.
+pub const LEAST_DISTANCE_M: f64 = 0.05;
+
+/// The robot at one instant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Snapshot {
+    /// Time, s.
+    pub time_s: f64,
+    /// Posture of the front axle.
+    pub front: [f64; 3],
+    /// Posture of the rear axle.
+    pub rear: [f64; 3],
+    /// Points of the bent frame from the rear axle to the front axle.
+    pub frame: Vec<[f64; 2]>,
+}
+
+impl Snapshot {
+    /// The robot of a record.
+    pub fn of(record: &Record) -> Self {
+        Self {
+            time_s: record.time_s,
+            front: record.axles[0],
+            rear: record.axles[1],
+            frame: record.frame.iter().map(|p| p.map(f64::from)).collect(),
+        }
+    }
+}
+
+/// Paths of many trials of one configuration, and one of them in full.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PathsPanel {
+    /// Configuration, and the trial that is shown in full.
+    pub title: String,
+    /// Path of O in each of the other trials, m.
+    pub others: Vec<Vec<[f64; 2]>>,
+    /// Path of O in the trial that is shown in full, m.
+    pub path: Vec<[f64; 2]>,
+    /// Paths of the wheels in that trial, m.
+    pub wheels: Vec<Vec<[f64; 2]>>,
+    /// The robot at some instants of that trial.
+    pub snapshots: Vec<Snapshot>,
+    /// Posture that O is to reach, if there is one.
+    pub goal: Option<[f64; 3]>,
+    /// Tolerance of the goal: m, rad.
+    pub tolerance: [f64; 2],
+    /// Verdict and final posture of O in every trial.
+    pub ends: Vec<(Verdict, [f64; 3])>,
+}
+
+/// Robot paths during posture regulation (paper figure 7): one panel for each configuration on
+/// the same scale and, below, where the trials ended.
+pub fn paths(title: &str, body: &Body, panels: &[PathsPanel]) -> Figure {
+    let maps: Vec<Panel> = panels.iter().map(|panel| path_map(body, panel)).collect();
+    let [x, y] = shared_limits(&maps, 0.07);
+    let maps = maps.into_iter().map(|map| map.x_limits(x).y_limits(y));
+    let height = Height::Data {
+        least: 200.0,
+        greatest: 520.0,
+    };
+    let figure = Figure::new(title).row(height, maps);
+    let shown = |panel: &PathsPanel| panel.goal.is_some() && !panel.ends.is_empty();
+    if !panels.iter().any(shown) {
+        return figure;
+    }
+    let ends: Vec<Panel> = panels.iter().map(end_map).collect();
+    // Square and centred on the goal.
+    let corners = shared_limits(&ends, 0.0);
+    let far = corners.into_iter().flatten();
+    let far = far.fold(1.0, |far: f64, v| far.max(1.12 * v.abs()));
+    let ends = ends
+        .into_iter()
+        .map(|panel| panel.x_limits([-far, far]).y_limits([-far, far]));
+    figure.row(Height::Fixed(250.0), ends)
+}
+
+fn path_map(body: &Body, data: &PathsPanel) -> Panel {
+    let mut panel = Panel::new("x (m)", "y (m)")
+        .title(data.title.clone())
+        .caption(times(&data.snapshots))
+        .equal_axes();
+    for path in &data.others {
+        panel.line("O, other trials", path.iter().copied(), OTHERS.stroke);
+    }
+    for path in &data.wheels {
+        panel.line("wheel tracks", path.iter().copied(), WHEELS.stroke);
+    }
+    for snapshot in &data.snapshots {
+        robot(&mut panel, body, snapshot);
+    }
+    let name = match data.others.is_empty() {
+        true => "path of O",
+        false => "O, median trial",
+    };
+    panel.line(name, data.path.iter().copied(), TRUTH.stroke);
+    if let Some(at) = data.goal {
+        goal(&mut panel, at);
+    }
+    panel
+}
+
+/// Final postures in the frame of the goal, in centimetres.
+fn end_map(data: &PathsPanel) -> Panel {
+    let mut panel = Panel::new("along the goal's heading (cm)", "across (cm)")
+        .title(match data.ends.len() {
+            1 => "final O and heading".to_owned(),
+            trials => format!("final O and heading, {trials} trials"),
+        })
+        .equal_axes();
+    let radius = 100.0 * data.tolerance[0];
+    let circle = (0..=72).map(|k| {
+        let (sin, cos) = f64::from(5 * k).to_radians().sin_cos();
+        [radius * cos, radius * sin]
+    });
+    panel.line("tolerance", circle, REFERENCE.stroke);
+    let [x, y, phi] = data.goal.unwrap_or_default();
+    let (sin, cos) = phi.sin_cos();
+    for (verdict, posture) in &data.ends {
+        let (dx, dy) = (posture[0] - x, posture[1] - y);
+        let at = [100.0 * (cos * dx + sin * dy), 100.0 * (cos * dy - sin * dx)];
+        let mark = mark_of(*verdict, 3.0).heading(posture[2] - phi);
+        panel.mark(verdict.label(data.tolerance), at, mark);
+    }
+    goal(&mut panel, [0.0; 3]);
+    panel
+}
+
+fn shared_limits(panels: &[Panel], margin: f64) -> [[f64; 2]; 2] {
+    let corners: Vec<[f64; 2]> = panels
+        .iter()
+        .filter_map(Panel::extent)
+        .flat_map(|[x, y]| [[x[0], y[0]], [x[1], y[1]]])
+        .collect();
+    extent(&corners)
+        .unwrap_or([[0.0, 1.0]; 2])
+        .map(|[low, high]| {
+            let pad = margin * (high - low);
+            [low - pad, high + pad]
+        })
+}
+
+fn goal(panel: &mut Panel, [x, y, heading]: [f64; 3]) {
+    panel.mark("goal", [x, y], GOAL_MARK.heading(heading));
+}
+
+/// Times of the drawn robots in words. They stand outside the panel, where they cover no track.
+fn times(snapshots: &[Snapshot]) -> String {
+    let mut times: Vec<f64> = snapshots.iter().map(|snapshot| snapshot.time_s).collect();
+    times.sort_by(f64::total_cmp);
+    let times: Vec<String> = times.iter().map(|time| format!("{time:.1}")).collect();
+    match times.join(", ") {
+        times if times.is_empty() => times,
+        times => format!("robot at {times} s"),
+    }
+}
+
+/// Wheels, axles, frame and an arrow at the front.
+fn robot(panel: &mut Panel, body: &Body, snapshot: &Snapshot) {
+    for axle in [snapshot.rear, snapshot.front] {
+        let ends = [body.half_track_m, -body.half_track_m].map(|y| ahead(axle, [0.0, y]));
+        panel.line("axles and wheels", ends, BODY.stroke);
+        for side in [body.half_track_m, -body.half_track_m] {
+            let (r, w) = (body.wheel_radius_m, 0.5 * body.wheel_width_m);
+            let corners = [[r, w], [-r, w], [-r, -w], [r, -w]];
+            let corners = corners.map(|[x, y]| ahead(axle, [x, y + side]));
+            panel.area("", corners, BODY.stroke.color);
+        }
+    }
+    let frame = snapshot.frame.iter().copied();
+    panel.line("frame, arrow in front", frame, FRAME.stroke);
+    let tip = 0.9 * body.wheel_radius_m;
+    let arrow = [[tip, 0.0], [0.0, 0.6 * tip], [0.0, -0.6 * tip]];
+    let arrow = arrow.map(|point| ahead(snapshot.front, point));
+    panel.area("", arrow, FRAME.stroke.color);
+}
+
+/// A point given in the frame of a posture.
+fn ahead([x, y, heading]: [f64; 3], [forward, left]: [f64; 2]) -> [f64; 2] {
+    let (sin, cos) = heading.sin_cos();
+    [
+        x + cos * forward - sin * left,
+        y + sin * forward + cos * left,
+    ]
+}
+
+/// Posture errors of one configuration.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ErrorsColumn {
+    /// Configuration, and the trial.
+    pub title: String,
+    /// Time, s, and errors by the robot's own estimate.
+    pub estimate: Vec<(f64, FinalError)>,
+    /// Time, s, and true errors.
+    pub truth: Vec<(f64, FinalError)>,
+}
+
+/// One of the three errors: label, caption unit, factor of the caption and plotted value.
+struct ErrorAxis {
+    label: &'static str,
+    unit: &'static str,
+    per_unit: f64,
+    pick: fn(&FinalError) -> f64,
+}
+
+const ERROR_AXES: [ErrorAxis; 3] = [
+    ErrorAxis {
+        label: "e (m)",
+        unit: " cm",
+        per_unit: 100.0,
+        pick: |error| error.e_m,
+    },
+    ErrorAxis {
+        label: "θ (°) at e ≥ 5 cm",
+        unit: "°",
+        per_unit: 1.0,
+        pick: |error| angle_far_away(error, error.theta_rad),
+    },
+    ErrorAxis {
+        label: "α (°) at e ≥ 5 cm",
+        unit: "°",
+        per_unit: 1.0,
+        pick: |error| angle_far_away(error, error.alpha_rad),
+    },
+];
+
+/// An angle in degrees; not a number within [`LEAST_DISTANCE_M`] of the goal.
+fn angle_far_away(error: &FinalError, angle: f64) -> f64 {
+    match error.e_m < LEAST_DISTANCE_M {
+        true => f64::NAN,
+        false => angle.to_degrees(),
+    }
+}
+
+/// Posture errors over time (paper figure 8): e, θ and α as estimated and as they are, with the
+/// final values in words. θ and α end where e is below [`LEAST_DISTANCE_M`].
+pub fn errors(title: &str, columns: &[ErrorsColumn]) -> Figure {
+    let mut figure = Figure::new(title);
+    for (row, axis) in ERROR_AXES.iter().enumerate() {
+        let panels: Vec<Panel> = columns
+            .iter()
+            .map(|column| error_panel(axis, row, column))
+            .collect();
+        let [time, values] = shared_limits(&panels, 0.0);
+        let pad = (0.06 * (values[1] - values[0])).max(1e-6);
+        let limits = [values[0] - pad, values[1] + pad];
+        let panels = panels
+            .into_iter()
+            .map(|panel| panel.x_limits(time).y_limits(limits));
+        figure = figure.row(Height::Fixed(165.0), panels);
+    }
+    figure
+}
+
+fn error_panel(axis: &ErrorAxis, row: usize, column: &ErrorsColumn) -> Panel {
+    let mut panel = Panel::new("t (s)", axis.label);
+    if row == 0 {
+        panel = panel.title(column.title.clone());
+    }
+    if row + 1 < ERROR_AXES.len() {
+        panel = panel.hide_x();
+    }
+    let mut last = Vec::new();
+    for (name, trace, look) in [
+        ("true", &column.truth, TRUTH),
+        ("robot's estimate", &column.estimate, ESTIMATE),
+    ] {
+        let points = trace.iter().map(|(t, error)| [*t, (axis.pick)(error)]);
+        last.extend(
+            points
+                .clone()
+                .next_back()
+                .map(|[_, value]| match value.is_finite() {
+                    true => format!("{:.1}{}", value * axis.per_unit, axis.unit).replace('-', "−"),
+                    false => "–".to_owned(),
+                }),
+        );
+        panel.line(name, with_gaps(points, 180.0), look.stroke);
+    }
+    match last.as_slice() {
+        [truth, estimate] => panel.caption(format!("final: {truth}; estimate: {estimate}")),
+        _ => panel,
+    }
+}
+
+/// Interrupts a line where it jumps by more than `gap`, as an angle does that wraps around.
+fn with_gaps(points: impl Iterator<Item = [f64; 2]>, gap: f64) -> Vec<[f64; 2]> {
+    let mut out: Vec<[f64; 2]> = Vec::new();
+    for point in points {
+        if out
+            .last()
+            .is_some_and(|last| (point[1] - last[1]).abs() > gap)
+        {
+            out.push([f64::NAN; 2]);
+        }
+        out.push(point);
+    }
+    out
+}
+
+/// One run along a path or after a moving reference.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FollowRun {
+    /// Reference path, m.
+    pub reference: Vec<[f64; 2]>,
+    /// Path of O as driven, m.
+    pub driven: Vec<[f64; 2]>,
+    /// The robot at some instants.
+    pub snapshots: Vec<Snapshot>,
+    /// Caption of the panel of the distance.
+    pub distance_label: &'static str,
+    /// Errors of the true position of O.
+    pub truth: FollowErrors,
+    /// Errors of O as the robot estimates it.
+    pub estimate: FollowErrors,
+}
+
+/// Errors of a run over time.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FollowErrors {
+    /// Time of each error, s.
+    pub t_s: Vec<f64>,
+    /// Distance from the reference, m (signed where it is a distance across the path).
+    pub distance_m: Vec<f64>,
+    /// Heading minus the reference's heading, rad.
+    pub heading_rad: Vec<f64>,
+}
+
+/// Reference and driven path, and the errors over time.
+pub fn follow(title: &str, body: &Body, run: &FollowRun) -> Figure {
+    let mut map = Panel::new("x (m)", "y (m)")
+        .caption(times(&run.snapshots))
+        .equal_axes();
+    for snapshot in &run.snapshots {
+        robot(&mut map, body, snapshot);
+    }
+    map.line("true", run.driven.iter().copied(), TRUTH.stroke);
+    map.line("reference", run.reference.iter().copied(), REFERENCE.stroke);
+    let mut distance = Panel::new("t (s)", "distance (mm)")
+        .caption(run.distance_label)
+        .hide_x();
+    let mut heading = Panel::new("t (s)", "heading error (°)");
+    for (name, errors, look) in [
+        ("true", &run.truth, TRUTH),
+        ("robot's estimate", &run.estimate, ESTIMATE),
+    ] {
+        let over_time = |values: &[f64], factor: f64| -> Vec<[f64; 2]> {
+            let pairs = errors.t_s.iter().zip(values);
+            pairs.map(|(&t, &value)| [t, factor * value]).collect()
+        };
+        distance.line(name, over_time(&errors.distance_m, 1e3), look.stroke);
+        let turns = over_time(&errors.heading_rad, 1f64.to_degrees());
+        heading.line(name, with_gaps(turns.into_iter(), 180.0), look.stroke);
+    }
+    let height = Height::Data {
+        least: 180.0,
+        greatest: 560.0,
+    };
+    Figure::new(title)
+        .row(height, [map])
+        .row(Height::Fixed(140.0), [distance])
+        .row(Height::Fixed(140.0), [heading])
+}
+
+/// One start of a map.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StartMark {
+    /// Start posture of O.
+    pub posture: [f64; 3],
+    /// Value shown by colour if the run ended within the tolerance.
+    pub value: f64,
+    /// Verdict on the run.
+    pub end: Verdict,
+}
+
+/// Limits of the colours of runs that ended within the tolerance: up to the 98th percentile.
+fn color_limits<'a>(starts: impl Iterator<Item = &'a StartMark>) -> [f64; 2] {
+    let within = starts.filter(|start| start.end == Verdict::Within);
+    let values = within
+        .map(|start| start.value)
+        .filter(|value| value.is_finite());
+    let values: Vec<f64> = values.collect();
+    let [low, high] = match values.is_empty() {
+        true => [0.0, 1.0],
+        false => [0.0, 0.98].map(|share| host_sim::base::statistics::percentile(&values, share)),
+    };
+    [low, if high > low { high } else { low + 1.0 }]
+}
+
+/// Colour of a start: by its value within the tolerance, else by its end.
+fn color_of(start: &StartMark, [low, high]: [f64; 2]) -> Rgb {
+    match start.end {
+        Verdict::Within => color_scale((start.value - low) / (high - low)),
+        end => stroke_of(end).color,
+    }
+}
+
+fn count_of(starts: &[StartMark], end: Verdict) -> usize {
+    starts.iter().filter(|start| start.end == end).count()
+}
+
+/// Starts: place, heading, end, and value by colour; `room` is for all marks.
+fn starts_panel(
+    starts: &[StartMark],
+    limits: [f64; 2],
+    room: f64,
+    (goal_at, tolerance): ([f64; 3], [f64; 2]),
+) -> Panel {
+    // Marks shrink so that thousands of them leave some white.
+    let radius = (room / (starts.len() as f64).max(1.0).sqrt()).clamp(0.9, 3.5);
+    let mut panel = Panel::new("x (m)", "y (m)").equal_axes();
+    for end in Verdict::ALL {
+        for start in starts.iter().filter(|start| start.end == end) {
+            let [x, y, heading] = start.posture;
+            let color = color_of(start, limits);
+            let mark = Mark {
+                color,
+                ..mark_of(end, radius)
+            };
+            panel.mark(end.label(tolerance), [x, y], mark.heading(heading));
+        }
+    }
+    let halo = Mark::new(Shape::Disc, 9.0, Rgb(255, 255, 255));
+    panel.mark("", [goal_at[0], goal_at[1]], halo);
+    goal(&mut panel, goal_at);
+    panel
+}
+
+/// Maps of random starts to a goal with a tolerance (m, rad), beside each other, each with its label, on one scale of
+/// colours.
+pub fn maps(
+    title: &str,
+    value_label: &str,
+    maps: &[(String, Vec<StartMark>)],
+    (goal_at, tolerance): ([f64; 3], [f64; 2]),
+) -> Figure {
+    let limits = color_limits(maps.iter().flat_map(|(_, starts)| starts));
+    let columns = maps.len().clamp(1, 2);
+    let panels = maps.iter().map(|(label, starts)| {
+        let room = 75.0 / columns as f64;
+        let within = count_of(starts, Verdict::Within);
+        starts_panel(starts, limits, room, (goal_at, tolerance))
+            .title(label.clone())
+            .caption(format!(
+                "{within} of {} {}",
+                starts.len(),
+                Verdict::Within.label(tolerance)
+            ))
+            .color_bar(value_label, limits)
+    });
+    let height = Height::Data {
+        least: 240.0,
+        greatest: 660.0,
+    };
+    Figure::new(title).rows_of(columns, height, &panels.collect::<Vec<_>>())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,201 @@
+//! Tests of the figures.
+
+use super::*;
+use crate::plot::checks::{check_figure, png_size};
+use host_sim::run::end::EndKind;
+
+const BODY: Body = Body {
+    half_track_m: 0.162,
+    wheel_radius_m: 0.073,
+    wheel_width_m: 0.03,
+};
+
+fn panel(title: &str, spread: f64) -> PathsPanel {
+    let path = |k: usize| -> Vec<[f64; 2]> {
+        let miss = spread * (k as f64).sin();
+        (0..=100)
+            .map(|i| f64::from(i) / 100.0)
+            .map(|s| [1.342 * (s - 1.0), 1.342 * (s * s - 1.0) + miss * s])
+            .collect()
+    };
+    PathsPanel {
+        title: title.into(),
+        others: (1..20).map(path).collect(),
+        path: path(0),
+        wheels: vec![path(0); 4],
+        snapshots: vec![Snapshot {
+            front: [-1.162, -1.342, 0.1],
+            rear: [-1.522, -1.342, -0.1],
+            frame: vec![[-1.522, -1.342], [-1.162, -1.342]],
+            time_s: 0.0,
+        }],
+        goal: Some([0.0; 3]),
+        tolerance: [0.03, 0.05236],
+        ends: (0..20)
+            .map(|k| [0.0, spread * f64::from(k).sin(), 0.02])
+            .map(|end| (Verdict::of(EndKind::Reached, end[1].abs() < 0.03), end))
+            .collect(),
+    }
+}
+
+fn trace(offset: f64) -> Vec<(f64, FinalError)> {
+    let error = |t: f64| FinalError {
+        e_m: (-t).exp() + offset,
+        heading_rad: 0.0,
+        theta_rad: (3.0 + t).sin().atan2((3.0 + t).cos()),
+        alpha_rad: 2.0 * (-t).exp() - offset,
+    };
+    let times = (0..500).map(|k| f64::from(k) * 0.02);
+    times.map(|t| (t, error(t))).collect()
+}
+
+fn column(title: &str) -> ErrorsColumn {
+    ErrorsColumn {
+        title: title.into(),
+        estimate: trace(0.015),
+        truth: trace(0.095),
+    }
+}
+
+fn starts(count: u32) -> Vec<StartMark> {
+    (0..count)
+        .map(f64::from)
+        .map(|k| StartMark {
+            posture: [2.0 * (1.3 * k).sin(), 2.0 * (1.7 * k).cos(), k],
+            value: 5.0 + (0.3 * k).sin(),
+            end: Verdict::ALL[if k < 3.0 { k as usize } else { 0 }],
+        })
+        .collect()
+}
+
+#[test]
+fn every_figure_is_whole_and_on_the_page() {
+    let run = FollowRun {
+        reference: vec![[0.0, 0.0], [2.0, 0.0]],
+        driven: vec![[0.0, 0.1], [1.0, 0.01], [2.0, 0.0]],
+        snapshots: panel("", 0.0).snapshots,
+        distance_label: "distance to the left",
+        truth: FollowErrors {
+            t_s: vec![0.0, 5.0, 10.0],
+            distance_m: vec![0.1, 0.01, 0.0],
+            heading_rad: vec![0.0, -0.1, 0.0],
+        },
+        estimate: FollowErrors::default(),
+    };
+    let (with, without) = (panel("with RPS", 0.01), panel("without RPS", 0.2));
+    for figure in [
+        paths("Robot paths", &BODY, &[with.clone(), without]),
+        paths("Robot paths", &BODY, &[with]),
+        errors(
+            "Posture errors",
+            &[column("with RPS"), column("without RPS")],
+        ),
+        errors("Posture errors", &[column("with RPS")]),
+        follow("Path following", &BODY, &run),
+        maps(
+            "Starts",
+            "time (s)",
+            &[("a".to_owned(), starts(200))],
+            ([0.0; 3], [0.1, 0.1]),
+        ),
+    ] {
+        check_figure(&figure);
+        let [width, height] = png_size(&figure.png());
+        assert!(width == 1600 && (600..3000).contains(&height), "{height}");
+    }
+}
+
+#[test]
+fn empty_results_still_give_figures() {
+    let empty = PathsPanel {
+        others: Vec::new(),
+        path: Vec::new(),
+        wheels: Vec::new(),
+        snapshots: Vec::new(),
+        ends: Vec::new(),
+        ..panel("none", 0.0)
+    };
+    let no_errors = ErrorsColumn {
+        title: "none".into(),
+        estimate: Vec::new(),
+        truth: Vec::new(),
+    };
+    for figure in [
+        paths("", &BODY, &[empty]),
+        errors("", &[no_errors]),
+        maps("", "", &[], ([0.0; 3], [0.1, 0.1])),
+    ] {
+        check_figure(&figure);
+    }
+}
+
+#[test]
+fn final_errors_stand_beside_their_curves_in_words() {
+    let svg = errors("", &[column("with RPS")]).svg();
+    // e^-9.98 is below the last digit.
+    assert!(svg.contains("final: 9.5 cm; estimate: 1.5 cm"));
+    assert!(svg.contains("final: −5.4°; estimate: –"));
+}
+
+#[test]
+fn angles_are_not_drawn_within_5_cm_of_the_goal() {
+    // e^-t + 0.015 falls below 0.05 at t = -ln 0.035 = 3.352.
+    for axis in &ERROR_AXES[1..] {
+        let near = ErrorsColumn {
+            truth: trace(0.015),
+            ..column("")
+        };
+        let [time, _] = error_panel(axis, 1, &near).extent().unwrap();
+        assert_eq!(time, [0.0, 3.34], "{}", axis.label);
+    }
+    let [time, _] = error_panel(&ERROR_AXES[0], 0, &column(""))
+        .extent()
+        .unwrap();
+    assert_eq!(time, [0.0, 9.98]);
+}
+
+#[test]
+fn map_of_starts_tells_ends_apart() {
+    let map = |starts: Vec<StartMark>| {
+        maps(
+            "",
+            "time (s)",
+            &[("a".to_owned(), starts)],
+            ([0.0; 3], [0.03, 0.05236]),
+        )
+    };
+    let svg = map(starts(200)).svg();
+    for text in [
+        "198 of 200 within 3 cm and 3°",
+        "outside 3 cm or 3°",
+        "task not carried out",
+    ] {
+        assert!(svg.contains(text), "{text}");
+    }
+    let svg = map(starts(1)).svg();
+    assert!(!svg.contains("outside") && !svg.contains("not carried"));
+}
+
+#[test]
+fn an_angle_that_wraps_is_not_joined_across_the_panel() {
+    let points = [[0.0, 170.0], [1.0, -175.0], [2.0, -160.0]];
+    let line = with_gaps(points.into_iter(), 180.0);
+    assert_eq!(line.len(), 4);
+    assert!(line[1][0].is_nan() && line[2] == points[1]);
+}
+
+#[test]
+fn ends_are_shown_in_the_frame_of_the_goal() {
+    let data = PathsPanel {
+        goal: Some([1.0, 1.0, std::f64::consts::FRAC_PI_2]),
+        tolerance: [0.005, 0.1],
+        // One centimetre ahead, two to the right.
+        ends: vec![(Verdict::Within, [1.02, 1.01, 1.0])],
+        ..panel("", 0.0)
+    };
+    let [x, y] = end_map(&data).extent().unwrap();
+    assert!(
+        (x[1] - 1.0).abs() < 1e-9 && (y[0] + 2.0).abs() < 1e-9,
+        "{x:?} {y:?}"
+    );
+}

@@ -1,0 +1,371 @@
+//! The report page: a run as one HTML file that needs nothing else.
+//!
+//! `report.html` beside this file holds the page; a run's data are put into it as JSON, at most
+//! `MOST_SAMPLES` samples and about 50 a second.
+
+use crate::style;
+use crate::style::{ESTIMATE, TRUTH};
+use core_algos::control::regulator::Phase;
+use core_algos::math::Posture;
+use host_sim::run::end::{EndKind, RunEnd};
+use host_sim::run::final_error::wrap;
+use host_sim::run::robot::Record;
+use host_sim::scenario::Scenario;
+use host_sim::world::body::Body;
+use output::files::OutputDir;
+use serde::{Serialize, Serializer};
+use serde_json::json;
+
+const PAGE: &str = include_str!("page.html");
+/// Placeholders of the data, and of the colours on a light and on a dark page.
+const PLACE: &str = "/*DATA*/";
+const LIGHT: &str = "/*LIGHT*/";
+const DARK: &str = "/*DARK*/";
+/// Name of the file.
+pub const FILE: &str = "report.html";
+
+/// Most samples of a run in the page.
+const MOST_SAMPLES: usize = 3_000;
+/// Samples a second, if there are not too many then.
+const RATE: f64 = 50.0;
+
+/// A number with at most this many places.
+#[derive(Clone, Copy, Debug)]
+struct Rounded<const PLACES: i32>(f64);
+
+impl<const PLACES: i32> Serialize for Rounded<PLACES> {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        let scale = 10f64.powi(PLACES);
+        let value = (self.0 * scale).round() / scale;
+        // No number shows as a gap in a plot.
+        match value.is_finite() {
+            true if value == value.trunc() => to.serialize_i64(value as i64),
+            true => to.serialize_f64(value),
+            false => to.serialize_none(),
+        }
+    }
+}
+
+/// Positions to 10 µm and angles to 10 µrad.
+type Place = Rounded<5>;
+
+fn places<const N: usize>(values: [f64; N]) -> [Place; N] {
+    values.map(Rounded)
+}
+
+/// Errors of a midpoint: distance, m, and heading, rad.
+pub type Error = [f64; 2];
+
+/// A run to be shown.
+pub struct Run<'a> {
+    /// Heading of the page.
+    pub title: String,
+    /// Name where there are several.
+    pub name: String,
+    /// Goal.
+    pub goal: Option<[f64; 3]>,
+    /// Path it was to drive.
+    pub reference: Vec<[f64; 2]>,
+    /// Epochs, in order.
+    pub records: Vec<&'a Record>,
+    /// Errors of the true midpoint and of the midpoint as estimated, one for each record.
+    pub errors: Vec<[Error; 2]>,
+    /// Name of the distance.
+    pub distance: &'static str,
+    /// End of the run; first in the summary.
+    pub end: &'a RunEnd,
+    /// Further rows of the summary.
+    pub summary: Vec<(String, String)>,
+    /// The scenario.
+    pub scenario: &'a Scenario,
+}
+
+#[derive(Serialize)]
+struct Series {
+    name: &'static str,
+    /// CSS variable of its colour and dash.
+    look: String,
+    data: Vec<Rounded<4>>,
+}
+
+#[derive(Serialize)]
+struct Plot {
+    title: &'static str,
+    unit: &'static str,
+    series: Vec<Series>,
+}
+
+fn posture(p: Posture) -> [f64; 3] {
+    [p.x, p.y, p.phi].map(f64::from)
+}
+
+impl Run<'_> {
+    /// The epochs that are shown.
+    fn shown(&self) -> impl Iterator<Item = usize> + use<> {
+        let count = self.records.len();
+        let time = |record: &&Record| record.time_s;
+        let span = self.records.last().map_or(0.0, time) - self.records.first().map_or(0.0, time);
+        let wanted = ((span * RATE) as usize).clamp(1, MOST_SAMPLES);
+        let stride = count.saturating_sub(1).div_ceil(wanted).max(1);
+        // The last epoch is always there.
+        let last = count.checked_sub(1).filter(|last| last % stride != 0);
+        (0..count).step_by(stride).chain(last)
+    }
+
+    fn plots(&self, shown: &[usize]) -> Vec<Plot> {
+        let column = |name, look: &str, value: &dyn Fn(usize) -> f64| Series {
+            name,
+            look: format!("--{look}"),
+            data: shown.iter().map(|&i| Rounded(value(i))).collect(),
+        };
+        // Values of a sample and of the n-th series.
+        let numbered = |names: &[&'static str], value: &dyn Fn(usize, usize) -> f64| {
+            let names = names.iter().enumerate();
+            names
+                .map(|(n, name)| column(name, &format!("c{n}"), &|i| value(i, n)))
+                .collect::<Vec<_>>()
+        };
+        let both = |value: &dyn Fn(usize, usize) -> f64| {
+            vec![
+                column("true", TRUTH.name, &|i| value(i, 0)),
+                column("as estimated", ESTIMATE.name, &|i| value(i, 1)),
+            ]
+        };
+        let plot = |title, unit, series| Plot {
+            title,
+            unit,
+            series,
+        };
+        let record = |i: usize| self.records[i];
+        let sigma = |i: usize, axis: usize| {
+            f64::from(record(i).lead.fused.robot.covariance[axis][axis]).sqrt()
+        };
+        let off = |i: usize, axis: usize| {
+            let seen = posture(record(i).lead.fused.robot.posture);
+            seen[axis] - record(i).midpoint[axis]
+        };
+        let degrees = |angle: f64| wrap(angle).to_degrees();
+        let position = |i: usize, n: usize| match n {
+            0 | 1 => 1e3 * off(i, n),
+            _ => 2e3 * sigma(i, n - 2),
+        };
+        let heading = |i: usize, n: usize| match n {
+            0 => degrees(off(i, 2)),
+            _ => 2.0 * sigma(i, 2).to_degrees(),
+        };
+        let torque = |i: usize, n: usize| record(i).torque.as_flattened()[n];
+        let strain = |i: usize, n: usize| 1e6 * f64::from(record(i).strain[n]);
+        let names = ["x", "y", "2σ x", "2σ y"];
+        let wheels = ["front left", "front right", "rear left", "rear right"];
+        let strains = ["1", "2", "3", "4", "5", "6", "7", "8"];
+        let fitted = self.scenario.robot.beam.strip.gauges_m.count();
+        let gauges = if self.scenario.mission.rps { fitted } else { 0 };
+        let distances = both(&|i, k| 1e3 * self.errors[i][k][0]);
+        let headings = both(&|i, k| degrees(self.errors[i][k][1]));
+        let mut plots = vec![
+            plot(self.distance, "mm", distances),
+            plot("Heading error", "°", headings),
+            plot(
+                "Position error of the estimate",
+                "mm",
+                numbered(&names, &position),
+            ),
+            plot(
+                "Heading error of the estimate",
+                "°",
+                numbered(&["heading", "2σ"], &heading),
+            ),
+            plot("Wheel torques", "N m", numbered(&wheels, &torque)),
+        ];
+        if gauges > 0 {
+            let series = numbered(&strains[..gauges], &strain);
+            plots.push(plot("Strains, from the rear end on", "µm/m", series));
+        }
+        // The truth of a real robot is not known.
+        for plot in &mut plots {
+            let known = |series: &Series| series.data.iter().any(|value| value.0.is_finite());
+            plot.series.retain(known);
+        }
+        plots.retain(|plot| !plot.series.is_empty());
+        plots
+    }
+
+    fn json(&self) -> serde_json::Value {
+        let shown: Vec<usize> = self.shown().collect();
+        let seen: Vec<Record> = shown.iter().map(|&i| self.records[i].seen()).collect();
+        let list = |value: &dyn Fn(&Record) -> [f64; 3]| -> Vec<[Place; 3]> {
+            let values = seen.iter().map(value);
+            values.map(places).collect()
+        };
+        // The frame's points beside the midpoint.
+        let frame = |record: &Record| -> Vec<Place> {
+            let [x, y, _] = record.midpoint;
+            let points = record.frame.iter();
+            points
+                .flat_map(|&[a, b]| [Rounded(f64::from(a) - x), Rounded(f64::from(b) - y)])
+                .collect()
+        };
+        let covariance = |record: &Record| -> [Rounded<9>; 4] {
+            let p = record
+                .lead
+                .fused
+                .robot
+                .covariance
+                .map(|row| row.map(f64::from));
+            [p[0][0], p[0][1], p[1][1], p[2][2]].map(Rounded)
+        };
+        let target = |record: &Record| record.lead.target.map(|p| places(posture(p)));
+        // How far the estimate and its ellipse reach from the truth.
+        let spread = |record: &Record| {
+            let [x, y, _] = posture(record.lead.fused.robot.posture);
+            let p = &record.lead.fused.robot.covariance;
+            let off = (x - record.midpoint[0]).hypot(y - record.midpoint[1]);
+            let sigma = f64::from(p[0][0].max(p[1][1])).max(0.0).sqrt();
+            let reach = off + 2.0 * sigma;
+            if reach.is_finite() { reach } else { 0.0 }
+        };
+        let spread = seen.iter().map(spread).fold(1e-3, f64::max);
+        let with_target = self
+            .records
+            .iter()
+            .any(|record| record.lead.target.is_some());
+        let each = |value: &dyn Fn(&Record) -> serde_json::Value| -> Vec<serde_json::Value> {
+            seen.iter().map(value).collect()
+        };
+        let configuration = self.scenario.to_toml().unwrap_or_default();
+        let world = [("world".to_owned(), self.scenario.world.label())].into_iter();
+        json!({
+            "title": self.title,
+            "known": self.records.iter().any(|record| !record.midpoint[0].is_nan()),
+            "name": self.name,
+            "goal": self.goal.map(places),
+            "reference": self.reference.iter().map(|&p| places(p)).collect::<Vec<_>>(),
+            "t": shown.iter().map(|&i| Rounded::<3>(self.records[i].time_s)).collect::<Vec<_>>(),
+            "truth": list(&|record| record.midpoint),
+            "front": list(&|record| record.axles[0]),
+            "rear": list(&|record| record.axles[1]),
+            // Near the truth, so that a value between two samples is between them too.
+            "estimate": list(&|record| {
+                let [x, y, phi] = posture(record.lead.fused.robot.posture);
+                let truth = record.midpoint[2];
+                [x, y, truth + wrap(phi - truth)]
+            }),
+            "frame": each(&|record| json!(frame(record))),
+            "covariance": each(&|record| json!(covariance(record))),
+            "target": if with_target { json!(each(&|record| json!(target(record)))) } else { json!(null) },
+            "phase": each(&|record| json!(phase(record))),
+            "spread": Rounded::<5>(spread),
+            "plots": self.plots(&shown),
+            "summary": world.chain(self.end.summary()).chain(self.summary.clone()).collect::<Vec<_>>(),
+            "end": self.end,
+            "configuration": configuration,
+        })
+    }
+}
+
+fn phase(record: &Record) -> String {
+    let lead = &record.lead;
+    match (lead.done, lead.phase) {
+        (true, _) => EndKind::Done.name().to_owned(),
+        (false, Phase::Stop) => format!("{:?}", lead.mode).to_lowercase(),
+        (false, phase) => format!("{phase:?}").to_lowercase(),
+    }
+}
+
+/// Adds the page of these runs; the last one is shown first.
+pub fn add(files: &mut OutputDir, subtitle: &str, body: &Body, runs: &[Run]) {
+    files.text(FILE, page(subtitle, body, runs));
+}
+
+fn page(subtitle: &str, body: &Body, runs: &[Run]) -> String {
+    let data = json!({
+        "subtitle": subtitle,
+        "body": {
+            "half_track": body.half_track_m,
+            "wheel_radius": body.wheel_radius_m,
+            "wheel_width": body.wheel_width_m,
+        },
+        "runs": runs.iter().map(Run::json).collect::<Vec<_>>(),
+    });
+    // Nothing in the data ends the element that holds them.
+    let data = data
+        .to_string()
+        .replace("</", "<\\/")
+        .replace("<!--", "<\\u0021--");
+    PAGE.replacen(LIGHT, &style::css(false), 1)
+        .replacen(DARK, &style::css(true), 1)
+        .replacen(PLACE, &data, 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core_algos::safety::{Condition, Conditions};
+
+    fn data(page: &str) -> serde_json::Value {
+        let (_, rest) = page.split_once("id=\"data\">").unwrap();
+        let (json, _) = rest.split_once("</script>").unwrap();
+        serde_json::from_str(json).unwrap()
+    }
+
+    #[test]
+    fn a_page_holds_the_run_and_nothing_ends_it_early() {
+        let scenario = Scenario::default();
+        let records: Vec<Record> = (1..=1001)
+            .map(|epoch| Record {
+                time_s: 0.01 * f64::from(epoch),
+                midpoint: [f64::from(epoch) * 1e-3, f64::NAN, 0.0],
+                ..Record::default()
+            })
+            .collect();
+        let end = RunEnd {
+            kind: EndKind::Uncertain,
+            notices: Conditions::only(Condition::EstimateVague),
+            error_95: Some([0.25, 0.0]),
+            ..RunEnd::default()
+        };
+        let run = Run {
+            title: "a </script> b".to_owned(),
+            name: "one".to_owned(),
+            goal: Some([0.0; 3]),
+            reference: Vec::new(),
+            errors: vec![[[0.25, 0.5]; 2]; records.len()],
+            records: records.iter().collect(),
+            distance: "Distance",
+            end: &end,
+            summary: vec![("a".to_owned(), "b".to_owned())],
+            scenario: &scenario,
+        };
+        let page = page(
+            "cfmmr posture, seed 3",
+            &Body::of(&scenario.world.plant),
+            &[run],
+        );
+        let data = data(&page);
+        let run = &data["runs"][0];
+        assert_eq!(run["title"], "a </script> b");
+        assert_eq!(run["summary"][0], json!(["world", "base"]));
+        let end = "uncertain after 0.0 s, 95 % error ±25.0 cm, ±0.0°";
+        assert_eq!(run["summary"][1], json!(["End", end]));
+        assert_eq!(run["summary"][2], json!(["Notices", "estimate vague"]));
+        let times = run["t"].as_array().unwrap();
+        // 50 a second, with the first and the last.
+        assert!((500..=503).contains(&times.len()), "{}", times.len());
+        assert_eq!(times[0], 0.01);
+        assert_eq!(times[times.len() - 1], 10.01);
+        assert_eq!(run["truth"][0][0], 0.001);
+        assert!(run["truth"][0][1].is_null(), "no number is no number");
+        assert_eq!(run["plots"][0]["series"][0]["data"][7], 250);
+        assert_eq!(run["plots"].as_array().unwrap().len(), 6);
+        // Each colour and dash of a plot is in the style sheet, once for each kind of page.
+        for series in run["plots"].as_array().unwrap() {
+            for one in series["series"].as_array().unwrap() {
+                let look = one["look"].as_str().unwrap();
+                assert_eq!(page.matches(&format!("{look}: #")).count(), 2, "{look}");
+                assert_eq!(page.matches(&format!("{look}-dash: ")).count(), 2, "{look}");
+            }
+        }
+        // No address but those of standards that are never fetched.
+        assert!(!page.contains("http://") && !page.contains("https://"));
+    }
+}

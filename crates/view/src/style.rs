@@ -1,0 +1,305 @@
+//! Colours, dashes and marks of every picture and of the report page.
+//!
+//! One table: a picture takes a [`Look`] from here and defines none of its own. The colours are those
+//! of Okabe and Ito, which colour-blind readers tell apart. Dashes and shapes tell the kinds apart in
+//! grayscale.
+
+use host_sim::run::end::Verdict;
+
+/// A colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rgb(pub u8, pub u8, pub u8);
+
+impl Rgb {
+    /// Mixed with white: 0 stays, 1 is white.
+    pub fn lighter(self, by: f64) -> Self {
+        self.mixed(Self(255, 255, 255), by)
+    }
+
+    fn mixed(self, other: Self, share: f64) -> Self {
+        let mix =
+            |a: u8, b: u8| (f64::from(a) * (1.0 - share) + f64::from(b) * share).round() as u8;
+        Self(
+            mix(self.0, other.0),
+            mix(self.1, other.1),
+            mix(self.2, other.2),
+        )
+    }
+
+    /// The colour in a style sheet.
+    pub fn css(self) -> String {
+        format!("#{:02x}{:02x}{:02x}", self.0, self.1, self.2)
+    }
+}
+
+/// Pattern of a line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Dash {
+    /// Unbroken.
+    Solid,
+    /// Long dashes.
+    Dashed,
+    /// Long and short dashes in turn.
+    DashDot,
+    /// Short dashes.
+    Dotted,
+}
+
+impl Dash {
+    /// Lengths drawn and left out in turn, in units of the picture; empty for an unbroken line.
+    pub const fn pattern(self) -> &'static [f64] {
+        match self {
+            Self::Solid => &[],
+            Self::Dashed => &[7.0, 4.5],
+            Self::DashDot => &[9.0, 3.5, 2.0, 3.5],
+            Self::Dotted => &[2.0, 3.5],
+        }
+    }
+}
+
+/// A line's colour, width and pattern.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stroke {
+    /// Colour.
+    pub color: Rgb,
+    /// Width in units of the picture.
+    pub width: f64,
+    /// Pattern.
+    pub dash: Dash,
+}
+
+/// Shape of a mark.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shape {
+    /// A filled circle.
+    Disc,
+    /// A circle's outline.
+    Ring,
+    /// A circle's outline with a cross in it.
+    Target,
+    /// A diagonal cross.
+    Cross,
+}
+
+/// A mark of constant size on the page.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mark {
+    /// Shape.
+    pub shape: Shape,
+    /// Half its size in units of the picture.
+    pub radius: f64,
+    /// Colour.
+    pub color: Rgb,
+    /// Direction of the stroke from its middle, rad.
+    pub heading: Option<f64>,
+}
+
+impl Mark {
+    /// A mark without a heading.
+    pub const fn new(shape: Shape, radius: f64, color: Rgb) -> Self {
+        Self {
+            shape,
+            radius,
+            color,
+            heading: None,
+        }
+    }
+
+    /// The mark of a posture with this heading, rad.
+    pub fn heading(self, heading: f64) -> Self {
+        Self {
+            heading: Some(heading),
+            ..self
+        }
+    }
+}
+
+/// Appearance of one kind of thing in every picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Look {
+    /// Name of the CSS variable on the report page.
+    pub name: &'static str,
+    /// Line.
+    pub stroke: Stroke,
+    /// Colour on a dark page.
+    pub dark: Rgb,
+}
+
+const BLACK: Rgb = Rgb(0, 0, 0);
+const GREY: Rgb = Rgb(110, 110, 110);
+const BLUE: Rgb = Rgb(0, 114, 178);
+const VERMILION: Rgb = Rgb(213, 94, 0);
+const GREEN: Rgb = Rgb(0, 158, 115);
+const PURPLE: Rgb = Rgb(204, 121, 167);
+const ORANGE: Rgb = Rgb(230, 159, 0);
+const SKY: Rgb = Rgb(86, 180, 233);
+/// Colours of the [`series`] with those on a dark page, most distinct first.
+const SERIES: [(Rgb, Rgb); 7] = [
+    (BLUE, Rgb(108, 178, 255)),
+    (VERMILION, Rgb(255, 138, 92)),
+    (GREEN, Rgb(79, 214, 160)),
+    (PURPLE, Rgb(244, 143, 177)),
+    (ORANGE, Rgb(232, 189, 79)),
+    (SKY, Rgb(77, 208, 225)),
+    (BLACK, Rgb(231, 234, 238)),
+];
+const DASHES: [Dash; 4] = [Dash::Solid, Dash::Dashed, Dash::DashDot, Dash::Dotted];
+
+const fn look(name: &'static str, (color, dark): (Rgb, Rgb), width: f64, dash: Dash) -> Look {
+    Look {
+        name,
+        stroke: Stroke { color, width, dash },
+        dark,
+    }
+}
+
+/// True motion.
+pub const TRUTH: Look = look("truth", SERIES[0], 2.0, Dash::Solid);
+/// The robot's estimate.
+pub const ESTIMATE: Look = look("estimate", SERIES[6], 1.6, Dash::Dashed);
+/// Path or motion to follow.
+pub const REFERENCE: Look = look("reference", SERIES[2], 2.0, Dash::DashDot);
+/// Goal posture.
+pub const GOAL: Look = look("goal", SERIES[2], 2.0, Dash::Solid);
+/// A run that stopped, failed or ran out of time.
+pub const FAILURE: Look = look("failure", SERIES[1], 1.8, Dash::Dotted);
+/// A run that ended outside the tolerance.
+pub const OUTSIDE: Look = look("outside", SERIES[3], 1.6, Dash::Dashed);
+/// Flexible frame.
+pub const FRAME: Look = look("frame", SERIES[4], 3.0, Dash::Solid);
+/// Axles and wheels.
+pub const BODY: Look = look("body", (GREY, Rgb(160, 169, 179)), 2.5, Dash::Solid);
+/// Tracks of the wheels.
+pub const WHEELS: Look = look("wheels", (GREY, Rgb(160, 169, 179)), 1.1, Dash::Dotted);
+/// The trials that are not drawn in full.
+pub const OTHERS: Look = look("others", SERIES[5], 0.9, Dash::Solid);
+/// Tolerance, and the band in which a claim holds.
+pub const BAND: Look = look(
+    "band",
+    (Rgb(214, 214, 214), Rgb(60, 66, 74)),
+    1.6,
+    Dash::Solid,
+);
+
+/// Every kind of thing.
+pub const TABLE: [Look; 11] = [
+    TRUTH, ESTIMATE, REFERENCE, GOAL, FAILURE, OUTSIDE, FRAME, BODY, WHEELS, OTHERS, BAND,
+];
+
+/// Line by two numbers: `color` by colour, `dash` by pattern.
+pub const fn series_by(color: usize, dash: usize) -> Look {
+    let colors = SERIES[color % SERIES.len()];
+    look("series", colors, 1.8, DASHES[dash % DASHES.len()])
+}
+
+/// Line of the n-th of several series without a kind.
+pub const fn series(n: usize) -> Look {
+    series_by(n, n)
+}
+
+/// Colour of text and of lines that stand for all series.
+pub const INK: Rgb = BLACK;
+/// Mark of the goal.
+pub const GOAL_MARK: Mark = Mark::new(Shape::Target, 6.0, GOAL.stroke.color);
+
+/// Line of a run.
+pub const fn stroke_of(verdict: Verdict) -> Stroke {
+    match verdict {
+        Verdict::Within => TRUTH.stroke,
+        Verdict::Outside => OUTSIDE.stroke,
+        Verdict::Failed => FAILURE.stroke,
+    }
+}
+
+/// Mark of a run.
+pub const fn mark_of(verdict: Verdict, radius: f64) -> Mark {
+    let color = stroke_of(verdict).color;
+    match verdict {
+        Verdict::Within => Mark::new(Shape::Disc, radius, color),
+        Verdict::Outside => Mark::new(Shape::Ring, radius, color),
+        Verdict::Failed => Mark::new(Shape::Cross, 1.3 * radius, color),
+    }
+}
+
+/// Colour of a value from 0 to 1 on a scale of even lightness (viridis without its palest end).
+pub fn color_scale(value: f64) -> Rgb {
+    const ANCHORS: [Rgb; 8] = [
+        Rgb(68, 1, 84),
+        Rgb(71, 44, 122),
+        Rgb(59, 81, 139),
+        Rgb(44, 113, 142),
+        Rgb(33, 144, 141),
+        Rgb(39, 173, 129),
+        Rgb(92, 200, 99),
+        Rgb(170, 220, 50),
+    ];
+    let place = value.clamp(0.0, 1.0) * (ANCHORS.len() - 1) as f64;
+    let index = (place as usize).min(ANCHORS.len() - 2);
+    ANCHORS[index].mixed(ANCHORS[index + 1], place - index as f64)
+}
+
+/// Series that the report page has names for: `c0`, `c1`, …
+const PAGE_SERIES: usize = 8;
+
+/// The table as CSS variables: colours for a light or a dark page, and dashes.
+pub fn css(dark: bool) -> String {
+    let series = (0..PAGE_SERIES).map(|n| (format!("c{n}"), series(n)));
+    let named = TABLE.map(|look| (look.name.to_owned(), look));
+    let all = named.into_iter().chain(series).map(|(name, look)| {
+        let color = if dark { look.dark } else { look.stroke.color };
+        let dash: Vec<String> = look
+            .stroke
+            .dash
+            .pattern()
+            .iter()
+            .map(f64::to_string)
+            .collect();
+        let (color, dash) = (color.css(), dash.join(" "));
+        format!("--{name}: {color}; --{name}-dash: {dash};")
+    });
+    all.collect::<Vec<_>>().join("\n    ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lightness(Rgb(r, g, b): Rgb) -> f64 {
+        0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b)
+    }
+
+    #[test]
+    fn lines_of_one_picture_differ_in_grayscale() {
+        // The kinds that meet in one panel.
+        for kinds in [
+            &[TRUTH, ESTIMATE, REFERENCE][..],
+            &[TRUTH, OUTSIDE, FAILURE],
+            &[TRUTH, WHEELS, OTHERS, FRAME],
+        ] {
+            for (n, a) in kinds.iter().enumerate() {
+                for b in &kinds[n + 1..] {
+                    let (a_light, b_light) = (lightness(a.stroke.color), lightness(b.stroke.color));
+                    let widths = [a.stroke.width, b.stroke.width];
+                    let apart = (a_light - b_light).abs() > 40.0
+                        || widths[0] > 2.0 * widths[1]
+                        || widths[1] > 2.0 * widths[0];
+                    assert!(apart || a.stroke.dash != b.stroke.dash, "{a:?} {b:?}");
+                }
+            }
+        }
+        for n in 0..4 {
+            assert!((0..n).all(|m| series(m).stroke.dash != series(n).stroke.dash));
+        }
+    }
+
+    #[test]
+    fn style_sheet_names_every_kind_once() {
+        for dark in [false, true] {
+            let css = css(dark);
+            for look in TABLE {
+                assert_eq!(css.matches(&format!("--{}: #", look.name)).count(), 1);
+            }
+            assert!(css.contains("--estimate-dash: 7 4.5;") && css.contains("--truth-dash: ;"));
+        }
+    }
+}
