@@ -113,7 +113,7 @@ impl Record {
 
 /// The strip between the axles: the cubic with their headings at its ends.
 fn strip([front, rear]: [[f64; 3]; 2]) -> [[f32; 2]; FRAME_POINTS] {
-    let length = (front[0] - rear[0]).hypot(front[1] - rear[1]);
+    let length = libm::hypot(front[0] - rear[0], front[1] - rear[1]);
     std::array::from_fn(|i| {
         let t = i as f64 / (FRAME_POINTS - 1) as f64;
         let (t2, t3) = (t * t, t * t * t);
@@ -123,7 +123,7 @@ fn strip([front, rear]: [[f64; 3]; 2]) -> [[f32; 2]; FRAME_POINTS] {
             let slopes = out * direction(rear[2]) + into * direction(front[2]);
             (start * rear[k] + end * front[k] + length * slopes) as f32
         };
-        [along(0, f64::cos), along(1, f64::sin)]
+        [along(0, libm::cos), along(1, libm::sin)]
     })
 }
 
@@ -328,7 +328,7 @@ pub trait Robot {
         self.plant().map_or(f64::NAN, |plant| {
             let speeds = plant.state().axle.map(|axle| {
                 let [forward, across, _] = axle.velocity;
-                forward.hypot(across)
+                libm::hypot(forward, across)
             });
             speeds[0].max(speeds[1])
         })

@@ -11,6 +11,7 @@ pub mod drawn;
 pub mod effect;
 pub mod faults;
 mod figures;
+pub mod normal;
 pub mod random;
 pub mod sensors;
 mod spread;
