@@ -177,8 +177,6 @@ pub struct RunControl {
     pub pace: Option<RealTimeLimiter>,
     /// Observers of the state.
     pub observers: Observers,
-    /// Monitor of the heartbeats.
-    pub monitor: Monitor,
 }
 
 impl Clone for RunControl {
@@ -189,7 +187,6 @@ impl Clone for RunControl {
             interrupt: self.interrupt.clone(),
             pace: self.pace.clone(),
             observers: Observers::new(),
-            monitor: self.monitor.clone(),
         }
     }
 }
@@ -225,10 +222,10 @@ pub trait Robot {
     /// Counters of the bus between the boards.
     fn bus(&self) -> BusStatistics;
 
-    /// Monitor of the heartbeats.
-    fn monitor(&self) -> &Monitor {
-        &self.control().monitor
-    }
+    /// Heartbeats of the nodes.
+    fn monitor(&self) -> &Monitor;
+    /// Heartbeats of the nodes, to begin anew.
+    fn monitor_mut(&mut self) -> &mut Monitor;
 
     /// Age of the estimates in a record at the end of an epoch, µs. The lead node works on those of the epoch that has
     /// just passed.

@@ -432,7 +432,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
             }
             (Step::Zero, Some(_), _) if off && !self.asked => {
                 self.asked = true;
-                robot.control_mut().monitor.calibrated = None;
+                robot.monitor_mut().calibrated = None;
                 let request = Message::BeamCalibration {
                     sequence: 0,
                     calibrate: Calibrate::Zero(0.0),

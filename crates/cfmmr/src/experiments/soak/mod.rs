@@ -361,7 +361,7 @@ impl<R: Robot> Errand<R> for Soak<'_> {
     /// cleared.
     fn feed(&mut self, robot: &mut R) -> Result<(), Error> {
         if std::mem::take(&mut self.judged) {
-            robot.control_mut().monitor.forget_changes();
+            robot.monitor_mut().forget_changes();
         }
         let tick = robot.now() / TICK;
         let Stage::Resting(until) = self.stage else {
