@@ -105,6 +105,8 @@ tools/scripts/fuzz.sh
 step "the virtual boards' core against Unicorn in lockstep"
 crates/virtual-board/oracle/check_lockstep.sh
 joined
+step "the same bytes in WebAssembly"
+tools/scripts/check_web.sh
 step "the paper's experiment with virtual boards in a session"
 hil() {
   timeout 600 target/release/cfmmr hil --on virtual --compare --out target/hil "$@" | grep -A1 "ticks ("

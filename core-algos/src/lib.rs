@@ -20,6 +20,13 @@
 //! axle's coordinates. Wheels are ordered (left, right).
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        reason = "a test compares with another implementation"
+    )
+)]
 
 #[cfg(test)]
 #[macro_use]

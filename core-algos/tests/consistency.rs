@@ -8,6 +8,11 @@
 //! with a noisy beam. The reports do not depend on the fusion behind them, so each world is driven
 //! once and all fusions are tried on its reports.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "a test compares with another implementation"
+)]
+
 #[path = "../src/fusion/testing.rs"]
 #[allow(dead_code)]
 mod testing;

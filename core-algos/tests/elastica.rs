@@ -4,6 +4,11 @@
 //! EI κ' = F_x sin θ − F_y cos θ with θ(0) = 0 and θ(L) given: Newton on the root's curvature, the force raised
 //! from none in steps. The strains of that shape, free of noise, are fitted without an earlier fit.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "a test compares with another implementation"
+)]
+
 use core_algos::beam::elastica::Solver;
 use core_algos::beam::sensor::PostureSolver;
 use core_algos::beam::strip::Config;

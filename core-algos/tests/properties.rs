@@ -3,6 +3,11 @@
 //!
 //! Single algorithms are held to the same beside their code; here they run together.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "a test compares with another implementation"
+)]
+
 #[path = "../src/properties.rs"]
 #[allow(unused_macros)]
 mod properties;

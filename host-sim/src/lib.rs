@@ -30,6 +30,14 @@
 //! | [`targets`] | interface of a board; boards in this process |
 //! | [`run`] | one trial, tasks, recovery |
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        reason = "a test compares with another implementation"
+    )
+)]
+
 #[cfg(test)]
 #[macro_use]
 #[path = "../../core-algos/src/properties.rs"]

@@ -9,6 +9,14 @@
 //! The feature `full` adds logs with their replay and live server, the dashboard, pages laid out on the terminal, and the
 //! text of the boards' logs. Without it, such an option names the command that builds it.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        reason = "a test compares with another implementation"
+    )
+)]
+
 #[cfg(test)]
 #[macro_use]
 #[path = "../../../core-algos/src/properties.rs"]

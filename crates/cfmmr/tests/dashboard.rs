@@ -1,6 +1,11 @@
 //! The dashboard on a pseudo-terminal: it draws the run, ends when asked, and leaves the terminal as it
 //! was.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "a test compares with another implementation"
+)]
+
 #[path = "shared/program.rs"]
 mod program;
 mod terminal;

@@ -1,5 +1,10 @@
 //! A robot at a serial port. The port is a pseudo-terminal, the robot behind it is one of virtual boards.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "a test compares with another implementation"
+)]
+
 #[path = "shared/program.rs"]
 mod program;
 mod terminal;

@@ -1,5 +1,10 @@
 //! The tests that need no time of their own, in one program: one to build, and no core without work.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "a test compares with another implementation"
+)]
+
 mod calibration;
 mod command_line;
 mod consistency;

@@ -24,7 +24,7 @@ fn run(drive: &Drive, config: &PlantConfig) -> [f64; 3] {
         plant.step(torque);
         bend = bend.max(plant.relative_posture()[2].abs());
         let [x, y] = plant.wrench().force;
-        force = force.max(x.hypot(y));
+        force = force.max(libm::hypot(x, y));
     }
     [factor, bend, force]
 }

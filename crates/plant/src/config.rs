@@ -212,7 +212,7 @@ impl PlantConfig {
     pub(super) fn check(&self) -> Result<(), PlantError> {
         self.check_ranges()?;
         // A strip as stout as its length is no strip, and its equations would be ill-conditioned.
-        let slender = self.bending_stiffness_n_m2 / self.strip_length_m.powi(2);
+        let slender = self.bending_stiffness_n_m2 / (self.strip_length_m * self.strip_length_m);
         let allowed = 1e2 * slender..=1e9 * slender;
         self.axial_stiffness_n.check("axial_stiffness_n", allowed)
     }

@@ -107,7 +107,7 @@ impl Drive {
             reference.advance(TICK_S, fine, torque);
             for (axle, q) in plant.state().axle.iter().zip(reference.postures()) {
                 let p = axle.posture;
-                worst[0] = worst[0].max((p[0] - q[0]).hypot(p[1] - q[1]));
+                worst[0] = worst[0].max(libm::hypot(p[0] - q[0], p[1] - q[1]));
                 worst[1] = worst[1].max((p[2] - q[2]).abs());
             }
         }

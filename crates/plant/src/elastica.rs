@@ -66,7 +66,7 @@ impl Elastica {
     fn slope(&self, s: f64, line: &Line, load: Load) -> Line {
         let [_, fx, fy] = load;
         let (theta, x, y) = (line[0], line[1], line[2]);
-        let (sin, cos) = theta.sin_cos();
+        let (sin, cos) = libm::sincos(theta);
         let stretch = 1.0 + (fx * cos + fy * sin) / self.axial;
         let mut d = [0.0; 18];
         d[0] = self.elastic_curvature(load, x, y) + self.natural(s);
@@ -140,7 +140,7 @@ impl Elastica {
             ]
         };
         let size =
-            |m: &[f64; 3]| (m[0].powi(2) + m[1].powi(2)) / self.length.powi(2) + m[2].powi(2);
+            |m: &[f64; 3]| (m[0] * m[0] + m[1] * m[1]) / (self.length * self.length) + m[2] * m[2];
         let mut shot = self.shoot(load);
         for _ in 0..100 {
             let error = miss(&shot);

@@ -10,6 +10,14 @@
 //!
 //! Deterministic to the bit: no fused operations, elementary functions from `libm` or from here.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        reason = "a test compares with another implementation"
+    )
+)]
+
 mod config;
 pub mod drive;
 mod drivetrain;

@@ -73,7 +73,10 @@ impl Reference {
             _ => (c.clamp_angle_root_rad, c.rigid_root_m),
         };
         let angle = y[3 * i + 2] + angle;
-        (angle, [length * angle.cos(), length * angle.sin()])
+        (
+            angle,
+            [length * libm::cos(angle), length * libm::sin(angle)],
+        )
     }
 
     /// End of the strip in its root's frame, and its rate.
@@ -84,7 +87,7 @@ impl Reference {
         let turning = y[11];
         let vx = y[6] - y[8] * to_tip[1] - y[9] + turning * to_root[1];
         let vy = y[7] + y[8] * to_tip[0] - y[10] - turning * to_root[0];
-        let (s, c) = rear.sin_cos();
+        let (s, c) = libm::sincos(rear);
         let (x, z) = (c * dx + s * dy, c * dy - s * dx);
         (
             [x, z, front - rear],
@@ -161,7 +164,7 @@ impl Reference {
     /// Way of a wheel that rolls free of force over the way rolled, global.
     fn rolling(&self, heading: f64, i: usize, speed: f64) -> [f64; 2] {
         let c = &self.config;
-        let (s, co) = heading.sin_cos();
+        let (s, co) = libm::sincos(heading);
         let sign = speed / (speed.abs() + 0.05);
         [
             co - c.side_slip[i] * s + sign * c.carpet_drift[0],
@@ -180,7 +183,8 @@ impl Reference {
                 rolling.max(c.rest_creep_velocity_m_s)
             }
         };
-        let decayed = c.static_excess / (1.0 + (slip / c.static_decay_m_s).powi(2));
+        let relative = slip / c.static_decay_m_s;
+        let decayed = c.static_excess / (1.0 + relative * relative);
         c.friction * (1.0 + decayed) * load / (slip + half)
     }
 
@@ -197,13 +201,13 @@ impl Reference {
         let axle = mass + if i == 0 { ahead } else { -ahead };
         let track = 2.0 * c.half_track_m[i];
         let left = axle / 2.0 + moment(1)[i] / track;
-        let gravity = 9.806_65 * c.slope_rad.cos();
+        let gravity = 9.806_65 * libm::cos(c.slope_rad);
         [gravity * left, gravity * (axle - left)]
     }
 
     fn slope(&mut self, y: &Coordinates, command: &[f64; 4]) -> Coordinates {
         let [fx, fy, end_moment, root_moment] = self.frame(y);
-        let (sin, cos) = self.clamp(y, 1).0.sin_cos();
+        let (sin, cos) = libm::sincos(self.clamp(y, 1).0);
         let frame = [cos * fx - sin * fy, sin * fx + cos * fy];
         let mut d = [0.0; 16];
         d[..6].copy_from_slice(&y[6..12]);
@@ -215,7 +219,7 @@ impl Reference {
             let mut force = [sign * frame[0], sign * frame[1]];
             let mut moment = if i == 0 { -end_moment } else { root_moment };
             moment += arm[0] * force[1] - arm[1] * force[0];
-            let (s, co) = y[3 * i + 2].sin_cos();
+            let (s, co) = libm::sincos(y[3 * i + 2]);
             let (vx, vy, yaw) = (y[6 + 3 * i], y[7 + 3 * i], y[8 + 3 * i]);
             for side in 0..2 {
                 let w = 2 * i + side;
@@ -227,7 +231,7 @@ impl Reference {
                 let [ex, ey] = self.rolling(y[3 * i + 2], i, speed);
                 let gx = vx - yaw * py - radius * speed * ex;
                 let gy = vy + yaw * px - radius * speed * ey;
-                let grip = self.grip((i, side), gx.hypot(gy), radius * speed, load[side]);
+                let grip = self.grip((i, side), libm::hypot(gx, gy), radius * speed, load[side]);
                 let (tx, ty) = (-grip * gx, -grip * gy);
                 force[0] += tx;
                 force[1] += ty;
@@ -265,8 +269,11 @@ impl Reference {
         let [fx, fy, moment] = load;
         let turning = (moment - (x * fy - y * fx)) / inertia;
         // Gravity along the floor acts at the centre of mass.
-        let along = 9.806_65 * c.slope_rad.sin();
-        let (gx, gy) = (along * c.downhill_rad.cos(), along * c.downhill_rad.sin());
+        let along = 9.806_65 * libm::sin(c.slope_rad);
+        let (gx, gy) = (
+            along * libm::cos(c.downhill_rad),
+            along * libm::sin(c.downhill_rad),
+        );
         [
             gx + fx / mass + turning * y + yaw * yaw * x,
             gy + fy / mass - turning * x + yaw * yaw * y,

@@ -1,5 +1,10 @@
 //! The whole plant: against the explicit reference, and against what mechanics demands.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "a test compares with another implementation"
+)]
+
 use plant::drive::{HARSH, NORMAL};
 use plant::{Plant, PlantConfig};
 

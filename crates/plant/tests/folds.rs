@@ -2,6 +2,11 @@
 //! others that share nothing, the exact elastica with its conjugate points and a chain of 2000 links. Lengths are
 //! in L, forces in EI/L².
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "a test compares with another implementation"
+)]
+
 use plant::elastica::{Elastica, Load};
 use plant::frame::Strip;
 

@@ -1,5 +1,10 @@
 //! The plant's strip against the exact elastica.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "a test compares with another implementation"
+)]
+
 use plant::elastica::{Elastica, Load};
 use plant::frame::Strip;
 

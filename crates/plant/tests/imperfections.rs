@@ -1,5 +1,10 @@
 //! What the imperfections of the robot do, against what can be said of them without a simulation.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "a test compares with another implementation"
+)]
+
 use plant::{Plant, PlantConfig, TICK_S, Tyre};
 
 const GRAVITY: f64 = 9.806_65;

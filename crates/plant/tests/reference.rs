@@ -1,6 +1,11 @@
 //! The plant against the explicit reference, with the brush tyre and with everything that makes the
 //! robot other than its drawing.
 
+#![allow(
+    clippy::disallowed_methods,
+    reason = "a test compares with another implementation"
+)]
+
 use plant::drive::{HARSH, NORMAL};
 use plant::reference::Reference;
 use plant::{PlantConfig, Tyre};

@@ -8,6 +8,14 @@
 //! Times are simulated time since the start, in a log as nanoseconds: one run gives the same bytes
 //! every time.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        reason = "a test compares with another implementation"
+    )
+)]
+
 #[cfg(test)]
 #[macro_use]
 #[path = "../../../core-algos/src/properties.rs"]

@@ -16,7 +16,7 @@ use core_algos::time::{Micros, TICK};
 use core_algos::topology::{Node, Role};
 use host_sim::base::error::Error;
 use host_sim::bus::virtual_bus::{BusStatistics, sender};
-use host_sim::run::recovery::NODES;
+use host_sim::run::recovery::{Monitor, NODES};
 use host_sim::run::robot::{Record, Robot, RunControl};
 use host_sim::scenario::Scenario;
 use host_sim::targets::board_record::BoardEvent;
@@ -122,6 +122,8 @@ pub struct SerialRobot {
     task: Task,
     frames: u64,
     control: RunControl,
+    /// Heartbeats of the nodes.
+    monitor: Monitor,
     closed: bool,
 }
 
@@ -150,6 +152,7 @@ impl SerialRobot {
             task: Task::Idle,
             frames: 0,
             control: RunControl::default(),
+            monitor: Monitor::default(),
             closed: false,
         };
         robot.guard();
@@ -234,7 +237,7 @@ impl SerialRobot {
         let place = place.or(known.then_some(here));
         if let Some(node) = NODES
             .iter()
-            .filter_map(|node| self.control.monitor.latest(*node))
+            .filter_map(|node| self.monitor.latest(*node))
             .find(|it| it.state == OperatingState::Fault)
         {
             return Err(Error::Failure(format!(
@@ -285,7 +288,7 @@ impl SerialRobot {
     /// True if no node of a board is starting.
     fn is_ready(&self) -> bool {
         let ready = |node: &Node| {
-            let latest = self.control.monitor.latest(*node);
+            let latest = self.monitor.latest(*node);
             latest.is_none_or(|latest| latest.state != OperatingState::Boot)
         };
         NODES.iter().all(ready)
@@ -426,7 +429,7 @@ impl SerialRobot {
         let tick = self.run_tick();
         let frames = self.link.take_frames();
         for frame in &frames {
-            self.control.monitor.see(tick, frame);
+            self.monitor.see(tick, frame);
         }
         self.frames += frames.len() as u64;
         for role in Role::ALL {
@@ -497,7 +500,7 @@ impl Robot for SerialRobot {
             self.task,
             Task::Regulate { .. } | Task::Follow { .. } | Task::Track { .. }
         );
-        let lead = self.control.monitor.latest(Node::Lead);
+        let lead = self.monitor.latest(Node::Lead);
         let lost = lead.is_some_and(|lead| lead.notices.contains(Condition::CommanderSilent));
         if ends_itself && lost && self.link.is_settled() && self.link.is_fresh() {
             let term = TERM / 1_000_000;
@@ -505,8 +508,8 @@ impl Robot for SerialRobot {
                 "the board was without a host for {term} s, and the robot stopped"
             ));
         }
-        self.control.monitor.fault_since(Node::Lead)?;
-        self.control.monitor.why_stopped()
+        self.monitor.fault_since(Node::Lead)?;
+        self.monitor.why_stopped()
     }
 
     fn step(&mut self) -> Result<(), Error> {
@@ -553,6 +556,14 @@ impl Robot for SerialRobot {
                 "front board: the robot did not confirm that it stopped: press its button ({error})"
             ))
         })
+    }
+
+    fn monitor(&self) -> &Monitor {
+        &self.monitor
+    }
+
+    fn monitor_mut(&mut self) -> &mut Monitor {
+        &mut self.monitor
     }
 
     fn control(&self) -> &RunControl {

@@ -122,12 +122,12 @@ fn end_map(data: &PathsPanel) -> Panel {
         .equal_axes();
     let radius = 100.0 * data.tolerance[0];
     let circle = (0..=72).map(|k| {
-        let (sin, cos) = f64::from(5 * k).to_radians().sin_cos();
+        let (sin, cos) = libm::sincos(f64::from(5 * k).to_radians());
         [radius * cos, radius * sin]
     });
     panel.line("tolerance", circle, REFERENCE.stroke);
     let [x, y, phi] = data.goal.unwrap_or_default();
-    let (sin, cos) = phi.sin_cos();
+    let (sin, cos) = libm::sincos(phi);
     for (verdict, posture) in &data.ends {
         let (dx, dy) = (posture[0] - x, posture[1] - y);
         let at = [100.0 * (cos * dx + sin * dy), 100.0 * (cos * dy - sin * dx)];
@@ -189,7 +189,7 @@ fn robot(panel: &mut Panel, body: &Body, snapshot: &Snapshot) {
 
 /// A point given in the frame of a posture.
 fn ahead([x, y, heading]: [f64; 3], [forward, left]: [f64; 2]) -> [f64; 2] {
-    let (sin, cos) = heading.sin_cos();
+    let (sin, cos) = libm::sincos(heading);
     [
         x + cos * forward - sin * left,
         y + sin * forward + cos * left,

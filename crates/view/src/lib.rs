@@ -1,5 +1,13 @@
 //! Pictures of runs: figures and report pages. Start with [`figures`].
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::disallowed_methods,
+        reason = "a test compares with another implementation"
+    )
+)]
+
 #[cfg(test)]
 #[macro_use]
 #[path = "../../../core-algos/src/properties.rs"]

@@ -35,7 +35,7 @@ struct Rounded<const PLACES: i32>(f64);
 
 impl<const PLACES: i32> Serialize for Rounded<PLACES> {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
-        let scale = 10f64.powi(PLACES);
+        let scale = libm::pow(10.0, f64::from(PLACES));
         let value = (self.0 * scale).round() / scale;
         // No number shows as a gap in a plot.
         match value.is_finite() {
@@ -219,7 +219,7 @@ impl Run<'_> {
         let spread = |record: &Record| {
             let [x, y, _] = posture(record.lead.fused.robot.posture);
             let p = &record.lead.fused.robot.covariance;
-            let off = (x - record.midpoint[0]).hypot(y - record.midpoint[1]);
+            let off = libm::hypot(x - record.midpoint[0], y - record.midpoint[1]);
             let sigma = f64::from(p[0][0].max(p[1][1])).max(0.0).sqrt();
             let reach = off + 2.0 * sigma;
             if reach.is_finite() { reach } else { 0.0 }

@@ -5,7 +5,6 @@
 
 use core_algos::fusion::Estimate;
 use serde::{Deserialize, Serialize};
-use statrs::function::gamma::gamma_lr;
 
 /// Expected mean of the beam's normalised innovation squared (NIS). It is below its three degrees of freedom, because the
 /// beam board states the covariance of the worst posture.
@@ -38,11 +37,11 @@ impl Summary {
     /// Directional Statistics, 2000, section 2.3).
     pub fn of_angles(values: &[f64]) -> Self {
         let n = values.len() as f64;
-        let sin = sum(values.iter().map(|angle| angle.sin())) / n;
-        let cos = sum(values.iter().map(|angle| angle.cos())) / n;
-        let spread = (-2.0 * sin.hypot(cos).min(1.0).ln()).sqrt();
+        let sin = sum(values.iter().map(|&angle| libm::sin(angle))) / n;
+        let cos = sum(values.iter().map(|&angle| libm::cos(angle))) / n;
+        let spread = (-2.0 * libm::log(libm::hypot(sin, cos).min(1.0))).sqrt();
         Self {
-            mean: sin.atan2(cos),
+            mean: libm::atan2(sin, cos),
             // As with n − 1 in the denominator, to which it comes for small angles.
             sd: if values.len() < 2 {
                 f64::NAN
@@ -109,16 +108,54 @@ pub fn percentile(values: &[f64], share: f64) -> f64 {
     }
 }
 
+/// Square, the same on every machine: `powi` promises no order of its products.
+pub fn square(x: f64) -> f64 {
+    x * x
+}
+
 /// Share of the values for which `holds` is true; NaN for no values.
 pub fn share(values: &[f64], holds: impl Fn(f64) -> bool) -> f64 {
     values.iter().filter(|value| holds(**value)).count() as f64 / values.len() as f64
+}
+
+/// Regularised lower incomplete gamma function P(a, x), a > 0, x ≥ 0: a series below its middle, a continued fraction
+/// above (Abramowitz and Stegun 6.5.29, 6.5.31). Relative error of P below and of 1 − P above: 1e-12 for a ≤ 1e4.
+fn gamma_p(a: f64, x: f64) -> f64 {
+    if x <= 0.0 {
+        return 0.0;
+    }
+    let factor = libm::exp(a * libm::log(x) - x - libm::lgamma(a));
+    if x < a + 1.0 {
+        let (mut term, mut sum, mut n) = (1.0 / a, 1.0 / a, a);
+        while term > f64::EPSILON * sum {
+            n += 1.0;
+            term *= x / n;
+            sum += term;
+        }
+        return factor * sum;
+    }
+    // Modified Lentz's method.
+    let mut b = x + 1.0 - a;
+    let mut d = 1.0 / b;
+    let (mut c, mut fraction, mut k) = (f64::MAX, d, 0.0);
+    loop {
+        k += 1.0;
+        let numerator = k * (a - k);
+        b += 2.0;
+        d = 1.0 / (b + numerator * d);
+        c = b + numerator / c;
+        fraction *= c * d;
+        if (c * d - 1.0).abs() <= 4.0 * f64::EPSILON {
+            return 1.0 - factor * fraction;
+        }
+    }
 }
 
 /// The value that a χ² variable of `degrees` degrees of freedom stays below with `probability`.
 ///
 /// Bisection of the regularised incomplete gamma function. `probability` in (0, 1), `degrees` > 0.
 pub fn chi_square_quantile(probability: f64, degrees: f64) -> f64 {
-    let below = |x: f64| gamma_lr(0.5 * degrees, 0.5 * x) < probability;
+    let below = |x: f64| gamma_p(0.5 * degrees, 0.5 * x) < probability;
     let (mut low, mut high) = (0.0, degrees.max(1.0));
     while below(high) {
         low = high;
@@ -192,6 +229,7 @@ mod tests {
     use super::*;
     use crate::world::random::{Stream, generator, normal};
     use proptest::prelude::*;
+    use statrs::function::gamma::gamma_lr;
 
     #[test]
     fn chi_square_matches_printed_tables() {
@@ -214,6 +252,20 @@ mod tests {
                 "{probability} {degrees}: {found} for {quantile}"
             );
         }
+    }
+
+    #[test]
+    fn incomplete_gamma_function_is_that_of_statrs() {
+        for a in [0.5, 1.0, 1.5, 3.0, 20.0, 300.0, 1e4] {
+            for share in [1e-6, 0.1, 0.5, 0.9, 0.99, 1.0, 1.01, 1.1, 1.5, 3.0] {
+                let (ours, theirs) = (gamma_p(a, a * share), gamma_lr(a, a * share));
+                assert!(
+                    (ours - theirs).abs() < 1e-11,
+                    "{a} {share}: {ours} {theirs}"
+                );
+            }
+        }
+        assert_eq!(gamma_p(2.0, 0.0), 0.0);
     }
 
     #[test]

@@ -48,15 +48,15 @@ pub struct Path {
 
 fn sample(curve: &Curve, t: f64, s: f64) -> Sample {
     let [[x, y], [dx, dy], [ddx, ddy]] = curve(t);
-    let speed = dx.hypot(dy);
+    let speed = libm::hypot(dx, dy);
     Sample {
         s,
         x,
         y,
-        phi: dy.atan2(dx),
+        phi: libm::atan2(dy, dx),
         // At a cusp the curvature is infinite, not NaN.
         kappa: if speed > 0.0 {
-            (dx * ddy - dy * ddx) / speed.powi(3)
+            (dx * ddy - dy * ddx) / (speed * speed * speed)
         } else {
             f64::INFINITY
         },
@@ -77,7 +77,7 @@ fn arc(curve: &Curve, from: f64, to: f64) -> f64 {
         .iter()
         .map(|(node, weight)| {
             let [_, [dx, dy], _] = curve(middle + half * node);
-            weight * half * dx.hypot(dy)
+            weight * half * libm::hypot(dx, dy)
         })
         .sum()
 }
@@ -119,7 +119,7 @@ impl Path {
             for _ in 0..4 {
                 let [_, [dx, dy], _] = curve(t);
                 let gap = target - s0 - arc(curve, t0, t);
-                t = (t + gap / dx.hypot(dy).max(1e-9)).clamp(t0, t1);
+                t = (t + gap / libm::hypot(dx, dy).max(1e-9)).clamp(t0, t1);
             }
             samples.push(sample(curve, t, target));
         }
@@ -149,7 +149,7 @@ impl Path {
     pub fn circle(radius: f64) -> Result<Self, PathError> {
         positive("radius", radius)?;
         let curve = |t: f64| {
-            let (s, c) = t.sin_cos();
+            let (s, c) = libm::sincos(t);
             [
                 [radius * s, radius * (1.0 - c)],
                 [radius * c, radius * s],
@@ -169,7 +169,7 @@ impl Path {
         positive("half_width", half_width)?;
         let curve = |t: f64| {
             // ρ² = a² cos 2θ with the crossing at t = 0: x = a sin t/(1 + cos²t), y = x cos t.
-            let (s, c) = t.sin_cos();
+            let (s, c) = libm::sincos(t);
             let (q, dq, ddq) = (1.0 + c * c, -2.0 * s * c, 2.0 * (s * s - c * c));
             let quotient = |n: f64, dn: f64, ddn: f64| {
                 let first = (dn * q - n * dq) / (q * q);
@@ -195,7 +195,7 @@ impl Path {
     /// The path turned and shifted so that its origin lies at a posture (m, m, rad).
     #[must_use]
     pub fn placed(&self, [x, y, phi]: [f64; 3]) -> Self {
-        let (s, c) = phi.sin_cos();
+        let (s, c) = libm::sincos(phi);
         let mut path = self.clone();
         for at in path.samples.iter_mut().chain(&mut path.dense) {
             (at.x, at.y) = (x + c * at.x - s * at.y, y + s * at.x + c * at.y);
@@ -317,8 +317,8 @@ impl Path {
         let rise = b.kappa - a.kappa;
         Sample {
             s: a.s + u * h,
-            x: a.x + ease * (b.x - a.x) + leave * a.phi.cos() + arrive * b.phi.cos(),
-            y: a.y + ease * (b.y - a.y) + leave * a.phi.sin() + arrive * b.phi.sin(),
+            x: a.x + ease * (b.x - a.x) + leave * libm::cos(a.phi) + arrive * libm::cos(b.phi),
+            y: a.y + ease * (b.y - a.y) + leave * libm::sin(a.phi) + arrive * libm::sin(b.phi),
             phi: wrapped(a.phi + u * h * (a.kappa + 0.5 * u * rise) + u * missing),
             kappa: a.kappa + u * rise,
         }
@@ -337,7 +337,7 @@ impl Path {
             let (dx, dy) = (b.x - a.x, b.y - a.y);
             let along = dx * (x - a.x) + dy * (y - a.y);
             let u = (along / (dx * dx + dy * dy).max(1e-18)).clamp(0.0, 1.0);
-            let gap = (x - a.x - u * dx).hypot(y - a.y - u * dy);
+            let gap = libm::hypot(x - a.x - u * dx, y - a.y - u * dy);
             if gap < least {
                 (best, least) = (a.s + u * (b.s - a.s), gap);
             }

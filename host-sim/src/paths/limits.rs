@@ -190,7 +190,7 @@ impl Default for Bounds {
 impl Bounds {
     /// Curvature of the path (1/m) at a steering angle (rad): paper eq. 5, and rigid ends.
     fn curvature(&self, psi: f64) -> f64 {
-        let (s, c) = psi.sin_cos();
+        let (s, c) = libm::sincos(psi);
         let sinc = if psi.abs() < 1e-6 { 1.0 } else { s / psi };
         2.0 * s / c / (self.frame_length_m * sinc + 2.0 * self.rigid_end_m * c)
     }

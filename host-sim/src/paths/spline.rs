@@ -114,7 +114,7 @@ impl Path {
         }
         let mut knots = vec![0.0];
         for (i, pair) in waypoints.windows(2).enumerate() {
-            let chord = (pair[1].x - pair[0].x).hypot(pair[1].y - pair[0].y);
+            let chord = libm::hypot(pair[1].x - pair[0].x, pair[1].y - pair[0].y);
             if chord < MIN_SEPARATION_M {
                 return Err(refuse(
                     i + 1,
@@ -127,7 +127,10 @@ impl Path {
             knots.push(knots[i] + chord);
         }
         let last = waypoints.len() - 1;
-        let gap = (waypoints[last].x - waypoints[0].x).hypot(waypoints[last].y - waypoints[0].y);
+        let gap = libm::hypot(
+            waypoints[last].x - waypoints[0].x,
+            waypoints[last].y - waypoints[0].y,
+        );
         let closed = last >= 3 && gap < MIN_SEPARATION_M;
         let mut values = [
             waypoints.iter().map(|p| p.x).collect::<Vec<_>>(),

@@ -2,6 +2,7 @@
 
 use super::curve::{Path, Sample, cubic};
 use super::limits::{Bounds, PathError, positive};
+use crate::base::statistics::square;
 use core_algos::control::path::TrajectoryPoint;
 
 /// Time to take up a bend before a trajectory starts, beyond what the steering rate needs, s.
@@ -112,10 +113,10 @@ impl Trajectory {
         speed[0] = 0.0;
         speed[n - 1] = 0.0;
         for i in 1..n {
-            speed[i] = speed[i].min((speed[i - 1].powi(2) + 2.0 * acceleration * step).sqrt());
+            speed[i] = speed[i].min((square(speed[i - 1]) + 2.0 * acceleration * step).sqrt());
         }
         for i in (0..n - 1).rev() {
-            speed[i] = speed[i].min((speed[i + 1].powi(2) + 2.0 * acceleration * step).sqrt());
+            speed[i] = speed[i].min((square(speed[i + 1]) + 2.0 * acceleration * step).sqrt());
         }
 
         let law = TimeLaw::new(samples, &speed, step);

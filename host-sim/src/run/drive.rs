@@ -63,7 +63,7 @@ pub fn drive<R: Robot>(
     let settle = settle.max(robot.now().next_multiple_of(EPOCH));
     let limit = settle.saturating_add(micros(limit_s));
     let rest = micros(scenario.mission.rest_s).max(CONFIRMED);
-    robot.control_mut().monitor.begin_task();
+    robot.monitor_mut().begin_task();
     // Other tasks, and their failures, are those of the errand.
     let given = errand.task().is_some();
     let (mut began, mut done_at): (Option<Micros>, Option<Micros>) = (None, None);

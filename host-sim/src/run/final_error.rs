@@ -22,9 +22,9 @@ impl FinalError {
     /// The errors of a posture against a goal.
     pub fn of(posture: [f64; 3], goal: [f64; 3]) -> Self {
         let (dx, dy) = (goal[0] - posture[0], goal[1] - posture[1]);
-        let sight = dy.atan2(dx);
+        let sight = libm::atan2(dy, dx);
         Self {
-            e_m: dx.hypot(dy),
+            e_m: libm::hypot(dx, dy),
             heading_rad: wrap(posture[2] - goal[2]),
             theta_rad: wrap(sight - goal[2]),
             alpha_rad: wrap(sight - posture[2]),

@@ -11,6 +11,7 @@ pub mod path_run;
 pub mod real_time;
 pub mod recovery;
 pub mod regulate;
+pub mod rig;
 pub mod robot;
 pub mod script;
 pub mod simulation;

@@ -2,6 +2,7 @@
 //! midpoint.
 
 use crate::base::error::Error;
+use crate::base::statistics::square;
 use crate::paths::{
     Bounds, MAX_LENGTH_M, Path, PathError, SPACING_M, Sample, StartFault, TimeLimits, Trajectory,
 };
@@ -198,12 +199,12 @@ pub struct Deviation {
 impl Deviation {
     fn of(at: [f64; 3], target: &Sample) -> Self {
         let (dx, dy) = (at[0] - target.x, at[1] - target.y);
-        let (s, c) = target.phi.sin_cos();
+        let (s, c) = libm::sincos(target.phi);
         let turn = std::f64::consts::TAU;
         let heading = at[2] - target.phi;
         Self {
             lateral_m: c * dy - s * dx,
-            distance_m: dx.hypot(dy),
+            distance_m: libm::hypot(dx, dy),
             heading_rad: heading - turn * (heading / turn).round(),
         }
     }
@@ -253,8 +254,8 @@ struct Sums {
 
 impl Sums {
     fn add(&mut self, deviation: &Deviation) {
-        self.distance += deviation.distance_m.powi(2);
-        self.heading += deviation.heading_rad.powi(2);
+        self.distance += square(deviation.distance_m);
+        self.heading += square(deviation.heading_rad);
         self.max = self.max.max(deviation.distance_m);
         self.max_lateral = self.max_lateral.max(deviation.lateral_m.abs());
         self.count += 1.0;
@@ -335,7 +336,7 @@ impl<R: Robot, F: FnMut(&Moment)> Errand<R> for Drive<'_, F> {
             target: self.route.path.at(self.places[0]),
             truth: deviations[0],
             estimate: deviations[1],
-            curvature: 2.0 * (0.5 * heading).tan() / x.hypot(y),
+            curvature: 2.0 * libm::tan(0.5 * heading) / libm::hypot(x, y),
             record: *record,
         };
         self.max_curvature = self.max_curvature.max(self.moment.curvature.abs());

@@ -3,7 +3,7 @@
 
 use crate::targets::What;
 use core_algos::bus::field::CalibrationResult;
-use core_algos::bus::{self, CanFrame, Message};
+use core_algos::bus::{self, CanFrame, Message, layout};
 use core_algos::safety::{Condition, Conditions, OperatingState};
 use core_algos::topology::Node;
 use serde::{Serialize, Serializer};
@@ -99,9 +99,18 @@ pub struct Monitor {
     pub calibrated: Option<(CalibrationResult, u8)>,
 }
 
+/// True for a message that the monitor decodes; most frames on the bus hold others.
+fn is_monitored(frame: &CanFrame) -> bool {
+    let name = layout::find(frame.id).map_or("", |layout| layout.name);
+    name.starts_with("NodeStatus") || frame.id == layout::id::BEAM_CALIBRATED
+}
+
 impl Monitor {
     /// Takes in a frame that was sent at a tick (ms).
     pub fn see(&mut self, tick: u32, frame: &CanFrame) {
+        if !is_monitored(frame) {
+            return;
+        }
         let message = bus::decode(frame);
         if let Ok(Message::BeamCalibrated { result, gauge, .. }) = message {
             self.calibrated = Some((result, gauge));

@@ -2,6 +2,7 @@
 
 use crate::base::error::Error;
 use crate::base::statistics::nees;
+use crate::base::statistics::square;
 use crate::run::drive::{Errand, Progress, drive};
 use crate::run::end::{Ended, RunEnd};
 use crate::run::robot::{Record, Robot};
@@ -95,9 +96,9 @@ impl Drive {
         const EPOCH_S: f64 = EPOCH as f64 * 1e-6;
         let [x, y, phi] = self.last;
         let (dx, dy) = (record.midpoint[0] - x, record.midpoint[1] - y);
-        let ahead = dx * phi.cos() + dy * phi.sin();
+        let ahead = dx * libm::cos(phi) + dy * libm::sin(phi);
         let turned = (record.midpoint[2] - phi + PI).rem_euclid(TAU) - PI;
-        self.path_m += dx.hypot(dy);
+        self.path_m += libm::hypot(dx, dy);
         if ahead.abs() > PATH_CURVATURE_SPEED_M_S * EPOCH_S {
             self.path_curvature = self.path_curvature.max((turned / ahead).abs());
         }
@@ -151,7 +152,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Regulation<F> {
     fn tick(&mut self, robot: &R) -> Progress {
         let force = robot.plant().map(|plant| plant.wrench().force);
         let [x, y] = force.unwrap_or([f64::NAN; 2]);
-        self.force_square += x.powi(2) + y.powi(2);
+        self.force_square += square(x) + square(y);
         self.ticks += 1;
         self.drive.steering = self.drive.steering.max(robot.steering().abs());
         Progress::Driving
@@ -218,8 +219,8 @@ pub fn curvature(geometry: &Geometry, steering: f64) -> f64 {
     let (length, rigid) = (geometry.frame_length_m, geometry.rigid_end_m);
     let ratio = match steering.abs() < 1e-9 {
         true => 1.0,
-        false => steering.sin() / steering,
+        false => libm::sin(steering) / steering,
     };
-    let chord = f64::from(length) * ratio + 2.0 * f64::from(rigid) * steering.cos();
-    2.0 * steering.tan() / chord
+    let chord = f64::from(length) * ratio + 2.0 * f64::from(rigid) * libm::cos(steering);
+    2.0 * libm::tan(steering) / chord
 }

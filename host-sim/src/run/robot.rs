@@ -113,7 +113,7 @@ impl Record {
 
 /// The strip between the axles: the cubic with their headings at its ends.
 fn strip([front, rear]: [[f64; 3]; 2]) -> [[f32; 2]; FRAME_POINTS] {
-    let length = (front[0] - rear[0]).hypot(front[1] - rear[1]);
+    let length = libm::hypot(front[0] - rear[0], front[1] - rear[1]);
     std::array::from_fn(|i| {
         let t = i as f64 / (FRAME_POINTS - 1) as f64;
         let (t2, t3) = (t * t, t * t * t);
@@ -123,7 +123,7 @@ fn strip([front, rear]: [[f64; 3]; 2]) -> [[f32; 2]; FRAME_POINTS] {
             let slopes = out * direction(rear[2]) + into * direction(front[2]);
             (start * rear[k] + end * front[k] + length * slopes) as f32
         };
-        [along(0, f64::cos), along(1, f64::sin)]
+        [along(0, libm::cos), along(1, libm::sin)]
     })
 }
 
@@ -177,8 +177,6 @@ pub struct RunControl {
     pub pace: Option<RealTimeLimiter>,
     /// Observers of the state.
     pub observers: Observers,
-    /// Monitor of the heartbeats.
-    pub monitor: Monitor,
 }
 
 impl Clone for RunControl {
@@ -189,7 +187,6 @@ impl Clone for RunControl {
             interrupt: self.interrupt.clone(),
             pace: self.pace.clone(),
             observers: Observers::new(),
-            monitor: self.monitor.clone(),
         }
     }
 }
@@ -225,10 +222,10 @@ pub trait Robot {
     /// Counters of the bus between the boards.
     fn bus(&self) -> BusStatistics;
 
-    /// Monitor of the heartbeats.
-    fn monitor(&self) -> &Monitor {
-        &self.control().monitor
-    }
+    /// Heartbeats of the nodes.
+    fn monitor(&self) -> &Monitor;
+    /// Heartbeats of the nodes, to begin anew.
+    fn monitor_mut(&mut self) -> &mut Monitor;
 
     /// Age of the estimates in a record at the end of an epoch, µs. The lead node works on those of the epoch that has
     /// just passed.
@@ -328,7 +325,7 @@ pub trait Robot {
         self.plant().map_or(f64::NAN, |plant| {
             let speeds = plant.state().axle.map(|axle| {
                 let [forward, across, _] = axle.velocity;
-                forward.hypot(across)
+                libm::hypot(forward, across)
             });
             speeds[0].max(speeds[1])
         })

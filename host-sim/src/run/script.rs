@@ -432,7 +432,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
             }
             (Step::Zero, Some(_), _) if off && !self.asked => {
                 self.asked = true;
-                robot.control_mut().monitor.calibrated = None;
+                robot.monitor_mut().calibrated = None;
                 let request = Message::BeamCalibration {
                     sequence: 0,
                     calibrate: Calibrate::Zero(0.0),
@@ -473,7 +473,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
             Step::Clear => over(passed(0.05) && is_clear(robot)),
             Step::Pose([x, y, _]) => {
                 let at = lead.fused.robot.posture;
-                let off = (f64::from(at.x) - x).hypot(f64::from(at.y) - y);
+                let off = libm::hypot(f64::from(at.x) - x, f64::from(at.y) - y);
                 over(self.asked && robot.is_settled() && off < 1e-3)
             }
             Step::Zero => {

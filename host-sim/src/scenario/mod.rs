@@ -74,7 +74,7 @@ impl Mission {
     /// True if a posture is within the tolerance of a goal.
     pub fn is_near(&self, at: [f64; 3], goal: [f64; 3]) -> bool {
         let turn = libm::remainder(at[2] - goal[2], std::f64::consts::TAU);
-        (at[0] - goal[0]).hypot(at[1] - goal[1]) <= self.tolerance_m
+        libm::hypot(at[0] - goal[0], at[1] - goal[1]) <= self.tolerance_m
             && turn.abs() <= self.tolerance_rad
     }
 

@@ -41,8 +41,9 @@ impl InProcess {
         }
     }
 
-    fn off(&self) -> Fault {
-        Fault::Silent(format!("{} board is off", self.role.name()))
+    /// Answer of a board that is off.
+    fn off(role: Role) -> Fault {
+        Fault::Silent(format!("{} board is off", role.name()))
     }
 
     fn lead(&mut self) -> Option<&mut LeadNode> {
@@ -71,8 +72,8 @@ impl Target for InProcess {
     }
 
     fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
-        let off = self.off();
-        let lead = self.lead().ok_or(off)?;
+        let role = self.role;
+        let lead = self.lead().ok_or_else(|| Self::off(role))?;
         let mut orders = command.orders().into_iter();
         let refused = |error| Error::input(format!("{}: {error}", command.subject()));
         Ok(orders
@@ -100,9 +101,8 @@ impl Target for InProcess {
     }
 
     fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
-        let off = self.off();
         let (Some(board), Some((tick, samples))) = (&mut self.board, self.tick.take()) else {
-            return Err(off);
+            return Err(Self::off(self.role));
         };
         self.outbox.clear();
         let output = board.step(Micros::from(tick) * TICK, &samples, &mut self.outbox);

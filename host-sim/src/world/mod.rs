@@ -11,6 +11,7 @@ pub mod drawn;
 pub mod effect;
 pub mod faults;
 mod figures;
+pub mod normal;
 pub mod random;
 pub mod sensors;
 mod spread;
@@ -384,7 +385,7 @@ mod tests {
         assert!(robot.truth() != before);
         // What boards are told of it is what a straight edge shows, and no more.
         let told = [&plain, &other].map(|scenario| {
-            let mut told = crate::run::simulation::calibrated(scenario, &scenario.world.draw(7, 3));
+            let mut told = crate::run::rig::board_config(scenario, &scenario.world.draw(7, 3));
             told.beam.calibration.zero_counts = plain.robot.beam.calibration.zero_counts;
             told
         });

@@ -4,8 +4,8 @@
 //! trials of one number meet the same imperfections and the same noise with any sensors fitted, so
 //! that they can be compared in pairs.
 
+use super::normal::standard_normal;
 use rand::SeedableRng;
-use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
 /// A random stream. The number is part of the generator's seed: it must never change its meaning.
@@ -90,6 +90,5 @@ pub fn bounded(generator: &mut Pcg64, sigma: f64) -> f64 {
 
 /// A draw from the normal distribution of mean 0 and the given standard deviation.
 pub fn normal(generator: &mut Pcg64, sigma: f64) -> f64 {
-    let draw: f64 = StandardNormal.sample(generator);
-    sigma * draw
+    sigma * standard_normal(generator)
 }

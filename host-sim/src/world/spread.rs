@@ -86,7 +86,7 @@ impl Spread {
     fn errors(&self, mut draw: impl FnMut(f64) -> f64) -> PlantErrors {
         let mut drawn = PlantErrors::none();
         for factor in drawn.slip_stiffness_factor.as_flattened_mut() {
-            *factor = draw(self.slip_stiffness).exp();
+            *factor = libm::exp(draw(self.slip_stiffness));
         }
         drawn.bending_stiffness_factor += draw(self.bending_stiffness);
         drawn.strip_length_m = draw(self.strip_length_m);

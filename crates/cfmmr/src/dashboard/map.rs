@@ -45,7 +45,7 @@ pub fn draw(frame: &mut Frame, area: Rect, view: &View) {
                 Color::White,
             );
             for [x, y, phi] in view.seen.axles {
-                let (s, c) = phi.sin_cos();
+                let (s, c) = libm::sincos(phi);
                 let end = |side: f64| [x - side * HALF_TRACK_M * s, y + side * HALF_TRACK_M * c];
                 lines(&[end(1.0), end(-1.0)], Color::White);
             }
@@ -53,7 +53,7 @@ pub fn draw(frame: &mut Frame, area: Rect, view: &View) {
             if x.is_nan() {
                 return;
             }
-            let ahead = [x + 0.1 * phi.cos(), y + 0.1 * phi.sin()];
+            let ahead = [x + 0.1 * libm::cos(phi), y + 0.1 * libm::sin(phi)];
             lines(&[[x, y], ahead], Color::Green);
             context.print(x, y, "+");
         });
@@ -96,7 +96,7 @@ fn ellipse(view: &View) -> Vec<[f64; 2]> {
     let b = if a > 0.0 { p(0, 1) / a } else { 0.0 };
     let c = (p(1, 1) - b * b).max(0.0).sqrt();
     let point = |i: u32| {
-        let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / 48.0).sin_cos();
+        let (sin, cos) = libm::sincos(std::f64::consts::TAU * f64::from(i) / 48.0);
         [x + SCALE_95 * a * cos, y + SCALE_95 * (b * cos + c * sin)]
     };
     (0..48).map(point).collect()

@@ -186,7 +186,7 @@ pub fn draw(
     let error = |record: &Record| {
         let at = record.lead.fused.robot.posture;
         let [x, y, phi] = record.midpoint;
-        let off = (f64::from(at.x) - x).hypot(f64::from(at.y) - y);
+        let off = libm::hypot(f64::from(at.x) - x, f64::from(at.y) - y);
         [[f64::NAN; 2], [off, f64::from(at.phi) - phi]]
     };
     let run = page::Run {
@@ -224,7 +224,7 @@ pub fn table(steps: &[StepEnd]) -> String {
     } in steps
     {
         let [x, y, phi] = end.estimate.unwrap_or([f64::NAN; 3]);
-        let off = end.truth.map(|[a, b, _]| (a - x).hypot(b - y));
+        let off = end.truth.map(|[a, b, _]| libm::hypot(a - x, b - y));
         let number = |value: f64, digits: usize| match value.is_nan() {
             true => String::new(),
             false => format!("{value:.digits$}"),

@@ -337,7 +337,7 @@ fn snapshots(records: &[Record]) -> Vec<Snapshot> {
         };
         let apart = |other: &&Record| {
             let [x, y, _] = other.midpoint;
-            (record.midpoint[0] - x).hypot(record.midpoint[1] - y) > APART_M
+            libm::hypot(record.midpoint[0] - x, record.midpoint[1] - y) > APART_M
         };
         if shown.iter().all(apart) {
             shown.push(record);

@@ -336,12 +336,14 @@ impl Strip {
     pub fn energy(&self, e: &Equilibrium) -> f64 {
         let mut u = 0.5 * e.end[2] * e.end[2];
         for i in 0..MODES {
-            u += 0.5 * BENDING[i / 4][i % 4] * (e.unknowns[i] - self.natural[i]).powi(2);
+            let bend = e.unknowns[i] - self.natural[i];
+            u += 0.5 * BENDING[i / 4][i % 4] * (bend * bend);
         }
         let (fx, fy) = (e.unknowns[MODES], e.unknowns[MODES + 1]);
         for (node, weight) in gauss() {
             let (sin, cos) = libm::sincos(self.angle(e, node));
-            u += 0.5 * weight * self.stretch * (fx * cos + fy * sin).powi(2);
+            let pull = fx * cos + fy * sin;
+            u += 0.5 * weight * self.stretch * (pull * pull);
         }
         u * self.scale[2]
     }

@@ -35,12 +35,11 @@ impl Plant {
 
     /// Copy computed without vector instructions; its results must be the same.
     pub fn portable(&self) -> Self {
-        let mut portable = self.clone();
-        #[cfg(target_arch = "x86_64")]
-        {
-            portable.wide = false;
+        Self {
+            #[cfg(target_arch = "x86_64")]
+            wide: false,
+            ..self.clone()
         }
-        portable
     }
 
     /// Copy on frictionless ground, where the frame alone acts.

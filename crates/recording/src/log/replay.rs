@@ -17,6 +17,7 @@ use core_algos::time::{Micros, TICK};
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::base::statistics::nees;
+use host_sim::base::statistics::square;
 use host_sim::run::bit_compare::{lead_difference, show_frame};
 use host_sim::targets::{Fault, InProcess, Posted, Target};
 use serde::Serialize;
@@ -423,16 +424,16 @@ struct Errors {
 impl Errors {
     fn add(&mut self, fused: &robot::Output, (robot, apart): (Pose, Pose)) {
         let seen = Pose::from(fused.robot.posture);
-        let distance = (seen.x_m - robot.x_m).hypot(seen.y_m - robot.y_m);
+        let distance = libm::hypot(seen.x_m - robot.x_m, seen.y_m - robot.y_m);
         let turn = std::f64::consts::TAU;
         let heading = seen.phi_rad - robot.phi_rad;
         let heading = heading - turn * (heading / turn).round();
         let relative = Pose::from(fused.front.posture.relative_to(fused.rear.posture));
         let apart = [relative.x_m - apart.x_m, relative.y_m - apart.y_m];
-        self.position += distance.powi(2);
+        self.position += square(distance);
         self.position_max = self.position_max.max(distance);
-        self.heading += heading.powi(2);
-        self.relative += apart[0].powi(2) + apart[1].powi(2);
+        self.heading += square(heading);
+        self.relative += square(apart[0]) + square(apart[1]);
         self.nees += nees(&fused.robot, robot.into());
         self.last = [distance, heading];
         self.count += 1;

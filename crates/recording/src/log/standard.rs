@@ -31,7 +31,7 @@ fn translation(pose: &Planar) -> Vector3 {
 }
 
 fn rotation(phi: f64) -> Quaternion {
-    let (z, w) = (0.5 * phi).sin_cos();
+    let (z, w) = libm::sincos(0.5 * phi);
     Quaternion {
         x: 0.0,
         y: 0.0,
@@ -98,7 +98,7 @@ pub fn scene(nanos: u64, record: &Record, body: &Body) -> SceneUpdate {
         indices: Vec::new(),
     };
     for [x, y, phi] in record.axles {
-        let (s, c) = phi.sin_cos();
+        let (s, c) = libm::sincos(phi);
         let wheels = [body.half_track_m, -body.half_track_m].map(|d| (x - d * s, y + d * c));
         for (x_m, y_m) in wheels {
             let mut place = pose(&[x_m, y_m, phi].into());

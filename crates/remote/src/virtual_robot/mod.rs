@@ -38,7 +38,7 @@ use core_algos::time::{EPOCH, Micros};
 use core_algos::topology::{Node, Role};
 use host_sim::base::error::Error;
 use host_sim::bus::virtual_bus::BusStatistics;
-use host_sim::run::recovery::NODES;
+use host_sim::run::recovery::{Monitor, NODES};
 use host_sim::run::robot::{FRAME_POINTS, Record, Robot, RunControl};
 use host_sim::scenario::Scenario;
 use host_sim::targets::{BoardTraffic, HostCommand, Room};
@@ -117,6 +117,8 @@ pub struct VirtualRobot {
     booted: Time,
     tick: u64,
     control: RunControl,
+    /// Heartbeats of the nodes.
+    monitor: Monitor,
     /// Loss of a board that ends the run.
     failure: Option<String>,
     tools: Tools,
@@ -252,6 +254,7 @@ impl VirtualRobot {
             booted: Time(0),
             tick: 0,
             control: RunControl::default(),
+            monitor: Monitor::default(),
             failure: None,
             tools: Tools::default(),
             blocked: None,
@@ -362,7 +365,7 @@ impl VirtualRobot {
         let fitted = |node: &Node| *node != Node::Beam || self.roles.contains(&Role::Beam);
         for node in NODES.into_iter().filter(fitted) {
             let name = node.name();
-            match self.control.monitor.latest(node) {
+            match self.monitor.latest(node) {
                 None => return Some(format!("no heartbeat of {name}")),
                 Some(status) if status.state != OperatingState::Idle || status.reason.is_some() => {
                     return Some(status.to_string());
@@ -496,9 +499,7 @@ impl VirtualRobot {
                 data,
             };
             let at = record.end - self.booted;
-            self.control
-                .monitor
-                .see((at.micros() / 1000) as u32, &frame);
+            self.monitor.see((at.micros() / 1000) as u32, &frame);
             let Ok(message) = bus::decode(&frame) else {
                 continue;
             };
@@ -538,10 +539,10 @@ impl Robot for VirtualRobot {
         if self.failure.is_some() {
             return self.failure.clone();
         }
-        let fault = self.control.monitor.fault_since(Node::Lead)?;
+        let fault = self.monitor.fault_since(Node::Lead)?;
         let lasts = self.tick.saturating_sub(fault) >= GRACE;
         (lasts && !self.restart_pending())
-            .then(|| self.control.monitor.why_stopped())
+            .then(|| self.monitor.why_stopped())
             .flatten()
     }
 
@@ -561,6 +562,14 @@ impl Robot for VirtualRobot {
 
     fn plant(&self) -> Option<&Plant> {
         Some(&self.plant)
+    }
+
+    fn monitor(&self) -> &Monitor {
+        &self.monitor
+    }
+
+    fn monitor_mut(&mut self) -> &mut Monitor {
+        &mut self.monitor
     }
 
     fn control(&self) -> &RunControl {

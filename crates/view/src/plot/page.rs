@@ -245,7 +245,7 @@ impl Page {
             dash: Dash::Solid,
         };
         if let Some(heading) = heading {
-            let (sin, cos) = heading.sin_cos();
+            let (sin, cos) = libm::sincos(heading);
             let length = 3.3 * r;
             self.line(&[(x, y), (x + length * cos, y - length * sin)], stroke);
         }

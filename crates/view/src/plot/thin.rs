@@ -69,7 +69,7 @@ fn distance_to_segment(p: (f64, f64), a: (f64, f64), b: (f64, f64)) -> f64 {
     } else {
         0.0
     };
-    (p.0 - a.0 - along * dx).hypot(p.1 - a.1 - along * dy)
+    libm::hypot(p.0 - a.0 - along * dx, p.1 - a.1 - along * dy)
 }
 
 /// Pieces that a pattern of drawn and omitted lengths leaves of a line; the whole line if it is empty.
@@ -85,7 +85,7 @@ pub(super) fn dashes(points: &[(f64, f64)], pattern: &[f64]) -> Vec<Vec<(f64, f6
     let (mut draws, mut left) = (true, first);
     for pair in points.windows(2) {
         let ((x0, y0), (x1, y1)) = (pair[0], pair[1]);
-        let length = (x1 - x0).hypot(y1 - y0);
+        let length = libm::hypot(x1 - x0, y1 - y0);
         let mut done = 0.0;
         while length - done > left {
             done += left;

@@ -114,7 +114,7 @@ impl Divider {
     pub fn output(&mut self, at: Time) -> f64 {
         let target = self.share * self.input_v;
         if self.tau_s > 0.0 {
-            let left = (-span_s(self.now, at) / self.tau_s).exp();
+            let left = libm::exp(-span_s(self.now, at) / self.tau_s);
             self.output_v = target + (self.output_v - target) * left;
         } else {
             self.output_v = target;

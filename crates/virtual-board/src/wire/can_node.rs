@@ -94,7 +94,7 @@ impl Noise {
         self.state ^= self.state << 17;
         let uniform = ((self.state >> 11) as f64 + 0.5) / (1u64 << 53) as f64;
         self.left = if self.rate > 0.0 {
-            (uniform.ln() / (-self.rate.min(1.0)).ln_1p()) as u64
+            (libm::log(uniform) / libm::log1p(-self.rate.min(1.0))) as u64
         } else {
             u64::MAX
         };

@@ -105,7 +105,7 @@ impl BridgeConfig {
 
     /// Strain of one count of a bridge without gain error: the board's nominal scale factor.
     pub fn strain_per_count(&self) -> f64 {
-        1.0 / (self.range_per_strain() * f64::from(self.converter_bits).exp2())
+        1.0 / (self.range_per_strain() * libm::exp2(f64::from(self.converter_bits)))
     }
 
     /// Largest magnitude of a count: the converter is saturated there.
@@ -145,7 +145,7 @@ pub(super) struct LowPass {
 impl LowPass {
     pub fn new(bandwidth_hz: f64) -> Self {
         let ratio = TAU * bandwidth_hz * SAMPLE_PERIOD_S;
-        let pole = (-ratio).exp();
+        let pole = libm::exp(-ratio);
         let weight_new = 1.0 - (1.0 - pole) / ratio;
         Self {
             pole,
@@ -187,7 +187,7 @@ impl GaugeAgeing {
     /// A gauge whose zero moves by `zero_per_k` (strain) for a rise of 1 K, and that creeps by so much
     /// more than its kind, at rest until now.
     pub fn new(config: &BridgeConfig, zero_per_k: f64, creep_error: f64) -> Self {
-        let step = |time: f64| -(-SAMPLE_PERIOD_S / time).exp_m1();
+        let step = |time: f64| -libm::expm1(-SAMPLE_PERIOD_S / time);
         Self {
             creep_share: config.creep_share + creep_error,
             creep_step: step(config.creep_time_s),

@@ -29,7 +29,7 @@ impl ConverterError {
         let kernel: Vec<_> = (-steps..=steps)
             .map(|step| {
                 let deviation = f64::from(step) / STEPS;
-                (deviation * noise, (-0.5 * deviation * deviation).exp())
+                (deviation * noise, libm::exp(-0.5 * deviation * deviation))
             })
             .collect();
         let weight: f64 = kernel.iter().map(|(_, weight)| weight).sum();

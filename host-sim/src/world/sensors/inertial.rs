@@ -2,8 +2,8 @@
 
 use super::SAMPLE_RATE_HZ;
 use super::delay::{Delay, Drift};
+use crate::world::normal::standard_normal;
 use crate::world::random::normal;
-use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
@@ -87,11 +87,11 @@ impl<Kind> InertialConfig<Kind> {
     /// come since.
     pub(super) fn draw_bias(&self, random: &mut Pcg64) -> f64 {
         let raw = normal(random, self.bias_sigma);
-        let rest: f64 = StandardNormal.sample(random);
+        let rest = standard_normal(random);
         if self.rest_average_s > 0.0 {
             // White noise averaged over T has an equivalent bandwidth of 1/(2T).
             let averaged = self.noise_density / (2.0 * self.rest_average_s).sqrt();
-            rest * averaged.hypot(self.bias_walk * self.rest_age_s.sqrt())
+            rest * libm::hypot(averaged, self.bias_walk * self.rest_age_s.sqrt())
         } else {
             raw
         }
@@ -123,7 +123,7 @@ impl InertialChannel {
             bias: Drift::new(bias, config.bias_walk),
             scale: 1.0 + scale_error,
             noise_sigma: config.noise_sigma(),
-            resolution: 2.0 * config.range / f64::from(config.bits).exp2(),
+            resolution: 2.0 * config.range / libm::exp2(f64::from(config.bits)),
             range: config.range,
             fitted: config.fitted,
             delay: Delay::new(config.delay_ms),

@@ -28,7 +28,7 @@ use core_algos::config::ConfigError;
 use delay::Delay;
 use inertial::InertialChannel;
 use rand::RngExt;
-use rand_distr::{Distribution, Uniform};
+use rand::distr::{Distribution, Uniform};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use std::sync::Arc;

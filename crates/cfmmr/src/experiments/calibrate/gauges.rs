@@ -2,6 +2,7 @@
 //! on formers of known curvature.
 
 use core_algos::beam::MAX_GAUGES;
+use host_sim::base::statistics::square;
 
 /// Mean counts of the gauges while the strip was held at a known strain.
 #[derive(Clone, Copy, Debug)]
@@ -19,7 +20,7 @@ pub fn fit(held: &[Held], gauge: usize, strain_per_count: f64) -> Option<(f64, f
     let mean = |value: &dyn Fn(&Held) -> f64| held.iter().map(value).sum::<f64>() / count;
     let strain = mean(&|item| item.strain);
     let counts = mean(&|item| item.counts[gauge]);
-    let square = mean(&|item| (item.strain - strain).powi(2));
+    let square = mean(&|item| square(item.strain - strain));
     let product = mean(&|item| (item.strain - strain) * (item.counts[gauge] - counts));
     let counts_per_strain = product / square;
     let gain = 1.0 / (counts_per_strain * strain_per_count);

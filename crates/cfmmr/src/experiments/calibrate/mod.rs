@@ -16,6 +16,7 @@ use core_algos::time::EPOCH;
 use core_algos::topology::Role;
 use gauges::Held;
 use host_sim::base::error::Error;
+use host_sim::base::statistics;
 use host_sim::paths::{Path, Waypoint};
 use host_sim::run::final_error::wrap;
 use host_sim::run::path_run;
@@ -212,7 +213,7 @@ impl Bench {
                 let rate = match (part, (0.01..0.99).contains(&share)) {
                     (1, true) => {
                         let phase = (share - 0.01) / 0.98;
-                        turned / (0.98 * TURNING as f64 * 1e-3) * (1.0 - (TAU * phase).cos())
+                        turned / (0.98 * TURNING as f64 * 1e-3) * (1.0 - libm::cos(TAU * phase))
                     }
                     _ => 0.0,
                 };
@@ -246,7 +247,7 @@ pub fn square(way: f64) -> Result<Path, Error> {
     let (side, inner) = (2.0 * HALF_SIDE_M, HALF_SIDE_M - CORNER_M);
     let mut points = Vec::new();
     for quarter in 0..4 {
-        let (s, c) = (f64::from(quarter) * TAU / 4.0).sin_cos();
+        let (s, c) = libm::sincos(f64::from(quarter) * TAU / 4.0);
         let mut add = |x: f64, y: f64| {
             // Turned about the middle of the square.
             let y = y - HALF_SIDE_M;
@@ -256,7 +257,7 @@ pub fn square(way: f64) -> Result<Path, Error> {
         add(0.0, 0.0);
         add(0.5 * inner, 0.0);
         for k in 0..6 {
-            let (s, c) = (f64::from(k) * TAU / 24.0).sin_cos();
+            let (s, c) = libm::sincos(f64::from(k) * TAU / 24.0);
             add(inner + CORNER_M * s, CORNER_M * (1.0 - c));
         }
         add(HALF_SIDE_M, CORNER_M);
@@ -324,7 +325,7 @@ impl Seen {
         let (mut sums, mut count) = ([0.0; 3], 0.0);
         for (seen, truth) in pairs {
             for k in 0..3 {
-                sums[k] += (seen[k] - truth[k]).powi(2);
+                sums[k] += statistics::square(seen[k] - truth[k]);
             }
             count += 1.0;
         }
@@ -346,7 +347,7 @@ pub fn believed(scenario: &Scenario, role: Role) -> Result<wheels::Axle, Error> 
 
 /// A posture seen from another one.
 fn between(from: [f64; 3], to: [f64; 3]) -> [f64; 3] {
-    let (s, c) = from[2].sin_cos();
+    let (s, c) = libm::sincos(from[2]);
     let (x, y) = (to[0] - from[0], to[1] - from[1]);
     [c * x + s * y, c * y - s * x, wrap(to[2] - from[2])]
 }

@@ -145,7 +145,7 @@ pub(super) fn calibrate_wheels(
     let before = Squares::drive(scenario, bench, laps)?;
     let mut creep = [0.0; 2];
     for (i, role) in [Role::Front, Role::Rear].into_iter().enumerate() {
-        let length = |[x, y, _]: [f64; 3]| x.hypot(y);
+        let length = |[x, y, _]: [f64; 3]| libm::hypot(x, y);
         let scales = straight
             .iter()
             .map(|run| length(run.axles[i].end) / length(run.axles[i].lap.end()));
@@ -312,7 +312,7 @@ pub(super) fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<
         let errors = [&before, &after].map(|run| 1e3 * run.heading[i].abs());
         report.effect(format!("{name} axle's heading after a lap"), "mrad", errors);
     }
-    let errors = [&before, &after].map(|run| 1e3 * run.robot[0].hypot(run.robot[1]));
+    let errors = [&before, &after].map(|run| 1e3 * libm::hypot(run.robot[0], run.robot[1]));
     report.effect("robot's estimate after a lap", "mm", errors);
     Ok(report)
 }

@@ -1,5 +1,7 @@
 //! Scale and bias of a gyro from turns by known angles, with a rest before and after each.
 
+use host_sim::base::statistics::square;
+
 /// Readings of a gyro, rad/s, at a fixed interval.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sum {
@@ -41,10 +43,10 @@ impl Turn {
 /// True rate over the one read, by least squares over the turns; none without a turn.
 pub fn gain(turns: &[Turn], interval_s: f64) -> Option<f64> {
     let read = |turn: &Turn| (turn.turning.total - turn.bias() * turn.turning.count) * interval_s;
-    let square: f64 = turns.iter().map(|turn| read(turn).powi(2)).sum();
+    let squares: f64 = turns.iter().map(|turn| square(read(turn))).sum();
     let product: f64 = turns.iter().map(|turn| read(turn) * turn.angle).sum();
-    let gain = product / square;
-    (square > 0.0 && gain.is_finite()).then_some(gain)
+    let gain = product / squares;
+    (squares > 0.0 && gain.is_finite()).then_some(gain)
 }
 
 #[cfg(test)]

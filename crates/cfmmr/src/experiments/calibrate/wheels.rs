@@ -44,7 +44,7 @@ impl Lap {
             x -= span * ((x - x0) / span).round();
             y -= span * ((y - y0) / span).round();
             let turn = wrap(phi - phi0);
-            let (s, c) = (phi0 + 0.5 * turn).sin_cos();
+            let (s, c) = libm::sincos(phi0 + 0.5 * turn);
             let ahead = c * (x - x0) + s * (y - y0);
             let aside = c * (y - y0) - s * (x - x0);
             self.steps.push(Step {
@@ -68,7 +68,7 @@ impl Lap {
         for step in &self.steps {
             let besides: f64 = (0..3).map(|k| step.by_errors[k] * errors[k]).sum();
             let turn = step.turn + besides;
-            let (s, c) = (phi + 0.5 * turn).sin_cos();
+            let (s, c) = libm::sincos(phi + 0.5 * turn);
             let [ahead, aside] = step.way;
             let (dx, dy) = (c * ahead - s * aside, s * ahead + c * aside);
             for k in 0..3 {
@@ -203,7 +203,7 @@ pub fn systematic(ways: [&[[f64; 2]]; 2]) -> f64 {
         let sum = errors.iter().fold([0.0; 2], |sum: [f64; 2], error| {
             [sum[0] + error[0], sum[1] + error[1]]
         });
-        sum[0].hypot(sum[1]) / count
+        libm::hypot(sum[0], sum[1]) / count
     };
     ways.into_iter().map(distance).fold(0.0, f64::max)
 }

@@ -144,11 +144,11 @@ pub fn distributions(study: &Study, rows: &[Row]) -> Figure {
 
 /// Whole decades around errors, so that the axis has numbers.
 fn decades(errors: impl Iterator<Item = f64>) -> [f64; 2] {
-    let finite = errors.filter(|e| e.is_finite()).map(f64::log10);
+    let finite = errors.filter(|e| e.is_finite()).map(libm::log10);
     let [low, high] = finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], e| {
         [low.min(e.floor()), high.max(e.ceil())]
     });
-    [low, high.max(low + 1.0)].map(|decade| 10f64.powf(decade))
+    [low, high.max(low + 1.0)].map(|decade| libm::pow(10f64, decade))
 }
 
 /// Steps of the share of values up to each value.
@@ -210,7 +210,7 @@ fn map_of_ends(study: &Study, maps: &[Group], goal: [f64; 3]) -> Figure {
             panel.mark(end.label(NEAR), at, mark_of(end, 1.8));
         }
         let circle = (0..=90).map(|k| {
-            let (s, c) = (f64::from(k) * 4f64.to_radians()).sin_cos();
+            let (s, c) = libm::sincos(f64::from(k) * 4f64.to_radians());
             [3.0 * c, 3.0 * s]
         });
         panel.line("3 cm", circle, BAND.stroke);
@@ -314,7 +314,7 @@ fn axis(all: &[f64], even: bool) -> ([f64; 2], bool) {
     let [low, high] = [f64::min, f64::max].map(|pick| all.iter().copied().fold(all[0], pick));
     // What lies at the ends is not cut by the axes.
     if !even && low > 0.0 && high >= 10.0 * low {
-        let room = (high / low).powf(0.04);
+        let room = libm::pow(high / low, 0.04);
         return ([low / room, high * room], true);
     }
     let room = if high > low { 0.04 * (high - low) } else { 0.5 };

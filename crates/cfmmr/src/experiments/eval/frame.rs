@@ -66,7 +66,7 @@ fn solve(case: &Case) -> Result<Answer, String> {
     within("pose[0]", x, -1.1 * case.length, 1.1 * case.length)?;
     within("pose[1]", y, -1.1 * case.length, 1.1 * case.length)?;
     within("pose[2]", angle, -20.0, 20.0)?;
-    let chord = x.hypot(y);
+    let chord = libm::hypot(x, y);
     if chord > 1.05 * case.length {
         return Err(format!(
             "pose = {:?}: the distance {chord} m from the root exceeds the length of the strip, {} m",

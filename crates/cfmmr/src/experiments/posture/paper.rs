@@ -53,7 +53,7 @@ pub fn table(rows: &[Row]) -> String {
         let simulated = ("simulated", figures(row), row.ends.text());
         for (whose, figures, ends) in [("measured", measured, String::new()), simulated] {
             let [[e, _], [theta, _], [alpha, _]] = figures;
-            let (sin, cos) = theta.to_radians().sin_cos();
+            let (sin, cos) = libm::sincos(theta.to_radians());
             let mut cells = vec![format!("{name}, {whose}")];
             cells.extend(figures.map(|[mean, sd]| plus_minus(mean, sd, 1)));
             // The mean posture, from the means of its polar errors.

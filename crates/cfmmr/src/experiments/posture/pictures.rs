@@ -154,7 +154,7 @@ pub fn wheel_paths(records: &[Record], half_track: f64) -> Vec<Vec<[f64; 2]>> {
                     .step_by(5)
                     .map(|record| {
                         let [x, y, phi] = record.axles[axle];
-                        [x - side * phi.sin(), y + side * phi.cos()]
+                        [x - side * libm::sin(phi), y + side * libm::cos(phi)]
                     })
                     .collect(),
             );

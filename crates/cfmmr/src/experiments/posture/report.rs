@@ -114,7 +114,9 @@ pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Row {
         error_95_m: error_95(0),
         error_95_rad: error_95(1),
         runs,
-        drift_m: Summary::of(&outcome(|o| o.relative_error[0].hypot(o.relative_error[1]))),
+        drift_m: Summary::of(&outcome(|o| {
+            libm::hypot(o.relative_error[0], o.relative_error[1])
+        })),
         force_rms_n: Summary::of(&outcome(|o| o.force_rms_n)),
         duration_s: Summary::of(&outcome(|o| o.end.duration_s)),
     }
@@ -184,7 +186,7 @@ pub fn trials_csv<'a>(
         row.put("within_tolerance", &[outcome.within]);
         row.put("force_rms_n", &[outcome.force_rms_n]);
         row.put("beam_share", &[outcome.beam_share]);
-        row.put("nees drift_m", &[outcome.nees, dx.hypot(dy)]);
+        row.put("nees drift_m", &[outcome.nees, libm::hypot(dx, dy)]);
         row
     }))
 }

@@ -19,6 +19,7 @@ use core_algos::topology::Node;
 use host_sim::base::error::Error;
 use host_sim::base::statistics;
 use host_sim::base::statistics::nees;
+use host_sim::base::statistics::square;
 use host_sim::run::drive::{Errand, Progress, drive};
 use host_sim::run::end::EndKind;
 use host_sim::run::robot::{Record, Robot};
@@ -116,13 +117,13 @@ impl Drift {
             statistics::mean(&times),
             statistics::sum(values.iter().map(|(_, value)| *value)) / n,
         );
-        let spread = statistics::sum(times.iter().map(|t| (t - time).powi(2)));
+        let spread = statistics::sum(times.iter().map(|t| square(t - time)));
         if values.len() < 3 || !(spread > 0.0) {
             return None;
         }
         let products = values.iter().map(|(t, value)| (t - time) * (value - mean));
         let gain = statistics::sum(products) / spread;
-        let rest = |&(t, value): &(f64, f64)| (value - mean - gain * (t - time)).powi(2);
+        let rest = |&(t, value): &(f64, f64)| square(value - mean - gain * (t - time));
         let rest = statistics::sum(values.iter().map(rest));
         let error = (rest / (n - 2.0) / spread).sqrt();
         Some(Self { mean, gain, error })
@@ -162,7 +163,7 @@ impl Report {
             None => problems.push("NIS: too few values; the run is too short".to_owned()),
         }
         let rms = |of: fn(&Window) -> f64| {
-            let squares: f64 = self.windows.iter().map(|window| of(window).powi(2)).sum();
+            let squares: f64 = self.windows.iter().map(|window| square(of(window))).sum();
             1e3 * (squares / self.windows.len().max(1) as f64).sqrt()
         };
         for (error, most, unit) in [
@@ -292,8 +293,8 @@ impl Soak<'_> {
             }
             sums.variance[0] = sums.variance[0].max(variance(0)).max(variance(1));
             sums.variance[1] = sums.variance[1].max(variance(2));
-            sums.relative[0] += (x - truth[0]).powi(2) + (y - truth[1]).powi(2);
-            sums.relative[1] += turned.powi(2);
+            sums.relative[0] += square(x - truth[0]) + square(y - truth[1]);
+            sums.relative[1] += square(turned);
             sums.epochs += 1;
         }
     }
@@ -318,7 +319,7 @@ impl Soak<'_> {
         let (estimate, truth) = (lead.fused.robot, record.midpoint);
         let [x, y] = [estimate.posture.x, estimate.posture.y].map(f64::from);
         self.sums.nees += nees(&estimate, truth);
-        self.sums.square_m2 += (x - truth[0]).powi(2) + (y - truth[1]).powi(2);
+        self.sums.square_m2 += square(x - truth[0]) + square(y - truth[1]);
         self.sums.goals += 1;
         self.sums.reached += u64::from(done);
         self.sums.missed += u64::from(!done);
@@ -360,7 +361,7 @@ impl<R: Robot> Errand<R> for Soak<'_> {
     /// cleared.
     fn feed(&mut self, robot: &mut R) -> Result<(), Error> {
         if std::mem::take(&mut self.judged) {
-            robot.control_mut().monitor.forget_changes();
+            robot.monitor_mut().forget_changes();
         }
         let tick = robot.now() / TICK;
         let Stage::Resting(until) = self.stage else {

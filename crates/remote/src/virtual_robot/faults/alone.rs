@@ -153,7 +153,7 @@ pub fn brown_outs(campaign: &Campaign, seed: u64) -> Found {
         while bench.now() < at + span {
             bench.pass(1);
         }
-        bench.robot.control.monitor = Default::default();
+        bench.robot.monitor = Default::default();
         bench.wait(Role::Front);
         let told = bench.robot.monitor().latest(Node::FrontAxle).is_some();
         let kept = bench.stored(Role::Front) == before;
@@ -236,7 +236,7 @@ fn cut(
     bench.robot.network.run_until(at);
     bench.board(Role::Beam, |board| board.power(false));
     bench.pass(3);
-    bench.robot.control.monitor = Default::default();
+    bench.robot.monitor = Default::default();
     bench.start_alone(Role::Beam);
     let bytes = bench.stored(Role::Beam);
     let (found, report) = settled(&bytes, Role::Beam);

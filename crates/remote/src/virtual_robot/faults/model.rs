@@ -155,7 +155,7 @@ impl Watch {
         let seen = [
             simulation.speed(),
             simulation.steering().abs(),
-            force[0].hypot(force[1]),
+            libm::hypot(force[0], force[1]),
         ];
         let mut exceeded = None;
         for (i, beyond) in self.beyond.iter_mut().enumerate() {
@@ -260,7 +260,7 @@ fn missed(simulation: &Simulation, scenario: &Scenario, entry: &Entry) -> Option
     let [x, y, phi] = simulation.plant().midpoint();
     let goal = scenario.mission.goal;
     let turned = libm::remainder(phi - goal[2], std::f64::consts::TAU).abs();
-    let away = (x - goal[0]).hypot(y - goal[1]);
+    let away = libm::hypot(x - goal[0], y - goal[1]);
     let claimed = simulation.lead_output().fused.robot.half_axes_95();
     let [position, heading] = [0, 1].map(|i| TOLERANCE[i].max(f64::from(claimed[i])));
     let near = away <= position && turned <= heading;

@@ -288,7 +288,7 @@ fn drives_wrongly(bench: &Bench, case: &Case, from: Time, reference: &Reference)
     let place = case.after_ms + (bench.now() - from).micros() / 1000;
     let expected = reference.get(place as usize - 1)?;
     let midpoint = bench.robot.plant.midpoint();
-    let away = (midpoint[0] - expected[0]).hypot(midpoint[1] - expected[1]);
+    let away = libm::hypot(midpoint[0] - expected[0], midpoint[1] - expected[1]);
     (away > AWAY_M).then(|| format!("{:.1} cm away from where it should be", 1e2 * away))
 }
 

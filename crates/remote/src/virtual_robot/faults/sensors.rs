@@ -54,7 +54,7 @@ fn inertial(bench: &mut Bench, change: fn(&mut InertialFault)) {
 
 /// Remaining degradation of the lead node.
 fn degraded(bench: &mut Bench) -> Option<String> {
-    let notices = bench.robot.control.monitor.latest(Node::Lead)?.notices;
+    let notices = bench.robot.monitor.latest(Node::Lead)?.notices;
     let worst = notices.worst()?.entry().name;
     Some(format!("at the end still {worst}"))
 }

@@ -11,7 +11,7 @@ impl VirtualRobot {
     pub(in crate::virtual_robot) fn recover(&mut self) {
         let tools = &mut self.tools;
         let (tick, restart) = (self.tick as u32, tools.cuts.losses.last_restart());
-        let Some(act) = tools.recovery.step(tick, restart, &self.control.monitor) else {
+        let Some(act) = tools.recovery.step(tick, restart, &self.monitor) else {
             return;
         };
         let task = match act {

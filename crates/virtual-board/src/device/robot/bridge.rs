@@ -160,7 +160,7 @@ fn decay(x: f64) -> f64 {
         // The next term is below 10⁻¹².
         1.0 - x * (1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0))))
     } else {
-        (-x).exp()
+        libm::exp(-x)
     }
 }
 

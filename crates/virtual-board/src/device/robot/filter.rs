@@ -23,7 +23,7 @@ impl LowPass {
     pub fn new(order: u32, corner_hz: f64, rate_hz: f64) -> Self {
         let mut sections = Vec::new();
         if corner_hz < 0.45 * rate_hz {
-            let k = (PI * corner_hz / rate_hz).tan();
+            let k = libm::tan(PI * corner_hz / rate_hz);
             if order >= 2 {
                 // Poles of the pair: quality 1/√2 at order 2, 1 at order 3.
                 let quality = if order == 2 { 0.5f64.sqrt() } else { 1.0 };

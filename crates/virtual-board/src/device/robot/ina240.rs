@@ -94,7 +94,7 @@ impl Amplifier {
         };
         let age = span_s(edge.0, at) / c.edge_tau_s;
         let disturbance = if age < 20.0 {
-            c.edge_share * edge.1 * (-age).exp()
+            c.edge_share * edge.1 * libm::exp(-age)
         } else {
             0.0
         };

@@ -146,7 +146,7 @@ impl Motor {
         if self.open || from * to <= 0.0 || to.abs() >= from.abs() {
             return f64::INFINITY;
         }
-        tau * (from / to).ln()
+        tau * libm::log(from / to)
     }
 
     /// Goes on for a span with this source.
@@ -186,7 +186,7 @@ fn rise(x: f64) -> f64 {
         // The next term is below 10⁻¹² of the first.
         x * (1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0)))))
     } else {
-        -(-x).exp_m1()
+        -libm::expm1(-x)
     }
 }
 

@@ -24,7 +24,7 @@ impl Thermistor {
             return f64::INFINITY;
         }
         let inverse = 1.0 / (celsius + 273.15) - 1.0 / 298.15;
-        self.resistance_25_ohm * (self.b_k * inverse).exp()
+        self.resistance_25_ohm * libm::exp(self.b_k * inverse)
     }
 
     /// Voltage at the pin, V.

@@ -1,0 +1,267 @@
+//! A robot without its plant: sensors, boards and bus in lockstep at 1 kHz.
+//!
+//! A rig is given the true state and gives the torques of the motors. So it also drives another model of the robot.
+
+use crate::base::error::Error;
+use crate::bus::virtual_bus::VirtualBus;
+use crate::run::bit_compare::Trace;
+use crate::run::recovery::Monitor;
+use crate::scenario::Scenario;
+use crate::targets::{Boards, Failure, FailureMode, Posted, Target};
+use crate::world::drawn::Drawn;
+use crate::world::faults::{Fault, Injector, Readings};
+use crate::world::sensors::{Sensors, Truth};
+use core_algos::beam::calibration::Calibration;
+use core_algos::beam::{MAX_GAUGES, PerGauge};
+use core_algos::math::Posture;
+use core_algos::node::axle;
+use core_algos::node::lead;
+use core_algos::node::robot::RobotConfig;
+use core_algos::params::{Inertial, Settings};
+use core_algos::safety::Conditions;
+use core_algos::time::{EPOCH, Micros, TICK};
+use core_algos::topology::Role;
+
+/// Sensors, boards and bus of one robot.
+pub struct Rig {
+    sensors: Sensors,
+    /// Inertial sensor drivers of the axle boards.
+    inertial: [Inertial; 2],
+    /// Boards.
+    pub boards: Boards,
+    /// Bus between the boards.
+    pub bus: VirtualBus,
+    /// Heartbeats of the nodes.
+    pub monitor: Monitor,
+    /// Torques that the boards commanded at the latest tick, `[axle][left, right]`, N m.
+    torque: [[f64; 2]; 2],
+    tick: u64,
+    /// Latest output of the lead node.
+    lead: lead::Output,
+    /// Behaviour of the boards, if it is kept.
+    pub(super) trace: Option<Trace>,
+    injector: Option<Injector>,
+    calibration: Calibration,
+    /// True if the relative position sensor is fitted.
+    sensed: bool,
+    /// Number of gauges at the latest tick.
+    gauges: usize,
+    /// Latest counts of the strain bridges.
+    counts: [i32; MAX_GAUGES],
+    /// Counts of the beam's converter: at half of its range, and the largest.
+    converter_middle: i32,
+    full_scale: i32,
+}
+
+impl Rig {
+    /// A robot at rest on its start with these imperfections. Random draws depend on `seed` and `trial` alone.
+    pub fn new(
+        targets: [Box<dyn Target>; 3],
+        scenario: &Scenario,
+        imperfections: &Drawn,
+        (seed, trial): (u64, u64),
+    ) -> Result<Self, Error> {
+        let settings = settings_of(scenario, imperfections)?;
+        let [front, rear, beam] = &settings;
+        let start = Posture::from(scenario.mission.start.map(|value| value as f32));
+        let config = board_config(scenario, imperfections);
+        let place = config.put_down(start, &scenario.mission.told());
+        let believed = &beam.robot.beam;
+        let gauges = believed.strip.gauges_m.count();
+        let calibration = believed.calibration.build(gauges)?;
+        let bridge = &scenario.world.sensors.bridge;
+        let rps = scenario.mission.rps;
+        Ok(Self {
+            sensors: Sensors::new(&scenario.world.sensors, imperfections, seed, trial)?,
+            inertial: [front.inertial, rear.inertial],
+            boards: Boards::start(targets, settings.map(|board| board.robot), &place, rps)?,
+            bus: VirtualBus::new(
+                &scenario.world.bus,
+                seed ^ trial.wrapping_mul(0x9e37_79b9_7f4a_7c15),
+            ),
+            monitor: Monitor::default(),
+            torque: [[0.0; 2]; 2],
+            tick: 0,
+            lead: lead::Output::default(),
+            trace: None,
+            injector: None,
+            calibration,
+            sensed: rps,
+            gauges: 0,
+            counts: [0; MAX_GAUGES],
+            converter_middle: bridge.full_scale_counts(),
+            full_scale: 2 * bridge.full_scale_counts() - 1,
+        })
+    }
+
+    /// Simulated time, µs.
+    pub fn now(&self) -> Micros {
+        self.tick * TICK
+    }
+
+    /// Torques that the boards commanded at the latest tick, `[axle][left, right]`, N m.
+    pub fn torque(&self) -> [[f64; 2]; 2] {
+        self.torque
+    }
+
+    /// Latest output of the lead node.
+    pub fn lead(&self) -> &lead::Output {
+        &self.lead
+    }
+
+    /// Fault that is injected from its tick on.
+    pub fn injector(&self) -> Option<&Injector> {
+        self.injector.as_ref()
+    }
+
+    /// Injects a fault from `tick` on. Faults of the plant are left to its owner.
+    pub fn inject(&mut self, fault: Fault, tick: u32) {
+        let failure = |role| Failure {
+            role,
+            at: tick,
+            mode: FailureMode::Off,
+        };
+        match fault {
+            Fault::Reset(role, after) => self.boards.plan(vec![failure(role)], Some(after)),
+            Fault::Loss(role) => self.boards.plan(vec![failure(role)], None),
+            _ => {}
+        }
+        self.injector = Some(Injector::new(fault, tick, self.full_scale));
+    }
+
+    /// One tick of the boards with the true state at its beginning; gives the torques of the motors until the next tick,
+    /// `[axle][left, right]`, N m. A command takes effect one tick late, as on the boards.
+    pub fn step(&mut self, truth: &Truth) -> Result<[[f64; 2]; 2], Error> {
+        let (now, tick) = (self.now(), self.tick as u32);
+        let mut readings = self.read(truth);
+        self.disturb(tick, &mut readings)?;
+        let Self {
+            boards,
+            bus,
+            trace,
+            monitor,
+            ..
+        } = self;
+        bus.deliver(now, |role, frame, message| {
+            boards.receive(role, now, frame, message);
+        });
+        let outputs = boards.tick(tick, &readings.samples(), &mut |posted| {
+            let frame = match posted {
+                Posted::Message(message) => bus.send(now, message),
+                Posted::Frame(frame) => bus.send_frame(now, frame),
+            };
+            let Some(frame) = frame else {
+                return;
+            };
+            monitor.see(tick, &frame);
+            if let Some(trace) = trace.as_mut() {
+                trace.frame(tick, frame);
+            }
+        })?;
+        let [front, rear, _] = &outputs;
+        if let Some(lead) = front.lead {
+            self.lead = lead;
+        }
+        let commanded = [front.torque_nm, rear.torque_nm];
+        let mut given = self.torque;
+        if let Some(injector) = &self.injector {
+            injector.torque(tick, &mut given);
+        }
+        self.torque = commanded.map(|axle| axle.map(f64::from));
+        self.tick += 1;
+        if let Some(trace) = &mut self.trace {
+            trace.torque(commanded);
+            if (self.tick * TICK).is_multiple_of(EPOCH) {
+                trace.lead(&self.lead);
+            }
+        }
+        Ok(given)
+    }
+
+    /// Applies the injected fault to the readings, the boards and the bus.
+    fn disturb(&mut self, tick: u32, readings: &mut Readings) -> Result<(), Error> {
+        let Some(injector) = &mut self.injector else {
+            return Ok(());
+        };
+        injector.readings(tick, readings);
+        for role in Role::ALL {
+            let frozen = injector.frozen(role, tick);
+            let behind = injector.behind(role, tick);
+            self.boards.hold(role, frozen, behind)?;
+        }
+        match injector.fault() {
+            (Fault::Bus(config), at) if at == tick => self.bus.turn_into(&config),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Samples of each board.
+    fn read(&mut self, truth: &Truth) -> Readings {
+        let samples = self.sensors.sample(truth);
+        let axle = |i: usize| axle::Samples {
+            encoder: samples.encoder_counts[i].map(Some),
+            gyro_rad_s: samples.gyro[i].map(|rate| self.inertial[i].gyro_gain * rate),
+            acceleration_m_s2: samples.accelerometer[i]
+                .map(|value| self.inertial[i].accelerometer_gain * value),
+            conditions: Conditions::NONE,
+        };
+        // The board's converter counts from the lower rail; where there is no gauge it reads none.
+        let mut counts = samples.bridge_counts;
+        for count in counts.iter_mut().take(truth.gauge_count) {
+            *count += self.converter_middle;
+        }
+        self.counts = counts;
+        self.gauges = truth.gauge_count;
+        Readings {
+            axles: [axle(0), axle(1)],
+            counts,
+        }
+    }
+
+    /// Strains of the latest sample; zero where there is no gauge.
+    pub fn strain(&self) -> [f32; MAX_GAUGES] {
+        let mut strain = self
+            .calibration
+            .strain(&self.counts.map(|count| count as f32));
+        strain
+            .iter_mut()
+            .skip(if self.sensed { self.gauges } else { 0 })
+            .for_each(|strain| *strain = 0.0);
+        strain
+    }
+
+    /// Everything but the boards, as text.
+    #[cfg(test)]
+    pub(crate) fn truth(&self) -> String {
+        format!("{:?} {:?}", self.sensors, self.bus)
+    }
+}
+
+/// Configuration of a drawn robot's boards: the scenario's, with the zeros of the bridges as found on a straight edge and the
+/// constants of the converter.
+pub(crate) fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
+    let bridge = &scenario.world.sensors.bridge;
+    let mut config = scenario.completed_robot();
+    let middle = f64::from(bridge.full_scale_counts());
+    let calibration = &mut config.beam.calibration;
+    calibration.full_scale_counts = 2 * bridge.full_scale_counts() - 1;
+    calibration.strain_per_count = bridge.strain_per_count() as f32;
+    let gauges = config.beam.strip.gauges_m.count();
+    let zeros = bridge.zero_counts(imperfections);
+    let zeros = zeros.map(|count| (count + middle) as f32);
+    if let Some(zeros) = zeros.get(..gauges).and_then(PerGauge::new) {
+        calibration.zero_counts = zeros;
+    }
+    config
+}
+
+/// Settings of each board of a drawn robot: [`board_config`] with the board's own parameters, such as the gains of its
+/// inertial sensors.
+pub fn settings_of(scenario: &Scenario, imperfections: &Drawn) -> Result<[Settings; 3], Error> {
+    let mut settings = [Settings::new(board_config(scenario, imperfections)); 3];
+    for role in Role::ALL {
+        scenario.boards.apply(role, &mut settings[role as usize])?;
+    }
+    Ok(settings)
+}

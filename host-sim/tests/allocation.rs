@@ -1,0 +1,51 @@
+//! Memory of a run: a tick of a robot under way allocates nothing.
+
+use core_algos::math::Posture;
+use core_algos::node::lead::Task;
+use host_sim::run::robot::Robot;
+use host_sim::run::simulation::Simulation;
+use host_sim::scenario::Scenario;
+use host_sim::targets::HostCommand;
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+/// Allocations of this program so far.
+static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
+
+struct Counting;
+
+// SAFETY: the system's allocator does the work.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.fetch_add(1, Relaxed);
+        // SAFETY: the caller's promise.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promise.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+#[test]
+fn tick_under_way_allocates_nothing() {
+    let mut robot = Simulation::new(&Scenario::default(), 1, 0).unwrap();
+    let steps = |robot: &mut Simulation, ticks: usize| {
+        for _ in 0..ticks {
+            robot.step().unwrap();
+        }
+    };
+    steps(&mut robot, 200);
+    robot
+        .command(&HostCommand::Task(Task::regulate(Posture::ORIGIN)))
+        .unwrap();
+    steps(&mut robot, 3000);
+    assert!(robot.lead_output().motion.v > 0.02);
+    let before = ALLOCATIONS.load(Relaxed);
+    steps(&mut robot, 2000);
+    assert_eq!(ALLOCATIONS.load(Relaxed) - before, 0);
+}
