@@ -241,7 +241,7 @@ impl Rig {
 
 /// Configuration of a drawn robot's boards: the scenario's, with the zeros of the bridges as found on a straight edge and the
 /// constants of the converter.
-pub(crate) fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
+pub fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
     let bridge = &scenario.world.sensors.bridge;
     let mut config = scenario.completed_robot();
     let middle = f64::from(bridge.full_scale_counts());
