@@ -1,7 +1,10 @@
-//! The code of the boards against a simulated robot, without files, threads, pictures or serial ports.
+//! The code of the boards against a simulated robot. The library writes no file, starts no thread and knows no serial port.
 //!
 //! A [`Simulation`](run::simulation::Simulation) is one robot: the plant, its sensors, the bus and the boards in lockstep
-//! at 1 kHz. A [`Scenario`](scenario::Scenario) holds everything that a simulation depends on, apart from the seed.
+//! at 1 kHz. A [`Rig`](run::rig::Rig) is the robot without the plant. A [`Scenario`](scenario::Scenario) holds everything that a simulation depends on, apart from the seed.
+//!
+//! A binding holds a `Scenario`, a `Simulation`, which is a [`Robot`](run::robot::Robot), and its
+//! [`Record`](run::robot::Record)s; `bindings/web` is an example.
 //!
 //! ```
 //! use host_sim::run::regulate::regulate_on;
@@ -18,7 +21,7 @@
 //! # }
 //! ```
 //!
-//! Layers, from the bottom up; each imports only layers above it in this table:
+//! Each module imports only modules of earlier rows:
 //!
 //! | module | holds |
 //! |---|---|
@@ -28,7 +31,7 @@
 //! | [`world`] | true robot: distributions, draws, sensors, faults |
 //! | [`scenario`] | mission, the robot's parameters, scenario files |
 //! | [`targets`] | interface of a board; boards in this process |
-//! | [`run`] | one trial, tasks, recovery |
+//! | [`run`] | one trial, the rig, tasks, recovery |
 
 #![cfg_attr(
     test,

@@ -18,7 +18,7 @@ REGISTRY = "registry+https://github.com/rust-lang/crates.io-index"
 
 
 def packages(folder):
-    command = ["cargo", "metadata", "--format-version", "1", "--locked"]
+    command = ["cargo", "metadata", "--format-version", "1", "--locked", "--all-features"]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     if done.returncode:
         sys.exit(f"check_dependencies: {' '.join(command)} in {folder}: {done.stderr.strip()}")

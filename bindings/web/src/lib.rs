@@ -8,9 +8,9 @@
 //! |---|---|
 //! | [`text`]`(length)` | pointer to a buffer for a scenario and a script in UTF-8 |
 //! | [`trial`]`(seed, trial)` | epochs of posture regulation in the scenario of the buffer |
-//! | [`drive`]`(scenario, seed)` | epochs of a script; the scenario is the first part of the buffer |
+//! | [`drive`]`(bytes, seed)` | epochs of a script; the buffer holds a scenario of that many bytes, then the script |
 //! | [`hashes`]`()` | pointer to a 64-bit hash for each epoch of the latest run |
-//! | [`message`]`()` | length of the latest error, which is in the text buffer afterwards |
+//! | [`message`]`()` | length of the latest error, once; the error is in the text buffer afterwards |
 
 use core_algos::link::framing::crc32c;
 use host_sim::base::error::Error;
@@ -87,9 +87,9 @@ pub extern "C" fn trial(seed: u64, trial: u64) -> usize {
 /// Takes the steps of a script from the origin on; gives the number of epochs. The text buffer holds a scenario of this
 /// many bytes, then the script.
 #[unsafe(no_mangle)]
-pub extern "C" fn drive(scenario: usize, seed: u64) -> usize {
+pub extern "C" fn drive(bytes: usize, seed: u64) -> usize {
     keep(|text, hashes| {
-        let (first, lines) = text.split_at_checked(scenario).unwrap_or((text, &[]));
+        let (first, lines) = text.split_at_checked(bytes).unwrap_or((text, &[]));
         let mut scenario = Scenario::parse(None, part(first)?, "scenario", &[])?;
         scenario.mission.start = [0.0; 3];
         let lines = script::parse(part(lines)?, &scenario)?;
@@ -105,7 +105,7 @@ pub extern "C" fn hashes() -> *const u64 {
     buffers().hashes.as_ptr()
 }
 
-/// Puts the error of the latest run into the text buffer and gives its length; 0 without an error.
+/// Moves the error of the latest run into the text buffer and gives its length; 0 without an error.
 #[unsafe(no_mangle)]
 pub extern "C" fn message() -> usize {
     let mut buffers = buffers();

@@ -3,11 +3,12 @@
 //! | module | holds |
 //! |---|---|
 //! | [`cli`] | the command line, and commands that print |
-//! | [`experiments`] | commands that compute |
+//! | [`experiments`] | commands that run or configure a robot |
 //! | [`dashboard`] | a run on the terminal |
 //!
 //! The feature `full` adds logs with their replay and live server, the dashboard, pages laid out on the terminal, and the
-//! text of the boards' logs. Without it, such an option names the command that builds it.
+//! text of the boards' logs. Without it, `--log`, `--live`, `--dashboard` and `replay` name the command to type, and pages are
+//! printed as Markdown.
 
 #![cfg_attr(
     test,

@@ -68,10 +68,10 @@ fn uncertain_end_of_a_path_stands_in_table_json_csv_log_and_page() {
         }
         let log = read(&fs::read(path.join("run.mcap")).unwrap(), "run.mcap").unwrap();
         assert_eq!(
-            (log.end["kind"].as_str(), log.end["code"].as_str()),
+            (log.run.end["kind"].as_str(), log.run.end["code"].as_str()),
             ("uncertain", "0x0d")
         );
-        let logged: [f64; 2] = serde_json::from_str(&log.end["error_95"]).unwrap();
+        let logged: [f64; 2] = serde_json::from_str(&log.run.end["error_95"]).unwrap();
         assert_eq!(logged, [position, heading]);
         let run = page(path, "out/report.html")["runs"][0].clone();
         assert_eq!(run["end"], end);

@@ -1,12 +1,12 @@
 //! Recording a run: everything its boards got and did, and what the robot really did meanwhile, as
-//! an MCAP file, as tables, or both.
+//! an MCAP file, as tables, or to live viewers.
 //!
 //! A [`Session`] is one recording. [`Session::tap`] puts a listener on each board, wherever it runs;
-//! as an [`Observer`] it takes in the true state once an epoch. [`topics`] is the table of what is
+//! as an [`Observer`] it takes the true state of a simulated robot once an epoch. A thread (`writer`) writes the notes;
+//! `Mcap` in `log/file.rs` writes each row of a log. [`topics`] is the table of what is
 //! written, [`entry`] declares the messages, [`log::read`] the way back.
 //!
-//! Times are simulated time since the start, in a log as nanoseconds: one run gives the same bytes
-//! every time.
+//! Times count from the start of the run, in a log in nanoseconds. A simulated run gives the same bytes every time.
 
 #![cfg_attr(
     test,

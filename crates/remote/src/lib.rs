@@ -2,10 +2,10 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`link`], [`serial`], [`virtual_link`] | link of a session: to a serial port, to a virtual board |
+//! | [`link`], [`serial`], [`virtual_link`] | bytes of a session: interface, serial port, virtual board |
 //! | [`board`] | a board behind such a link, as a [`Target`](host_sim::targets::Target) of the simulation |
 //! | [`board_link`], [`serial_robot`] | a whole robot, driven through the port of its front board |
-//! | [`virtual_robot`] | a whole robot of virtual boards, and the catalogue of its faults |
+//! | [`virtual_robot`] | a whole robot of virtual boards; catalogue of faults, of boards in this process too |
 //! | [`images`], [`board_log`] | the boards' images, built if needed; their logs |
 //! | [`interrupt`] | Ctrl-C, and a terminal or pipe that is closed |
 

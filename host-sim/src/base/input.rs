@@ -43,23 +43,29 @@ pub fn text(path: &Path) -> io::Result<String> {
     Ok(unmarked.unwrap_or(text))
 }
 
-fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
-    let refuse = |what: String| Err(io::Error::new(ErrorKind::InvalidInput, what));
-    let too_large =
-        |size: u64| refuse(format!("{}: must be at most {}", shown(size), shown(limit)));
-    let size = size_of(path)?;
-    if size > limit {
-        return too_large(size);
+/// A file of at most `limit` bytes.
+pub fn open(path: &Path, limit: u64) -> io::Result<File> {
+    match size_of(path)? {
+        size if size > limit => Err(too_large(size, limit)),
+        _ => File::open(path),
     }
+}
+
+fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     let mut content = Vec::new();
     // A file of /proc has no size, and others may grow.
-    File::open(path)?
+    open(path, limit)?
         .take(limit + 1)
         .read_to_end(&mut content)?;
     match content.len() as u64 > limit {
-        true => too_large(limit + 1),
+        true => Err(too_large(limit + 1, limit)),
         false => Ok(content),
     }
+}
+
+fn too_large(size: u64, limit: u64) -> io::Error {
+    let what = format!("{}: must be at most {}", shown(size), shown(limit));
+    io::Error::new(ErrorKind::InvalidInput, what)
 }
 
 /// Size of a regular file. It is not opened: a pipe opens only when somebody writes to it.

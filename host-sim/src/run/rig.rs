@@ -1,6 +1,6 @@
 //! A robot without its plant: sensors, boards and bus in lockstep at 1 kHz.
 //!
-//! A rig is given the true state and gives the torques of the motors. So it also drives another model of the robot.
+//! [`Rig::step`] takes the true state and gives the torques of the motors. Any model of the plant can supply that state.
 
 use crate::base::error::Error;
 use crate::bus::virtual_bus::VirtualBus;
@@ -48,8 +48,9 @@ pub struct Rig {
     gauges: usize,
     /// Latest counts of the strain bridges.
     counts: [i32; MAX_GAUGES],
-    /// Counts of the beam's converter: at half of its range, and the largest.
+    /// Count of the beam's converter at half of its range.
     converter_middle: i32,
+    /// Largest count of the beam's converter.
     full_scale: i32,
 }
 
@@ -109,7 +110,7 @@ impl Rig {
         &self.lead
     }
 
-    /// Fault that is injected from its tick on.
+    /// Injected fault.
     pub fn injector(&self) -> Option<&Injector> {
         self.injector.as_ref()
     }
@@ -219,7 +220,7 @@ impl Rig {
         }
     }
 
-    /// Strains of the latest sample; zero where there is no gauge.
+    /// Strains of the latest sample; zero where there is no gauge, and without the relative position sensor.
     pub fn strain(&self) -> [f32; MAX_GAUGES] {
         let mut strain = self
             .calibration
@@ -231,7 +232,7 @@ impl Rig {
         strain
     }
 
-    /// Everything but the boards, as text.
+    /// Sensors and bus as text.
     #[cfg(test)]
     pub(crate) fn truth(&self) -> String {
         format!("{:?} {:?}", self.sensors, self.bus)
@@ -240,7 +241,7 @@ impl Rig {
 
 /// Configuration of a drawn robot's boards: the scenario's, with the zeros of the bridges as found on a straight edge and the
 /// constants of the converter.
-pub(crate) fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
+pub fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
     let bridge = &scenario.world.sensors.bridge;
     let mut config = scenario.completed_robot();
     let middle = f64::from(bridge.full_scale_counts());

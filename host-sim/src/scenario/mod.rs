@@ -1,4 +1,8 @@
 //! A scenario: everything an experiment depends on, apart from the seed.
+//!
+//! A key is a field of the struct of its table: `plant` in the crate `plant` (`config.rs`), `robot` in
+//! [`core_algos::node::robot`], the others in [`world`] and [`bus`](crate::bus). A world replaces the defaults
+//! of `plant`, `spread`, `sensors` and `bus`.
 
 pub mod belief;
 pub mod board_parameters;

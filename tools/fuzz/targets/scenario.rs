@@ -2,9 +2,9 @@
 //! refused is refused by name.
 #![no_main]
 
+use cfmmr_fuzz::numbers::Bytes;
 use host_sim::base::error::Error;
 use host_sim::base::toml_file;
-use cfmmr_fuzz::numbers::Bytes;
 use host_sim::scenario::Scenario;
 use libfuzzer_sys::fuzz_target;
 use std::collections::HashSet;

@@ -2,12 +2,14 @@
 //!
 //! Source: the MCAP format specification, sections Records, Data End, Footer and Chunk.
 
+use crc32fast::Hasher;
 use mcap::MAGIC;
 use mcap::records::op;
+use std::io::{self, Read, Seek, SeekFrom};
 
-/// Records of a part of a file: operation, place of the first byte, content; or the fault of the next.
+/// Records in memory: operation, place of the first byte, content; or the fault of the next.
 pub(super) struct Records<'a> {
-    /// The part.
+    /// The records.
     pub bytes: &'a [u8],
     /// Place of the next record.
     pub at: usize,
@@ -27,27 +29,31 @@ impl<'a> Iterator for Records<'a> {
             Some((head[0], at, rest.get(..length)?))
         });
         self.at = content.map_or(self.bytes.len(), |(_, _, content)| at + 9 + content.len());
-        Some(content.ok_or_else(|| format!("truncated in the record at byte {at}")))
+        Some(content.ok_or_else(|| truncated(at)))
     }
+}
+
+fn truncated(at: impl std::fmt::Display) -> String {
+    format!("truncated in the record at byte {at}")
 }
 
 fn number(bytes: &[u8]) -> Option<u64> {
     bytes.first_chunk().map(|bytes| u64::from_le_bytes(*bytes))
 }
 
-fn matches(sum: Option<&[u8]>, bytes: Option<&[u8]>, of: &str) -> Result<(), String> {
-    let given = sum
-        .and_then(|sum| sum.first_chunk())
-        .map(|sum| u32::from_le_bytes(*sum));
+fn matches(given: Option<&[u8]>, sum: Option<u32>, of: &str) -> Result<(), String> {
+    let given = given
+        .and_then(|given| given.first_chunk())
+        .map(|given| u32::from_le_bytes(*given));
     // A fuzzer would not get past it.
-    match cfg!(fuzzing) || given.is_some() && given == bytes.map(crc32fast::hash) {
+    match cfg!(fuzzing) || given.is_some() && given == sum {
         true => Ok(()),
         false => Err(format!("damaged: the checksum of {of} does not match")),
     }
 }
 
 /// Refuses a record of another length, which no checksum covers.
-fn exactly(length: usize, content: &[u8], of: &str, at: usize) -> Result<(), String> {
+fn exactly(length: usize, content: &[u8], of: &str, at: u64) -> Result<(), String> {
     match content.len() == length {
         true => Ok(()),
         false => Err(format!(
@@ -57,36 +63,73 @@ fn exactly(length: usize, content: &[u8], of: &str, at: usize) -> Result<(), Str
     }
 }
 
+/// Replaces what `content` holds by the next bytes of a file; false if it has fewer.
+fn fill(content: &mut Vec<u8>, file: impl Read, length: u64) -> io::Result<bool> {
+    content.clear();
+    file.take(length).read_to_end(content)?;
+    Ok(content.len() as u64 == length)
+}
+
 /// Refuses a file whose records do not fill it, or whose data or summary do not match their checksums.
-pub fn check(bytes: &[u8]) -> Result<(), String> {
-    let body = bytes
-        .strip_suffix(MAGIC)
-        .filter(|body| body.starts_with(MAGIC));
-    let body = body.ok_or(
-        "not a complete MCAP file: first or last bytes are wrong; truncated, or another type of file",
-    )?;
-    let at = MAGIC.len();
+pub fn check(mut file: impl Read + Seek) -> Result<(), String> {
+    let in_words = |error: io::Error| error.to_string();
+    let mark = MAGIC.len() as u64;
+    let size = file.seek(SeekFrom::End(0)).map_err(in_words)?;
+    let end = size.saturating_sub(mark);
+    let (mut head, mut content) = (Vec::new(), Vec::new());
+    for place in [end, 0] {
+        file.seek(SeekFrom::Start(place)).map_err(in_words)?;
+        fill(&mut content, &mut file, mark).map_err(in_words)?;
+        if size < 2 * mark || content != MAGIC {
+            return Err(
+                "not a complete MCAP file: first or last bytes are wrong; truncated, or another type of file"
+                    .to_owned(),
+            );
+        }
+    }
+    let mut before = Hasher::new();
+    before.update(MAGIC);
+    let mut at = mark;
     let (mut data, mut summary) = (false, false);
-    for record in (Records { bytes: body, at }) {
-        let (operation, at, content) = record?;
-        match operation {
-            op::CHUNK => {
-                check_chunk(content).map_err(|what| format!("{what}, in the chunk at byte {at}"))?
-            }
+    while at < end {
+        let left = (end - at).checked_sub(9).ok_or_else(|| truncated(at))?;
+        fill(&mut head, &mut file, 9).map_err(in_words)?;
+        let length = head.get(1..).and_then(number);
+        let length = length.filter(|length| *length <= left);
+        let length = length.ok_or_else(|| truncated(at))?;
+        if !fill(&mut content, &mut file, length).map_err(in_words)? {
+            return Err(truncated(at));
+        }
+        match head[0] {
+            op::CHUNK => check_chunk(&content)
+                .map_err(|what| format!("{what}, in the chunk at byte {at}"))?,
             op::DATA_END => {
-                exactly(4, content, "DataEnd", at)?;
-                matches(Some(content), Some(&body[..at]), "the data")?;
+                exactly(4, &content, "DataEnd", at)?;
+                let sum = before.clone().finalize();
+                matches(Some(&content), Some(sum), "the data")?;
                 data = true;
             }
             op::FOOTER => {
-                exactly(20, content, "Footer", at)?;
-                let start = number(content).and_then(|start| usize::try_from(start).ok());
-                let covered = start.and_then(|start| body.get(start..at + 9 + 16));
-                matches(content.get(16..), covered, "the summary")?;
+                exactly(20, &content, "Footer", at)?;
+                let start = number(&content);
+                let covered =
+                    start.and_then(|start| Some((start, (at + 9 + 16).checked_sub(start)?)));
+                let mut bytes = Vec::new();
+                if let Some((start, length)) = covered {
+                    file.seek(SeekFrom::Start(start)).map_err(in_words)?;
+                    fill(&mut bytes, &mut file, length).map_err(in_words)?;
+                    let next = SeekFrom::Start(at + 9 + 20);
+                    file.seek(next).map_err(in_words)?;
+                }
+                let sum = covered.map(|_| crc32fast::hash(&bytes));
+                matches(content.get(16..), sum, "the summary")?;
                 summary = true;
             }
             _ => {}
         }
+        before.update(&head);
+        before.update(&content);
+        at += 9 + length;
     }
     match data && summary {
         true => Ok(()),

@@ -3,6 +3,9 @@
 //! A file that is cut short, damaged, or none of this program is refused as bad input with what is
 //! wrong with it and where; nothing in a file can make the reader panic or take much more memory
 //! than the file.
+//!
+//! [`stream`] holds one record of the file and [`LATE`] of the front board's events; [`read`] keeps
+//! all events.
 
 use super::intact;
 use crate::entry::{
@@ -19,10 +22,14 @@ use host_sim::base::error::Error;
 use host_sim::bus::virtual_bus::is_of_nodes;
 use host_sim::targets::host_command::HostCommand;
 use mcap::McapError;
-use mcap::read::ChunkFlattener;
 use mcap::records::Record;
+use mcap::sans_io::{LinearReadEvent, LinearReader};
 use serde::de::DeserializeOwned;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::io::{Cursor, Read, Seek};
+
+/// Longest time from a tick of the front board to the message with its output of the lead node, ms.
+pub const LATE: u32 = 10_000;
 
 /// Event of a board.
 #[derive(Clone, Debug, PartialEq)]
@@ -79,56 +86,76 @@ pub struct Step {
     pub lead: Option<Box<lead::Output>>,
 }
 
-/// A log.
+/// A log without the events of its boards.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Recording {
+pub struct Run {
     /// Metadata of the run.
     pub about: BTreeMap<String, String>,
     /// Result.
     pub end: BTreeMap<String, String>,
-    /// Events of each board, in the order of [`Role::ALL`].
-    pub boards: [Vec<Event>; 3],
     /// The true state, by time of the run, ms.
     pub truth: BTreeMap<u32, TruthEntry>,
     /// Common time of the boards at the start of the run, µs.
     pub zero_us: Option<i64>,
+    /// Ticks of the board that has most.
+    pub ticks: usize,
+}
+
+/// Events of each board, in the order of [`Role::ALL`].
+pub type Events = [Vec<Event>; 3];
+
+/// A log.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Recording {
+    /// The run.
+    pub run: Run,
+    /// Events of the boards.
+    pub boards: Events,
 }
 
 impl Recording {
     /// Ticks of the board that has most.
     pub fn ticks(&self) -> usize {
-        let ticks = |events: &Vec<Event>| {
-            let ticks = events
-                .iter()
-                .filter(|event| matches!(event, Event::Tick(_)));
-            ticks.count()
-        };
-        self.boards.iter().map(ticks).max().unwrap_or_default()
+        self.run.ticks
     }
 }
 
-/// Incomplete entries while a log is read.
-#[derive(Default)]
-struct Pending {
-    /// Frames that each board sent at the tick whose entry comes next.
-    sent: [Vec<(u32, CanFrame)>; 3],
-    /// Outputs of the lead node by tick, ms: of a board at a link they come later than the tick.
-    leads: HashMap<u32, Box<lead::Output>>,
+/// Reads a log in memory; `name` stands in errors.
+pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
+    let mut boards = Events::default();
+    let mut keep = |role, event| boards[role as usize].push(event);
+    let run = stream(Cursor::new(bytes), name, &mut keep)?;
+    Ok(Recording { run, boards })
 }
 
-/// Reads a log; `name` stands in errors.
-pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
+/// Reads a log and hands over the events of each board in order; `name` stands in errors.
+///
+/// The checksums are checked before the first event. The messages are checked on the way: after an
+/// error, the events so far are those of a damaged log.
+pub fn stream(
+    mut file: impl Read + Seek,
+    name: &str,
+    to: &mut dyn FnMut(Role, Event),
+) -> Result<Run, Error> {
     let refuse = |what: String| Error::input(format!("{name}: {what}"));
-    let mut recording = Recording::default();
-    let mut pending = Pending::default();
+    intact::check(&mut file).map_err(refuse)?;
+    file.rewind().map_err(|error| refuse(error.to_string()))?;
+    let mut reader = Reader::new(to);
     let mut topics: HashMap<u16, String> = HashMap::new();
     let mut position = 0u64;
-    intact::check(bytes).map_err(refuse)?;
-    let records = ChunkFlattener::new(bytes).map_err(|error| refuse(explain(&error)))?;
-    for record in records {
-        let record = record
-            .map_err(|error| refuse(format!("after {position} messages: {}", explain(&error))))?;
-        match record {
+    let mut records = LinearReader::new();
+    while let Some(event) = records.next_event() {
+        let broken =
+            |error: McapError| refuse(format!("after {position} messages: {}", explain(&error)));
+        let record = match event.map_err(broken)? {
+            LinearReadEvent::ReadRequest(length) => {
+                let read = file.read(records.insert(length));
+                records.notify_read(read.map_err(|error| broken(error.into()))?);
+                continue;
+            }
+            LinearReadEvent::Record { data, opcode } => mcap::parse_record(opcode, data),
+        };
+        match record.map_err(broken)? {
             Record::Channel(channel) => {
                 topics.insert(channel.id, channel.topic);
             }
@@ -137,50 +164,45 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
                 let Some(topic) = topics.get(&header.channel_id) else {
                     return Err(refuse(format!("message {position}: unknown channel")));
                 };
-                recording
-                    .take(&mut pending, topic, &data)
+                reader
+                    .take(topic, &data)
                     .map_err(|what| refuse(format!("message {position} on {topic}: {what}")))?;
                 // Ticks before the start of the run have its time.
-                if recording.zero_us.is_none() && header.log_time > 0 {
-                    let of_topic = |role: &Role| {
-                        let board = topic
-                            .strip_prefix("/boards/")
-                            .and_then(|rest| rest.strip_suffix("/tick"));
-                        board == Some(role.name())
+                if reader.run.zero_us.is_none() && header.log_time > 0 {
+                    let last = match of_board(topic) {
+                        Some((role, "tick")) => reader.boards[role as usize].last,
+                        _ => None,
                     };
-                    let role = Role::ALL.into_iter().find(of_topic);
-                    let last = role.and_then(|role| recording.boards[role as usize].last());
-                    recording.zero_us = last.map(|last| {
-                        1000 * i64::from(last.tick()) - (header.log_time / 1000) as i64
-                    });
+                    reader.run.zero_us =
+                        last.map(|last| 1000 * i64::from(last) - (header.log_time / 1000) as i64);
                 }
             }
             Record::Metadata(metadata) if metadata.name == ABOUT => {
-                recording.about = metadata.metadata;
-                if let Some(other) = recording.about.get("format").filter(|of| *of != FORMAT) {
+                reader.run.about = metadata.metadata;
+                if let Some(other) = reader.run.about.get("format").filter(|of| *of != FORMAT) {
                     return Err(refuse(format!(
                         "log of format {other}: this program reads format {FORMAT}"
                     )));
                 }
             }
             Record::Metadata(metadata) if metadata.name == END => {
-                recording.end = metadata.metadata;
+                reader.run.end = metadata.metadata;
             }
             _ => {}
         }
     }
-    recording.settle(&mut pending);
-    if !recording.about.contains_key("format") {
+    let run = reader.finish();
+    if !run.about.contains_key("format") {
         return Err(refuse(
             "not a log of cfmmr: the metadata record `cfmmr` is missing".to_owned(),
         ));
     }
-    if recording.ticks() == 0 {
+    if run.ticks == 0 {
         return Err(refuse(
             "contains no ticks of boards, so it cannot be replayed".to_owned(),
         ));
     }
-    Ok(recording)
+    Ok(run)
 }
 
 /// An error of the file's format in plain words.
@@ -200,40 +222,91 @@ fn parse<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
     serde_json::from_slice(data).map_err(|error| error.to_string())
 }
 
-impl Recording {
-    /// True if a board is recorded at this point of the log.
-    fn is_on(&self, role: Role) -> bool {
-        let last = self.boards[role as usize].last();
-        last.is_some_and(|last| !matches!(last, Event::Off(..)))
+/// Board and kind of a topic of a board.
+fn of_board(topic: &str) -> Option<(Role, &str)> {
+    let (board, kind) = topic.strip_prefix("/boards/")?.split_once('/')?;
+    let role = Role::ALL.into_iter().find(|role| role.name() == board)?;
+    Some((role, kind))
+}
+
+/// A board while a log is read.
+#[derive(Default)]
+struct Board {
+    /// Time of the latest event, ms.
+    last: Option<u32>,
+    /// True if it is recorded at this point of the log.
+    on: bool,
+    ticks: usize,
+    /// Frames that it sent at the tick whose entry comes next.
+    sent: Vec<(u32, CanFrame)>,
+}
+
+/// State while a log is read.
+struct Reader<'a> {
+    run: Run,
+    boards: [Board; 3],
+    /// Latest events of the front board, which wait for their outputs of the lead node.
+    front: VecDeque<Event>,
+    /// Outputs of the lead node by tick, ms: of a board at a link they come later than the tick.
+    leads: HashMap<u32, Box<lead::Output>>,
+    /// Time of the latest event of the front board since its start that no longer waits, ms.
+    released: Option<u32>,
+    to: &'a mut dyn FnMut(Role, Event),
+}
+
+impl<'a> Reader<'a> {
+    fn new(to: &'a mut dyn FnMut(Role, Event)) -> Self {
+        Self {
+            run: Run::default(),
+            boards: Default::default(),
+            front: VecDeque::new(),
+            leads: HashMap::new(),
+            released: None,
+            to,
+        }
     }
 
-    /// Gives the outputs of the lead node to the ticks since its latest start.
-    fn settle(&mut self, pending: &mut Pending) {
-        let leads = &mut pending.leads;
-        for event in self.boards[Role::Front as usize].iter_mut().rev() {
-            match event {
-                Event::Tick(step) => step.lead = leads.remove(&step.tick).or(step.lead.take()),
-                Event::Start { .. } => break,
-                _ => {}
+    /// Hands over the events of the front board that are older than a time, ms; all without one.
+    fn release(&mut self, before: Option<u32>) {
+        let old = |event: &Event| before.is_none_or(|before| event.tick() < before);
+        while let Some(mut event) = self.front.pop_front_if(|event| old(event)) {
+            self.released = Some(event.tick());
+            if let Event::Tick(step) = &mut event {
+                step.lead = self.leads.remove(&step.tick);
             }
+            (self.to)(Role::Front, event);
         }
-        leads.clear();
+    }
+
+    /// Hands over all that waits.
+    fn settle(&mut self) {
+        self.release(None);
+        self.leads.clear();
+        self.released = None;
+    }
+
+    fn finish(mut self) -> Run {
+        self.settle();
+        let ticks = self.boards.iter().map(|board| board.ticks);
+        self.run.ticks = ticks.max().unwrap_or_default();
+        self.run
     }
 
     /// Takes in a message; one on a topic that replay does not need is left alone.
-    fn take(&mut self, pending: &mut Pending, topic: &str, data: &[u8]) -> Result<(), String> {
+    fn take(&mut self, topic: &str, data: &[u8]) -> Result<(), String> {
         match topic {
             "/truth" => {
                 let entry: TruthEntry = parse(data)?;
                 let tick = (entry.time_s * 1e3).round() as u32;
-                self.truth.insert(tick, entry);
+                self.run.truth.insert(tick, entry);
             }
             "/bus" => {
                 let entry: BusEntry = parse(data)?;
                 let frames = entry.frames.into_iter();
-                if self.is_on(entry.board) {
-                    pending.sent[entry.board as usize]
-                        .extend(frames.map(|said| (entry.tick, said.frame.0)));
+                let board = &mut self.boards[entry.board as usize];
+                if board.on {
+                    let frames = frames.map(|said| (entry.tick, said.frame.0));
+                    board.sent.extend(frames);
                 }
             }
             "/lead" => {
@@ -241,8 +314,11 @@ impl Recording {
                 let output = bits
                     .value()
                     .ok_or("the bits of the lead node's output do not decode")?;
-                if self.is_on(Role::Front) {
-                    pending.leads.insert(tick, output);
+                if self.released.is_some_and(|released| tick <= released) {
+                    return Err(format!("it comes more than {LATE} ms after its tick"));
+                }
+                if self.boards[Role::Front as usize].on {
+                    self.leads.insert(tick, output);
                 }
             }
             "/host/order" => {
@@ -254,34 +330,23 @@ impl Recording {
                 self.push(Role::Front, Event::Command(entry.tick, given))?;
             }
             _ => {
-                let board = topic.strip_prefix("/boards/");
-                let parts = board.and_then(|rest| rest.split_once('/'));
-                let named = |(board, what)| {
-                    let role = Role::ALL.into_iter().find(|role| role.name() == board)?;
-                    Some((role, what))
-                };
-                if let Some((role, what)) = parts.and_then(named) {
-                    self.of_board(pending, role, what, data)?;
+                if let Some((role, kind)) = of_board(topic) {
+                    self.of_board(role, kind, data)?;
                 }
             }
         }
         Ok(())
     }
 
-    fn of_board(
-        &mut self,
-        pending: &mut Pending,
-        role: Role,
-        what: &str,
-        data: &[u8],
-    ) -> Result<(), String> {
+    fn of_board(&mut self, role: Role, kind: &str, data: &[u8]) -> Result<(), String> {
         let frames = |received: Vec<Can>| received.into_iter().map(|can| can.0).collect();
-        let event = match (what, role) {
+        let board = &mut self.boards[role as usize];
+        let event = match (kind, role) {
             ("start", _) => {
+                board.sent.clear();
                 if role == Role::Front {
-                    self.settle(pending);
+                    self.settle();
                 }
-                pending.sent[role as usize].clear();
                 let entry: Start = parse(data)?;
                 let config = entry.parameters.value();
                 let place = entry.place.as_ref().map(|bits| bits.value().map(Box::new));
@@ -294,8 +359,7 @@ impl Recording {
             }
             ("off", _) => {
                 let Off { tick, reason } = parse(data)?;
-                let last = self.boards[role as usize].last().map_or(tick, Event::tick);
-                Event::Off(tick.max(last), reason)
+                Event::Off(tick.max(board.last.unwrap_or(tick)), reason)
             }
             ("tick", Role::Beam) => {
                 let entry: BeamTick = parse(data)?;
@@ -307,7 +371,7 @@ impl Recording {
                     }),
                     received: frames(entry.received),
                     torque_nm: [Exact(0.0); 2],
-                    sent: sent_at(&mut pending.sent[role as usize], entry.tick),
+                    sent: sent_at(&mut board.sent, entry.tick),
                     lead: None,
                 }))
             }
@@ -323,7 +387,7 @@ impl Recording {
                     }),
                     received: frames(entry.received),
                     torque_nm: entry.torque_nm,
-                    sent: sent_at(&mut pending.sent[role as usize], entry.tick),
+                    sent: sent_at(&mut board.sent, entry.tick),
                     lead: None,
                 }))
             }
@@ -333,13 +397,22 @@ impl Recording {
     }
 
     fn push(&mut self, role: Role, event: Event) -> Result<(), String> {
-        let events = &mut self.boards[role as usize];
+        let board = &mut self.boards[role as usize];
+        let tick = event.tick();
         // A board that was restarted may count from zero.
         let begins = matches!(event, Event::Start { .. });
-        if !begins && events.last().is_some_and(|last| last.tick() > event.tick()) {
+        if !begins && board.last.is_some_and(|last| last > tick) {
             return Err("its time is before the previous message".to_owned());
         }
-        events.push(event);
+        board.last = Some(tick);
+        board.on = !matches!(event, Event::Off(..));
+        board.ticks += usize::from(matches!(event, Event::Tick(_)));
+        if role == Role::Front {
+            self.front.push_back(event);
+            self.release(Some(tick.saturating_sub(LATE)));
+        } else {
+            (self.to)(role, event);
+        }
         Ok(())
     }
 }
@@ -349,4 +422,31 @@ fn sent_at(sent: &mut Vec<(u32, CanFrame)>, tick: u32) -> Vec<CanFrame> {
     let of_nodes = |(at, frame): &(u32, CanFrame)| *at == tick && is_of_nodes(frame);
     let frames = sent.drain(..).filter(of_nodes);
     frames.map(|(_, frame)| frame).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::entry::Hex;
+
+    #[test]
+    fn output_of_the_lead_node_that_comes_too_late_is_refused() {
+        let mut ticks = Vec::new();
+        let mut keep = |_, event: Event| ticks.push(event.tick());
+        let mut reader = Reader::new(&mut keep);
+        for tick in [0, 10, LATE + 5] {
+            let event = Event::Command(tick, HostCommand::Lost);
+            reader.push(Role::Front, event).unwrap();
+        }
+        let mut lead = |tick: u32| {
+            let bits = serde_json::to_string(&Hex::of(&lead::Output::default())).unwrap();
+            let text = format!("{{\"tick\": {tick}, \"bits\": {bits}}}");
+            reader.take("/lead", text.as_bytes())
+        };
+        assert_eq!(lead(10), Ok(()));
+        let refused = lead(0).unwrap_err();
+        assert_eq!(refused, "it comes more than 10000 ms after its tick");
+        reader.finish();
+        assert_eq!(ticks, [0, 10, LATE + 5]);
+    }
 }

@@ -193,8 +193,7 @@ impl<W: Write + Seek> Copy<W> {
 #[cfg(test)]
 mod tests {
     use super::super::read;
-    use super::super::replay;
-    use super::super::replay::tests::recorded;
+    use super::super::replay::tests::{compare, recorded};
     use super::*;
     use std::io::Cursor;
 
@@ -236,7 +235,7 @@ mod tests {
             }
             assert!(read.ticks() >= last);
             last = read.ticks();
-            assert!(replay::compare(&read).unwrap().is_none(), "{share}");
+            assert!(compare(&read.boards).unwrap().is_none(), "{share}");
         }
         assert!(last + 5 >= whole.ticks(), "{last} of {}", whole.ticks());
     }
@@ -248,7 +247,7 @@ mod tests {
         log[middle] ^= 1;
         let (found, copy) = recovered(&log);
         assert!(found.missing[0].contains("damaged"), "{found:?}");
-        super::super::intact::check(&copy).unwrap();
+        super::super::intact::check(Cursor::new(&copy)).unwrap();
         assert!(recover(b"not a log", Cursor::new(Vec::new())).is_err());
         assert!(recover(&[], Cursor::new(Vec::new())).is_err());
     }

@@ -1,15 +1,16 @@
 //! A recorded run once more: what each board got goes through its nodes again.
 //!
-//! [`compare`] runs every board by itself on exactly what it got, and finds the first thing that it
-//! does otherwise. [`estimate_again`] runs them with other parameters. What a board tells another
+//! [`Comparison`] runs every board by itself on exactly what it got, and finds the first thing that
+//! it does otherwise. [`estimate_again`] runs them with other parameters. What a board tells another
 //! one then changes too, so each frame that arrived is replaced by the one that its sender now puts
 //! on the bus at the same tick; what was lost stays lost, and what was never sent does not arrive.
 //! The motion stays the recorded one: the robot does not drive by the new estimates.
 
-use super::read::{Event, Recording, Step};
+use super::read::{Event, Events, Run, Step};
 use crate::entry::{Exact, Pose, TruthEntry, epoch_of};
 use core_algos::bus::{self, CanFrame};
 use core_algos::fusion::ekf::Verdict;
+use core_algos::fusion::robot;
 use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::{Micros, TICK};
@@ -179,72 +180,104 @@ impl ReplayedBoard {
     }
 }
 
-/// The first thing in which the nodes of this program part from those of a recording.
-pub fn compare(recording: &Recording) -> Result<Option<Divergence>, Error> {
-    let mut first: Option<Divergence> = None;
-    for (role, events) in Role::ALL.into_iter().zip(&recording.boards) {
-        let mut again = ReplayedBoard::new(role);
-        for event in events {
-            again.event(event, &|config| *config)?;
-            let Event::Tick(step) = event else {
-                continue;
-            };
-            if first.as_ref().is_some_and(|first| first.tick < step.tick) {
-                break;
-            }
-            let done = match again.on {
-                true => again.step(step, &step.received)?,
-                false => {
-                    return Err(Error::input(format!(
-                        "tick {}: the {} board has no start",
-                        step.tick,
-                        role.name()
-                    )));
-                }
-            };
-            if let Some(divergence) = again.divergence(step, &done) {
-                let earlier = |first: &Divergence| first.tick <= divergence.tick;
-                if !first.as_ref().is_some_and(earlier) {
-                    first = Some(divergence);
-                }
-                break;
-            }
+/// A board that is compared with its record, and the time of its first fault or difference, ms.
+struct ComparedBoard {
+    again: ReplayedBoard,
+    found: Option<(u32, Result<Divergence, Error>)>,
+}
+
+impl ComparedBoard {
+    fn take(&mut self, event: &Event) -> Result<Option<Divergence>, Error> {
+        let again = &mut self.again;
+        again.event(event, &|config| *config)?;
+        let Event::Tick(step) = event else {
+            return Ok(None);
+        };
+        if !again.on {
+            return Err(Error::input(format!(
+                "tick {}: the {} board has no start",
+                step.tick,
+                again.role.name()
+            )));
+        }
+        let done = again.step(step, &step.received)?;
+        Ok(again.divergence(step, &done))
+    }
+}
+
+/// Comparison of the nodes of this program with those of a recording, event by event.
+pub struct Comparison([ComparedBoard; 3]);
+
+impl Default for Comparison {
+    fn default() -> Self {
+        Self(Role::ALL.map(|role| ComparedBoard {
+            again: ReplayedBoard::new(role),
+            found: None,
+        }))
+    }
+}
+
+impl Comparison {
+    /// Takes in the next event of a board; nothing after its first difference.
+    pub fn take(&mut self, role: Role, event: &Event) {
+        let board = &mut self.0[role as usize];
+        if board.found.is_none() {
+            let found = board.take(event).transpose();
+            board.found = found.map(|found| (event.tick(), found));
         }
     }
-    Ok(first)
+
+    /// The first difference.
+    pub fn first(self) -> Result<Option<Divergence>, Error> {
+        let mut first: Option<Divergence> = None;
+        for (tick, found) in self.0.into_iter().filter_map(|board| board.found) {
+            if first.as_ref().is_some_and(|first| first.tick < tick) {
+                continue;
+            }
+            let found = found?;
+            if first.as_ref().is_none_or(|first| found.tick < first.tick) {
+                first = Some(found);
+            }
+        }
+        Ok(first)
+    }
 }
 
 /// Estimates of the lead node by time of validity, ms.
-pub type Estimates = BTreeMap<u32, lead::Output>;
+pub type Estimates = BTreeMap<u32, robot::Output>;
 
-/// The lead node's outputs as recorded, until the common time of the boards goes back.
-pub fn recorded_estimates(recording: &Recording) -> Estimates {
-    let mut estimates = Estimates::new();
-    let mut last = 0;
-    for event in &recording.boards[Role::Front as usize] {
-        if event.tick() < last {
-            break;
-        }
-        last = event.tick();
-        if let Event::Tick(step) = event
-            && let Some(output) = &step.lead
-        {
-            estimates.insert(epoch_of(step.tick), **output);
-        }
-    }
-    estimates
+/// The lead node's estimates as recorded, until the common time of the boards goes back.
+#[derive(Default)]
+pub struct RecordedEstimates {
+    /// The estimates.
+    pub estimates: Estimates,
+    last: u32,
+    over: bool,
 }
 
-/// The lead node's outputs with other parameters.
+impl RecordedEstimates {
+    /// Takes in the next event of a board.
+    pub fn take(&mut self, role: Role, event: &Event) {
+        if role != Role::Front {
+            return;
+        }
+        self.over |= event.tick() < self.last;
+        self.last = event.tick();
+        if let Event::Tick(step) = event
+            && let Some(output) = step.lead.as_ref().filter(|_| !self.over)
+        {
+            self.estimates.insert(epoch_of(step.tick), output.fused);
+        }
+    }
+}
+
+/// The lead node's estimates with other parameters.
 pub fn estimate_again(
-    recording: &Recording,
+    boards: &Events,
     change: &dyn Fn(&RobotConfig) -> RobotConfig,
 ) -> Result<Estimates, Error> {
-    let mut boards = Role::ALL.map(ReplayedBoard::new);
-    let mut rest = recording
-        .boards
-        .each_ref()
-        .map(|events| events.iter().peekable());
+    let mut replayed = Role::ALL.map(ReplayedBoard::new);
+    let mut rest = boards.each_ref().map(|events| events.iter().peekable());
     // When each frame was last sent, and what its sender sends at a tick now.
     let mut recorded: HashMap<(u16, u8, [u8; 8]), u32> = HashMap::new();
     let mut now: HashMap<(u16, u32), CanFrame> = HashMap::new();
@@ -257,7 +290,7 @@ pub fn estimate_again(
     {
         // What is sent at a tick arrives at a later one.
         let (mut sent, mut sent_now) = (Vec::new(), Vec::new());
-        for (again, rest) in boards.iter_mut().zip(&mut rest) {
+        for (again, rest) in replayed.iter_mut().zip(&mut rest) {
             while let Some(event) = rest.next_if(|event| event.tick() <= tick) {
                 let heard = again.event(event, change);
                 // By other estimates the robot is elsewhere on its path, so that more of the path may
@@ -283,7 +316,7 @@ pub fn estimate_again(
                 if step.lead.is_some()
                     && let Some(lead) = again.lead
                 {
-                    estimates.insert(epoch_of(tick), lead);
+                    estimates.insert(epoch_of(tick), lead.fused);
                 }
             }
         }
@@ -320,12 +353,12 @@ pub struct Quality {
 
 impl Quality {
     /// Of estimates of a recording against the true states of the same instants.
-    pub fn of(estimates: &Estimates, recording: &Recording) -> Self {
-        let zero_us = recording.zero_us.unwrap_or_default();
+    pub fn of(estimates: &Estimates, run: &Run) -> Self {
+        let zero_us = run.zero_us.unwrap_or_default();
         let mut errors = Errors::default();
         let (mut nis, mut used, mut refused) = (0.0, 0u32, 0u32);
-        for (time, output) in estimates {
-            let beam = &output.fused.beam;
+        for (time, fused) in estimates {
+            let beam = &fused.beam;
             match beam.verdict {
                 Verdict::Used => {
                     nis += f64::from(beam.nis);
@@ -338,8 +371,8 @@ impl Quality {
                 }
                 _ => {}
             }
-            if let Some(truth) = true_state(&recording.truth, 1000 * i64::from(*time) - zero_us) {
-                errors.add(output, truth);
+            if let Some(truth) = true_state(&run.truth, 1000 * i64::from(*time) - zero_us) {
+                errors.add(fused, truth);
             }
         }
         let share = |sum: f64, count: u32| sum / f64::from(count.max(1));
@@ -389,8 +422,7 @@ struct Errors {
 }
 
 impl Errors {
-    fn add(&mut self, output: &lead::Output, (robot, apart): (Pose, Pose)) {
-        let fused = &output.fused;
+    fn add(&mut self, fused: &robot::Output, (robot, apart): (Pose, Pose)) {
         let seen = Pose::from(fused.robot.posture);
         let distance = libm::hypot(seen.x_m - robot.x_m, seen.y_m - robot.y_m);
         let turn = std::f64::consts::TAU;
@@ -485,7 +517,16 @@ pub(super) mod tests {
         fs::read(path).unwrap()
     }
 
-    fn step(recording: &mut Recording, role: Role, tick: u32) -> &mut Step {
+    /// The first thing in which the nodes of this program part from those of a recording.
+    pub(in crate::log) fn compare(boards: &Events) -> Result<Option<Divergence>, Error> {
+        let mut comparison = Comparison::default();
+        for (role, events) in Role::ALL.into_iter().zip(boards) {
+            events.iter().for_each(|event| comparison.take(role, event));
+        }
+        comparison.first()
+    }
+
+    fn step(recording: &mut read::Recording, role: Role, tick: u32) -> &mut Step {
         let events = recording.boards[role as usize].iter_mut();
         let mut steps = events.filter_map(|event| match event {
             Event::Tick(step) => Some(step),
@@ -498,13 +539,13 @@ pub(super) mod tests {
     fn a_recording_replays_bit_for_bit_and_one_bit_is_found() {
         let recording = read::read(&recorded(1500, |_| ()), "log").unwrap();
         assert_eq!(recording.ticks(), 1500);
-        assert_eq!(compare(&recording).unwrap(), None);
+        assert_eq!(compare(&recording.boards).unwrap(), None);
 
         let mut other = recording.clone();
         let torque = &mut step(&mut other, Role::Rear, 1400).torque_nm[1];
         assert!(torque.0 != 0.0, "under way");
         *torque = Exact(f32::from_bits(torque.0.to_bits() ^ 1));
-        let found = compare(&other).unwrap().unwrap();
+        let found = compare(&other.boards).unwrap().unwrap();
         assert_eq!((found.tick, found.board), (1400, "rear"));
         assert_eq!(found.signal, "right wheel torque");
 
@@ -515,20 +556,20 @@ pub(super) mod tests {
         {
             samples.encoder[0] = samples.encoder[0].map(|count| count + 1);
         }
-        let found = compare(&other).unwrap().unwrap();
+        let found = compare(&other.boards).unwrap().unwrap();
         assert_eq!((found.tick, found.board), (1300, "front"));
 
         let mut other = recording.clone();
         let sent = &mut step(&mut other, Role::Beam, 1200).sent;
         sent[1].data[0] ^= 1;
-        let found = compare(&other).unwrap().unwrap();
+        let found = compare(&other.boards).unwrap().unwrap();
         assert_eq!((found.tick, found.board), (1200, "beam"));
         assert_eq!(found.signal, "frame on the bus");
 
         let mut other = recording;
         let lead = step(&mut other, Role::Front, 1203).lead.as_mut().unwrap();
         lead.fused.robot.covariance[2][0] += 1e-9;
-        let found = compare(&other).unwrap().unwrap();
+        let found = compare(&other.boards).unwrap().unwrap();
         assert_eq!(found.tick, 1203);
         assert_eq!(found.signal, "lead node.fused.robot.covariance[2][0]");
     }
@@ -550,15 +591,19 @@ pub(super) mod tests {
             events.filter(|event| event.config().is_some()).count()
         };
         assert_eq!(Role::ALL.map(starts), [1, 2, 2]);
-        assert_eq!(compare(&recording).unwrap(), None);
+        assert_eq!(compare(&recording.boards).unwrap(), None);
     }
 
     #[test]
     fn the_same_parameters_estimate_the_same_and_others_do_not() {
-        let recording = read::read(&recorded(8000, |_| ()), "log").unwrap();
-        let estimates = recorded_estimates(&recording);
-        assert_eq!(estimates.len(), 800);
-        let same = estimate_again(&recording, &|config| *config).unwrap();
+        let recording = read::read(&recorded(11_000, |_| ()), "log").unwrap();
+        let mut recorded = RecordedEstimates::default();
+        for event in &recording.boards[Role::Front as usize] {
+            recorded.take(Role::Front, event);
+        }
+        let estimates = recorded.estimates;
+        assert_eq!(estimates.len(), 1100);
+        let same = estimate_again(&recording.boards, &|config| *config).unwrap();
         assert!(
             same == estimates,
             "frames were lost alike, and none came otherwise"
@@ -570,9 +615,9 @@ pub(super) mod tests {
             config.geometry.wheel_radius_m *= 1.01;
             config
         };
-        let wrong = estimate_again(&recording, &larger).unwrap();
+        let wrong = estimate_again(&recording.boards, &larger).unwrap();
         let way = |estimates: &Estimates| {
-            let at = |time| estimates[&time].fused.robot.posture;
+            let at = |time| estimates[&time].robot.posture;
             let (start, end) = (at(200), at(7990));
             f64::from(end.x - start.x).hypot(f64::from(end.y - start.y))
         };
@@ -580,13 +625,10 @@ pub(super) mod tests {
         let ratio = way(&wrong) / way(&estimates);
         // The beam tells the filter some of it.
         assert!((1.003..1.012).contains(&ratio), "{ratio}");
-        let good = Quality::of(&estimates, &recording);
-        let bad = Quality::of(&wrong, &recording);
+        let good = Quality::of(&estimates, &recording.run);
+        let bad = Quality::of(&wrong, &recording.run);
         assert!(bad.position_rms_m > good.position_rms_m);
-        assert_eq!(
-            Quality::of(&estimates, &Recording::default()).mean_nees,
-            None
-        );
+        assert_eq!(Quality::of(&estimates, &Run::default()).mean_nees, None);
     }
 
     #[test]

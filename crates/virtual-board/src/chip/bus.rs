@@ -9,6 +9,7 @@ use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};
 
 /// Reads a value of little-endian bytes; what lies beyond is zero.
+#[inline]
 pub(super) fn get(bytes: &[u8], at: usize, width: Width) -> u32 {
     match width {
         Width::Byte => bytes.get(at).copied().unwrap_or(0).into(),
@@ -22,6 +23,7 @@ pub(super) fn get(bytes: &[u8], at: usize, width: Width) -> u32 {
 }
 
 /// Writes a value of little-endian bytes; what lies beyond is lost.
+#[inline]
 pub(super) fn put(bytes: &mut [u8], at: usize, width: Width, value: u32) {
     match width {
         Width::Byte => {
@@ -292,6 +294,35 @@ impl Chip {
         }
     }
 
+    #[inline(never)]
+    fn read_elsewhere(&mut self, at: Transfer, cycle: &mut Cycles) -> Result<u32, BusError> {
+        if at.address.wrapping_sub(FLASH) < 1 << 20
+            && let Some(value) = self.flash.load(at, cycle, &mut self.shared)
+        {
+            return Ok(value);
+        }
+        let place = at.address.wrapping_sub(CCM) as usize;
+        if place < CCM_LENGTH {
+            return Ok(get(&self.ccm, place, at.width));
+        }
+        self.read_cold(at, cycle)
+    }
+
+    #[inline(never)]
+    fn write_elsewhere(
+        &mut self,
+        at: Transfer,
+        value: u32,
+        cycle: &mut Cycles,
+    ) -> Result<(), BusError> {
+        let place = at.address.wrapping_sub(CCM) as usize;
+        if place < CCM_LENGTH {
+            put(&mut self.ccm, place, at.width, value);
+            return Ok(());
+        }
+        self.write_cold(at, value, cycle)
+    }
+
     #[cold]
     #[inline(never)]
     fn read_cold(&mut self, at: Transfer, cycle: &mut Cycles) -> Result<u32, BusError> {
@@ -354,37 +385,24 @@ impl System for Chip {
         self.flash.enter_line(address, cycle, &mut self.shared);
     }
 
-    #[inline]
+    /// What most accesses go to, inlined for each width.
+    #[inline(always)]
     fn read(&mut self, at: Transfer, cycle: &mut Cycles) -> Result<u32, BusError> {
         let place = at.address.wrapping_sub(SRAM) as usize;
         if place < SRAM_LENGTH {
             return Ok(get(&self.sram, place, at.width));
         }
-        if at.address.wrapping_sub(FLASH) < 1 << 20
-            && let Some(value) = self.flash.load(at, cycle, &mut self.shared)
-        {
-            return Ok(value);
-        }
-        let place = at.address.wrapping_sub(CCM) as usize;
-        if place < CCM_LENGTH {
-            return Ok(get(&self.ccm, place, at.width));
-        }
-        self.read_cold(at, cycle)
+        self.read_elsewhere(at, cycle)
     }
 
-    #[inline]
+    #[inline(always)]
     fn write(&mut self, at: Transfer, value: u32, cycle: &mut Cycles) -> Result<(), BusError> {
         let place = at.address.wrapping_sub(SRAM) as usize;
         if place < SRAM_LENGTH {
             put(&mut self.sram, place, at.width, value);
             return Ok(());
         }
-        let place = at.address.wrapping_sub(CCM) as usize;
-        if place < CCM_LENGTH {
-            put(&mut self.ccm, place, at.width, value);
-            return Ok(());
-        }
-        self.write_cold(at, value, cycle)
+        self.write_elsewhere(at, value, cycle)
     }
 
     #[inline]

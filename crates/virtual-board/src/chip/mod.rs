@@ -289,8 +289,16 @@ impl Chip {
         self.refresh();
     }
 
-    /// Carries effects to those they concern until there are none.
+    /// Carries effects to those they concern until there are none. Mostly there are none.
+    #[inline]
     fn settle(&mut self) {
+        if !self.shared.effects.is_empty() {
+            self.carry_effects();
+        }
+    }
+
+    #[inline(never)]
+    fn carry_effects(&mut self) {
         while let Some(effect) = self.shared.effects.pop_front() {
             let (units, shared) = (&mut self.units, &mut self.shared);
             match effect {

@@ -24,7 +24,7 @@ const fn byte(address: u32, pc: u32) -> Transfer {
 impl Insn {
     /// BKPT, which no condition skips.
     pub(super) fn is_breakpoint(self) -> bool {
-        self.op == Op::Special(Special::Bkpt)
+        matches!(self.op, Op::Special(Special::Bkpt))
     }
 }
 
@@ -155,12 +155,6 @@ impl Core {
     }
 
     #[inline(always)]
-    fn shift_logical_flags(&mut self, insn: &Insn) {
-        let right = insn.op == Op::LsrImmS;
-        self.shift_flags(if right { Shift::Lsr } else { Shift::Lsl }, insn);
-    }
-
-    #[inline(always)]
     fn set_with_nz(&mut self, insn: &Insn, value: u32) {
         self.set_nz(value);
         self.set(insn.d(), value);
@@ -210,10 +204,16 @@ impl Core {
         Ok(value & !1)
     }
 
-    /// Executes an instruction; gives the address of the next one.
+    /// Executes an instruction with another at `next` behind it; gives the address of the one that
+    /// is executed next.
     #[inline(always)]
-    pub(super) fn execute(&mut self, system: &mut impl System, insn: &Insn, pc: u32) -> Done<u32> {
-        let next = pc.wrapping_add(u32::from(insn.size));
+    pub(super) fn execute(
+        &mut self,
+        system: &mut impl System,
+        insn: &Insn,
+        pc: u32,
+        next: u32,
+    ) -> Done<u32> {
         match insn.op {
             Op::MovImm => self.set(insn.d(), insn.imm),
             Op::MovImmS => self.set_with_nz(insn, insn.imm),
@@ -231,7 +231,8 @@ impl Core {
             Op::LslImm => self.set(insn.d(), self.reg(insn.m()) << (insn.imm & 31)),
             Op::LsrImm => self.set(insn.d(), self.logical_right(insn)),
             Op::AsrImm => self.set(insn.d(), self.arithmetic_right(insn)),
-            Op::LslImmS | Op::LsrImmS => self.shift_logical_flags(insn),
+            Op::LslImmS => self.shift_flags(Shift::Lsl, insn),
+            Op::LsrImmS => self.shift_flags(Shift::Lsr, insn),
             Op::CmpImm => self.compare(insn, insn.imm),
             Op::CmpReg => self.compare(insn, self.reg(insn.m())),
             Op::AluImm(alu) => self.set(insn.d(), self.alu(alu, self.reg(insn.n()), insn.imm)),

@@ -109,17 +109,16 @@ impl Core {
     /// Execution enters another line of 16 bytes; `last` is the last halfword of the instruction.
     #[inline(never)]
     pub(super) fn enter_line(&mut self, system: &mut impl System, pc: u32, last: u32) -> Done {
-        if pc >> 4 != self.line {
-            self.check_fetch(pc)?;
-            self.line = pc >> 4;
-            system.enter_line(pc, &mut self.cycles);
+        let mut address = if pc >> 4 == self.line { last } else { pc };
+        loop {
+            self.check_fetch(address)?;
+            self.line = address >> 4;
+            system.enter_line(address, &mut self.cycles);
+            if last >> 4 == self.line {
+                return Ok(());
+            }
+            address = last;
         }
-        if last >> 4 != self.line {
-            self.check_fetch(last)?;
-            self.line = last >> 4;
-            system.enter_line(last, &mut self.cycles);
-        }
-        Ok(())
     }
 
     #[inline]

@@ -134,6 +134,8 @@ impl Core {
         }
     }
 
+    /// Apart, so that the loop keeps its values in registers of the host.
+    #[inline(never)]
     fn execute_decoded<const PROBE: bool>(
         &mut self,
         system: &mut impl System,
@@ -163,13 +165,14 @@ impl Core {
                     Err(trap) => break Some(trap),
                 },
             };
-            let last = pc.wrapping_add(u32::from(insn.size) - 2);
+            let next = pc.wrapping_add(u32::from(insn.size));
+            let last = next.wrapping_sub(2);
             if last >> 4 != self.line
                 && let Err(trap) = self.enter_line(system, pc, last)
             {
                 break Some(trap);
             }
-            if (PROBE || it != 0) && insn.op == Op::Empty {
+            if (PROBE || it != 0) && matches!(insn.op, Op::Empty) {
                 if PROBE {
                     self.account(u32::MAX, before);
                 }
@@ -185,14 +188,14 @@ impl Core {
                 if !self.condition(it >> 4) && !insn.is_breakpoint() {
                     self.cycles += 1;
                     count += 1;
-                    pc = pc.wrapping_add(u32::from(insn.size));
+                    pc = next;
                     continue;
                 }
                 other = insn.in_block();
                 insn = &other;
             }
             self.cycles += u64::from(insn.cycles);
-            match self.execute(system, insn, pc) {
+            match self.execute(system, insn, pc, next) {
                 Ok(next) => {
                     if PROBE {
                         self.account(pc, before);

@@ -1,6 +1,6 @@
 //! Faults put in at the seams of a simulated robot: sensors, motors, frame, bus, boards.
 //!
-//! [`Injector`] puts them in; the catalogue (`run::virtual_robot::faults`) says how a run with each may end.
+//! [`Injector`] puts them in; the catalogue (`virtual_robot::faults` in the crate `remote`) says how a run with each may end.
 
 mod inject;
 

@@ -17,12 +17,12 @@ use output::table::Table;
 use output::terminal::note;
 use recording::log::MAGIC;
 use recording::log::read;
-use recording::log::read::{Event, Recording};
+use recording::log::read::{Event, Events, Run};
 use recording::log::recover;
 use recording::log::replay;
-use recording::log::replay::{Divergence, Quality};
+use recording::log::replay::{Comparison, Divergence, Quality, RecordedEstimates};
 use serde::Serialize;
-use std::io::BufWriter;
+use std::io::{BufReader, BufWriter};
 use std::path::{Path, PathBuf};
 use toml::{Table as Toml, Value};
 
@@ -38,18 +38,19 @@ pub struct Recorded {
 }
 
 impl Recorded {
-    fn of(role: Role, events: &[Event]) -> Self {
-        let ticks = events
-            .iter()
-            .filter(|event| matches!(event, Event::Tick(_)));
-        let end = |event: &Event| match event {
-            Event::Off(tick, reason) => Some((*tick, reason.clone())),
-            _ => None,
-        };
+    fn new(role: Role) -> Self {
         Self {
             board: role.name(),
-            ticks: ticks.count(),
-            ends: events.iter().filter_map(end).collect(),
+            ticks: 0,
+            ends: Vec::new(),
+        }
+    }
+
+    fn take(&mut self, event: &Event) {
+        match event {
+            Event::Tick(_) => self.ticks += 1,
+            Event::Off(tick, reason) => self.ends.push((*tick, reason.clone())),
+            _ => {}
         }
     }
 }
@@ -74,8 +75,20 @@ pub struct Report {
 /// Runs the command.
 pub fn run(args: &ReplayArgs) -> Result<(), Error> {
     let name = args.log.display().to_string();
-    let recording = recording(args, &name)?;
-    let scenario = recording.about.get("scenario").map(String::as_str);
+    let mut boards = Role::ALL.map(Recorded::new);
+    let mut recorded = RecordedEstimates::default();
+    let mut comparison = Comparison::default();
+    let mut events = Events::default();
+    let run = read_log(args, &name, &mut |role, event| {
+        boards[role as usize].take(&event);
+        recorded.take(role, &event);
+        match &args.with {
+            None => comparison.take(role, &event),
+            // A frame that was sent changes what arrives on other boards.
+            Some(_) => events[role as usize].push(event),
+        }
+    })?;
+    let scenario = run.about.get("scenario").map(String::as_str);
     let scenario: Scenario = toml_file::parse(scenario.unwrap_or_default(), &name, &[])?;
     if !scenario.world.bus.quantise {
         return Err(Error::input(format!(
@@ -83,30 +96,24 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
              so it cannot be replayed"
         )));
     }
-    let estimates = replay::recorded_estimates(&recording);
-    let recorded = Quality::of(&estimates, &recording);
     let mut report = Report {
-        ticks: recording.ticks(),
-        boards: Role::ALL
-            .into_iter()
-            .zip(&recording.boards)
-            .map(|(role, events)| Recorded::of(role, events))
-            .collect(),
+        ticks: run.ticks,
+        boards: boards.into(),
         identical: None,
         difference: None,
-        recorded,
+        recorded: Quality::of(&recorded.estimates, &run),
         with: None,
     };
     let mut text = String::new();
     match &args.with {
         None => {
-            report.difference = replay::compare(&recording)?;
+            report.difference = comparison.first()?;
             report.identical = Some(report.difference.is_none());
             match &report.difference {
                 None => text += &format!("identical over {} ticks\n", report.ticks),
                 Some(divergence) => {
                     text += &format!("NOT identical: {divergence}\n");
-                    let build = recording.about.get("build");
+                    let build = run.about.get("build");
                     if let Some(build) = build.filter(|build| *build != BUILD) {
                         text += &format!("recorded by {build}; this is {BUILD}\n");
                     }
@@ -119,16 +126,12 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
                 input::text(path).map_err(|error| Error::input(format!("{file}: {error}")))?;
             let changes = changes(&given, &file)?;
             effect::check_file(&given, &file, (&scenario, Use::Replay))?;
-            let first = recording
-                .boards
-                .iter()
-                .flatten()
-                .find_map(read::Event::config);
+            let first = events.iter().flatten().find_map(Event::config);
             // Every start has the same parameters, so what can be changed once always can.
             let first = first.copied().unwrap_or_default();
             let changed = apply(&first, &changes, &file)?;
-            let estimates = replay::estimate_again(&recording, &|_| changed)?;
-            report.with = Some(Quality::of(&estimates, &recording));
+            let estimates = replay::estimate_again(&events, &|_| changed)?;
+            report.with = Some(Quality::of(&estimates, &run));
         }
     }
     for board in report.boards.iter().filter(|board| board.ticks > 0) {
@@ -147,8 +150,8 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
     }
 }
 
-/// The log, recovered if that is asked for.
-fn recording(args: &ReplayArgs, name: &str) -> Result<Recording, Error> {
+/// Reads the log, recovered if that is asked for, and hands over the events of the boards.
+fn read_log(args: &ReplayArgs, name: &str, to: &mut dyn FnMut(Role, Event)) -> Result<Run, Error> {
     let refuse = |error: std::io::Error| {
         Error::input(format!(
             "{name}: {error}: must be a log that `cfmmr posture --log FILE` wrote"
@@ -168,16 +171,19 @@ fn recording(args: &ReplayArgs, name: &str) -> Result<Recording, Error> {
         }
         _ => {}
     }
-    let bytes = input::bytes(&args.log, input::LOG).map_err(refuse)?;
     if args.recover {
-        let to = args
+        let copy = args
             .out
             .clone()
             .unwrap_or_else(|| recovered_name(&args.log));
-        let bytes = recover(&bytes, name, &to)?;
-        return read::read(&bytes, &to.display().to_string());
+        let bytes = input::bytes(&args.log, input::LOG).map_err(refuse)?;
+        recover(&bytes, name, &copy)?;
+        drop(bytes);
+        let file = input::open(&copy, input::LOG)?;
+        return read::stream(BufReader::new(file), &copy.display().to_string(), to);
     }
-    read::read(&bytes, name).map_err(|error| {
+    let file = input::open(&args.log, input::LOG).map_err(refuse)?;
+    read::stream(BufReader::new(file), name, to).map_err(|error| {
         Error::input(format!(
             "{error}; `cfmmr replay --recover {name}` writes what is whole"
         ))
@@ -196,12 +202,11 @@ fn recovered_name(log: &Path) -> PathBuf {
     log.with_file_name(format!("{stem}.recovered.mcap"))
 }
 
-/// Writes what is whole of a log into a new one, says so, and gives the new one.
-fn recover(bytes: &[u8], name: &str, to: &Path) -> Result<Vec<u8>, Error> {
+/// Writes what is whole of a log into a new one, and says so.
+fn recover(bytes: &[u8], name: &str, to: &Path) -> Result<(), Error> {
     let mut file = files::temporary_beside(to)?;
     let found = recover::recover(bytes, BufWriter::new(file.as_file_mut()))
         .map_err(|why| Error::input(format!("{name}: {why}")))?;
-    let written = input::bytes(file.path(), input::LOG)?;
     file.persist(to)
         .map_err(|error| Error::Failure(format!("{}: {}", to.display(), error.error)))?;
     note(format!(
@@ -217,7 +222,7 @@ fn recover(bytes: &[u8], name: &str, to: &Path) -> Result<Vec<u8>, Error> {
     if let Some(more @ 1..) = found.missing.len().checked_sub(MOST) {
         note(format!("missing: {more} more"));
     }
-    Ok(written)
+    Ok(())
 }
 
 /// The part of a scenario that replay can change: `robot`.

@@ -24,10 +24,12 @@ const REMEMBERED: usize = 1 << 12;
 #[derive(Clone, Debug)]
 struct Cache<const N: usize> {
     /// Place of each line in the cache plus one; zero if it is not there.
-    place: Vec<u8>,
+    place: Box<[u8; LINES]>,
     line: [u32; N],
     /// Entries in the order of their uses.
-    uses: Vec<u8>,
+    uses: Box<[u8; REMEMBERED]>,
+    /// How many uses there are.
+    used: usize,
     /// Uses before this one are not the latest of their entries.
     oldest: usize,
     /// The latest use of each entry.
@@ -38,9 +40,10 @@ struct Cache<const N: usize> {
 impl<const N: usize> Cache<N> {
     fn new() -> Self {
         Self {
-            place: vec![0; LINES],
+            place: Box::new([0; LINES]),
             line: [NONE; N],
-            uses: (0..N as u8).collect(),
+            uses: Box::new(std::array::from_fn(|entry| entry as u8)),
+            used: N,
             oldest: 0,
             latest: std::array::from_fn(|entry| entry as u16),
             on: false,
@@ -58,11 +61,12 @@ impl<const N: usize> Cache<N> {
 
     #[inline]
     fn touch(&mut self, entry: usize) {
-        if self.uses.len() == REMEMBERED {
+        if self.used == REMEMBERED {
             self.forget();
         }
-        self.latest[entry] = self.uses.len() as u16;
-        self.uses.push(entry as u8);
+        self.latest[entry] = self.used as u16;
+        self.uses[self.used % REMEMBERED] = entry as u8;
+        self.used += 1;
     }
 
     /// Keeps only the latest use of each entry.
@@ -74,8 +78,8 @@ impl<const N: usize> Cache<N> {
         for (at, entry) in (0..).zip(order) {
             self.latest[usize::from(entry)] = at;
         }
-        self.uses.clear();
-        self.uses.extend(order);
+        self.uses[..N].copy_from_slice(&order);
+        self.used = N;
         self.oldest = 0;
     }
 
@@ -165,6 +169,7 @@ impl Accelerator {
         self.enter_slow(line, cycle);
     }
 
+    #[inline]
     fn enter_slow(&mut self, line: u32, cycle: &mut Cycles) {
         let missed = if self.ahead.0 == line {
             let late = *cycle < self.ahead.1;
