@@ -14,7 +14,7 @@ fn cfmmr(arguments: &[&str]) -> Output {
 fn option_of_a_part_that_is_left_out_names_the_command() {
     for (arguments, part) in [
         (&["follow", "--log", "a b.mcap"][..], "--log"),
-        (&["posture", "--trials", "1", "--live"], "--live"),
+        (&["follow", "--live"], "--live"),
         (&["follow", "--dashboard"], "--dashboard"),
         (&["replay", "run.mcap"], "replay run.mcap"),
     ] {
