@@ -107,6 +107,10 @@ crates/virtual-board/oracle/check_lockstep.sh
 joined
 step "the same bytes in WebAssembly"
 tools/scripts/check_web.sh
+step "the simulation as a library"
+library=(--locked --release --package host-sim)
+cargo test "${library[@]}" --test allocation
+cargo test "${library[@]}" --doc
 step "the paper's experiment with virtual boards in a session"
 hil() {
   timeout 600 target/release/cfmmr hil --on virtual --compare --out target/hil "$@" | grep -A1 "ticks ("
