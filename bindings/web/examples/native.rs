@@ -1,5 +1,5 @@
 //! Prints the hashes of the epochs of each case of `cases.json` as this machine computes them; `compare.mjs` compares them
-//! with those of WebAssembly.
+//! with the hashes from WebAssembly.
 
 use serde_json::Value;
 

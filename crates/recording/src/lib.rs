@@ -56,7 +56,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use tables::Tables;
 use writer::{Files, Note, Writer};
 
-/// Where a recording goes.
+/// Destinations of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Destinations {
     /// MCAP file.
@@ -65,7 +65,7 @@ pub struct Destinations {
     pub csv: Option<PathBuf>,
     /// Address of the server for live viewers.
     pub live: Option<SocketAddr>,
-    /// Origins of web pages that may connect to the server, beside those of this machine.
+    /// Origins of web pages that may connect to the server; pages of this machine always may.
     pub live_origin: Vec<String>,
 }
 

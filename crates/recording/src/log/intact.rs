@@ -137,7 +137,7 @@ pub fn check(mut file: impl Read + Seek) -> Result<(), String> {
     }
 }
 
-/// Refuses a chunk whose records do not fill it; those of a compressed one are left to the reader.
+/// Refuses a chunk whose records do not fill it. The reader checks the records of a compressed chunk.
 fn check_chunk(content: &[u8]) -> Result<(), String> {
     // Start, end, size and checksum, then the name of the compression.
     let name = content.get(28..32).and_then(|name| name.first_chunk());

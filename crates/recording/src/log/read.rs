@@ -131,7 +131,7 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
 /// Reads a log and hands over the events of each board in order; `name` stands in errors.
 ///
 /// The checksums are checked before the first event. The messages are checked on the way: after an
-/// error, the events so far are those of a damaged log.
+/// error, the log is damaged and the events so far do not count.
 pub fn stream(
     mut file: impl Read + Seek,
     name: &str,

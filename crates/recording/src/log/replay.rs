@@ -205,7 +205,7 @@ impl ComparedBoard {
     }
 }
 
-/// Comparison of the nodes of this program with those of a recording, event by event.
+/// Comparison of this program's nodes with a recording, event by event.
 pub struct Comparison([ComparedBoard; 3]);
 
 impl Default for Comparison {
@@ -517,7 +517,7 @@ pub(super) mod tests {
         fs::read(path).unwrap()
     }
 
-    /// The first thing in which the nodes of this program part from those of a recording.
+    /// First difference between this program's nodes and a recording.
     pub(in crate::log) fn compare(boards: &Events) -> Result<Option<Divergence>, Error> {
         let mut comparison = Comparison::default();
         for (role, events) in Role::ALL.into_iter().zip(boards) {
