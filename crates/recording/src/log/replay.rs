@@ -1,10 +1,10 @@
-//! A recorded run once more: what each board got goes through its nodes again.
+//! Replay of a recorded run: the nodes of each board receive the recorded inputs again.
 //!
-//! [`Comparison`] runs every board by itself on exactly what it got, and finds the first thing that
-//! it does otherwise. [`estimate_again`] runs them with other parameters. What a board tells another
-//! one then changes too, so each frame that arrived is replaced by the one that its sender now puts
-//! on the bus at the same tick; what was lost stays lost, and what was never sent does not arrive.
-//! The motion stays the recorded one: the robot does not drive by the new estimates.
+//! [`Comparison`] runs each board alone on its recorded inputs and finds the first difference.
+//! [`estimate_again`] runs the boards with other parameters. The frames that a board sends then change too. So each
+//! recorded frame is replaced by the frame that its sender puts on the bus at the same tick. A lost frame stays lost, and a
+//! frame that was never sent does not arrive. The motion stays the recorded one: the robot does not drive by the new
+//! estimates.
 
 use super::read::{Event, Events, Run, Step};
 use crate::entry::{Exact, Pose, TruthEntry, epoch_of};
