@@ -2,20 +2,10 @@
 
 use cfmmr::cli;
 use cfmmr::cli::{Cli, Command};
-use cfmmr::experiments;
-use cfmmr::experiments::posture::PostureArgs;
-use cfmmr::experiments::whole_robot;
 use host_sim::base::error::Error;
 use host_sim::run::path_run::PathMode;
 use output::terminal::note;
 use std::process::ExitCode;
-
-fn posture(args: &PostureArgs) -> Result<(), Error> {
-    match args.robot.has_boards() {
-        true => whole_robot::posture(args),
-        false => experiments::posture::run(args),
-    }
-}
 
 fn main() -> ExitCode {
     match Cli::read().and_then(run) {
@@ -29,17 +19,17 @@ fn main() -> ExitCode {
 
 fn run(cli: Cli) -> Result<(), Error> {
     match &cli.command {
-        None => posture(&cli.posture),
-        Some(Command::Posture(args)) => posture(args),
-        Some(Command::Follow(args)) => whole_robot::follow(args, PathMode::Follow),
-        Some(Command::Track(args)) => whole_robot::follow(args, PathMode::Track),
-        Some(Command::Drive(args)) => experiments::drive::run(args),
-        Some(Command::Hil(args)) => experiments::hil::run(args),
-        Some(Command::Replay(args)) => experiments::replay::run(args),
-        Some(Command::Consistency(args)) => experiments::consistency::run(args),
+        None => cli::posture::run(&cli.posture),
+        Some(Command::Posture(args)) => cli::posture::run(args),
+        Some(Command::Follow(args)) => cli::follow::run(args, PathMode::Follow),
+        Some(Command::Track(args)) => cli::follow::run(args, PathMode::Track),
+        Some(Command::Drive(args)) => cli::drive::run(args),
+        Some(Command::Hil(args)) => cli::hil::run(args),
+        Some(Command::Replay(args)) => cli::replay::run(args),
+        Some(Command::Consistency(args)) => cli::consistency::run(args),
         Some(Command::Eval(args)) => cli::eval::run(args),
-        Some(Command::Calibrate(args)) => experiments::calibrate::command::run(args),
-        Some(Command::Params(args)) => experiments::params::run(args),
+        Some(Command::Calibrate(args)) => cli::calibrate::run(args),
+        Some(Command::Params(args)) => cli::params::run(args),
         Some(Command::Parameters) => cli::parameters::run(),
         Some(Command::Codes) => cli::codes::run(),
         Some(Command::Dbc(args)) => cli::dbc::run(args),
@@ -47,9 +37,9 @@ fn run(cli: Cli) -> Result<(), Error> {
         Some(Command::Serial) => cli::serial::run(),
         Some(Command::Config(args)) => cli::config::run(args),
         Some(Command::World(args)) => cli::world::run(args),
-        Some(Command::Faults(args)) => experiments::faults::run(args),
-        Some(Command::Soak(args)) => experiments::soak::command::run(args),
-        Some(Command::Campaign(args)) => experiments::campaign::command::run(args),
+        Some(Command::Faults(args)) => cli::faults::run(args),
+        Some(Command::Soak(args)) => cli::soak::run(args),
+        Some(Command::Campaign(args)) => cli::campaign::run(args),
         Some(Command::Doctor(args)) => cli::doctor::run(args),
         Some(Command::Completions(args)) => cli::completions::run(args),
     }

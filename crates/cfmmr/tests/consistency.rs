@@ -1,28 +1,20 @@
 //! The estimates of the whole robot on the plant, over a few runs, against what they claim.
 
-use cfmmr::experiments::Context;
-use cfmmr::experiments::arguments::{Common, ScenarioArgs, WorldChoice};
 use cfmmr::experiments::consistency::{Report, Row, Statement, measure};
 use cfmmr::experiments::posture::Variant;
+use cfmmr::experiments::{Seeds, Workers};
 use core_algos::fusion::robot::Mode;
+use host_sim::scenario::Scenario;
 
-const RUNS: u32 = 20;
+const SEEDS: Seeds = Seeds {
+    seed: 21,
+    trials: 20,
+};
 
 fn report() -> Report {
-    let common = Common {
-        // The data sheets that the estimators' priors are from describe this one.
-        scenario: ScenarioArgs {
-            choice: WorldChoice {
-                world: Some("ordinary".into()),
-            },
-            ..ScenarioArgs::default()
-        },
-        seed: 21,
-        out: None,
-        json: Default::default(),
-        threads: None,
-    };
-    let context = Context::new(&common, "consistency").unwrap();
+    // The data sheets that the estimators' priors are from describe this one.
+    let scenario = Scenario::in_world(Some("ordinary")).unwrap();
+    let workers = Workers::new(None).unwrap();
     let variant = |rps, imu, mode| Variant { rps, imu, mode };
     let variants = [
         variant(true, false, Mode::Joint),
@@ -30,7 +22,7 @@ fn report() -> Report {
         variant(true, false, Mode::Intersection),
         variant(false, false, Mode::Odometry),
     ];
-    measure(&context, &variants, RUNS).unwrap()
+    measure(&workers, &scenario, SEEDS, &variants).unwrap()
 }
 
 /// NEES of both axles at the end of the runs.

@@ -200,3 +200,20 @@ fn files_import_each_other_in_no_circle() {
         assert!(left.is_empty(), "{name}: in or above a circle: {left:?}");
     }
 }
+
+/// Experiments can be called without a command line.
+#[test]
+fn experiments_know_no_parser_of_arguments() {
+    let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("src/experiments")];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+                continue;
+            }
+            let text = fs::read_to_string(&path).unwrap();
+            assert!(!text.contains("clap"), "{}", path.display());
+        }
+    }
+}

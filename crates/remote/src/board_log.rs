@@ -112,23 +112,21 @@ pub fn kept<T>(
     output: impl FnOnce() -> Result<OutputDir, Error>,
 ) -> Result<T, Error> {
     if result.is_err() {
+        let logs = files(logs);
         let mut files = output()?;
-        if put(&mut files, logs) {
+        if !logs.is_empty() {
+            for (name, text) in logs {
+                files.text(&name, text);
+            }
             files.commit()?;
         }
     }
     result
 }
 
-/// Adds the boards' logs; whether there is anything in them.
-pub fn put(files: &mut OutputDir, logs: &[BoardLog; 3]) -> bool {
-    let mut any = false;
-    for (role, log) in Role::ALL.into_iter().zip(logs) {
-        let text = log.text();
-        if !text.is_empty() {
-            files.text(&format!("board-{}.log", role.name()), text);
-            any = true;
-        }
-    }
-    any
+/// The boards' logs that are not empty: names of files, and their content.
+pub fn files(logs: &[BoardLog; 3]) -> Vec<(String, String)> {
+    let named = Role::ALL.into_iter().zip(logs);
+    let named = named.map(|(role, log)| (format!("board-{}.log", role.name()), log.text()));
+    named.filter(|(_, text)| !text.is_empty()).collect()
 }

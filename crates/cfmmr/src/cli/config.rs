@@ -1,6 +1,6 @@
 //! `cfmmr config`: the scenario with all defaults.
 
-use crate::experiments::arguments::ScenarioArgs;
+use super::arguments::ScenarioArgs;
 use clap::Args;
 use host_sim::base::error::Error;
 use output::terminal;

@@ -1,9 +1,9 @@
 //! `cfmmr doctor`: whether all is here that a simulation and hardware in the loop need, and what to
 //! do about what is not.
 
+use super::arguments::{BoardArgs, JsonArgs};
 use crate::cli::doctor_boards;
-use crate::experiments::arguments::BoardArgs;
-use crate::experiments::result::{JsonArgs, Provenance};
+use crate::experiments::result::Provenance;
 use clap::Args;
 use host_sim::base::error::Error;
 use output::table::Table;
@@ -122,8 +122,9 @@ pub struct Report {
 
 /// Runs the command.
 pub fn run(args: &DoctorArgs) -> Result<(), Error> {
-    if args.boards.any() {
-        return doctor_boards::run(&args.boards, &args.json);
+    let json = args.json.open()?;
+    if args.boards.on.is_outside() {
+        return doctor_boards::run(&args.boards, &json);
     }
     let groups = fs::read_to_string("/etc/group").unwrap_or_default();
     let checks = vec![
@@ -143,12 +144,10 @@ pub fn run(args: &DoctorArgs) -> Result<(), Error> {
         ok: failed.is_empty(),
         checks: checks.clone(),
     };
-    args.json.write(&Provenance::default(), &report)?;
-    args.json.print(&table(&checks))?;
+    json.write(&Provenance::default(), &report)?;
+    json.print(&table(&checks))?;
     match names.as_slice() {
-        [] => args
-            .json
-            .print("\neverything for simulation and hardware in the loop is installed\n"),
+        [] => json.print("\neverything for simulation and hardware in the loop is installed\n"),
         names => Err(Error::Failure(format!(
             "missing for simulation or hardware in the loop: {}",
             names.join(", ")

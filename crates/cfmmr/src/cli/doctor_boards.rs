@@ -1,8 +1,9 @@
 //! `cfmmr doctor --on serial:front=PORT`: the boards of a robot, by what they report of themselves.
 
-use crate::experiments::arguments::{BoardArgs, Place};
-use crate::experiments::boards::Links;
-use crate::experiments::result::{JsonArgs, Provenance};
+use super::arguments::BoardArgs;
+use crate::experiments::result::{Json, Provenance};
+use crate::experiments::run::links::Links;
+use crate::experiments::run::place::Place;
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::targets::Target;
@@ -37,13 +38,13 @@ struct Report {
 }
 
 /// Asks the boards; fails if one does not answer or had a fault.
-pub fn run(args: &BoardArgs, json: &JsonArgs) -> Result<(), Error> {
+pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
     if !matches!(args.on, Place::Serial(_)) {
         return Err(Error::input(
             "--on: must be serial:front=PORT: only real boards have a state before a run",
         ));
     }
-    let links = Links::new(args, None)?;
+    let links = Links::new(&args.on, args.baud, None)?;
     let mut boards = Vec::new();
     // The port of a board that does not answer reaches no other board either.
     let mut dead = Vec::new();

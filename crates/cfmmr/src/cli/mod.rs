@@ -1,40 +1,53 @@
-//! The command line: its subcommands, and those that print a table and compute nothing.
+//! The command line: a file a subcommand, with its arguments. What subcommands compute is in
+//! [`experiments`](crate::experiments).
 //!
-//! Start with [`Command`]. Subcommands that compute are in [`experiments`](crate::experiments), with their arguments.
+//! Start with [`Command`].
 
+pub mod arguments;
+pub mod calibrate;
+pub mod campaign;
 pub mod codes;
 pub mod completions;
 pub mod config;
+pub mod consistency;
 pub mod dbc;
 pub mod doctor;
 mod doctor_boards;
+pub mod drive;
 pub mod eval;
+pub mod faults;
+pub mod follow;
+pub mod hil;
 mod outputs;
 pub mod parameters;
+pub mod params;
+pub mod posture;
+pub mod replay;
 pub mod serial;
+pub mod soak;
 pub mod topics;
 pub mod world;
 
-use crate::experiments::calibrate::command::CalibrateArgs;
-use crate::experiments::campaign::command::CampaignArgs;
-use crate::experiments::consistency::ConsistencyArgs;
-use crate::experiments::drive::DriveArgs;
-use crate::experiments::faults::FaultsArgs;
-use crate::experiments::follow::FollowArgs;
-use crate::experiments::hil::HilArgs;
-use crate::experiments::params::ParamsArgs;
-use crate::experiments::posture::PostureArgs;
-use crate::experiments::replay::ReplayArgs;
-use crate::experiments::soak::command::SoakArgs;
+use calibrate::CalibrateArgs;
+use campaign::CampaignArgs;
 use clap::{Arg, CommandFactory, FromArgMatches, Parser, Subcommand};
 use completions::CompletionsArgs;
 use config::ConfigArgs;
+use consistency::ConsistencyArgs;
 use dbc::DbcArgs;
 use doctor::DoctorArgs;
+use drive::DriveArgs;
 use eval::EvalArgs;
+use faults::FaultsArgs;
+use follow::FollowArgs;
+use hil::HilArgs;
 use host_sim::base::error::Error;
 use output::terminal;
 use output::terminal::note;
+use params::ParamsArgs;
+use posture::PostureArgs;
+use replay::ReplayArgs;
+use soak::SoakArgs;
 use std::ffi::OsString;
 use std::io::{self, IsTerminal};
 use world::WorldArgs;

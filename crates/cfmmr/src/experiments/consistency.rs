@@ -1,18 +1,15 @@
-//! `cfmmr consistency`: whether the fused estimates are as good as they claim to be.
+//! Whether the fused estimates are as good as they claim to be.
 //!
 //! The measure is the normalised estimation error squared, NEES = eᵀ P⁻¹ e, of both axles and of
 //! O (three degrees of freedom each), on the full plant. If the errors are normal with the
 //! covariance claimed, its mean over N runs lies in a band that follows from χ² with 3 N degrees
 //! of freedom. Above the band an estimator claims too much; below it, it is cautious.
 
-use crate::experiments::Context;
-use crate::experiments::arguments::Common;
-use crate::experiments::posture::{ROWS, Variant};
-use clap::{Args, ValueEnum};
+use crate::experiments::posture::Variant;
+use crate::experiments::{Context, Seeds, Workers};
 use core_algos::fusion::Estimate;
 use core_algos::fusion::ekf::Verdict;
 use host_sim::base::error::Error;
-use host_sim::base::numbers::whole;
 use host_sim::base::statistics;
 use host_sim::base::statistics::{
     NIS_EXPECTED, chi_square_quantile, error, mean_square_band, nees,
@@ -21,41 +18,12 @@ use host_sim::run::end::{Ends, RunEnd};
 use host_sim::run::regulate::regulate;
 use host_sim::run::robot::Record;
 use host_sim::scenario::Scenario;
-use host_sim::scenario::effect;
-use host_sim::scenario::effect::Use;
 use output::files::Csv;
 use output::table::Table;
 use recording::csv;
 use serde::Serialize;
 use view::plot::{Figure, Height, Panel};
 use view::style::{BAND, series};
-
-/// Fusions that `consistency` compares, by [`Variant::fusion`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Fusion {
-    /// Odometry alone, without the relative position sensor
-    Odometry,
-    /// Covariance intersection
-    Intersection,
-    /// Covariance intersection and internal posture error correction
-    IntersectionIpec,
-    /// Joint filter of both axles
-    Joint,
-}
-
-/// Arguments of `consistency`.
-#[derive(Clone, Debug, Args)]
-pub struct ConsistencyArgs {
-    /// Arguments every experiment takes.
-    #[command(flatten)]
-    pub common: Common,
-    /// Number of runs a row
-    #[arg(long, default_value_t = 200, value_parser = whole::<u32>(2..=1_000_000))]
-    pub trials: u32,
-    /// Fusions, separated by commas [default: all]
-    #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
-    pub fusion: Vec<Fusion>,
-}
 
 /// Components of a posture's error.
 pub const DEGREES: usize = 3;
@@ -301,18 +269,23 @@ pub struct Report {
     pub rows: Vec<Row>,
 }
 
-/// All runs of all configurations.
-pub fn measure(context: &Context, variants: &[Variant], runs: u32) -> Result<Report, Error> {
+/// Runs of each configuration of a scenario.
+pub fn measure(
+    workers: &Workers,
+    scenario: &Scenario,
+    seeds: Seeds,
+    variants: &[Variant],
+) -> Result<Report, Error> {
     let scenarios: Vec<Scenario> = variants
         .iter()
-        .map(|variant| variant.apply(&context.scenario))
+        .map(|variant| variant.apply(scenario))
         .collect();
-    let count = runs as usize;
-    let blocks = context.run_rows("runs", (variants.len(), count), |row, trial| {
+    let rows = (variants.len(), seeds.trials);
+    let blocks = workers.run_rows("runs", rows, |row, trial| {
         let scenario = &scenarios[row];
         let mut observer = Observer::new(scenario.mission.settle_s);
         let see = |record: &Record| observer.observe(record);
-        let outcome = regulate(scenario, context.seed, trial as u64, see)?;
+        let outcome = regulate(scenario, seeds.seed, trial as u64, see)?;
         observer.run.ended = outcome.end;
         let duration_s = observer.epochs as f64 * 0.01;
         Ok((observer.run, duration_s))
@@ -321,7 +294,7 @@ pub fn measure(context: &Context, variants: &[Variant], runs: u32) -> Result<Rep
         let text = "interrupted before each row had a run: nothing is written";
         return Err(Error::Interrupted(text.to_owned()));
     }
-    let band = mean_square_band(DEGREES, count, PROBABILITY);
+    let band = mean_square_band(DEGREES, seeds.trials, PROBABILITY);
     let quantile = chi_square_quantile(PROBABILITY, DEGREES as f64);
     let rows = variants
         .iter()
@@ -329,7 +302,7 @@ pub fn measure(context: &Context, variants: &[Variant], runs: u32) -> Result<Rep
         .map(|(variant, block)| summarize(variant, block, band, quantile))
         .collect();
     Ok(Report {
-        runs,
+        runs: seeds.trials as u32,
         degrees: DEGREES,
         probability: PROBABILITY,
         band,
@@ -380,29 +353,15 @@ fn summarize(variant: &Variant, block: &[(Run, f64)], band: [f64; 2], quantile: 
     }
 }
 
-/// Runs the command.
-pub fn run(args: &ConsistencyArgs) -> Result<(), Error> {
-    let context = Context::new(&args.common, "consistency")?;
-    let mut variants = Variant::ALL.to_vec();
-    if !args.fusion.is_empty() {
-        let names = args.fusion.iter().filter_map(ValueEnum::to_possible_value);
-        let names: Vec<_> = names.collect();
-        variants.retain(|v| names.iter().any(|name| name.get_name() == v.fusion()));
-    }
-    let rows: Vec<Scenario> = variants
-        .iter()
-        .map(|v| v.apply(&context.scenario))
-        .collect();
-    let runs: Vec<effect::Run> = rows.iter().map(|row| (row, Use::Regulate)).collect();
-    context.check_keys(ROWS, &runs)?;
-    let report = measure(&context, &variants, args.trials)?;
-    let text = table(&report, &variants);
+/// Writes and prints the result.
+pub fn publish(context: &Context, report: &Report, variants: &[Variant]) -> Result<(), Error> {
+    let text = table(report, variants);
     let mut files = context.output()?;
-    let figure = figure(&report);
+    let figure = figure(report);
     files.text("consistency.svg", figure.svg());
     files.bytes("consistency.png", figure.png());
-    files.csv("consistency.csv", csv(&report));
-    context.finish(&text, &report, files, &[], None)
+    files.csv("consistency.csv", csv(report));
+    context.finish(&text, report, files, &[], None)
 }
 
 fn csv(report: &Report) -> Csv {

@@ -1,13 +1,9 @@
-//! `cfmmr follow` and `cfmmr track`: path following and trajectory tracking.
+//! Path following and trajectory tracking.
 
 use crate::experiments::Context;
-use crate::experiments::arguments::LogArgs;
-use crate::experiments::arguments::{Common, RobotArgs, SensorArgs, parse_posture};
 use crate::experiments::posture::Variant;
 use crate::experiments::result::end_lines;
-use clap::Args;
 use host_sim::base::error::Error;
-use host_sim::base::numbers::{number, whole};
 use host_sim::paths;
 use host_sim::paths::Path;
 use host_sim::run::end::RunEnd;
@@ -24,47 +20,19 @@ use view::figures;
 use view::figures::{FollowErrors, FollowRun, Snapshot};
 use view::page;
 
-/// Drive along a path.
-#[derive(Clone, Debug, Args)]
-pub struct DriveArgs {
-    /// Largest speed along the path, m/s; `track` allows at most 90 % of the robot's limit
-    /// [default: the scenario's, 0.2]
-    #[arg(long, value_name = "M/S", value_parser = number)]
-    pub speed: Option<f64>,
-    /// Length of the line, radius of the circle or half width of the figure eight, m [default: 3,
-    /// 1, 1.5]
-    #[arg(long, value_name = "M", value_parser = number)]
-    pub size: Option<f64>,
-    /// Number of laps of a closed path
-    #[arg(long, default_value_t = 1, value_parser = whole::<u32>(1..=10_000))]
-    pub laps: u32,
-    /// Start posture of the midpoint O, as in `posture` [default: on the first point of the path,
-    /// along it]
-    #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
-    pub from: Option<String>,
-    /// Sensors.
-    #[command(flatten)]
-    pub sensors: SensorArgs,
-}
-
-/// Arguments of `follow` and `track`.
-#[derive(Clone, Debug, Args)]
-pub struct FollowArgs {
-    /// Arguments every experiment takes.
-    #[command(flatten)]
-    pub common: Common,
-    /// Recording of the run.
-    #[command(flatten)]
-    pub log: LogArgs,
-    /// Path: line, circle, figure-eight, or a CSV file of waypoints (columns x,y in m)
-    #[arg(long, default_value = "figure-eight", value_name = "PATH")]
+/// A path that is wanted.
+#[derive(Clone, Debug)]
+pub struct Wanted {
+    /// Line, circle, figure-eight, or a CSV file of waypoints.
     pub path: String,
-    /// Sensors, start and speed.
-    #[command(flatten)]
-    pub drive: DriveArgs,
-    /// The robot.
-    #[command(flatten)]
-    pub robot: RobotArgs,
+    /// Length of the line, radius of the circle or half width of the figure eight, m.
+    pub size: Option<f64>,
+    /// Number of laps of a closed path.
+    pub laps: u32,
+    /// Largest speed along the path, m/s; the scenario's without.
+    pub speed_m_s: Option<f64>,
+    /// Start posture of the midpoint O; on the first point of the path, along it, without.
+    pub start: Option<[f64; 3]>,
 }
 
 /// Most epochs that are kept of a run for log and picture.
@@ -134,20 +102,19 @@ pub const PATH: Taken = &[
 ];
 
 /// Reads path, speed and start, and writes them into the scenario.
-pub fn prepare(args: &FollowArgs, context: &mut Context, purpose: Use) -> Result<Course, Error> {
-    let path = paths::named(&args.path, ("--size", args.drive.size))
-        .map_err(|error| Error::input(format!("--path {}: {error}", args.path)))?;
-    if args.drive.laps != 1 && !path.is_closed() {
+pub fn prepare(wanted: &Wanted, context: &mut Context, purpose: Use) -> Result<Course, Error> {
+    let path = paths::named(&wanted.path, ("--size", wanted.size))
+        .map_err(|error| Error::input(format!("--path {}: {error}", wanted.path)))?;
+    if wanted.laps != 1 && !path.is_closed() {
         return Err(Error::input(format!(
             "--laps {}: must be 1 because the path {} is open",
-            args.drive.laps, args.path
+            wanted.laps, wanted.path
         )));
     }
     let scenario = &mut context.scenario;
-    args.drive.sensors.apply(scenario);
     let limits = &mut scenario.robot.lead.course.path;
     let most = f64::from(scenario.robot.limits.max_speed_m_s);
-    if let Some(speed) = args.drive.speed {
+    if let Some(speed) = wanted.speed_m_s {
         if !(speed >= f64::from(limits.min_speed_m_s) && speed <= most) {
             return Err(Error::input(format!(
                 "--speed {speed}: must be a number from {} to {} m/s",
@@ -157,21 +124,18 @@ pub fn prepare(args: &FollowArgs, context: &mut Context, purpose: Use) -> Result
         limits.max_speed_m_s = speed as f32;
     }
     let speed = f64::from(limits.max_speed_m_s).min(most);
-    let route = Route::new(&path, args.drive.laps, scenario)
-        .map_err(|error| Error::input(format!("path {}: {error}", args.path)))?;
-    scenario.mission.start = match &args.drive.from {
-        Some(text) => parse_posture(text).map_err(Error::Input)?,
-        None => route.start(),
-    };
+    let route = Route::new(&path, wanted.laps, scenario)
+        .map_err(|error| Error::input(format!("path {}: {error}", wanted.path)))?;
+    scenario.mission.start = wanted.start.unwrap_or_else(|| route.start());
     scenario.check()?;
     let [planned, _] = path_run::start_distances(scenario);
     route
         .check_start(scenario.mission.start, planned)
-        .map_err(|error| Error::input(format!("path {}: {error}", args.path)))?;
+        .map_err(|error| Error::input(format!("path {}: {error}", wanted.path)))?;
     context.check_keys(PATH, &[(&context.scenario, purpose)])?;
     context.output()?;
     Ok(Course {
-        name: args.path.clone(),
+        name: wanted.path.clone(),
         path,
         route,
         speed_m_s: speed,

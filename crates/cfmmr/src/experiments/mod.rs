@@ -1,34 +1,27 @@
-//! Experiments: the commands that compute, each with its arguments, run, table and files.
+//! Experiments: what is run, its table and its files. They know nothing of the command line.
 //!
-//! Start with [`posture`]. [`Context`] is shared by all experiments.
+//! Trials are functions of a [`Scenario`] and [`Seeds`], computed by [`Workers`]: see
+//! [`posture::trials::run`] and [`consistency::measure`]. [`run`] carries out one task, here or on boards
+//! elsewhere. [`Context`] is what a command gives an experiment, and where its result goes.
 
-pub mod arguments;
-pub mod boards;
 pub mod calibrate;
 pub mod campaign;
 pub mod consistency;
-pub mod drive;
-pub mod driven;
 pub mod eval;
 pub mod faults;
 pub mod follow;
-pub mod hil;
-pub mod mission;
-pub mod params;
 pub mod posture;
-pub mod real_robot;
-pub mod recorder;
+#[cfg(feature = "full")]
 pub mod replay;
 pub mod result;
+pub mod run;
 pub mod soak;
-pub mod whole_robot;
 
 use crate::BUILD;
-use crate::experiments::arguments::Common;
-use crate::experiments::result::{JsonArgs, Provenance};
+use crate::experiments::result::{Json, Provenance};
 use host_sim::base::error::Error;
-use host_sim::scenario::effect::{GivenKeys, Run, Taken};
-use host_sim::scenario::{Scenario, belief};
+use host_sim::scenario::effect::{GivenKeys, Taken};
+use host_sim::scenario::{Scenario, belief, effect};
 use host_sim::world::body::Body;
 use output::files::{OutputDir, Reserved};
 use output::progress::Progress;
@@ -47,65 +40,28 @@ pub fn pool(threads: Option<u16>) -> Result<rayon::ThreadPool, Error> {
         .map_err(|error| Error::Failure(error.to_string()))
 }
 
-/// Scenario, threads and output of an experiment.
-pub struct Context {
-    /// The scenario with the changes of the command line.
-    pub scenario: Scenario,
+/// Seeds of trials: trial n, from 0, has the draws of seed and n.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Seeds {
     /// Seed of all draws.
     pub seed: u64,
-    /// The command.
-    pub name: String,
-    given: GivenKeys,
-    out: PathBuf,
-    _reserved: Reserved,
-    json: JsonArgs,
+    /// Number of trials.
+    pub trials: usize,
+}
+
+/// Threads of an experiment, and the flag that ends it early.
+pub struct Workers {
     interrupt: Arc<AtomicBool>,
     pool: rayon::ThreadPool,
 }
 
-impl Context {
-    /// Reads the scenario and prepares the threads; `name` is the command.
-    pub fn new(common: &Common, name: &str) -> Result<Self, Error> {
-        let scenario = common.scenario.load()?;
-        let given = common.scenario.given()?;
-        for notice in belief::notices(&scenario) {
-            note(format!("cfmmr: {notice}"));
-        }
-        let pool = pool(common.threads)?;
-        let default = || PathBuf::from("out").join(name);
-        let out = common.out.clone().unwrap_or_else(default);
-        // Refused before the computation rather than after it.
-        common.json.check()?;
-        let reserved = Reserved::new(&out);
+impl Workers {
+    /// So many threads; without a number one a core. Ctrl-C sets the flag.
+    pub fn new(threads: Option<u16>) -> Result<Self, Error> {
         Ok(Self {
-            scenario,
-            seed: common.seed,
-            name: name.to_owned(),
-            given,
-            out,
-            _reserved: reserved.map_err(|error| Error::input(format!("--out: {error}")))?,
-            json: common.json.clone(),
             interrupt: watch_for_interrupt()?,
-            pool,
+            pool: pool(threads)?,
         })
-    }
-
-    /// Command, seed and program, below the title of a report page.
-    pub fn subtitle(&self) -> String {
-        format!("cfmmr {}, seed {}, {BUILD}", self.name, self.seed)
-    }
-
-    /// Refuses keys of `--set` without effect in any of the runs, and reports those of the scenario file.
-    pub fn check_keys(&self, taken: Taken, runs: &[Run]) -> Result<(), Error> {
-        self.given.check(taken, runs)
-    }
-
-    /// Refuses keys of `--set` that a real robot has no use for: its parameters are those of its boards.
-    pub fn check_mission_keys(&self) -> Result<(), Error> {
-        self.given.check_only(
-            "mission",
-            "for a real robot: its boards have their parameters, see `cfmmr params`",
-        )
     }
 
     /// A flag that Ctrl-C sets.
@@ -161,6 +117,95 @@ impl Context {
         }
         Ok(blocks)
     }
+}
+
+/// What a command gives an experiment.
+pub struct Inputs {
+    /// The scenario with the changes of the command line.
+    pub scenario: Scenario,
+    /// Keys of the scenario that the command line and the scenario file name.
+    pub given: GivenKeys,
+    /// Seed of all draws.
+    pub seed: u64,
+    /// Number of threads; one a core without.
+    pub threads: Option<u16>,
+    /// Folder for result files; `out/COMMAND` without.
+    pub out: Option<PathBuf>,
+    /// Destination of the result as JSON.
+    pub json: Json,
+}
+
+/// Scenario, threads and output of an experiment.
+pub struct Context {
+    /// The scenario with the changes of the command line.
+    pub scenario: Scenario,
+    /// Seed of all draws.
+    pub seed: u64,
+    /// The command.
+    pub name: String,
+    /// Threads.
+    pub workers: Workers,
+    given: GivenKeys,
+    out: PathBuf,
+    _reserved: Reserved,
+    json: Json,
+}
+
+impl Context {
+    /// Prepares threads and output of a command. Standard error names what the robot believes otherwise than it is.
+    pub fn new(name: &str, inputs: Inputs) -> Result<Self, Error> {
+        let Inputs {
+            scenario,
+            given,
+            seed,
+            threads,
+            out,
+            json,
+        } = inputs;
+        for notice in belief::notices(&scenario) {
+            note(format!("cfmmr: {notice}"));
+        }
+        let workers = Workers::new(threads)?;
+        let out = out.unwrap_or_else(|| PathBuf::from("out").join(name));
+        // Refused before the computation rather than after it.
+        let reserved = Reserved::new(&out);
+        Ok(Self {
+            scenario,
+            seed,
+            name: name.to_owned(),
+            workers,
+            given,
+            out,
+            _reserved: reserved.map_err(|error| Error::input(format!("--out: {error}")))?,
+            json,
+        })
+    }
+
+    /// Seeds of so many trials.
+    pub fn seeds(&self, trials: usize) -> Seeds {
+        Seeds {
+            seed: self.seed,
+            trials,
+        }
+    }
+
+    /// Command, seed and program, below the title of a report page.
+    pub fn subtitle(&self) -> String {
+        format!("cfmmr {}, seed {}, {BUILD}", self.name, self.seed)
+    }
+
+    /// Refuses keys of `--set` without effect in any of the runs, and reports those of the scenario file.
+    pub fn check_keys(&self, taken: Taken, runs: &[effect::Run]) -> Result<(), Error> {
+        self.given.check(taken, runs)
+    }
+
+    /// Refuses keys of `--set` that a real robot has no use for: its parameters are those of its boards.
+    pub fn check_mission_keys(&self) -> Result<(), Error> {
+        self.given.check_only(
+            "mission",
+            "for a real robot: its boards have their parameters, see `cfmmr params`",
+        )
+    }
 
     /// Path of the directory for result files.
     pub fn folder(&self) -> &Path {
@@ -203,7 +248,7 @@ impl Context {
         let printed = self.json.print(&format!("{table}\n{text}"));
         match failed {
             // Nobody may be there to read it.
-            _ if self.is_interrupted() => Err(Error::Interrupted(
+            _ if self.workers.is_interrupted() => Err(Error::Interrupted(
                 "interrupted: the results are those of what was done".to_owned(),
             )),
             Some(why) => Err(Error::Failure(match printed {

@@ -1,7 +1,6 @@
 //! Results as JSON, with everything that they depend on.
 
 use crate::BUILD;
-use clap::Args;
 use host_sim::base::error::Error;
 use host_sim::run::end::RunEnd;
 use host_sim::scenario::Scenario;
@@ -114,21 +113,21 @@ pub fn end_lines(end: &RunEnd, what: &str) -> String {
 }
 
 /// Destination of the result as JSON.
-#[derive(Clone, Debug, Default, Args)]
-pub struct JsonArgs {
-    /// Write the result as JSON to FILE; `-`: to standard output, the table to standard error
-    #[arg(id = "json", long = "json", value_name = "FILE")]
+#[derive(Clone, Debug, Default)]
+pub struct Json {
     file: Option<PathBuf>,
 }
 
-impl JsonArgs {
-    /// Checks before the computation that the file can be written.
-    pub fn check(&self) -> Result<(), Error> {
-        match &self.file {
-            Some(path) if !self.is_standard_output() => files::try_file(path)
-                .map_err(|error| Error::input(format!("--json {}: {error}", path.display()))),
-            _ => Ok(()),
+impl Json {
+    /// A file, `-` for standard output, or none. An error before the computation names a file that cannot be written.
+    pub fn to(file: Option<PathBuf>) -> Result<Self, Error> {
+        let json = Self { file };
+        match &json.file {
+            Some(path) if !json.is_standard_output() => files::try_file(path)
+                .map_err(|error| Error::input(format!("--json {}: {error}", path.display())))?,
+            _ => {}
         }
+        Ok(json)
     }
 
     /// Writes the result.

@@ -1,10 +1,9 @@
 //! Calibration of wheels, strain gauges and gyros, and the simulated robot on which it is tried: the
 //! same one throughout, with errors that are its own and that only the report is told.
 
-pub mod command;
 pub mod gauges;
-mod procedures;
-mod real;
+pub mod procedures;
+pub mod real;
 pub mod turns;
 pub mod wheels;
 

@@ -10,6 +10,7 @@ use host_sim::paths::Path;
 use host_sim::scenario::Scenario;
 use host_sim::scenario::board_parameters::{Overlays, Values};
 use host_sim::world::sensors::SAMPLE_PERIOD_S;
+use output::table::Table;
 use serde::Serialize;
 
 /// Speeds at which the squares are driven, m/s: creep goes with the time.
@@ -44,15 +45,19 @@ pub(super) struct Effect {
 
 /// Result.
 #[derive(Clone, Debug, Default, Serialize)]
-pub(super) struct Report {
-    pub(super) world: String,
-    pub(super) seed: u64,
+pub struct Report {
+    /// World of the robot.
+    pub world: String,
+    /// Seed of all draws.
+    pub seed: u64,
     pub(super) parameters: Vec<Row>,
     pub(super) effects: Vec<Effect>,
     pub(super) notes: Vec<String>,
-    pub(super) saved: bool,
+    /// True if the boards have saved the parameters.
+    pub saved: bool,
+    /// The parameters by board.
     #[serde(skip)]
-    pub(super) found: Overlays,
+    pub found: Overlays,
 }
 
 pub(super) fn parameter(name: &str) -> Result<&'static Parameter, Error> {
@@ -97,6 +102,43 @@ impl Report {
             after,
         });
     }
+
+    /// Tables and notes.
+    pub fn text(&self) -> String {
+        let digits = |row: &Row| if row.unit == "counts" { 2 } else { 6 };
+        let mut table = Table::new([
+            "parameter",
+            "board",
+            "unit",
+            "before",
+            "after",
+            "true",
+            "error",
+        ]);
+        for row in &self.parameters {
+            let n = digits(row);
+            table.row([
+                row.name.to_owned(),
+                row.board.to_owned(),
+                row.unit.to_owned(),
+                format!("{:.n$}", row.before),
+                format!("{:.n$}", row.after),
+                format!("{:.n$}", row.truth),
+                format!("{:+.n$}", row.after - row.truth),
+            ]);
+        }
+        let mut effects = Table::new(["error", "unit", "before", "after"]);
+        for effect in &self.effects {
+            effects.row([
+                effect.what.clone(),
+                effect.unit.to_owned(),
+                format!("{:.2}", effect.before),
+                format!("{:.2}", effect.after),
+            ]);
+        }
+        let notes: String = self.notes.iter().map(|note| format!("{note}\n")).collect();
+        format!("{table}\n{effects}\nworld {}\n{notes}", self.world)
+    }
 }
 
 /// Squares both ways at both speeds, the nominal one first.
@@ -131,7 +173,8 @@ impl Squares {
     }
 }
 
-pub(super) fn calibrate_wheels(
+/// Radii, track and scale of odometry, by squares, a straight way and turns.
+pub fn calibrate_wheels(
     scenario: &Scenario,
     bench: &mut Bench,
     laps: u32,
@@ -204,7 +247,8 @@ pub(super) fn calibrate_wheels(
     Ok(report)
 }
 
-pub(super) fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Error> {
+/// Zeros and gains of the strain gauges, by a straight strip and formers.
+pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Error> {
     let mut report = Report::default();
     let bridge = &scenario.world.sensors.bridge;
     let middle = f64::from(bridge.full_scale_counts());
@@ -284,7 +328,8 @@ pub(super) fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result
     Ok(report)
 }
 
-pub(super) fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Error> {
+/// Zeros and scales of the gyros, by turns.
+pub fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Error> {
     let mut report = Report::default();
     let turned = bench.turn(scenario)?;
     for (i, role) in [Role::Front, Role::Rear].into_iter().enumerate() {

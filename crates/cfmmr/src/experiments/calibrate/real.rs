@@ -1,9 +1,8 @@
 //! Strain gauges of a real robot, by the procedure of its beam board. The request passes the front board's port and the
 //! bus.
 
-use crate::experiments::arguments::BoardArgs;
-use crate::experiments::boards::Links;
-use crate::experiments::result::{JsonArgs, Provenance};
+use crate::experiments::result::{Json, Provenance};
+use crate::experiments::run::links::Links;
 use core_algos::bus::field::{Calibrate, CalibrationResult};
 use core_algos::bus::{self, CanFrame, Message};
 use core_algos::topology::Role;
@@ -32,12 +31,7 @@ struct Report {
 
 /// Runs the procedure, with a former of this curvature (1/m) or with a straight strip, after a confirmation of the user if
 /// that is wanted.
-pub fn run(
-    boards: &BoardArgs,
-    former: Option<f64>,
-    confirm: bool,
-    json: &JsonArgs,
-) -> Result<(), Error> {
+pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Result<(), Error> {
     let (calibrate, hold) = match former {
         None => (Calibrate::Zero(0.0), "straight, against an edge".to_owned()),
         Some(curvature) => (
@@ -58,7 +52,6 @@ pub fn run(
     };
     let frame =
         bus::encode(&message).map_err(|error| Error::input(format!("--former: {error}")))?;
-    let links = Links::new(boards, None)?;
     let Some(port) = links.open(Role::Front, &BoardLog::default())? else {
         return Err(Error::input(
             "--on serial: must be serial:front=PORT: the request passes the front board",

@@ -1,14 +1,11 @@
-use super::command::{CampaignArgs, CampaignMerge, merge, next_step, ranges, shard};
 use super::directory::{Block, Directory};
+use super::parts::{merge, next_step, ranges};
 use super::pictures::{correlations, distributions, map, sensitivity};
 use super::report::{Report, rank_correlation, wilson};
 use super::rows::{self, Row};
 use super::study::{Run, Study, number};
-use clap::Parser;
 use host_sim::run::end::{EndKind, RunEnd};
 use host_sim::run::regulate::Outcome;
-use std::ffi::OsString;
-use std::path::Path;
 use view::plot::checks::check_figure;
 
 const TEXT: &str = r#"
@@ -401,91 +398,6 @@ fn table_of_the_report_in_80_columns_divides_no_number() {
     }
 }
 
-/// Arguments of `campaign` as typed.
-fn typed(line: &[&str]) -> CampaignArgs {
-    #[derive(Parser)]
-    struct Typed {
-        #[command(flatten)]
-        args: CampaignArgs,
-    }
-    let words = ["campaign"].iter().chain(line);
-    Typed::try_parse_from(words).unwrap().args
-}
-
-/// A study of two blocks in a new folder, and the arguments of `campaign`.
-fn in_folder(folder: &Path, options: &[&str]) -> CampaignArgs {
-    let file = folder.join("study.toml");
-    std::fs::write(
-        &file,
-        "name = \"test\"\ntrials = 2\nblock = 1\n[scenario.mission]\ntime_limit_s = 0.1\n",
-    )
-    .unwrap();
-    let out = folder.join("out");
-    let fixed = [
-        file.to_str().unwrap(),
-        "--out",
-        out.to_str().unwrap(),
-        "--threads",
-        "1",
-    ];
-    typed(&[&fixed, options].concat())
-}
-
-/// Files of a folder, without the copy of the study.
-fn files(folder: &Path) -> Vec<String> {
-    let entries = std::fs::read_dir(folder).unwrap();
-    let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
-    let mut names: Vec<String> = names.filter(|name| name != "study.toml").collect();
-    names.sort();
-    names
-}
-
-#[test]
-fn part_in_an_incomplete_environment_is_refused_and_writes_nothing() {
-    for (name, value) in [
-        ("CFMMR_SHARDS", "3"),
-        ("CFMMR_SHARDS", "-1"),
-        ("CFMMR_SHARDS", ""),
-        ("JOB_COMPLETION_INDEX", "0"),
-        ("SLURM_ARRAY_TASK_ID", "0"),
-        ("SLURM_ARRAY_TASK_STEP", "0"),
-    ] {
-        let folder = tempfile::tempdir().unwrap();
-        let args = in_folder(folder.path(), &[]);
-        let variable = |asked: &str| (asked == name).then(|| OsString::from(value));
-        let error = shard(&args, variable).unwrap_err();
-        assert_eq!(error.exit_code(), 2, "{error}");
-        assert!(
-            error.to_string().contains(&format!("{name}={value}")),
-            "{error}"
-        );
-        assert!(
-            files(folder.path()).is_empty(),
-            "{:?}",
-            files(folder.path())
-        );
-    }
-}
-
-#[test]
-fn option_has_precedence_over_the_environment() {
-    let folder = tempfile::tempdir().unwrap();
-    let pod = |asked: &str| match asked {
-        "JOB_COMPLETION_INDEX" => Some("0".into()),
-        "CFMMR_SHARDS" => Some("2".into()),
-        _ => None,
-    };
-    let out = folder.path().join("out");
-    shard(&in_folder(folder.path(), &["--shard", "1/2"]), pod).unwrap();
-    assert_eq!(files(&out), ["block-000001.jsonl"]);
-    // An environment that alone is refused.
-    let refused = |asked: &str| (asked == "CFMMR_SHARDS").then(|| "x".into());
-    shard(&in_folder(folder.path(), &["--shard", "1/2"]), refused).unwrap();
-    assert_eq!(files(&out), ["block-000001.jsonl"]);
-    shard(&in_folder(folder.path(), &[]), pod).unwrap();
-    assert_eq!(files(&out), ["block-000000.jsonl", "block-000001.jsonl"]);
-}
-
 #[test]
 fn finished_part_names_the_missing_blocks_or_the_merge() {
     let folder = tempfile::tempdir().unwrap();
@@ -514,20 +426,15 @@ fn merge_without_all_blocks_fails_and_names_them() {
     for block in [0, 2, 4] {
         directory.write(block, finished(&study(), block)).unwrap();
     }
-    let args = CampaignMerge {
-        directory: folder.path().to_owned(),
-        out: None,
-        partial: false,
-        json: Default::default(),
-    };
-    let error = merge(&args).unwrap_err();
+    let out = folder.path().join("merged");
+    let error = merge(&directory, folder.path(), &out, false).err().unwrap();
     assert_eq!(error.exit_code(), 1);
     let text = error.to_string();
     assert!(
         text.contains("9 of 16 runs are complete; missing blocks: 1, 3, 5"),
         "{text}"
     );
-    assert!(!folder.path().join("merged").exists());
+    assert!(!out.exists());
 }
 
 #[test]

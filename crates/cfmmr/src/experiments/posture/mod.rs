@@ -1,65 +1,44 @@
-//! `cfmmr posture`: posture regulation with and without the relative position sensor, as the
-//! paper's experiment has it.
+//! Posture regulation with and without the relative position sensor, as the paper's experiment has it.
 
 pub mod paper;
 pub mod pictures;
-mod plan;
 mod publish;
 mod report;
-mod trials;
+pub mod trials;
 mod variant;
 
-use crate::experiments::arguments::LogArgs;
-use crate::experiments::arguments::{Common, RobotArgs, SensorArgs};
-use clap::{Args, ValueEnum};
+use crate::experiments::run::stage::Watch;
+use crate::experiments::{Context, Seeds};
 use host_sim::base::error::Error;
-use host_sim::base::numbers::whole;
-pub use plan::{Plan, ROWS, place};
 pub use publish::publish;
 pub use report::{CHI_SQUARE_99, Report, Row, summarize, table};
 pub use trials::Trial;
-pub use variant::Variant;
+pub use variant::{ROWS, Variant};
 
-/// Rows of the table.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum RowSelection {
-    /// Encoders alone, the paper's fusion, the joint filter; and the paper's robot.
-    Main,
-    /// Every fusion, with and without inertial sensors.
-    All,
-    /// Encoders alone and the joint filter.
-    Pair,
-    /// The joint filter, without and with inertial sensors.
-    Joint,
-}
-
-/// Arguments of `posture`.
-#[derive(Clone, Debug, Args)]
-pub struct PostureArgs {
-    /// Arguments every experiment takes.
-    #[command(flatten)]
-    pub common: Common,
-    /// Recording of the run.
-    #[command(flatten)]
-    pub log: LogArgs,
-    /// Number of paired trials a row [default: 50]
-    #[arg(long, value_parser = whole::<u32>(1..=1_000_000), conflicts_with_all = ["dashboard", "live"])]
-    pub trials: Option<u32>,
-    /// Start posture of the midpoint O: m, m, rad, or heading with `deg`: -1.5,0.2,90deg
-    #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
-    pub from: Option<String>,
-    /// Rows of the table [default: main]
-    #[arg(long, value_enum, conflicts_with_all = ["dashboard", "live"])]
-    pub rows: Option<RowSelection>,
-    /// Sensors of a robot with boards.
-    #[command(flatten)]
-    pub sensors: SensorArgs,
-    /// The robot.
-    #[command(flatten)]
-    pub robot: RobotArgs,
-}
-
-/// Runs the command.
-pub fn run(args: &PostureArgs) -> Result<(), Error> {
-    Plan::from_args(args)?.run()?.publish()
+/// Runs trials of each variant, records and shows the first one as asked for, and publishes the result. A run that is
+/// shown is the only one.
+pub fn run(
+    context: &Context,
+    watch: &Watch,
+    variants: &[Variant],
+    seeds: Seeds,
+) -> Result<(), Error> {
+    // Refused before the trials rather than after them.
+    watch.check()?;
+    let (blocks, recorded) = match watch.is_live() {
+        true => {
+            let (trial, recorded) = trials::first(context, watch, variants)?;
+            (vec![vec![trial]], recorded)
+        }
+        false => {
+            let blocks = trials::run(&context.workers, &context.scenario, seeds, variants)?;
+            let records = watch.records() && !context.workers.is_interrupted();
+            let recorded = match records {
+                true => trials::first(context, watch, variants)?.1,
+                false => Vec::new(),
+            };
+            (blocks, recorded)
+        }
+    };
+    publish::trials(context, variants, blocks, &recorded)
 }

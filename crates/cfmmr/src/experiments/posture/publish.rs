@@ -1,7 +1,7 @@
 //! Tables, pictures and files of trials.
 
 use super::pictures::Picture;
-use super::trials::{Trials, pictured};
+use super::trials::pictured;
 use super::{Report, Row, Trial, Variant, paper, report, summarize};
 use crate::experiments::Context;
 use host_sim::base::error::Error;
@@ -9,24 +9,22 @@ use host_sim::scenario::Scenario;
 use output::files::OutputDir;
 use output::terminal::wrapped;
 use recording::csv;
+use std::path::PathBuf;
 use view::{figures, page};
 
-impl Trials {
-    /// Writes and prints the result.
-    pub fn publish(mut self) -> Result<(), Error> {
-        let (context, variants) = (&self.context, &self.variants);
-        let of_paper = self.blocks.split_off(variants.len());
-        let blocks = (self.blocks.as_slice(), of_paper.as_slice());
-        let (report, files) = publish(context, variants, &pictured(variants), blocks)?;
-        let text = screen(context, &report, variants);
-        context.finish(
-            &text,
-            &report,
-            files,
-            &self.recorded,
-            failure(&report, variants),
-        )
-    }
+/// Writes and prints the result of trials: a block of each variant, then those of the paper's robot.
+pub fn trials(
+    context: &Context,
+    variants: &[Variant],
+    mut blocks: Vec<Vec<Trial>>,
+    recorded: &[PathBuf],
+) -> Result<(), Error> {
+    let of_paper = blocks.split_off(variants.len());
+    let blocks = (blocks.as_slice(), of_paper.as_slice());
+    let (report, files) = publish(context, variants, &pictured(variants), blocks)?;
+    let text = screen(context, &report, variants);
+    let failed = failure(&report, variants);
+    context.finish(&text, &report, files, recorded, failed)
 }
 
 /// Result and files of trials: a block of each variant, and one of each row of the paper's robot. The variants in

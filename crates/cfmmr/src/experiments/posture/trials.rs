@@ -1,11 +1,14 @@
 //! Trials of each row, and the one that is recorded or shown.
 
-use super::{Plan, Variant, pictures};
-use crate::experiments::Context;
-use crate::experiments::recorder::Stage;
+use super::{Variant, paper, pictures};
+use crate::experiments::run::plan::Plan;
+use crate::experiments::run::stage::{Stage, Watch};
+use crate::experiments::{Context, Seeds, Workers};
 use host_sim::base::error::Error;
+use host_sim::run::keyboard::Keyboard;
 use host_sim::run::regulate::{Outcome, regulate, regulate_on};
 use host_sim::run::robot::Record;
+use host_sim::scenario::Scenario;
 use std::path::PathBuf;
 
 /// Trials of a row whose paths are kept for the picture, which shows no more: so the memory does not
@@ -35,89 +38,62 @@ impl Trial {
     }
 }
 
-/// Trials that were run.
-pub struct Trials {
-    /// Scenario, threads and output.
-    pub context: Context,
-    /// Rows of the table.
-    pub variants: Vec<Variant>,
-    /// Trials of each row, then those of the rows of the paper's robot, if there are any.
-    pub blocks: Vec<Vec<Trial>>,
-    /// Files that were recorded.
-    pub recorded: Vec<PathBuf>,
-}
-
-impl Plan<'_> {
-    /// Runs the trials. Of an interrupted command they are fewer.
-    pub fn run(self) -> Result<Trials, Error> {
-        let (blocks, recorded) = match self.log.is_watched() {
-            true => {
-                let (trial, recorded) = self.first()?;
-                (vec![vec![trial]], recorded)
-            }
-            false => {
-                let blocks = self.all()?;
-                let records = self.log.any() && !self.context.is_interrupted();
-                (blocks, if records { self.first()?.1 } else { Vec::new() })
-            }
-        };
-        Ok(Trials {
-            context: self.context,
-            variants: self.variants,
-            blocks,
-            recorded,
-        })
+/// Trials of each variant of a scenario, then those of the paper's robot if the variants are the main ones. Of an
+/// interrupted command they are fewer. Trials that are pictured keep their paths, and one of them every epoch.
+pub fn run(
+    workers: &Workers,
+    scenario: &Scenario,
+    seeds: Seeds,
+    variants: &[Variant],
+) -> Result<Vec<Vec<Trial>>, Error> {
+    let rows = variants.iter().map(|variant| variant.apply(scenario));
+    let mut rows: Vec<Scenario> = rows.collect();
+    if variants == Variant::MAIN {
+        rows.extend(paper::scenarios()?);
     }
-
-    /// Trials of each scenario.
-    fn all(&self) -> Result<Vec<Vec<Trial>>, Error> {
-        let goal = self.context.scenario.mission.goal;
-        let shown = pictured(&self.variants);
-        let is_shown = |row: usize| self.variants.get(row).is_some_and(|it| shown.contains(it));
-        let rows = (self.scenarios.len(), self.count);
-        let mut blocks = self.context.run_rows("trials", rows, |row, trial| {
-            let keep = is_shown(row) && trial < PICTURED;
-            let mut kept = Trial::default();
-            kept.outcome = regulate(
-                &self.scenarios[row],
-                self.context.seed,
-                trial as u64,
-                |record| {
-                    if keep {
-                        kept.see(record, trial == 0);
-                    }
-                },
-            )?;
-            Ok(kept)
+    let shown = pictured(variants);
+    let is_shown = |row: usize| variants.get(row).is_some_and(|it| shown.contains(it));
+    let mut blocks = workers.run_rows("trials", (rows.len(), seeds.trials), |row, trial| {
+        let keep = is_shown(row) && trial < PICTURED;
+        let mut kept = Trial::default();
+        kept.outcome = regulate(&rows[row], seeds.seed, trial as u64, |record| {
+            if keep {
+                kept.see(record, trial == 0);
+            }
         })?;
-        for (row, (scenario, block)) in self.scenarios.iter().zip(&mut blocks).enumerate() {
-            // The median trial is drawn in full, and is known only now.
-            if is_shown(row) && !block.is_empty() {
-                let median = pictures::median_trial(block, goal);
-                if block[median].records.is_empty() {
-                    let see = |record: &Record| block[median].see(record, true);
-                    regulate(scenario, self.context.seed, median as u64, see)?;
-                }
+        Ok(kept)
+    })?;
+    for (row, (scenario, block)) in rows.iter().zip(&mut blocks).enumerate() {
+        // The median trial is drawn in full, and is known only now.
+        if is_shown(row) && !block.is_empty() {
+            let median = pictures::median_trial(block, scenario.mission.goal);
+            if block[median].records.is_empty() {
+                let see = |record: &Record| block[median].see(record, true);
+                regulate(scenario, seeds.seed, median as u64, see)?;
             }
         }
-        Ok(blocks)
     }
+    Ok(blocks)
+}
 
-    /// The first trial of the last row in the pictures, recorded and shown as asked for, and the files.
-    fn first(&self) -> Result<(Trial, Vec<PathBuf>), Error> {
-        let shown = pictured(&self.variants);
-        let variant = shown.last().copied().unwrap_or(Variant::PAIR[1]);
-        let scenario = variant.apply(&self.context.scenario);
-        let goal = (scenario.mission.goal, &[][..]);
-        let stage = Stage::begin(self.log, &self.context, &scenario, goal)?;
-        let mut simulation = stage.simulation()?;
-        let mut trial = Trial::default();
-        let driven = stage.run(&mut simulation, |robot| {
-            regulate_on(robot, &scenario, |record| trial.see(record, true))
-        })?;
-        trial.outcome = driven.outcome;
-        Ok((trial, driven.recorded))
-    }
+/// The first trial of the last variant in the pictures, recorded and shown as asked for, and the files.
+pub fn first(
+    context: &Context,
+    watch: &Watch,
+    variants: &[Variant],
+) -> Result<(Trial, Vec<PathBuf>), Error> {
+    let shown = pictured(variants);
+    let variant = shown.last().copied().unwrap_or(Variant::PAIR[1]);
+    let scenario = variant.apply(&context.scenario);
+    let goal = (scenario.mission.goal, &[][..]);
+    let stage = Stage::begin(watch, context, &scenario, goal, Keyboard::default())?;
+    let mut simulation = stage.simulation()?;
+    let mut trial = Trial::default();
+    let driven = stage.run(&Plan::default(), &mut simulation, |robot| {
+        regulate_on(robot, &scenario, |record| trial.see(record, true))
+    })?;
+    trial.outcome = driven.outcome;
+    Ok((trial, driven.recorded))
 }
 
 /// Rows in the pictures: encoders alone and the joint filter, with the inertial sensors that the rows have; else the

@@ -2,6 +2,7 @@
 
 use core_algos::fusion::robot::Mode;
 use host_sim::scenario::Scenario;
+use host_sim::scenario::effect::Taken;
 
 /// A configuration of sensors and fusion: one row of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,3 +88,14 @@ impl Variant {
         !self.rps && !self.imu
     }
 }
+
+/// Reason why a key has no effect that each row sets.
+const SET: &str = "here: each row sets it, see --rows";
+
+/// Keys that each row sets.
+pub const ROWS: Taken = &[
+    ("mission.rps", SET),
+    ("robot.lead.fusion.mode", SET),
+    ("sensors.gyro.fitted", SET),
+    ("sensors.accelerometer.fitted", SET),
+];

@@ -1,15 +1,23 @@
-//! Arguments that several experiments take.
+//! Arguments that several commands take.
 
-use crate::experiments::result::JsonArgs;
+use crate::experiments::result::Json;
+use crate::experiments::run::place::{BAUD, Place, Site};
+use crate::experiments::run::plan::Plan;
+use crate::experiments::run::stage::Watch;
+use crate::experiments::{Context, Inputs};
 use clap::{Args, ValueEnum};
+use core_algos::time::Micros;
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::base::numbers::{number, posture, whole};
 use host_sim::base::{spelling, toml_file};
+use host_sim::run::robot::Span;
 use host_sim::scenario::Scenario;
 use host_sim::scenario::effect::GivenKeys;
+use host_sim::targets::{Failure, FailureMode};
 use recording::Destinations;
 use remote::images::Images;
+use remote::virtual_robot::Options;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use toml::Table;
@@ -58,6 +66,21 @@ impl ScenarioArgs {
     }
 }
 
+/// Destination of the result as JSON.
+#[derive(Clone, Debug, Default, Args)]
+pub struct JsonArgs {
+    /// Write the result as JSON to FILE; `-`: to standard output, the table to standard error
+    #[arg(id = "json", long = "json", value_name = "FILE")]
+    file: Option<PathBuf>,
+}
+
+impl JsonArgs {
+    /// The destination; an error names a file that cannot be written.
+    pub fn open(&self) -> Result<Json, Error> {
+        Json::to(self.file.clone())
+    }
+}
+
 /// Arguments every experiment takes.
 #[derive(Clone, Debug, Args)]
 pub struct Common {
@@ -76,6 +99,21 @@ pub struct Common {
     /// Number of threads; does not change the result [default: one a core]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub threads: Option<u16>,
+}
+
+impl Common {
+    /// Scenario, threads and output of a command.
+    pub fn context(&self, name: &str) -> Result<Context, Error> {
+        let inputs = Inputs {
+            scenario: self.scenario.load()?,
+            given: self.scenario.given()?,
+            seed: self.seed,
+            threads: self.threads,
+            out: self.out.clone(),
+            json: self.json.open()?,
+        };
+        Context::new(name, inputs)
+    }
 }
 
 /// Recording, dashboard and server of a run.
@@ -102,62 +140,19 @@ pub struct LogArgs {
 }
 
 impl LogArgs {
-    /// Files and address that the run is recorded to.
-    pub fn destinations(&self) -> Destinations {
-        Destinations {
-            log: self.log.clone(),
-            csv: self.csv.clone(),
-            live: self.live,
-            live_origin: self.live_origin.clone(),
+    /// Files, viewers and display.
+    pub fn watch(&self) -> Watch {
+        Watch {
+            destinations: Destinations {
+                log: self.log.clone(),
+                csv: self.csv.clone(),
+                live: self.live,
+                live_origin: self.live_origin.clone(),
+            },
+            dashboard: self.dashboard,
         }
     }
-
-    /// True if the run is recorded or served.
-    pub fn any(&self) -> bool {
-        self.destinations().any()
-    }
-
-    /// True if the run is shown or served, so that it runs in real time.
-    pub fn is_watched(&self) -> bool {
-        self.dashboard || self.live.is_some()
-    }
 }
-
-/// Place of the boards.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum Place {
-    /// Their nodes run in this program.
-    #[default]
-    InProcess,
-    /// Their images run on virtual boards.
-    Virtual,
-    /// Serial ports of front, rear and beam board; boards without a port run in this program.
-    Serial([Option<PathBuf>; 3]),
-}
-
-/// The place in `in-process`, `virtual` or `serial:front=PORT,rear=PORT,beam=PORT`.
-pub fn place(text: &str) -> Result<Place, String> {
-    const ALLOWED: &str =
-        "must be in-process, virtual or serial:front=PORT[,rear=PORT][,beam=PORT]";
-    let ports = match text {
-        "in-process" => return Ok(Place::InProcess),
-        "virtual" => return Ok(Place::Virtual),
-        _ => text.strip_prefix("serial:").ok_or(ALLOWED)?,
-    };
-    let mut found = [None, None, None];
-    for part in ports.split(',') {
-        let (board, port) = part.split_once('=').ok_or(ALLOWED)?;
-        let role = Role::ALL.into_iter().find(|role| role.name() == board);
-        let place = &mut found[role.ok_or(ALLOWED)? as usize];
-        if port.is_empty() || place.replace(PathBuf::from(port)).is_some() {
-            return Err(format!("{board} {ALLOWED}"));
-        }
-    }
-    Ok(Place::Serial(found))
-}
-
-/// Baud rate of the boards' images.
-const BAUD: u32 = 921_600;
 
 /// Place of the boards.
 #[derive(Clone, Debug, Args)]
@@ -165,20 +160,11 @@ pub struct BoardArgs {
     /// Place of the boards: in-process, virtual (their images on virtual boards, built if needed),
     /// or serial:front=PORT,rear=PORT,beam=PORT (real ones); boards without a port run in this program (hil) or are
     /// reached over the bus
-    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = place)]
+    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = Place::parse)]
     pub on: Place,
     /// Baud rate of the serial ports
     #[arg(long, default_value_t = BAUD, value_parser = whole::<u32>(9_600..=12_000_000))]
     pub baud: u32,
-}
-
-impl Default for BoardArgs {
-    fn default() -> Self {
-        Self {
-            on: Place::InProcess,
-            baud: BAUD,
-        }
-    }
 }
 
 /// Sensors of the robot.
@@ -222,6 +208,57 @@ pub struct PlanArgs {
     pub restart_after: Option<f64>,
 }
 
+impl PlanArgs {
+    /// The plan of a run that lasts at least `least_s`.
+    pub fn plan(&self, least_s: f64) -> Result<Plan, Error> {
+        let micros =
+            |name: &str, value: f64| seconds(name, value, 0.0).map(|s| (s * 1e6) as Micros);
+        let failures = self.kill.iter().map(|text| failure(text));
+        let restart_after = self
+            .restart_after
+            .map(|value| seconds("--restart-after", value, 0.001).map(|s| (s * 1e3) as u32));
+        let most = self.stop_after.map(|value| micros("--stop-after", value));
+        Ok(Plan {
+            span: Span {
+                least: micros("--duration", self.duration.unwrap_or(least_s))?,
+                most: most.transpose()?,
+            },
+            real_time: self.real_time,
+            failures: failures.collect::<Result<_, _>>()?,
+            restart_after: restart_after.transpose()?,
+        })
+    }
+}
+
+fn seconds(name: &str, value: f64, least: f64) -> Result<f64, Error> {
+    if value >= least && value <= 36_000.0 {
+        Ok(value)
+    } else {
+        Err(Error::input(format!(
+            "{name} {value}: must be a number from {least} to 36000"
+        )))
+    }
+}
+
+/// A failure from `BOARD@S`.
+fn failure(text: &str) -> Result<Failure, Error> {
+    let parts = text.split_once('@').and_then(|(board, time)| {
+        let role = Role::ALL.into_iter().find(|role| role.name() == board)?;
+        Some((role, time.parse::<f64>().ok()?))
+    });
+    let Some((role, time)) = parts else {
+        return Err(Error::input(format!(
+            "--kill {text}: must be front, rear or beam, then @ and a time in seconds"
+        )));
+    };
+    let at = (seconds("--kill", time, 0.0)? * 1e3).round() as u32;
+    Ok(Failure {
+        role,
+        at,
+        mode: FailureMode::Off,
+    })
+}
+
 /// Images of virtual boards.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Virtual boards")]
@@ -250,7 +287,7 @@ impl ImageArgs {
 }
 
 /// The robot of `posture`, `follow` and `track`.
-#[derive(Clone, Debug, Default, Args)]
+#[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Boards")]
 pub struct RobotArgs {
     /// Place of the boards.
@@ -268,23 +305,36 @@ pub struct RobotArgs {
 }
 
 impl RobotArgs {
-    /// True if the robot has boards of its own.
-    pub fn has_boards(&self) -> bool {
-        self.boards.on != Place::InProcess
+    /// Where the boards are, and how; virtual boards run on so many threads.
+    pub fn site(&self, threads: Option<u16>) -> Site {
+        Site {
+            place: self.boards.on.clone(),
+            baud: self.boards.baud,
+            images: [
+                self.images.axle_image.clone(),
+                self.images.beam_image.clone(),
+            ],
+            profile: self.profile,
+            threads: threads.map_or_else(Options::threads, usize::from),
+        }
     }
 
-    /// Refuses options of boards for a robot without any.
-    pub fn refuse_without_boards(&self) -> Result<(), Error> {
-        let plan = &self.plan;
-        refuse(&[
-            ("--duration", plan.duration.is_some()),
-            ("--stop-after", plan.stop_after.is_some()),
-        ])?;
-        self.refuse_of_virtual_boards()
+    /// Refuses options that have no effect where the boards are.
+    pub fn check(&self) -> Result<(), Error> {
+        match self.boards.on {
+            Place::InProcess => {
+                refuse(&[
+                    ("--duration", self.plan.duration.is_some()),
+                    ("--stop-after", self.plan.stop_after.is_some()),
+                ])?;
+                self.refuse_of_virtual_boards()
+            }
+            Place::Virtual => Ok(()),
+            Place::Serial(_) => self.refuse_of_virtual_boards(),
+        }
     }
 
-    /// Refuses options of virtual boards for others.
-    pub fn refuse_of_virtual_boards(&self) -> Result<(), Error> {
+    fn refuse_of_virtual_boards(&self) -> Result<(), Error> {
         let plan = &self.plan;
         refuse(&self.images.given())?;
         refuse(&[
@@ -325,19 +375,41 @@ impl From<BoardName> for Role {
     }
 }
 
+/// Refuses options of sensors and surroundings that a real robot has of its own.
+pub fn refuse_for_real(
+    boards: &BoardArgs,
+    sensors: &SensorArgs,
+    choice: &WorldChoice,
+) -> Result<(), Error> {
+    let given = [
+        ("--imu", sensors.imu),
+        ("--no-rps", sensors.no_rps),
+        ("--world", choice.world.is_some()),
+    ];
+    match given.iter().find(|(_, given)| *given) {
+        Some((option, _)) if boards.on.has_ports() => Err(Error::input(format!(
+            "{option}: no effect with --on serial: a real robot has its sensors and its surroundings"
+        ))),
+        _ => Ok(()),
+    }
+}
+
 /// A posture from `X,Y,PHI`: metres, metres, and a heading in radians, or in degrees when it ends
 /// in `deg` or `°`.
-pub fn parse_posture(text: &str) -> Result<[f64; 3], String> {
+pub fn parse_posture(text: &str) -> Result<[f64; 3], Error> {
     let parts: Vec<&str> = text.split(',').map(str::trim).collect();
     let [x, y, phi] = parts[..] else {
-        return Err(format!(
+        return Err(Error::input(format!(
             "--from {text}: must be three numbers X,Y,PHI (m, m, rad), found {}: for example \
              --from -1.5,0.2,90deg",
             parts.len()
-        ));
+        )));
     };
-    posture([x, y, phi], 50.0)
-        .map_err(|error| format!("--from: {error}, for example --from -1.5,0.2,90deg"))
+    posture([x, y, phi], 50.0).map_err(|error| {
+        Error::input(format!(
+            "--from: {error}, for example --from -1.5,0.2,90deg"
+        ))
+    })
 }
 
 #[cfg(test)]
@@ -346,12 +418,24 @@ mod tests {
 
     #[test]
     fn posture_in_radians_or_degrees() {
+        let parse_posture = |text| parse_posture(text).map_err(|error| error.to_string());
         assert_eq!(parse_posture("-1, 2 ,0.5"), Ok([-1.0, 2.0, 0.5]));
         let half_turn = parse_posture("0,0,180deg").unwrap()[2];
         assert!((half_turn - std::f64::consts::PI).abs() < 1e-15);
         assert_eq!(parse_posture("0,0,90°"), parse_posture("0,0,90 deg"));
         for bad in ["1,2", "1,2,3,4", "a,0,0", "nan,0,0", "0,inf,0", "0,0,7", ""] {
             assert!(parse_posture(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn failures_name_a_board_and_a_time() {
+        let found = failure("front@8.0").unwrap();
+        assert_eq!((found.role, found.at), (Role::Front, 8000));
+        for bad in [
+            "front", "middle@1", "rear@", "rear@nan", "beam@-1", "beam@1e9",
+        ] {
+            assert_eq!(failure(bad).unwrap_err().exit_code(), 2, "{bad}");
         }
     }
 }

@@ -1,13 +1,10 @@
-//! `posture`, `follow` and `track` with `--on serial:front=PORT`: a real robot, which gets its task at the serial port of
-//! its front board. Its true posture is not known: errors are those of its own estimate.
+//! A real robot, which gets its task at the serial port of its front board. Its true posture is not known: errors are those
+//! of its own estimate.
 
-use crate::experiments::Context;
-use crate::experiments::arguments::LogArgs;
-use crate::experiments::arguments::{Place as Boards, RobotArgs};
-use crate::experiments::driven;
-use crate::experiments::mission::{Mission, Outcome, Plan};
-use crate::experiments::recorder;
-use crate::experiments::recorder::Stage;
+use super::links::open_port;
+use super::mission::Outcome;
+use super::stage::Driven;
+use super::{BoardsReport, Run, no_answer, steps};
 use core_algos::math::Posture;
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
@@ -17,12 +14,9 @@ use host_sim::run::recovery::Status;
 use host_sim::run::robot::Robot;
 use host_sim::run::script::StepEnd;
 use output::table::Table;
-use recording::csv;
-use remote::link::Link;
-use remote::serial::Serial;
 use remote::serial_robot::{Connect, OtherBoard, SerialRobot};
 use serde::Serialize;
-use std::path::Path;
+use std::path::PathBuf;
 
 /// Result.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -54,113 +48,69 @@ struct Report {
     steps: Vec<StepEnd>,
 }
 
-/// Runs the task of a command.
-pub fn run(
-    context: &Context,
-    mission: &Mission,
-    (log, args): (&LogArgs, &RobotArgs),
-) -> Result<(), Error> {
-    args.refuse_of_virtual_boards()?;
-    context.check_mission_keys()?;
-    let plan = Plan::new(&args.plan, 0.0)?;
-    recorder::check(log)?;
-    let Boards::Serial([Some(front), rear, beam]) = &args.boards.on else {
+/// Carries out a task, and publishes the result.
+pub fn run(run: &Run, ports: &[Option<PathBuf>; 3], baud: u32) -> Result<(), Error> {
+    let Run {
+        mission,
+        scenario,
+        watch,
+        ..
+    } = run;
+    watch.check()?;
+    // Opened before the recording: a port that is not there is bad input.
+    let (connect, others) = open(ports, baud, watch.records())?;
+    let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
+    let told = scenario.mission.told();
+    let place = scenario.robot.put_down(Posture::new(x, y, phi), &told);
+    let place = mission.is_placed().then_some(place);
+    let record = watch.records().then_some((scenario, others));
+    let report = run.on(
+        |_| SerialRobot::open(connect, place, record),
+        |robot, driven| {
+            let values = report(robot, driven, mission.goal(scenario).0);
+            let mut report = BoardsReport::new(&values, table(&values))?;
+            report.estimated = true;
+            Ok(report)
+        },
+    );
+    match report {
+        Err(Error::NoAnswer(why)) => no_answer(run.context, why),
+        report => report?.publish(run),
+    }
+}
+
+/// The port of the front board, and those of the boards that are recorded.
+fn open(
+    ports: &[Option<PathBuf>; 3],
+    baud: u32,
+    records: bool,
+) -> Result<(Connect, Vec<OtherBoard>), Error> {
+    let [Some(front), rear, beam] = ports else {
         return Err(Error::input(
             "--on serial: must be serial:front=PORT[,rear=PORT][,beam=PORT]: the front board's port is that of the \
              robot; the other boards are recorded at theirs",
         ));
     };
     let others = [(Role::Rear, rear), (Role::Beam, beam)];
-    if others.iter().any(|(_, port)| port.is_some()) && !log.any() {
+    if others.iter().any(|(_, port)| port.is_some()) && !records {
         return Err(Error::input(
             "--on serial: rear=PORT, beam=PORT: only with --log, --csv or --live, which record those boards",
         ));
     }
-    let (path, baud) = (front.clone(), args.boards.baud);
-    let open = move |role: Role, path: &Path| {
-        let port = Serial::open(path, baud);
-        let named = |error| Error::input(format!("--on serial:{}={error}", role.name()));
-        port.map(|port| Box::new(port) as Box<dyn Link>)
-            .map_err(named)
-    };
-    // Opened before the log: a port that is not there is bad input.
-    let mut first = Some(open(Role::Front, &path)?);
+    let path = front.clone();
+    let mut first = Some(open_port(Role::Front, &path, baud)?);
     let connect: Connect = Box::new(move || match first.take() {
         Some(port) => Ok(port),
-        None => open(Role::Front, &path),
+        None => open_port(Role::Front, &path, baud),
     });
     let others = others
         .into_iter()
         .filter_map(|(role, path)| Some((role, path.as_ref()?)));
-    let others = others.map(|(role, path)| Ok(OtherBoard::new(role, open(role, path)?)));
-    let others = others.collect::<Result<Vec<_>, Error>>()?;
-    let scenario = mission.scenario(context);
-    let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
-    let told = scenario.mission.told();
-    let place = scenario.robot.put_down(Posture::new(x, y, phi), &told);
-    let (goal, path) = mission.goal(&scenario);
-    let mut stage = Stage::begin(log, context, &scenario, (goal, &path))?;
-    stage.span = plan.span;
-    mission.prepare(&mut stage);
-    // Time is the computer's.
-    stage.real_time = false;
-    let record = log.any().then_some((&scenario, others));
-    let opened = SerialRobot::open(connect, mission.is_placed().then_some(place), record);
-    let mut robot = match opened {
-        Err(Error::NoAnswer(why)) => return no_answer(context, why),
-        opened => opened?,
-    };
-    let driven = stage.run(&mut robot, |robot| mission.drive(robot, &scenario))?;
-    let report = report(&robot, &driven, goal);
-    publish(context, &report, &driven, goal)
+    let others = others.map(|(role, path)| Ok(OtherBoard::new(role, open_port(role, path, baud)?)));
+    Ok((connect, others.collect::<Result<_, Error>>()?))
 }
 
-/// Result of a robot that never answered.
-fn no_answer(context: &Context, why: String) -> Result<(), Error> {
-    #[derive(Serialize)]
-    struct Report<'a> {
-        end: &'a RunEnd,
-    }
-    let end = RunEnd::no_answer(why);
-    let mut files = context.output()?;
-    files.csv("ends.csv", csv::of_ends([&end]));
-    let text = format!("end: {}\n", end.text());
-    context.finish(&text, &Report { end: &end }, files, &[], end.failure())
-}
-
-fn publish(
-    context: &Context,
-    report: &Report,
-    driven: &recorder::Driven<Outcome>,
-    goal: [f64; 3],
-) -> Result<(), Error> {
-    let mut files = context.output()?;
-    let outcome = &driven.outcome;
-    let restless = report.restless.clone();
-    let failed = outcome.failure().or(restless);
-    let commanded = match outcome {
-        Outcome::Script(driven) => driven.goal(),
-        _ => Some(goal),
-    };
-    let end = (&report.end, commanded);
-    let rows = driven::summary(&report.steps);
-    let ends = match report.steps.is_empty() {
-        true => csv::of_ends([&report.end]),
-        false => driven::csv_of(&report.steps),
-    };
-    files.csv("ends.csv", ends);
-    driven::draw(
-        context,
-        &mut files,
-        &outcome.records(),
-        end,
-        context.name.clone(),
-        rows,
-    );
-    context.finish(&table(report), report, files, &driven.recorded, failed)
-}
-
-fn report(robot: &SerialRobot, driven: &recorder::Driven<Outcome>, goal: [f64; 3]) -> Report {
+fn report(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> Report {
     let outcome = &driven.outcome;
     let fused = robot.record().lead.fused.robot;
     let at = fused.posture;
@@ -171,7 +121,7 @@ fn report(robot: &SerialRobot, driven: &recorder::Driven<Outcome>, goal: [f64; 3
         Outcome::Path(outcome, _) => Some(outcome.estimate.max_cross_track_m),
     };
     let steps = match outcome {
-        Outcome::Script(driven) => driven.steps.clone(),
+        Outcome::Script(steps) => steps.steps.clone(),
         _ => Vec::new(),
     };
     Report {
@@ -222,7 +172,7 @@ fn table(report: &Report) -> String {
     );
     let mut text = match report.steps.is_empty() {
         true => format!("{table}\n"),
-        false => format!("{}\n{table}\n", driven::table(&report.steps)),
+        false => format!("{}\n{table}\n", steps::table(&report.steps)),
     };
     let role = Role::Front.name();
     if report.lost > 0 {

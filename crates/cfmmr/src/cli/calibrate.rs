@@ -1,13 +1,14 @@
 //! `cfmmr calibrate`: wheels, strain gauges and gyros of the simulated robot, whose errors it does not
 //! know, on boards wherever they are.
 
-use super::procedures::{Report, Row, calibrate_gauges, calibrate_gyros, calibrate_wheels};
-use super::real;
-use crate::experiments::arguments::{BoardArgs, ScenarioArgs};
-use crate::experiments::boards::Links;
-use crate::experiments::calibrate::Bench;
-use crate::experiments::params::save;
-use crate::experiments::result::{JsonArgs, Provenance};
+use super::arguments::{BoardArgs, JsonArgs, ScenarioArgs};
+use super::params::save;
+use crate::experiments::calibrate::procedures::{
+    Report, calibrate_gauges, calibrate_gyros, calibrate_wheels,
+};
+use crate::experiments::calibrate::{Bench, real};
+use crate::experiments::result::{Json, Provenance};
+use crate::experiments::run::links::Links;
 use clap::{Args, ValueEnum};
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
@@ -16,7 +17,6 @@ use host_sim::scenario::Scenario;
 use host_sim::scenario::effect::Use;
 use host_sim::targets::Target;
 use output::files;
-use output::table::Table;
 use remote::Remote;
 use remote::board_log::BoardLog;
 use remote::interrupt::watch_for_interrupt;
@@ -73,7 +73,7 @@ pub struct CalibrateArgs {
 
 /// Runs the command.
 pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
-    if args.boards.any_port() {
+    if args.boards.on.has_ports() {
         return calibrate_real(args);
     }
     if args.former.is_some() {
@@ -85,21 +85,19 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
     args.scenario
         .given()?
         .check(&[], &[(&scenario, Use::Calibrate)])?;
-    args.json.check()?;
+    let json = args.json.open()?;
     let mut report = calibrate(args, &scenario, args.seed)?;
-    args.json.print(&text(&report))?;
+    json.print(&report.text())?;
     if let Some(path) = &args.out {
         files::write_file(path, report.found.to_toml()?)?;
-        args.json.print(&format!("wrote {}\n", path.display()))?;
+        json.print(&format!("wrote {}\n", path.display()))?;
     }
-    report.saved = wanted(args)?;
+    report.saved = wanted(args, &json)?;
     if report.saved {
         let written = save(&args.boards, &args.flash, &report.found)?;
-        args.json
-            .print(&format!("{written} values written to the flash\n"))?;
+        json.print(&format!("{written} values written to the flash\n"))?;
     }
-    args.json
-        .write(&Provenance::of(&scenario, args.seed), &report)?;
+    json.write(&Provenance::of(&scenario, args.seed), &report)?;
     Ok(())
 }
 
@@ -116,8 +114,9 @@ fn calibrate_real(args: &CalibrateArgs) -> Result<(), Error> {
              saves the calibration; read it with cfmmr params export",
         ));
     }
-    args.json.check()?;
-    real::run(&args.boards, args.former, !args.yes, &args.json)
+    let json = args.json.open()?;
+    let links = Links::new(&args.boards.on, args.boards.baud, None)?;
+    real::run(&links, args.former, !args.yes, &json)
 }
 
 fn calibrate(args: &CalibrateArgs, scenario: &Scenario, seed: u64) -> Result<Report, Error> {
@@ -134,32 +133,31 @@ fn calibrate(args: &CalibrateArgs, scenario: &Scenario, seed: u64) -> Result<Rep
 }
 
 /// True if the result is to be saved.
-fn wanted(args: &CalibrateArgs) -> Result<bool, Error> {
+fn wanted(args: &CalibrateArgs, json: &Json) -> Result<bool, Error> {
     if args.yes {
         return Ok(true);
     }
     if !io::stdin().is_terminal() || !io::stdout().is_terminal() {
-        args.json
-            .print("not saved: no terminal for a confirmation; use --yes\n")?;
+        json.print("not saved: no terminal for a confirmation; use --yes\n")?;
         return Ok(false);
     }
-    args.json.print("save to the boards? [y/N] ")?;
+    json.print("save to the boards? [y/N] ")?;
     io::stdout().flush()?;
     let mut answer = String::new();
     io::stdin().read_line(&mut answer)?;
     let yes = matches!(answer.trim(), "y" | "Y" | "yes");
     if !yes {
-        args.json.print("not saved\n")?;
+        json.print("not saved\n")?;
     }
     Ok(yes)
 }
 
 /// The virtual boards; none if all boards are in this process.
 fn boards(args: &CalibrateArgs) -> Result<Option<[Box<dyn Target>; 3]>, Error> {
-    if !args.boards.any() {
+    if !args.boards.on.is_outside() {
         return Ok(None);
     }
-    let links = Links::new(&args.boards, None)?;
+    let links = Links::new(&args.boards.on, args.boards.baud, None)?;
     let mut boards = Vec::new();
     for role in Role::ALL {
         if let Some(link) = links.open(role, &BoardLog::default())? {
@@ -167,44 +165,4 @@ fn boards(args: &CalibrateArgs) -> Result<Option<[Box<dyn Target>; 3]>, Error> {
         }
     }
     Ok(boards.try_into().ok())
-}
-
-fn text(report: &Report) -> String {
-    let digits = |row: &Row| if row.unit == "counts" { 2 } else { 6 };
-    let mut table = Table::new([
-        "parameter",
-        "board",
-        "unit",
-        "before",
-        "after",
-        "true",
-        "error",
-    ]);
-    for row in &report.parameters {
-        let n = digits(row);
-        table.row([
-            row.name.to_owned(),
-            row.board.to_owned(),
-            row.unit.to_owned(),
-            format!("{:.n$}", row.before),
-            format!("{:.n$}", row.after),
-            format!("{:.n$}", row.truth),
-            format!("{:+.n$}", row.after - row.truth),
-        ]);
-    }
-    let mut effects = Table::new(["error", "unit", "before", "after"]);
-    for effect in &report.effects {
-        effects.row([
-            effect.what.clone(),
-            effect.unit.to_owned(),
-            format!("{:.2}", effect.before),
-            format!("{:.2}", effect.after),
-        ]);
-    }
-    let notes: String = report
-        .notes
-        .iter()
-        .map(|note| format!("{note}\n"))
-        .collect();
-    format!("{table}\n{effects}\nworld {}\n{notes}", report.world)
 }

@@ -1,8 +1,6 @@
 //! A log through the nodes again, as it was or with other parameters.
 
-use super::ReplayArgs;
 use crate::BUILD;
-use crate::experiments::result::Provenance;
 use core_algos::node::robot::RobotConfig;
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
@@ -25,6 +23,19 @@ use serde::Serialize;
 use std::io::{BufReader, BufWriter};
 use std::path::{Path, PathBuf};
 use toml::{Table as Toml, Value};
+
+/// A replay that is wanted.
+#[derive(Clone, Debug)]
+pub struct Wanted {
+    /// The log.
+    pub log: PathBuf,
+    /// True if the whole records of a damaged log are written to a new log, which is replayed.
+    pub recover: bool,
+    /// File for the recovered log; a name like that of the log without.
+    pub out: Option<PathBuf>,
+    /// File with the parameters to estimate again with.
+    pub with: Option<PathBuf>,
+}
 
 /// Record of a board.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -72,17 +83,17 @@ pub struct Report {
     pub with: Option<Quality>,
 }
 
-/// Runs the command.
-pub fn run(args: &ReplayArgs) -> Result<(), Error> {
-    let name = args.log.display().to_string();
+/// Replays a log: the result, and its table.
+pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
+    let name = wanted.log.display().to_string();
     let mut boards = Role::ALL.map(Recorded::new);
     let mut recorded = RecordedEstimates::default();
     let mut comparison = Comparison::default();
     let mut events = Events::default();
-    let run = read_log(args, &name, &mut |role, event| {
+    let run = read_log(wanted, &name, &mut |role, event| {
         boards[role as usize].take(&event);
         recorded.take(role, &event);
-        match &args.with {
+        match &wanted.with {
             None => comparison.take(role, &event),
             // A frame that was sent changes what arrives on other boards.
             Some(_) => events[role as usize].push(event),
@@ -105,7 +116,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
         with: None,
     };
     let mut text = String::new();
-    match &args.with {
+    match &wanted.with {
         None => {
             report.difference = comparison.first()?;
             report.identical = Some(report.difference.is_none());
@@ -142,47 +153,42 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
         text += "\n";
     }
     text += &table(&report);
-    args.json.write(&Provenance::default(), &report)?;
-    args.json.print(&text)?;
-    match report.difference {
-        Some(_) => Err(Error::Failure("not identical".to_owned())),
-        None => Ok(()),
-    }
+    Ok((report, text))
 }
 
 /// Reads the log, recovered if that is asked for, and hands over the events of the boards.
-fn read_log(args: &ReplayArgs, name: &str, to: &mut dyn FnMut(Role, Event)) -> Result<Run, Error> {
+fn read_log(wanted: &Wanted, name: &str, to: &mut dyn FnMut(Role, Event)) -> Result<Run, Error> {
     let refuse = |error: std::io::Error| {
         Error::input(format!(
             "{name}: {error}: must be a log that `cfmmr posture --log FILE` wrote"
         ))
     };
     // Before gigabytes of another file are read.
-    match input::has_edges(&args.log, MAGIC).map_err(refuse)? {
+    match input::has_edges(&wanted.log, MAGIC).map_err(refuse)? {
         [false, _] => {
             return Err(Error::input(format!(
                 "{name}: not a complete MCAP file: its first bytes are wrong; another type of file"
             )));
         }
-        [true, false] if !args.recover => {
+        [true, false] if !wanted.recover => {
             return Err(Error::input(format!(
                 "{name}: not a complete MCAP file: truncated; `cfmmr replay --recover {name}` writes what is whole"
             )));
         }
         _ => {}
     }
-    if args.recover {
-        let copy = args
+    if wanted.recover {
+        let copy = wanted
             .out
             .clone()
-            .unwrap_or_else(|| recovered_name(&args.log));
-        let bytes = input::bytes(&args.log, input::LOG).map_err(refuse)?;
+            .unwrap_or_else(|| recovered_name(&wanted.log));
+        let bytes = input::bytes(&wanted.log, input::LOG).map_err(refuse)?;
         recover(&bytes, name, &copy)?;
         drop(bytes);
         let file = input::open(&copy, input::LOG)?;
         return read::stream(BufReader::new(file), &copy.display().to_string(), to);
     }
-    let file = input::open(&args.log, input::LOG).map_err(refuse)?;
+    let file = input::open(&wanted.log, input::LOG).map_err(refuse)?;
     read::stream(BufReader::new(file), name, to).map_err(|error| {
         Error::input(format!(
             "{error}; `cfmmr replay --recover {name}` writes what is whole"

@@ -1,6 +1,6 @@
-//! Links to the boards that a command line names.
+//! Links to the boards of a place.
 
-use crate::experiments::arguments::{BoardArgs, Place};
+use super::place::Place;
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use remote::board_log::BoardLog;
@@ -14,47 +14,36 @@ use std::path::{Path, PathBuf};
 /// Folder of the flash files of boards that are not real.
 pub const DEFAULT_FLASH: &str = "out/flash";
 
-impl BoardArgs {
-    /// The serial port of a board.
-    pub fn port(&self, role: Role) -> Option<&Path> {
-        match &self.on {
-            Place::Serial(ports) => ports[role as usize].as_deref(),
-            _ => None,
-        }
-    }
-
-    /// True if any board has a serial port.
-    pub fn any_port(&self) -> bool {
-        matches!(self.on, Place::Serial(_))
-    }
-
-    /// True if any board is outside of this process.
-    pub fn any(&self) -> bool {
-        self.on != Place::InProcess
-    }
-}
-
 /// The file with the flash of a board.
 pub fn flash_of(directory: &Path, role: Role) -> PathBuf {
     directory.join(format!("{}.flash", role.name()))
 }
 
+/// The serial port of a board.
+pub fn open_port(role: Role, port: &Path, baud: u32) -> Result<Box<dyn Link>, Error> {
+    let named = |error| Error::input(format!("--on serial:{}={error}", role.name()));
+    let port = Serial::open(port, baud).map_err(named)?;
+    Ok(Box::new(port))
+}
+
 /// Opens links.
 pub struct Links<'a> {
-    args: &'a BoardArgs,
+    place: &'a Place,
+    baud: u32,
     images: Option<Images>,
     flash: Option<PathBuf>,
 }
 
 impl<'a> Links<'a> {
     /// Builds the images of virtual boards, if there are to be any; their store is in this directory.
-    pub fn new(args: &'a BoardArgs, flash: Option<PathBuf>) -> Result<Self, Error> {
-        let images = match args.on {
+    pub fn new(place: &'a Place, baud: u32, flash: Option<PathBuf>) -> Result<Self, Error> {
+        let images = match place {
             Place::Virtual => Some(Images::open(None, None)?),
             _ => None,
         };
         Ok(Self {
-            args,
+            place,
+            baud,
             images,
             flash,
         })
@@ -62,7 +51,7 @@ impl<'a> Links<'a> {
 
     /// The board at whose port a board is reached; none without ports.
     pub fn port_of(&self, role: Role) -> Option<Role> {
-        let has_port = |role: &Role| self.args.port(*role).is_some();
+        let has_port = |role: &Role| self.place.port(*role).is_some();
         let any = Role::ALL.into_iter().find(has_port);
         Some(role).filter(has_port).or(any)
     }
@@ -81,7 +70,7 @@ impl<'a> Links<'a> {
 
     /// The link to a board; none if it is in this process.
     pub fn open(&self, role: Role, log: &BoardLog) -> Result<Option<Box<dyn Link>>, Error> {
-        Ok(match (&self.images, self.args.port(role)) {
+        Ok(match (&self.images, self.place.port(role)) {
             (Some(images), _) => {
                 let flash = self.flash.as_ref().map(|flash| flash_of(flash, role));
                 Some(Box::new(VirtualLink::start(
@@ -91,12 +80,7 @@ impl<'a> Links<'a> {
                     flash.as_deref(),
                 )?))
             }
-            (None, Some(port)) => {
-                let port = Serial::open(port, self.args.baud).map_err(|error| {
-                    Error::input(format!("--on serial:{}={error}", role.name()))
-                })?;
-                Some(Box::new(port))
-            }
+            (None, Some(port)) => Some(open_port(role, port, self.baud)?),
             (None, None) => None,
         })
     }

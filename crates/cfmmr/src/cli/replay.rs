@@ -1,9 +1,6 @@
 //! `cfmmr replay`: a log through the nodes again, as it was or with other parameters.
 
-#[cfg(feature = "full")]
-mod log;
-
-use crate::experiments::result::JsonArgs;
+use super::arguments::JsonArgs;
 use clap::Args;
 use host_sim::base::error::Error;
 use std::path::PathBuf;
@@ -28,12 +25,28 @@ pub struct ReplayArgs {
 }
 
 /// Runs the command.
+#[cfg(feature = "full")]
 pub fn run(args: &ReplayArgs) -> Result<(), Error> {
-    #[cfg(feature = "full")]
-    return log::run(args);
-    #[cfg(not(feature = "full"))]
-    Err(output::terminal::left_out(&format!(
-        "replay {}",
-        args.log.display()
-    )))
+    use crate::experiments::replay::{Wanted, run};
+    use crate::experiments::result::Provenance;
+    let json = args.json.open()?;
+    let (report, text) = run(&Wanted {
+        log: args.log.clone(),
+        recover: args.recover,
+        out: args.out.clone(),
+        with: args.with.clone(),
+    })?;
+    json.write(&Provenance::default(), &report)?;
+    json.print(&text)?;
+    match report.difference {
+        Some(_) => Err(Error::Failure("not identical".to_owned())),
+        None => Ok(()),
+    }
+}
+
+/// Refuses.
+#[cfg(not(feature = "full"))]
+pub fn run(args: &ReplayArgs) -> Result<(), Error> {
+    let log = args.log.display();
+    Err(output::terminal::left_out(&format!("replay {log}")))
 }

@@ -1,7 +1,8 @@
 //! `cfmmr soak`: hours of driving, and whether anything drifts or grows.
 
-use crate::experiments::arguments::{Place, WorldChoice, place};
-use crate::experiments::result::{JsonArgs, Provenance};
+use super::arguments::{JsonArgs, WorldChoice};
+use crate::experiments::result::Provenance;
+use crate::experiments::run::place::Place;
 use crate::experiments::soak;
 use crate::experiments::soak::{Drift, MEMORY_KIB, PAIR_M, PAIR_RAD, Report, Window};
 use clap::Args;
@@ -31,7 +32,7 @@ pub struct SoakArgs {
     #[arg(long, default_value_t = 10_000_000, value_parser = whole::<u64>(10_000..=4_000_000_000))]
     pub ticks: u64,
     /// Place of the boards: in-process, or virtual (their images on virtual boards, built if needed)
-    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = place)]
+    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = Place::parse)]
     pub on: Place,
     /// Seed of all random draws; one seed gives the same bytes
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
@@ -166,7 +167,7 @@ fn verdict(problems: &[String]) -> String {
 
 /// Runs the command.
 pub fn run(args: &SoakArgs) -> Result<(), Error> {
-    args.json.check()?;
+    let json = args.json.open()?;
     if !args.ticks.is_multiple_of(10) {
         return Err(Error::input(format!(
             "--ticks {}: must be a multiple of 10: the robot is judged at the end of an epoch",
@@ -211,9 +212,8 @@ pub fn run(args: &SoakArgs) -> Result<(), Error> {
         report,
         boards,
     };
-    args.json
-        .write(&Provenance::of(&scenario, args.seed), &measured)?;
-    let printed = args.json.print_page(&markdown(&measured, &scenario));
+    json.write(&Provenance::of(&scenario, args.seed), &measured)?;
+    let printed = json.print_page(&markdown(&measured, &scenario));
     match measured.problems.as_slice() {
         _ if interrupt.load(Relaxed) => Err(Error::Interrupted(
             "interrupted: the table is that of the time so far".to_owned(),

@@ -1,8 +1,8 @@
 //! `cfmmr params`: parameters that boards keep, listed and changed over their links.
 
-use crate::experiments::arguments::{BoardArgs, BoardName};
-use crate::experiments::boards::{Links, flash_of};
-use crate::experiments::result::{JsonArgs, Provenance};
+use super::arguments::{BoardArgs, BoardName, JsonArgs};
+use crate::experiments::result::{Json, Provenance};
+use crate::experiments::run::links::{Links, flash_of};
 use clap::{Args, Subcommand, ValueEnum};
 use core_algos::link::Identity;
 use core_algos::params::{Parameter, Settings, Source, TABLE};
@@ -157,7 +157,11 @@ fn at_each(
     target: &ParamsTarget,
     mut act: impl FnMut(Role, &mut Remote) -> Result<(), Error>,
 ) -> Result<(), Error> {
-    let links = Links::new(&target.boards, Some(target.flash.clone()))?;
+    let links = Links::new(
+        &target.boards.on,
+        target.boards.baud,
+        Some(target.flash.clone()),
+    )?;
     for role in Role::ALL {
         let named = target.board.iter().any(|name| Role::from(*name) == role);
         if !target.board.is_empty() && !named {
@@ -172,7 +176,7 @@ fn at_each(
             }
         };
         let mut remote = Remote::new(role, link);
-        if target.boards.any_port() {
+        if target.boards.on.has_ports() {
             remote.end_earlier_session()?;
         }
         remote.greet()?;
@@ -182,17 +186,16 @@ fn at_each(
     Ok(())
 }
 
-fn write_json(target: &ParamsTarget, parameters: &impl Serialize) -> Result<(), Error> {
+fn write_json(json: &Json, parameters: &impl Serialize) -> Result<(), Error> {
     #[derive(Serialize)]
     struct Values<'a, T> {
         parameters: &'a T,
     }
-    target
-        .json
-        .write(&Provenance::default(), &Values { parameters })
+    json.write(&Provenance::default(), &Values { parameters })
 }
 
 fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Error> {
+    let json = target.json.open()?;
     let mut rows = Vec::new();
     at_each(target, |role, remote| {
         let base = Settings::of(role);
@@ -241,8 +244,8 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
             text += &format!("  {:<6} {:<12} {state}\n", row.board, row.value);
         }
     }
-    write_json(target, &rows)?;
-    target.json.print(&text)
+    write_json(&json, &rows)?;
+    json.print(&text)
 }
 
 /// Source of a value, in words.
@@ -333,6 +336,7 @@ fn change(
     save: bool,
     wanted: impl Fn(Role) -> Result<Values, Error>,
 ) -> Result<(), Error> {
+    let json = target.json.open()?;
     let mut changes = Vec::new();
     let mut written = 0;
     let done = at_each(target, |role, remote| {
@@ -368,18 +372,19 @@ fn change(
         ]);
     }
     if done.is_ok() {
-        write_json(target, &changes)?;
+        write_json(&json, &changes)?;
     }
     // After an error the table shows the boards that came before it.
     let note = match save {
         true => format!("{written} values written to the flash"),
         false => "checked and not saved: the boards keep their values; use --save".to_owned(),
     };
-    target.json.print(&format!("{table}{note}\n"))?;
+    json.print(&format!("{table}{note}\n"))?;
     done
 }
 
 fn run_export(export: &ParamsExport) -> Result<(), Error> {
+    let json = export.target.json.open()?;
     let mut overlays = Overlays::default();
     at_each(&export.target, |role, remote| {
         let kept = remote.parameters()?;
@@ -389,12 +394,12 @@ fn run_export(export: &ParamsExport) -> Result<(), Error> {
         Ok(())
     })?;
     let text = overlays.to_toml()?;
-    write_json(&export.target, &overlays)?;
+    write_json(&json, &overlays)?;
     match &export.out {
         Some(path) => {
             files::write_file(path, &text)?;
             print(&format!("wrote {}\n", path.display()))
         }
-        None => export.target.json.print(&text),
+        None => json.print(&text),
     }
 }

@@ -8,8 +8,6 @@
 //! innovations are independent, and their drift is judged. The zeros of the gauges walk, so the error of
 //! the posture of one axle seen from the other grows for hours: its size over the run is judged.
 
-pub mod command;
-
 use core_algos::fusion::ekf::Verdict;
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;

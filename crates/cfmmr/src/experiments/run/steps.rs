@@ -1,12 +1,12 @@
-//! Result of a script: table, picture, page and files.
+//! Steps of a script that were taken: table, picture, page and files.
 
+use super::picture::draw;
 use crate::experiments::Context;
 use crate::experiments::follow::MOST_ROWS;
-use crate::experiments::posture::pictures;
 use crate::experiments::result::warn;
 use crate::thinned::Thinned;
 use host_sim::base::error::Error;
-use host_sim::run::end::{EndKind, RunEnd, Verdict};
+use host_sim::run::end::{EndKind, RunEnd};
 use host_sim::run::robot::{Record, Robot};
 use host_sim::run::script;
 use host_sim::run::script::{Line, Step, StepEnd};
@@ -16,9 +16,6 @@ use output::table::Table;
 use output::terminal::wrapped;
 use recording::csv;
 use serde::Serialize;
-use view::figures;
-use view::figures::PathsPanel;
-use view::page;
 
 /// Result of the command.
 #[derive(Debug, Serialize)]
@@ -29,7 +26,7 @@ struct Report<'a> {
 
 /// Steps that were taken, and the state at each epoch.
 #[derive(Clone, Debug, Default)]
-pub struct Driven {
+pub struct Steps {
     /// Steps with their ends.
     pub steps: Vec<StepEnd>,
     /// State at each epoch.
@@ -38,9 +35,9 @@ pub struct Driven {
     pub count: usize,
 }
 
-impl Driven {
+impl Steps {
     /// Has a robot take the steps.
-    pub fn by(robot: &mut impl Robot, scenario: &Scenario, lines: &[Line]) -> Self {
+    pub fn taken(robot: &mut impl Robot, scenario: &Scenario, lines: &[Line]) -> Self {
         let (mut records, mut steps) = (Thinned::new(MOST_ROWS), Vec::new());
         let see = |record: &Record| records.push(*record);
         // An error is the end of the last step.
@@ -101,29 +98,29 @@ pub fn goal(lines: &[Line]) -> Option<[f64; 3]> {
 /// Table, result and files.
 pub fn publish(
     context: &Context,
-    driven: &Driven,
+    taken: &Steps,
 ) -> Result<(String, serde_json::Value, OutputDir), Error> {
     let mut files = context.output()?;
-    let taken = driven.steps.iter().filter(|step| step.end.is_success());
-    let title = format!("{} of {} steps carried out", taken.count(), driven.count);
-    let end = driven.end();
+    let done = taken.steps.iter().filter(|step| step.end.is_success());
+    let title = format!("{} of {} steps carried out", done.count(), taken.count);
+    let end = taken.end();
     draw(
         context,
         &mut files,
-        &driven.records,
-        (&end, driven.goal()),
+        &taken.records,
+        (&end, taken.goal()),
         title,
-        summary(&driven.steps),
+        summary(&taken.steps),
     );
-    files.csv("ends.csv", csv_of(&driven.steps));
+    files.csv("ends.csv", csv_of(&taken.steps));
     let report = serde_json::to_value(Report {
-        steps: &driven.steps,
+        steps: &taken.steps,
     });
     let report = report.map_err(|error| Error::Failure(error.to_string()))?;
-    for step in &driven.steps {
+    for step in &taken.steps {
         warn(&step.end, &format!("line {}", step.line));
     }
-    Ok((table(&driven.steps), report, files))
+    Ok((table(&taken.steps), report, files))
 }
 
 /// Ends of the steps as CSV.
@@ -143,65 +140,6 @@ pub fn csv_of(steps: &[StepEnd]) -> Csv {
 pub fn summary(steps: &[StepEnd]) -> Vec<(String, String)> {
     let row = |step: &StepEnd| (format!("{}: {}", step.line, step.step), step.end.text());
     steps.iter().map(row).collect()
-}
-
-/// Log, picture and report page of a run with its end and its goal, if there is one. Of a robot whose true posture is not
-/// known, the estimate is drawn.
-pub fn draw(
-    context: &Context,
-    files: &mut OutputDir,
-    records: &[Record],
-    (end, goal): (&RunEnd, Option<[f64; 3]>),
-    title: String,
-    summary: Vec<(String, String)>,
-) {
-    files.csv("log.csv", csv::of_records(records));
-    let seen: Vec<Record> = records.iter().map(Record::seen).collect();
-    let Some(last) = seen.last() else {
-        return;
-    };
-    let body = context.body();
-    let mission = &context.scenario.mission;
-    let within = goal.is_none_or(|goal| mission.is_near(last.midpoint, goal));
-    let panel = PathsPanel {
-        title: title.clone(),
-        others: Vec::new(),
-        path: seen
-            .iter()
-            .map(|at| [at.midpoint[0], at.midpoint[1]])
-            .collect(),
-        wheels: pictures::wheel_paths(&seen, body.half_track_m),
-        snapshots: pictures::snapshots(&seen),
-        goal,
-        tolerance: [mission.tolerance_m, mission.tolerance_rad],
-        ends: vec![(Verdict::of(end.kind, within), last.midpoint)],
-    };
-    let heading = match records[0].midpoint[0].is_nan() {
-        true => "Path of the robot, as estimated",
-        false => "Path of the robot",
-    };
-    let figure = figures::paths(heading, &body, &[panel]);
-    files.text("paths.svg", figure.svg());
-    files.bytes("paths.png", figure.png());
-    let error = |record: &Record| {
-        let at = record.lead.fused.robot.posture;
-        let [x, y, phi] = record.midpoint;
-        let off = libm::hypot(f64::from(at.x) - x, f64::from(at.y) - y);
-        [[f64::NAN; 2], [off, f64::from(at.phi) - phi]]
-    };
-    let run = page::Run {
-        title: heading.to_owned(),
-        name: title,
-        goal,
-        reference: Vec::new(),
-        records: records.iter().collect(),
-        errors: records.iter().map(error).collect(),
-        distance: "Distance of the estimate from the truth",
-        end,
-        summary,
-        scenario: &context.scenario,
-    };
-    page::add(files, &context.subtitle(), &body, &[run]);
 }
 
 /// Table of the steps, with their notices.
@@ -274,7 +212,7 @@ mod tests {
         let lines = script::parse("stop\n\nwait 9\nstop", &scenario).unwrap();
         let mut robot = Simulation::new(&scenario, 1, 0).unwrap();
         robot.observe(Box::new(Failing));
-        let driven = Driven::by(&mut robot, &scenario, &lines);
+        let driven = Steps::taken(&mut robot, &scenario, &lines);
         let done = |step: &StepEnd| (step.line, step.end.is_success());
         let ends: Vec<_> = driven.steps.iter().map(done).collect();
         assert_eq!(ends, [(1, true), (3, false)]);

@@ -1,65 +1,61 @@
 //! Recording and display of a run.
 
+use super::plan::Plan;
 use crate::BUILD;
 use crate::dashboard::{self, Dashboard};
 use crate::experiments::Context;
-use crate::experiments::arguments::LogArgs;
 use host_sim::base::error::Error;
 use host_sim::run::end::Ended;
 use host_sim::run::keyboard::Keyboard;
 use host_sim::run::real_time::RealTimeLimiter;
-use host_sim::run::robot::{Observer, Robot, Span};
+use host_sim::run::robot::{Observer, Robot};
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::targets;
 use host_sim::targets::Target;
-use recording::{About, Session};
+use recording::{About, Destinations, Session};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Instant;
 
-/// The dashboard, if it is asked for.
-fn open_dashboard(
-    args: &LogArgs,
-    about: &About,
-    goal: [f64; 3],
-    keyboard: &Keyboard,
-    interrupt: &Arc<AtomicBool>,
-) -> Result<Option<Box<dyn Observer>>, Error> {
-    if !args.dashboard && !keyboard.drives() {
-        return Ok(None);
-    }
-    let title = format!("cfmmr {}, seed {}", about.command, about.seed);
-    Ok(Some(Box::new(Dashboard::open(
-        title,
-        goal,
-        keyboard.clone(),
-        interrupt.clone(),
-    )?)))
+/// Files, viewers and display that a run is for.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Watch {
+    /// Files and address that it is recorded to.
+    pub destinations: Destinations,
+    /// True if it is shown on the terminal.
+    pub dashboard: bool,
 }
 
-/// Checks before a long computation that the run can be shown and recorded.
-pub fn check(args: &LogArgs) -> Result<(), Error> {
-    if args.dashboard {
-        dashboard::check()?;
+impl Watch {
+    /// Checks before a long computation that the run can be shown and recorded.
+    pub fn check(&self) -> Result<(), Error> {
+        if self.dashboard {
+            dashboard::check()?;
+        }
+        self.destinations.check()
     }
-    args.destinations().check()
+
+    /// True if the run is recorded or served.
+    pub fn records(&self) -> bool {
+        self.destinations.any()
+    }
+
+    /// True if the run is shown or served, so that it runs in real time.
+    pub fn is_live(&self) -> bool {
+        self.dashboard || self.destinations.live.is_some()
+    }
 }
 
 /// The stage of a run: its bounds, its recording and its display.
 pub struct Stage<'a> {
-    args: &'a LogArgs,
+    watch: &'a Watch,
     about: About<'a>,
     goal: [f64; 3],
     session: Option<Session>,
     interrupt: &'a Arc<AtomicBool>,
-    /// Bounds of the time.
-    pub span: Span,
-    /// True if no tick may begin before its time on the clock.
-    pub real_time: bool,
-    /// Keys of the dashboard.
-    pub keyboard: Keyboard,
+    keyboard: Keyboard,
 }
 
 /// A run that has ended.
@@ -75,14 +71,15 @@ pub struct Driven<T> {
 }
 
 impl<'a> Stage<'a> {
-    /// Begins the recording of a run to a goal, along a path if it has points.
+    /// Begins the recording of a run to a goal, along a path if it has points. A keyboard that drives is shown with the run.
     pub fn begin(
-        args: &'a LogArgs,
+        watch: &'a Watch,
         context: &'a Context,
         scenario: &'a Scenario,
         (goal, path): ([f64; 3], &[[f64; 3]]),
+        keyboard: Keyboard,
     ) -> Result<Self, Error> {
-        check(args)?;
+        watch.check()?;
         let about = About {
             command: &context.name,
             build: BUILD,
@@ -90,8 +87,8 @@ impl<'a> Stage<'a> {
             trial: 0,
             scenario,
         };
-        let interrupt = context.interrupt();
-        let session = Session::begin(&args.destinations(), &about)?;
+        let interrupt = context.workers.interrupt();
+        let session = Session::begin(&watch.destinations, &about)?;
         if let Some(session) = &session {
             if goal[0].is_finite() {
                 session.plan(goal, path);
@@ -99,14 +96,12 @@ impl<'a> Stage<'a> {
             session.await_viewer(interrupt)?;
         }
         Ok(Self {
-            args,
+            watch,
             about,
             goal,
             session,
             interrupt,
-            span: Span::default(),
-            real_time: args.is_watched(),
-            keyboard: Keyboard::default(),
+            keyboard,
         })
     }
 
@@ -132,33 +127,30 @@ impl<'a> Stage<'a> {
     /// Has a robot carry out its task, and ends the recording.
     pub fn run<R: Robot, T: Ended>(
         &self,
+        plan: &Plan,
         robot: &mut R,
         drive: impl FnOnce(&mut R) -> Result<T, Error>,
     ) -> Result<Driven<T>, Error> {
         if let Some(session) = &self.session {
             robot.observe(Box::new(session.clone()));
         }
-        if let Some(shown) = open_dashboard(
-            self.args,
-            &self.about,
-            self.goal,
-            &self.keyboard,
-            self.interrupt,
-        )? {
+        if let Some(shown) = self.dashboard()? {
             robot.observe(shown);
         }
+        // The time of a real robot is the computer's.
+        let is_simulated = robot.plant().is_some();
+        let real_time = plan.real_time || self.watch.is_live() || self.keyboard.drives();
         let control = robot.control_mut();
-        control.span = self.span;
+        control.span = plan.span;
         control.interrupt = Some(self.interrupt.clone());
-        control.pace = self
-            .real_time
-            .then(|| RealTimeLimiter::new(self.keyboard.clone()));
+        control.pace =
+            (real_time && is_simulated).then(|| RealTimeLimiter::new(self.keyboard.clone()));
         let start = Instant::now();
         let outcome = drive(robot)?;
         let wall_s = start.elapsed().as_secs_f64();
         let end = outcome.end();
         // A simulated robot whose run is over is left where it is.
-        let stops = self.interrupt.load(Relaxed) || robot.plant().is_none();
+        let stops = self.interrupt.load(Relaxed) || !is_simulated;
         let stopped = if stops { robot.stop() } else { Ok(()) };
         let restless = stopped.err().map(|error| error.to_string());
         // Displays close.
@@ -176,5 +168,16 @@ impl<'a> Stage<'a> {
             wall_s,
             restless,
         })
+    }
+
+    /// The dashboard, if it is asked for.
+    fn dashboard(&self) -> Result<Option<Box<dyn Observer>>, Error> {
+        if !self.watch.dashboard && !self.keyboard.drives() {
+            return Ok(None);
+        }
+        let title = format!("cfmmr {}, seed {}", self.about.command, self.about.seed);
+        let interrupt = self.interrupt.clone();
+        let shown = Dashboard::open(title, self.goal, self.keyboard.clone(), interrupt)?;
+        Ok(Some(Box::new(shown)))
     }
 }

@@ -1,10 +1,11 @@
 //! `cfmmr drive`: the robot takes the steps of a script or one step of the command line.
 
+use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture, refuse_for_real};
 use crate::dashboard;
-use crate::experiments::arguments::LogArgs;
-use crate::experiments::arguments::{Common, Place, RobotArgs, SensorArgs, parse_posture};
-use crate::experiments::mission::Mission;
-use crate::experiments::{Context, whole_robot};
+use crate::experiments::Context;
+use crate::experiments::run::Run;
+use crate::experiments::run::mission::Mission;
+use crate::experiments::run::place::Place;
 use clap::Args;
 use host_sim::base::error::Error;
 use host_sim::base::input;
@@ -52,10 +53,9 @@ const STEPS: Taken = &[
 
 /// Runs the command.
 pub fn run(args: &DriveArgs) -> Result<(), Error> {
-    let mut context = Context::new(&args.common, "drive")?;
+    let mut context = args.common.context("drive")?;
     args.sensors.apply(&mut context.scenario);
-    let from = args.from.as_deref().map(parse_posture).transpose();
-    let from = from.map_err(Error::Input)?;
+    let from = args.from.as_deref().map(parse_posture).transpose()?;
     context.scenario.mission.start = from.unwrap_or_default();
     context.scenario.check()?;
     let lines = match args.script.is_none() && args.step.is_empty() {
@@ -71,17 +71,17 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
         }
         false => lines_of(args, &context)?,
     };
-    let simulated = !args.robot.has_boards();
+    let place = &args.robot.boards.on;
     let no_zero = lines
         .iter()
-        .find(|line| simulated && line.step == Step::Zero);
+        .find(|line| !place.is_outside() && line.step == Step::Zero);
     if let Some(line) = no_zero {
         return Err(Error::input(format!(
             "line {}: zero: must have --on virtual or --on serial: boards in this program have no calibration procedure",
             line.number
         )));
     }
-    let told = match &args.robot.boards.on {
+    let told = match place {
         Place::Serial(_) => from,
         _ => Some(context.scenario.mission.start),
     };
@@ -90,16 +90,21 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
         lines,
         placed: from.is_some(),
     };
-    whole_robot::check_options(&args.robot, &args.sensors, &args.common)?;
-    let used = match args.robot.boards.on {
-        Place::InProcess => Some(Use::Regulate),
-        Place::Virtual => Some(Use::Virtual),
-        Place::Serial(_) => None,
-    };
-    if let Some(used) = used {
-        context.check_keys(STEPS, &[(&context.scenario, used)])?;
+    args.robot.check()?;
+    refuse_for_real(
+        &args.robot.boards,
+        &args.sensors,
+        &args.common.scenario.choice,
+    )?;
+    match place {
+        Place::InProcess => context.check_keys(STEPS, &[(&context.scenario, Use::Regulate)])?,
+        Place::Virtual => context.check_keys(STEPS, &[(&context.scenario, Use::Virtual)])?,
+        Place::Serial(_) => context.check_mission_keys()?,
     }
-    whole_robot::run_on(&context, &mission, (&args.common, &args.log, &args.robot))
+    let watch = args.log.watch();
+    let mut run = Run::new(&context, &mission, &watch);
+    run.plan = args.robot.plan.plan(0.0)?;
+    run.at(&args.robot.site(args.common.threads))
 }
 
 /// Steps of the script or the command line.

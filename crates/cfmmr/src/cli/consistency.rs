@@ -1,0 +1,56 @@
+//! `cfmmr consistency`: whether the fused estimates are as good as they claim to be.
+
+use super::arguments::Common;
+use crate::experiments::consistency;
+use crate::experiments::posture::{ROWS, Variant};
+use clap::{Args, ValueEnum};
+use host_sim::base::error::Error;
+use host_sim::base::numbers::whole;
+use host_sim::scenario::Scenario;
+use host_sim::scenario::effect;
+use host_sim::scenario::effect::Use;
+
+/// Fusions that `consistency` compares, by [`Variant::fusion`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Fusion {
+    /// Odometry alone, without the relative position sensor
+    Odometry,
+    /// Covariance intersection
+    Intersection,
+    /// Covariance intersection and internal posture error correction
+    IntersectionIpec,
+    /// Joint filter of both axles
+    Joint,
+}
+
+/// Arguments of `consistency`.
+#[derive(Clone, Debug, Args)]
+pub struct ConsistencyArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Number of runs a row
+    #[arg(long, default_value_t = 200, value_parser = whole::<u32>(2..=1_000_000))]
+    pub trials: u32,
+    /// Fusions, separated by commas [default: all]
+    #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
+    pub fusion: Vec<Fusion>,
+}
+
+/// Runs the command.
+pub fn run(args: &ConsistencyArgs) -> Result<(), Error> {
+    let context = args.common.context("consistency")?;
+    let mut variants = Variant::ALL.to_vec();
+    if !args.fusion.is_empty() {
+        let names = args.fusion.iter().filter_map(ValueEnum::to_possible_value);
+        let names: Vec<_> = names.collect();
+        variants.retain(|v| names.iter().any(|name| name.get_name() == v.fusion()));
+    }
+    let rows = variants.iter().map(|v| v.apply(&context.scenario));
+    let rows: Vec<Scenario> = rows.collect();
+    let runs: Vec<effect::Run> = rows.iter().map(|row| (row, Use::Regulate)).collect();
+    context.check_keys(ROWS, &runs)?;
+    let seeds = context.seeds(args.trials as usize);
+    let report = consistency::measure(&context.workers, &context.scenario, seeds, &variants)?;
+    consistency::publish(&context, &report, &variants)
+}

@@ -1,0 +1,134 @@
+//! `cfmmr faults`: every fault of the catalogue, at several times and with several seeds.
+
+use super::arguments::{ImageArgs, JsonArgs, WorldChoice, refuse};
+use crate::experiments::result::Provenance;
+use crate::experiments::run::place::Place;
+use crate::experiments::{faults, pool};
+use clap::Args;
+use host_sim::base::error::Error;
+use host_sim::base::numbers::whole;
+use remote::virtual_robot::faults::{Campaign, Entry, catalogue};
+
+/// Page that holds the committed table.
+const PAGE: &str = "docs/faults.md";
+
+/// Arguments of `faults`.
+#[derive(Clone, Debug, Args)]
+pub struct FaultsArgs {
+    /// The world.
+    #[command(flatten)]
+    pub choice: WorldChoice,
+    /// Number of seeds of each fault
+    #[arg(long, default_value_t = 2, value_parser = whole::<u32>(1..=1000))]
+    pub seeds: u32,
+    /// Run only faults whose name contains this text; may be repeated
+    #[arg(long, value_name = "TEXT")]
+    pub only: Vec<String>,
+    /// Place of the boards: in-process (faults of samples, frames and plant), or virtual (also those at registers, pins,
+    /// supplies and wires, with the images of the boards)
+    #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = Place::parse)]
+    pub on: Place,
+    /// Each fault at one time with one seed, and a selection of the instants of power failure
+    #[arg(long, conflicts_with = "seeds")]
+    pub quick: bool,
+    /// Number of threads; does not change the result [default: one a core]
+    #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
+    pub threads: Option<u16>,
+    /// Exit 1 if a row differs from the committed table, or with --quick, if an outcome is not in its row
+    #[arg(long)]
+    pub check: bool,
+    /// Destination of the result as JSON.
+    #[command(flatten)]
+    pub json: JsonArgs,
+    /// Images.
+    #[command(flatten)]
+    pub images: ImageArgs,
+}
+
+/// The entries that `--only` selects: those that need no images without them.
+fn chosen<'a>(all: &'a [Entry], args: &FaultsArgs) -> Result<Vec<&'a Entry>, Error> {
+    let images = args.on == Place::Virtual;
+    let possible: Vec<&Entry> = all
+        .iter()
+        .filter(|entry| images || !entry.needs_images())
+        .collect();
+    let unknown = |only: &&String| {
+        !possible
+            .iter()
+            .any(|entry| entry.name.contains(only.as_str()))
+    };
+    if let Some(only) = args.only.iter().find(unknown) {
+        let names: Vec<&str> = possible.iter().map(|entry| entry.name).collect();
+        return Err(Error::input(format!(
+            "--only {only}: no fault has this text in its name; the faults are: {}{}",
+            names.join(", "),
+            if images {
+                ""
+            } else {
+                "; --on virtual has more"
+            }
+        )));
+    }
+    let is_chosen = |entry: &&Entry| {
+        args.only.is_empty()
+            || args
+                .only
+                .iter()
+                .any(|only| entry.name.contains(only.as_str()))
+    };
+    Ok(possible.into_iter().filter(is_chosen).collect())
+}
+
+/// Settings of all runs.
+fn settings(args: &FaultsArgs) -> Result<Campaign, Error> {
+    let images = match args.on {
+        Place::Virtual => Some(args.images.open()?),
+        Place::InProcess => None,
+        Place::Serial(_) => {
+            return Err(Error::input(
+                "--on: faults are put into in-process or virtual boards",
+            ));
+        }
+    };
+    if images.is_none() {
+        refuse(&args.images.given())?;
+    }
+    Ok(Campaign {
+        scenario: faults::scenario(args.choice.world.as_deref())?,
+        images,
+        quick: args.quick,
+    })
+}
+
+/// Runs the command.
+pub fn run(args: &FaultsArgs) -> Result<(), Error> {
+    let all = catalogue();
+    let entries = chosen(&all, args)?;
+    let json = args.json.open()?;
+    let committed = match args.check {
+        true => std::fs::read_to_string(PAGE)
+            .map_err(|error| Error::input(format!("{PAGE}: {error}")))?,
+        false => String::new(),
+    };
+    let trials = settings(args)?;
+    let pool = pool(args.threads)?;
+    let seeds = if args.quick { 1 } else { u64::from(args.seeds) };
+    let report = pool.install(|| faults::campaign(&trials, &entries, seeds))?;
+    json.write(&Provenance::of(&trials.scenario, 1), &report)?;
+    let text = report.markdown() + &report.complaints();
+    json.print_page(&text)?;
+    if report.interrupted {
+        let text = "interrupted: the table is that of the runs so far";
+        return Err(Error::Interrupted(text.to_owned()));
+    }
+    match report.wrong() {
+        0 => {}
+        wrong => return Err(Error::Failure(format!("{wrong} runs failed"))),
+    }
+    match report.unexpected(&committed, args.quick) {
+        Some(row) if args.check => Err(Error::Failure(format!(
+            "differs from {PAGE} (tools/scripts/regenerate.py faults rewrites it):\n{row}"
+        ))),
+        _ => Ok(()),
+    }
+}

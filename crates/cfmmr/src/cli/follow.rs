@@ -1,0 +1,91 @@
+//! `cfmmr follow` and `cfmmr track`: path following and trajectory tracking.
+
+use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture, refuse_for_real};
+use crate::experiments::follow;
+use crate::experiments::follow::Wanted;
+use crate::experiments::run::Run;
+use crate::experiments::run::mission::Mission;
+use clap::Args;
+use host_sim::base::error::Error;
+use host_sim::base::numbers::{number, whole};
+use host_sim::run::path_run::PathMode;
+use host_sim::scenario::effect::Use;
+
+/// Drive along a path.
+#[derive(Clone, Debug, Args)]
+pub struct CourseArgs {
+    /// Largest speed along the path, m/s; `track` allows at most 90 % of the robot's limit
+    /// [default: the scenario's, 0.2]
+    #[arg(long, value_name = "M/S", value_parser = number)]
+    pub speed: Option<f64>,
+    /// Length of the line, radius of the circle or half width of the figure eight, m [default: 3,
+    /// 1, 1.5]
+    #[arg(long, value_name = "M", value_parser = number)]
+    pub size: Option<f64>,
+    /// Number of laps of a closed path
+    #[arg(long, default_value_t = 1, value_parser = whole::<u32>(1..=10_000))]
+    pub laps: u32,
+    /// Start posture of the midpoint O, as in `posture` [default: on the first point of the path,
+    /// along it]
+    #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
+    pub from: Option<String>,
+    /// Sensors.
+    #[command(flatten)]
+    pub sensors: SensorArgs,
+}
+
+impl CourseArgs {
+    /// The drive along this path.
+    pub fn wanted(&self, path: &str) -> Result<Wanted, Error> {
+        Ok(Wanted {
+            path: path.to_owned(),
+            size: self.size,
+            laps: self.laps,
+            speed_m_s: self.speed,
+            start: self.from.as_deref().map(parse_posture).transpose()?,
+        })
+    }
+}
+
+/// Arguments of `follow` and `track`.
+#[derive(Clone, Debug, Args)]
+pub struct FollowArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Recording of the run.
+    #[command(flatten)]
+    pub log: LogArgs,
+    /// Path: line, circle, figure-eight, or a CSV file of waypoints (columns x,y in m)
+    #[arg(long, default_value = "figure-eight", value_name = "PATH")]
+    pub path: String,
+    /// Sensors, start and speed.
+    #[command(flatten)]
+    pub drive: CourseArgs,
+    /// The robot.
+    #[command(flatten)]
+    pub robot: RobotArgs,
+}
+
+/// Runs the command.
+pub fn run(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
+    let mut context = args.common.context(follow::names(path_mode).0)?;
+    let boards = &args.robot.boards;
+    args.robot.check()?;
+    refuse_for_real(boards, &args.drive.sensors, &args.common.scenario.choice)?;
+    let used = match boards.on.is_outside() {
+        true => Use::VirtualPath,
+        false => Use::Path,
+    };
+    args.drive.sensors.apply(&mut context.scenario);
+    let wanted = args.drive.wanted(&args.path)?;
+    let course = follow::prepare(&wanted, &mut context, used)?;
+    if boards.on.has_ports() {
+        context.check_mission_keys()?;
+    }
+    let mission = Mission::Path(Box::new(course), path_mode);
+    let watch = args.log.watch();
+    let mut run = Run::new(&context, &mission, &watch);
+    run.plan = args.robot.plan.plan(0.0)?;
+    run.at(&args.robot.site(args.common.threads))
+}

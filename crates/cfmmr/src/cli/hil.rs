@@ -1,0 +1,118 @@
+//! `cfmmr hil`: an experiment with virtual or real boards in the loop.
+
+use super::arguments::{BoardArgs, Common, LogArgs, PlanArgs, parse_posture};
+use super::follow::CourseArgs;
+use crate::experiments::Context;
+use crate::experiments::follow;
+use crate::experiments::posture::Variant;
+use crate::experiments::run::mission::Mission;
+use crate::experiments::run::place::Site;
+use crate::experiments::run::{Run, in_the_loop};
+use clap::Args;
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::run::path_run::PathMode;
+use host_sim::scenario::effect::Use;
+use std::path::PathBuf;
+
+/// Arguments of `hil`.
+#[derive(Clone, Debug, Args)]
+pub struct HilArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Recording of the run.
+    #[command(flatten)]
+    pub log: LogArgs,
+    /// Place of the boards.
+    #[command(flatten)]
+    pub boards: BoardArgs,
+    /// Use the parameters in the boards' flash, laid over those of the scenario
+    #[arg(long)]
+    pub stored: bool,
+    /// With --on virtual: folder of the files with the boards' stores
+    #[arg(long, value_name = "DIR", requires = "on")]
+    pub flash: Option<PathBuf>,
+    /// Run the nodes in this program too and compare every bit
+    #[arg(long)]
+    pub compare: bool,
+    /// Sensors, start and speed.
+    #[command(flatten)]
+    pub drive: CourseArgs,
+    /// Follow this path, as `follow --path`
+    #[arg(long, value_name = "PATH", conflicts_with = "track")]
+    pub follow: Option<String>,
+    /// Track this trajectory, as `track --path`
+    #[arg(long, value_name = "PATH")]
+    pub track: Option<String>,
+    /// Duration and failures.
+    #[command(flatten)]
+    pub plan: PlanArgs,
+}
+
+/// Minimum run time, s.
+const LEAST_S: f64 = 20.0;
+
+/// Runs the command.
+pub fn run(args: &HilArgs) -> Result<(), Error> {
+    let mut context = args.common.context("hil")?;
+    let mission = prepare(args, &mut context)?;
+    let plan = args.plan.plan(LEAST_S)?;
+    if !context.scenario.world.bus.quantise {
+        return Err(Error::input(
+            "bus.quantise = false: must be true with boards behind links",
+        ));
+    }
+    let watch = args.log.watch();
+    let mut run = Run::new(&context, &mission, &watch);
+    run.plan = plan;
+    let site = Site {
+        place: args.boards.on.clone(),
+        baud: args.boards.baud,
+        ..Site::default()
+    };
+    let options = in_the_loop::Options {
+        stored: args.stored,
+        flash: args.flash.clone(),
+        compare: args.compare,
+    };
+    in_the_loop::run(run, &site, &options)
+}
+
+/// The experiment that the arguments ask for; what they change is written into the scenario.
+fn prepare(args: &HilArgs, context: &mut Context) -> Result<Mission, Error> {
+    if !args.boards.on.is_outside() {
+        return Err(Error::input(
+            "hil: needs --on virtual or serial ports (--on serial:front=PORT,rear=PORT,beam=PORT); `cfmmr \
+             doctor` lists the ports",
+        ));
+    }
+    let scenario = &mut context.scenario;
+    args.drive.sensors.apply(scenario);
+    if !scenario.mission.rps && args.boards.on.port(Role::Beam).is_some() {
+        return Err(Error::input(
+            "--on serial:beam: no beam board without the relative position sensor",
+        ));
+    }
+    let (path, path_mode) = match (&args.follow, &args.track) {
+        (Some(path), _) => (path, PathMode::Follow),
+        (None, Some(path)) => (path, PathMode::Track),
+        (None, None) => {
+            if args.drive.speed.is_some() || args.drive.size.is_some() {
+                return Err(Error::input(
+                    "--speed, --size: only with --follow or --track",
+                ));
+            }
+            if let Some(text) = &args.drive.from {
+                scenario.mission.start = parse_posture(text)?;
+            }
+            scenario.check()?;
+            let variant = Variant::of(scenario);
+            context.check_keys(&[], &[(&context.scenario, Use::Regulate)])?;
+            return Ok(Mission::Posture(variant));
+        }
+    };
+    let wanted = args.drive.wanted(path)?;
+    let course = follow::prepare(&wanted, context, Use::Path)?;
+    Ok(Mission::Path(Box::new(course), path_mode))
+}

@@ -1,0 +1,149 @@
+//! `cfmmr posture`: posture regulation with and without the relative position sensor, as the paper's experiment has it.
+
+use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture, refuse_for_real};
+use crate::experiments::Context;
+use crate::experiments::posture::{self, ROWS, Variant};
+use crate::experiments::run::Run;
+use crate::experiments::run::mission::Mission;
+use crate::experiments::run::stage::Watch;
+use clap::{Args, ValueEnum};
+use host_sim::base::error::Error;
+use host_sim::base::numbers::whole;
+use host_sim::scenario::Scenario;
+use host_sim::scenario::effect;
+use host_sim::scenario::effect::Use;
+
+/// Rows of the table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum RowSelection {
+    /// Encoders alone, the paper's fusion, the joint filter; and the paper's robot.
+    Main,
+    /// Every fusion, with and without inertial sensors.
+    All,
+    /// Encoders alone and the joint filter.
+    Pair,
+    /// The joint filter, without and with inertial sensors.
+    Joint,
+}
+
+/// Arguments of `posture`.
+#[derive(Clone, Debug, Args)]
+pub struct PostureArgs {
+    /// Arguments every experiment takes.
+    #[command(flatten)]
+    pub common: Common,
+    /// Recording of the run.
+    #[command(flatten)]
+    pub log: LogArgs,
+    /// Number of paired trials a row [default: 50]
+    #[arg(long, value_parser = whole::<u32>(1..=1_000_000), conflicts_with_all = ["dashboard", "live"])]
+    pub trials: Option<u32>,
+    /// Start posture of the midpoint O: m, m, rad, or heading with `deg`: -1.5,0.2,90deg
+    #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
+    pub from: Option<String>,
+    /// Rows of the table [default: main]
+    #[arg(long, value_enum, conflicts_with_all = ["dashboard", "live"])]
+    pub rows: Option<RowSelection>,
+    /// Sensors of a robot with boards.
+    #[command(flatten)]
+    pub sensors: SensorArgs,
+    /// The robot.
+    #[command(flatten)]
+    pub robot: RobotArgs,
+}
+
+/// Number of trials a row.
+const TRIALS: u32 = 50;
+
+/// Runs the command.
+pub fn run(args: &PostureArgs) -> Result<(), Error> {
+    let outside = args.robot.boards.on.is_outside();
+    if outside && (args.trials.is_some() || args.rows.is_some()) {
+        return Err(Error::input(
+            "--trials, --rows: only in process; on boards there is one run of one robot",
+        ));
+    }
+    let mut context = args.common.context("posture")?;
+    args.robot.check()?;
+    if let Some(text) = &args.from {
+        context.scenario.mission.start = parse_posture(text)?;
+    }
+    let watch = args.log.watch();
+    match outside {
+        true => on_boards(args, context, &watch),
+        false => trials(args, &context, &watch),
+    }
+}
+
+/// Keys that `--from` decides.
+fn start(args: &PostureArgs) -> Option<(&'static str, &'static str)> {
+    args.from.as_ref().map(|_| ("mission.start", "with --from"))
+}
+
+/// One run of a robot with boards.
+fn on_boards(args: &PostureArgs, mut context: Context, watch: &Watch) -> Result<(), Error> {
+    refuse_for_real(
+        &args.robot.boards,
+        &args.sensors,
+        &args.common.scenario.choice,
+    )?;
+    args.sensors.apply(&mut context.scenario);
+    context.scenario.check()?;
+    let taken: Vec<_> = start(args).into_iter().collect();
+    context.check_keys(&taken, &[(&context.scenario, Use::Virtual)])?;
+    if args.robot.boards.on.has_ports() {
+        context.check_mission_keys()?;
+    }
+    let mission = Mission::Posture(Variant::of(&context.scenario));
+    let mut run = Run::new(&context, &mission, watch);
+    run.plan = args.robot.plan.plan(0.0)?;
+    run.at(&args.robot.site(args.common.threads))
+}
+
+/// Trials of the rows, with the boards in this program.
+fn trials(args: &PostureArgs, context: &Context, watch: &Watch) -> Result<(), Error> {
+    context.scenario.check()?;
+    let variants = args.variants(watch)?;
+    let rows = variants.iter().map(|row| row.apply(&context.scenario));
+    let rows: Vec<Scenario> = rows.collect();
+    let runs: Vec<effect::Run> = rows.iter().map(|row| (row, Use::Regulate)).collect();
+    let taken: Vec<_> = ROWS.iter().copied().chain(start(args)).collect();
+    context.check_keys(&taken, &runs)?;
+    let seeds = context.seeds(args.trials.unwrap_or(TRIALS) as usize);
+    posture::run(context, watch, &variants, seeds)
+}
+
+impl PostureArgs {
+    /// Rows with the sensors that the options leave: `--no-rps` keeps those without gauges, `--imu` adds the inertial
+    /// sensors to all. A run that is shown has one row.
+    fn variants(&self, watch: &Watch) -> Result<Vec<Variant>, Error> {
+        let sensors = &self.sensors;
+        let rows = match self.rows.unwrap_or(RowSelection::Main) {
+            RowSelection::Main => &Variant::MAIN[..],
+            RowSelection::All => &Variant::ALL,
+            RowSelection::Pair => &Variant::PAIR,
+            RowSelection::Joint => &Variant::JOINT,
+        };
+        let shown = match watch.is_live() {
+            true if sensors.no_rps => &Variant::PAIR[..1],
+            true => &Variant::PAIR[1..],
+            false => rows,
+        };
+        let mut kept: Vec<Variant> = Vec::new();
+        for row in shown.iter().filter(|row| !(sensors.no_rps && row.rps)) {
+            let row = Variant {
+                imu: row.imu || sensors.imu,
+                ..*row
+            };
+            if !kept.contains(&row) {
+                kept.push(row);
+            }
+        }
+        match kept.is_empty() {
+            true => Err(Error::input(
+                "--no-rps: no row is left; every row of --rows joint has gauges",
+            )),
+            false => Ok(kept),
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! Places of the boards.
+
+use core_algos::topology::Role;
+use remote::virtual_robot::Options;
+use std::path::{Path, PathBuf};
+
+/// Place of the boards.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Place {
+    /// Their nodes run in this program.
+    #[default]
+    InProcess,
+    /// Their images run on virtual boards.
+    Virtual,
+    /// Serial ports of front, rear and beam board; what a board without a port is, is up to the command.
+    Serial([Option<PathBuf>; 3]),
+}
+
+impl Place {
+    /// The place in `in-process`, `virtual` or `serial:front=PORT,rear=PORT,beam=PORT`.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        const ALLOWED: &str =
+            "must be in-process, virtual or serial:front=PORT[,rear=PORT][,beam=PORT]";
+        let ports = match text {
+            "in-process" => return Ok(Self::InProcess),
+            "virtual" => return Ok(Self::Virtual),
+            _ => text.strip_prefix("serial:").ok_or(ALLOWED)?,
+        };
+        let mut found = [None, None, None];
+        for part in ports.split(',') {
+            let (board, port) = part.split_once('=').ok_or(ALLOWED)?;
+            let role = Role::ALL.into_iter().find(|role| role.name() == board);
+            let place = &mut found[role.ok_or(ALLOWED)? as usize];
+            if port.is_empty() || place.replace(PathBuf::from(port)).is_some() {
+                return Err(format!("{board} {ALLOWED}"));
+            }
+        }
+        Ok(Self::Serial(found))
+    }
+
+    /// The serial port of a board.
+    pub fn port(&self, role: Role) -> Option<&Path> {
+        match self {
+            Self::Serial(ports) => ports[role as usize].as_deref(),
+            _ => None,
+        }
+    }
+
+    /// True if any board has a serial port.
+    pub fn has_ports(&self) -> bool {
+        matches!(self, Self::Serial(_))
+    }
+
+    /// True if any board is outside of this program.
+    pub fn is_outside(&self) -> bool {
+        *self != Self::InProcess
+    }
+}
+
+/// A place, and how the boards are there.
+#[derive(Clone, Debug)]
+pub struct Site {
+    /// The place.
+    pub place: Place,
+    /// Baud rate of the serial ports.
+    pub baud: u32,
+    /// Images of axle and beam board for virtual boards; without a file the ones of this checkout.
+    pub images: [Option<PathBuf>; 2],
+    /// True if the time of virtual boards is counted by function and interrupt.
+    pub profile: bool,
+    /// Threads that virtual boards are spread over.
+    pub threads: usize,
+}
+
+impl Default for Site {
+    fn default() -> Self {
+        Self {
+            place: Place::InProcess,
+            baud: BAUD,
+            images: [None, None],
+            profile: false,
+            threads: Options::threads(),
+        }
+    }
+}
+
+/// Baud rate of the boards' images.
+pub const BAUD: u32 = 921_600;

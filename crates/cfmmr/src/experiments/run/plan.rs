@@ -1,0 +1,45 @@
+//! Bounds of a run, and failures of boards on the way.
+
+use core_algos::time::Micros;
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::run::robot::Span;
+use host_sim::scenario::Scenario;
+use host_sim::targets::Failure;
+
+/// Bounds of a run, and failures of boards on the way.
+#[derive(Clone, Debug, Default)]
+pub struct Plan {
+    /// Bounds of the time.
+    pub span: Span,
+    /// True if no tick may begin before its time on the clock.
+    pub real_time: bool,
+    /// Boards that are switched off.
+    pub failures: Vec<Failure>,
+    /// Time until a lost board is switched on again, ms.
+    pub restart_after: Option<u32>,
+}
+
+impl Plan {
+    /// Refuses failures of boards that are not fitted, and those after the end of a run whose task takes at most `limit_s`.
+    pub fn check(&self, scenario: &Scenario, limit_s: f64) -> Result<(), Error> {
+        let seconds = |micros: Micros| micros as f64 * 1e-6;
+        let longest = limit_s.max(seconds(self.span.least));
+        let end = self.span.most.map_or(f64::MAX, seconds).min(longest);
+        for failure in &self.failures {
+            let at = f64::from(failure.at) * 1e-3;
+            let kill = format!("--kill {}@{at}", failure.role.name());
+            if failure.role == Role::Beam && !scenario.mission.rps {
+                return Err(Error::input(format!(
+                    "{kill}: must be front or rear: no beam board without the relative position sensor"
+                )));
+            }
+            if at >= end {
+                return Err(Error::input(format!(
+                    "{kill}: {at} s: must be before the run ends, at {end} s"
+                )));
+            }
+        }
+        Ok(())
+    }
+}

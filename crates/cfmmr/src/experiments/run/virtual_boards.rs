@@ -1,0 +1,187 @@
+//! A robot on virtual boards: the images that users flash, with everything that is wired to them. It gets its task at the
+//! serial port of the front board.
+
+use super::place::Site;
+use super::{BoardsReport, Run, happenings};
+use core_algos::topology::Role;
+use host_sim::base::error::Error;
+use host_sim::run::final_error::FinalError;
+use host_sim::run::real_time::RealTimeLimiter;
+use host_sim::run::recovery::Status;
+use host_sim::run::robot::Robot;
+use host_sim::targets::Event;
+use output::files;
+use output::table::Table;
+use remote::board_log;
+use remote::board_log::BoardLog;
+use remote::images::Images;
+use remote::virtual_robot::tools::profile;
+use remote::virtual_robot::{BoardReport, Options, VirtualRobot};
+use serde::Serialize;
+use std::time::Instant;
+
+/// Result of a run on virtual boards.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct Report {
+    /// Distance of the midpoint from the goal at the end, m.
+    e_m: f64,
+    /// Heading less that of the goal at the end, rad.
+    heading_rad: f64,
+    /// Time from power on until all nodes were ready, s.
+    boot_s: f64,
+    /// Simulated time, boot included, s.
+    simulated_s: f64,
+    /// Time it took, s.
+    wall_s: f64,
+    /// Frames on the bus.
+    frames: u64,
+    /// The boards.
+    boards: Vec<BoardReport>,
+    /// Heartbeats: every change of state.
+    nodes: Vec<Status>,
+    /// Boards lost and restarted.
+    events: Vec<Event>,
+    /// Ticks that began more than a tick late, when pace was to be kept.
+    late_ticks: Option<u32>,
+}
+
+/// Carries out a task, and publishes the result.
+pub fn run(run: &Run, site: &Site) -> Result<(), Error> {
+    let Run {
+        context,
+        scenario,
+        plan,
+        ..
+    } = run;
+    plan.check(scenario, run.mission.limit_s(scenario))?;
+    run.watch.check()?;
+    let [axle, beam] = site.images.each_ref().map(|image| image.as_deref());
+    let images = Images::open(axle, beam)?;
+    let options = Options {
+        threads: site.threads,
+        profile: site.profile,
+        record: run.watch.records(),
+        ..Options::default()
+    };
+    let logs = Role::ALL.map(|_| BoardLog::default());
+    let start = Instant::now();
+    let report = run.on(
+        |_| {
+            let mut robot = VirtualRobot::new(scenario, &images, context.seed, 0, &options, &logs)?;
+            robot.plan(plan.failures.clone(), plan.restart_after);
+            Ok(robot)
+        },
+        |robot, _| boards(run, robot, start),
+    );
+    let mut report = board_log::kept(report, &logs, || context.output())?;
+    report.boards.files.extend(board_log::files(&logs));
+    report.publish(run)
+}
+
+/// What the boards have to say.
+fn boards(run: &Run, robot: &mut VirtualRobot, start: Instant) -> Result<BoardsReport, Error> {
+    let (goal, _) = run.mission.goal(&run.scenario);
+    let values = report(robot, &goal, start);
+    let cut = !values.events.is_empty();
+    let mut report = BoardsReport::new(&values, summary(&values))?;
+    report.problem = values.boards.iter().find_map(|board| board.problem(cut));
+    let profiles = profile::of(robot, &values.boards);
+    if !profiles.is_empty() {
+        let json = files::json(&profiles);
+        report.files.push(("profile.json".to_owned(), json));
+    }
+    for profile in profiles {
+        let name = format!("profile-{}.folded", profile.board);
+        report.text += &format!("\n{}", profile.table);
+        report.files.push((name, profile.folded));
+    }
+    Ok(report)
+}
+
+fn report(robot: &mut VirtualRobot, goal: &[f64; 3], start: Instant) -> Report {
+    let error = FinalError::of(robot.record().midpoint, *goal);
+    Report {
+        e_m: error.e_m,
+        heading_rad: error.heading_rad,
+        boot_s: robot.boot_s(),
+        simulated_s: robot.boot_s() + robot.now() as f64 * 1e-6,
+        wall_s: start.elapsed().as_secs_f64(),
+        frames: robot.frames(),
+        boards: robot.reports(),
+        nodes: robot.monitor().changes().to_vec(),
+        events: robot.events().to_vec(),
+        late_ticks: robot.control().pace.as_ref().map(RealTimeLimiter::late),
+    }
+}
+
+/// Summary of the boards.
+fn summary(report: &Report) -> String {
+    let mut table = Table::new([
+        "board",
+        "build",
+        "resets",
+        "findings",
+        "longest tick (µs)",
+        "late (µs)",
+        "loop (µs)",
+        "missed",
+        "load",
+        "stack (bytes)",
+        "boot (bytes)",
+        "sent",
+        "received",
+        "overrun",
+        "errors",
+    ]);
+    let or_none = |value: Option<String>| value.unwrap_or_default();
+    for board in &report.boards {
+        let stack = board.stack_used.zip(board.stack_size);
+        table.row([
+            board.name.to_owned(),
+            or_none(board.build.clone()),
+            board.resets.len().to_string(),
+            board.findings.len().to_string(),
+            board.longest_tick_us.to_string(),
+            board.tick_lateness_us.to_string(),
+            or_none(board.longest_current_loop_us.map(|us| format!("{us:.1}"))),
+            board.missed_ticks.to_string(),
+            format!("{:.0} %", 100.0 * board.load),
+            or_none(stack.map(|(used, size)| format!("{used} of {size}"))),
+            or_none(board.boot_stack.map(|used| used.to_string())),
+            board.can.sent.to_string(),
+            board.can.received.to_string(),
+            board.can.overrun.to_string(),
+            board.can.error_frames.to_string(),
+        ]);
+    }
+    let table = table.transposed();
+    let instructions: u64 = report.boards.iter().map(|board| board.instructions).sum();
+    let mut text = format!(
+        "{table}\nReady {:.2} s after power on; {} frames.\n\
+         {:.1} s simulated in {:.1} s: {:.2} times real time, {:.0} MIPS.\n",
+        report.boot_s,
+        report.frames,
+        report.simulated_s,
+        report.wall_s,
+        report.simulated_s / report.wall_s,
+        instructions as f64 * 1e-6 / report.wall_s,
+    );
+    text += &happenings(report.late_ticks, &report.events, &report.nodes);
+    for board in &report.boards {
+        for (time_s, cause) in &board.resets {
+            text += &format!("{time_s:.3} s: {} board reset by {cause}\n", board.name);
+        }
+        for finding in &board.findings {
+            text += &format!(
+                "{:.6} s: {} board: {}: {}, in {} ({} times)\n",
+                finding.time_s,
+                board.name,
+                finding.kind,
+                finding.text,
+                finding.place,
+                finding.count
+            );
+        }
+    }
+    text
+}
