@@ -75,12 +75,18 @@ cargo test --locked --package core-algos --package firmware-common --package pla
   --package virtual-board --features core-algos/link,virtual-board/devices
 joined
 wait "$packages"
-# The program of the first command; before the whole program, whose file it shares.
-cargo test --locked --release --package cfmmr --test parts
+# The program of the first command; before the whole program, whose file it shares. It runs for a moment.
+quick=()
+for package in cfmmr output recording remote view; do
+  quick+=(--config "profile.release.package.$package.opt-level=0")
+done
+cargo test --locked --release "${quick[@]}" --package cfmmr --test parts
 # With the libraries of the steps below.
 program=(--locked --release --package cfmmr --all-features)
 cargo test "${program[@]}" --package host-sim --package output --package remote --package recording --package view --lib
-cargo test "${program[@]}" --test '*'
+cargo test "${program[@]}" --package host-sim --test '*'
+cargo test "${program[@]}" --package host-sim --doc
+cargo build "${program[@]}" --package web --example native
 # Built by the tests. A build by itself leaves out what only tests want of the libraries, and takes two
 # minutes more.
 export CFMMR_BUILT=1
@@ -107,10 +113,6 @@ crates/virtual-board/oracle/check_lockstep.sh
 joined
 step "the same bytes in WebAssembly"
 tools/scripts/check_web.sh
-step "the simulation as a library"
-library=(--locked --release --package host-sim)
-cargo test "${library[@]}" --test allocation
-cargo test "${library[@]}" --doc
 step "the paper's experiment with virtual boards in a session"
 hil() {
   timeout 600 target/release/cfmmr hil --on virtual --compare --out target/hil "$@" | grep -A1 "ticks ("

@@ -16,5 +16,8 @@ if ! rustc --print target-libdir --target "$target" 2>/dev/null | xargs test -d;
   }
 fi
 cargo build --quiet --locked --release --package web --lib --target "$target"
-cargo run --quiet --locked --release --package web --example native >target/web.txt
+if [ -z "${CFMMR_BUILT:-}" ]; then
+  cargo build --quiet --locked --release --package web --example native
+fi
+target/release/examples/native >target/web.txt
 node bindings/web/compare.mjs "target/$target/release/web.wasm" target/web.txt
