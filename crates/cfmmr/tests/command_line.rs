@@ -40,6 +40,12 @@ fn bad_input_is_refused_by_name_and_nothing_is_written() {
         ("", "--from nan,0,0 | --from | nan"),
         ("", "--set mission.start=[0,0,1e9] | mission.start"),
         ("", "--trials 0 | --trials"),
+        ("", "--baud 9600 | --baud 9600 | --on serial"),
+        ("", "--duration 3 | --duration | --on serial"),
+        ("", "--log /dev/null/a.mcap | --log"),
+        ("", "--csv /dev/null/a.csv | --csv"),
+        ("", "--csv /dev/null/a | --csv"),
+        ("", "--on serial:front=a,front=b | front: must have one port"),
     ] {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("scenario.toml"), content).unwrap();

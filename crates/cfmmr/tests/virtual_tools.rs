@@ -138,6 +138,10 @@ fn bad_input_is_told_with_its_value_and_range() {
     assert_refused(folder.path(), "posture --on virtual", table);
     let options = "--profile";
     assert_refused(folder.path(), "posture", options);
+    let table = "--laps 3 | --laps | --follow
+         --kill front@99 | 99 s | at 90.5 s
+         --kill beam@1 --no-rps | beam@1 | front or rear";
+    assert_refused(folder.path(), "hil --on virtual", table);
 }
 
 /// Goals one after the other, with the figures of the boards; memory does not grow with the frames of the bus.

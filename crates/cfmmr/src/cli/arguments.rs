@@ -1,6 +1,8 @@
 //! Arguments that several commands take.
 
 use crate::experiments::result::Json;
+use crate::experiments::run::Run;
+use crate::experiments::run::mission::Mission;
 use crate::experiments::run::place::{BAUD, Place, Site};
 use crate::experiments::run::plan::Plan;
 use crate::experiments::run::stage::Watch;
@@ -162,9 +164,26 @@ pub struct BoardArgs {
     /// reached over the bus
     #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = Place::parse)]
     pub on: Place,
-    /// Baud rate of the serial ports
-    #[arg(long, default_value_t = BAUD, value_parser = whole::<u32>(9_600..=12_000_000))]
-    pub baud: u32,
+    /// Baud rate of the serial ports [default: 921600]
+    #[arg(long, value_parser = whole::<u32>(9_600..=12_000_000))]
+    pub baud: Option<u32>,
+}
+
+impl BoardArgs {
+    /// Baud rate of the serial ports.
+    pub fn baud(&self) -> u32 {
+        self.baud.unwrap_or(BAUD)
+    }
+
+    /// Refuses a baud rate without ports.
+    pub fn check(&self) -> Result<(), Error> {
+        match self.baud {
+            Some(baud) if !self.on.has_ports() => Err(Error::input(format!(
+                "--baud {baud}: only with --on serial"
+            ))),
+            _ => Ok(()),
+        }
+    }
 }
 
 /// Sensors of the robot.
@@ -286,7 +305,7 @@ impl ImageArgs {
     }
 }
 
-/// The robot of `posture`, `follow` and `track`.
+/// The robot of `posture`, `follow`, `track` and `drive`.
 #[derive(Clone, Debug, Args)]
 #[command(next_help_heading = "Boards")]
 pub struct RobotArgs {
@@ -306,10 +325,10 @@ pub struct RobotArgs {
 
 impl RobotArgs {
     /// Where the boards are, and how; virtual boards run on so many threads.
-    pub fn site(&self, threads: Option<u16>) -> Site {
+    fn site(&self, threads: Option<u16>) -> Site {
         Site {
             place: self.boards.on.clone(),
-            baud: self.boards.baud,
+            baud: self.boards.baud(),
             images: [
                 self.images.axle_image.clone(),
                 self.images.beam_image.clone(),
@@ -319,37 +338,71 @@ impl RobotArgs {
         }
     }
 
-    /// Refuses options that have no effect where the boards are.
-    pub fn check(&self) -> Result<(), Error> {
+    /// Refuses options that have no effect where the boards are: a real robot has its sensors and its surroundings.
+    pub fn check(&self, sensors: &SensorArgs, choice: &WorldChoice) -> Result<(), Error> {
+        self.boards.check()?;
         match self.boards.on {
             Place::InProcess => {
-                refuse(&[
-                    ("--duration", self.plan.duration.is_some()),
-                    ("--stop-after", self.plan.stop_after.is_some()),
-                ])?;
+                let plan = &self.plan;
+                let given = [
+                    ("--duration", plan.duration.is_some()),
+                    ("--stop-after", plan.stop_after.is_some()),
+                ];
+                refuse(&given, "only with --on virtual or --on serial")?;
                 self.refuse_of_virtual_boards()
             }
             Place::Virtual => Ok(()),
-            Place::Serial(_) => self.refuse_of_virtual_boards(),
+            Place::Serial(_) => {
+                let given = [
+                    ("--imu", sensors.imu),
+                    ("--no-rps", sensors.no_rps),
+                    ("--world", choice.world.is_some()),
+                ];
+                let why =
+                    "no effect with --on serial: a real robot has its sensors and its surroundings";
+                refuse(&given, why)?;
+                self.refuse_of_virtual_boards()
+            }
         }
+    }
+
+    /// Carries out a task where the boards are, and publishes the result.
+    pub fn run(
+        &self,
+        context: &Context,
+        mission: &Mission,
+        log: &LogArgs,
+        threads: Option<u16>,
+    ) -> Result<(), Error> {
+        let run = Run {
+            context,
+            mission,
+            plan: self.plan.plan(0.0)?,
+            watch: &log.watch(),
+        };
+        run.at(&self.site(threads))
     }
 
     fn refuse_of_virtual_boards(&self) -> Result<(), Error> {
         let plan = &self.plan;
-        refuse(&self.images.given())?;
-        refuse(&[
+        refuse(&self.images.given(), ONLY_VIRTUAL)?;
+        let given = [
             ("--real-time", plan.real_time),
             ("--kill", !plan.kill.is_empty()),
             ("--restart-after", plan.restart_after.is_some()),
             ("--profile", self.profile),
-        ])
+        ];
+        refuse(&given, ONLY_VIRTUAL)
     }
 }
 
-/// Refuses options of virtual boards that are given.
-pub fn refuse(options: &[(&str, bool)]) -> Result<(), Error> {
+/// Why an option of virtual boards has no effect.
+pub const ONLY_VIRTUAL: &str = "only with --on virtual";
+
+/// Refuses options that are given, with the reason.
+pub fn refuse(options: &[(&str, bool)], why: &str) -> Result<(), Error> {
     match options.iter().find(|(_, given)| *given) {
-        Some((option, _)) => Err(Error::input(format!("{option}: only with --on virtual"))),
+        Some((option, _)) => Err(Error::input(format!("{option}: {why}"))),
         None => Ok(()),
     }
 }
@@ -372,25 +425,6 @@ impl From<BoardName> for Role {
             BoardName::Rear => Self::Rear,
             BoardName::Beam => Self::Beam,
         }
-    }
-}
-
-/// Refuses options of sensors and surroundings that a real robot has of its own.
-pub fn refuse_for_real(
-    boards: &BoardArgs,
-    sensors: &SensorArgs,
-    choice: &WorldChoice,
-) -> Result<(), Error> {
-    let given = [
-        ("--imu", sensors.imu),
-        ("--no-rps", sensors.no_rps),
-        ("--world", choice.world.is_some()),
-    ];
-    match given.iter().find(|(_, given)| *given) {
-        Some((option, _)) if boards.on.has_ports() => Err(Error::input(format!(
-            "{option}: no effect with --on serial: a real robot has its sensors and its surroundings"
-        ))),
-        _ => Ok(()),
     }
 }
 

@@ -73,6 +73,7 @@ pub struct CalibrateArgs {
 
 /// Runs the command.
 pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
+    args.boards.check()?;
     if args.boards.on.has_ports() {
         return calibrate_real(args);
     }
@@ -115,7 +116,7 @@ fn calibrate_real(args: &CalibrateArgs) -> Result<(), Error> {
         ));
     }
     let json = args.json.open()?;
-    let links = Links::new(&args.boards.on, args.boards.baud, None)?;
+    let links = Links::new(&args.boards.on, args.boards.baud(), None)?;
     real::run(&links, args.former, !args.yes, &json)
 }
 
@@ -157,7 +158,7 @@ fn boards(args: &CalibrateArgs) -> Result<Option<[Box<dyn Target>; 3]>, Error> {
     if !args.boards.on.is_outside() {
         return Ok(None);
     }
-    let links = Links::new(&args.boards.on, args.boards.baud, None)?;
+    let links = Links::new(&args.boards.on, args.boards.baud(), None)?;
     let mut boards = Vec::new();
     for role in Role::ALL {
         if let Some(link) = links.open(role, &BoardLog::default())? {

@@ -123,6 +123,7 @@ pub struct Report {
 /// Runs the command.
 pub fn run(args: &DoctorArgs) -> Result<(), Error> {
     let json = args.json.open()?;
+    args.boards.check()?;
     if args.boards.on.is_outside() {
         return doctor_boards::run(&args.boards, &json);
     }

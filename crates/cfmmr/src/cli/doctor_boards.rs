@@ -44,7 +44,7 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
             "--on: must be serial:front=PORT: only real boards have a state before a run",
         ));
     }
-    let links = Links::new(&args.on, args.baud, None)?;
+    let links = Links::new(&args.on, args.baud(), None)?;
     let mut boards = Vec::new();
     // The port of a board that does not answer reaches no other board either.
     let mut dead = Vec::new();

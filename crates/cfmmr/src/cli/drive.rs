@@ -1,9 +1,8 @@
 //! `cfmmr drive`: the robot takes the steps of a script or one step of the command line.
 
-use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture, refuse_for_real};
+use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture};
 use crate::dashboard;
 use crate::experiments::Context;
-use crate::experiments::run::Run;
 use crate::experiments::run::mission::Mission;
 use crate::experiments::run::place::Place;
 use clap::Args;
@@ -90,21 +89,15 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
         lines,
         placed: from.is_some(),
     };
-    args.robot.check()?;
-    refuse_for_real(
-        &args.robot.boards,
-        &args.sensors,
-        &args.common.scenario.choice,
-    )?;
+    args.robot
+        .check(&args.sensors, &args.common.scenario.choice)?;
     match place {
         Place::InProcess => context.check_keys(STEPS, &[(&context.scenario, Use::Regulate)])?,
         Place::Virtual => context.check_keys(STEPS, &[(&context.scenario, Use::Virtual)])?,
         Place::Serial(_) => context.check_mission_keys()?,
     }
-    let watch = args.log.watch();
-    let mut run = Run::new(&context, &mission, &watch);
-    run.plan = args.robot.plan.plan(0.0)?;
-    run.at(&args.robot.site(args.common.threads))
+    let threads = args.common.threads;
+    args.robot.run(&context, &mission, &args.log, threads)
 }
 
 /// Steps of the script or the command line.

@@ -1,6 +1,6 @@
 //! `cfmmr faults`: every fault of the catalogue, at several times and with several seeds.
 
-use super::arguments::{ImageArgs, JsonArgs, WorldChoice, refuse};
+use super::arguments::{ImageArgs, JsonArgs, ONLY_VIRTUAL, WorldChoice, refuse};
 use crate::experiments::result::Provenance;
 use crate::experiments::run::place::Place;
 use crate::experiments::{faults, pool};
@@ -91,7 +91,7 @@ fn settings(args: &FaultsArgs) -> Result<Campaign, Error> {
         }
     };
     if images.is_none() {
-        refuse(&args.images.given())?;
+        refuse(&args.images.given(), ONLY_VIRTUAL)?;
     }
     Ok(Campaign {
         scenario: faults::scenario(args.choice.world.as_deref())?,

@@ -1,9 +1,8 @@
 //! `cfmmr follow` and `cfmmr track`: path following and trajectory tracking.
 
-use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture, refuse_for_real};
+use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture};
 use crate::experiments::follow;
-use crate::experiments::follow::Wanted;
-use crate::experiments::run::Run;
+use crate::experiments::follow::{PATH, Wanted};
 use crate::experiments::run::mission::Mission;
 use clap::Args;
 use host_sim::base::error::Error;
@@ -71,21 +70,21 @@ pub struct FollowArgs {
 pub fn run(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
     let mut context = args.common.context(follow::names(path_mode).0)?;
     let boards = &args.robot.boards;
-    args.robot.check()?;
-    refuse_for_real(boards, &args.drive.sensors, &args.common.scenario.choice)?;
+    args.robot
+        .check(&args.drive.sensors, &args.common.scenario.choice)?;
     let used = match boards.on.is_outside() {
         true => Use::VirtualPath,
         false => Use::Path,
     };
     args.drive.sensors.apply(&mut context.scenario);
     let wanted = args.drive.wanted(&args.path)?;
-    let course = follow::prepare(&wanted, &mut context, used)?;
+    let course = follow::prepare(&wanted, &mut context.scenario)?;
+    context.check_keys(PATH, &[(&context.scenario, used)])?;
+    context.output()?;
     if boards.on.has_ports() {
         context.check_mission_keys()?;
     }
     let mission = Mission::Path(Box::new(course), path_mode);
-    let watch = args.log.watch();
-    let mut run = Run::new(&context, &mission, &watch);
-    run.plan = args.robot.plan.plan(0.0)?;
-    run.at(&args.robot.site(args.common.threads))
+    let threads = args.common.threads;
+    args.robot.run(&context, &mission, &args.log, threads)
 }

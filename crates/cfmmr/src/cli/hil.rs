@@ -4,15 +4,17 @@ use super::arguments::{BoardArgs, Common, LogArgs, PlanArgs, parse_posture};
 use super::follow::CourseArgs;
 use crate::experiments::Context;
 use crate::experiments::follow;
+use crate::experiments::follow::PATH;
 use crate::experiments::posture::Variant;
 use crate::experiments::run::mission::Mission;
-use crate::experiments::run::place::Site;
-use crate::experiments::run::{Run, in_the_loop};
+use crate::experiments::run::{Run, check, in_the_loop};
 use clap::Args;
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::run::path_run::PathMode;
 use host_sim::scenario::effect::Use;
+use remote::board_log;
+use remote::board_log::BoardLog;
 use std::path::PathBuf;
 
 /// Arguments of `hil`.
@@ -56,6 +58,7 @@ const LEAST_S: f64 = 20.0;
 /// Runs the command.
 pub fn run(args: &HilArgs) -> Result<(), Error> {
     let mut context = args.common.context("hil")?;
+    args.boards.check()?;
     let mission = prepare(args, &mut context)?;
     let plan = args.plan.plan(LEAST_S)?;
     if !context.scenario.world.bus.quantise {
@@ -64,19 +67,22 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
         ));
     }
     let watch = args.log.watch();
-    let mut run = Run::new(&context, &mission, &watch);
-    run.plan = plan;
-    let site = Site {
-        place: args.boards.on.clone(),
-        baud: args.boards.baud,
-        ..Site::default()
-    };
-    let options = in_the_loop::Options {
+    check(&context.scenario, &mission, &plan, &watch)?;
+    let boards = in_the_loop::BoardUse {
         stored: args.stored,
         flash: args.flash.clone(),
-        compare: args.compare,
     };
-    in_the_loop::run(run, &site, &options)
+    let logs = Role::ALL.map(|_| BoardLog::default());
+    let place = (&args.boards.on, args.boards.baud());
+    let targets = in_the_loop::connect(place, &boards, &mut context.scenario, &logs);
+    let targets = board_log::kept(targets, &logs, || context.output())?;
+    let run = Run {
+        context: &context,
+        mission: &mission,
+        plan,
+        watch: &watch,
+    };
+    in_the_loop::run(&run, targets, &logs, args.compare)
 }
 
 /// The experiment that the arguments ask for; what they change is written into the scenario.
@@ -98,9 +104,10 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Mission, Error> {
         (Some(path), _) => (path, PathMode::Follow),
         (None, Some(path)) => (path, PathMode::Track),
         (None, None) => {
-            if args.drive.speed.is_some() || args.drive.size.is_some() {
+            let drive = &args.drive;
+            if drive.speed.is_some() || drive.size.is_some() || drive.laps != 1 {
                 return Err(Error::input(
-                    "--speed, --size: only with --follow or --track",
+                    "--speed, --size, --laps: only with --follow or --track",
                 ));
             }
             if let Some(text) = &args.drive.from {
@@ -113,6 +120,8 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Mission, Error> {
         }
     };
     let wanted = args.drive.wanted(path)?;
-    let course = follow::prepare(&wanted, context, Use::Path)?;
+    let course = follow::prepare(&wanted, &mut context.scenario)?;
+    context.check_keys(PATH, &[(&context.scenario, Use::Path)])?;
+    context.output()?;
     Ok(Mission::Path(Box::new(course), path_mode))
 }

@@ -2,6 +2,8 @@
 
 use clap::ArgMatches;
 use host_sim::base::error::Error;
+use output::files;
+use output::files::OutputDir;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 use view::page;
@@ -65,7 +67,7 @@ pub fn check(matches: &ArgMatches) -> Result<(), Error> {
         matches = below;
     }
     let named = named(command, matches);
-    check_each(&named)?;
+    check_each(command, &named)?;
     check_pairs(&named)?;
     match WITH_OUTPUT_FILE.contains(&command) || matches.try_get_raw("out").is_err() {
         true => Ok(()),
@@ -98,7 +100,7 @@ fn named(command: &str, matches: &ArgMatches) -> Vec<Named> {
 }
 
 /// Checks each output by itself.
-fn check_each(named: &[Named]) -> Result<(), Error> {
+fn check_each(command: &str, named: &[Named]) -> Result<(), Error> {
     for it in named.iter().filter(|it| it.is_output) {
         if starts_with_tilde(&it.path) {
             return Err(Error::input(format!(
@@ -114,6 +116,17 @@ fn check_each(named: &[Named]) -> Result<(), Error> {
                 it.path.display()
             )));
         }
+        let is_csv = it.path.extension().is_some_and(|end| end.eq_ignore_ascii_case("csv"));
+        let tried = match it.option.as_str() {
+            // Tried where it is opened.
+            "--json" => Ok(()),
+            "--out" if !WITH_OUTPUT_FILE.contains(&command) => {
+                OutputDir::create(&it.path).map(drop)
+            }
+            "--csv" if !is_csv => OutputDir::create(&it.path).map(drop),
+            _ => files::try_file(&it.path),
+        };
+        tried.map_err(|error| Error::input(format!("{}: {error}", it.option)))?;
     }
     Ok(())
 }

@@ -157,9 +157,10 @@ fn at_each(
     target: &ParamsTarget,
     mut act: impl FnMut(Role, &mut Remote) -> Result<(), Error>,
 ) -> Result<(), Error> {
+    target.boards.check()?;
     let links = Links::new(
         &target.boards.on,
-        target.boards.baud,
+        target.boards.baud(),
         Some(target.flash.clone()),
     )?;
     for role in Role::ALL {

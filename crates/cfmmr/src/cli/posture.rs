@@ -1,9 +1,8 @@
 //! `cfmmr posture`: posture regulation with and without the relative position sensor, as the paper's experiment has it.
 
-use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture, refuse_for_real};
+use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture};
 use crate::experiments::Context;
 use crate::experiments::posture::{self, ROWS, Variant};
-use crate::experiments::run::Run;
 use crate::experiments::run::mission::Mission;
 use crate::experiments::run::stage::Watch;
 use clap::{Args, ValueEnum};
@@ -64,13 +63,14 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
         ));
     }
     let mut context = args.common.context("posture")?;
-    args.robot.check()?;
+    args.robot
+        .check(&args.sensors, &args.common.scenario.choice)?;
     if let Some(text) = &args.from {
         context.scenario.mission.start = parse_posture(text)?;
     }
     let watch = args.log.watch();
     match outside {
-        true => on_boards(args, context, &watch),
+        true => on_boards(args, context),
         false => trials(args, &context, &watch),
     }
 }
@@ -81,12 +81,7 @@ fn start(args: &PostureArgs) -> Option<(&'static str, &'static str)> {
 }
 
 /// One run of a robot with boards.
-fn on_boards(args: &PostureArgs, mut context: Context, watch: &Watch) -> Result<(), Error> {
-    refuse_for_real(
-        &args.robot.boards,
-        &args.sensors,
-        &args.common.scenario.choice,
-    )?;
+fn on_boards(args: &PostureArgs, mut context: Context) -> Result<(), Error> {
     args.sensors.apply(&mut context.scenario);
     context.scenario.check()?;
     let taken: Vec<_> = start(args).into_iter().collect();
@@ -95,9 +90,8 @@ fn on_boards(args: &PostureArgs, mut context: Context, watch: &Watch) -> Result<
         context.check_mission_keys()?;
     }
     let mission = Mission::Posture(Variant::of(&context.scenario));
-    let mut run = Run::new(&context, &mission, watch);
-    run.plan = args.robot.plan.plan(0.0)?;
-    run.at(&args.robot.site(args.common.threads))
+    let threads = args.common.threads;
+    args.robot.run(&context, &mission, &args.log, threads)
 }
 
 /// Trials of the rows, with the boards in this program.

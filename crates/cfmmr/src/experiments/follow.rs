@@ -10,7 +10,8 @@ use host_sim::run::end::RunEnd;
 use host_sim::run::path_run;
 use host_sim::run::path_run::{Deviation, Errors, Moment, Outcome, PathMode, Route};
 use host_sim::run::robot::Record;
-use host_sim::scenario::effect::{Taken, Use};
+use host_sim::scenario::Scenario;
+use host_sim::scenario::effect::Taken;
 use output::files::{Csv, OutputDir};
 use output::table::Table;
 use recording::csv;
@@ -102,7 +103,7 @@ pub const PATH: Taken = &[
 ];
 
 /// Reads path, speed and start, and writes them into the scenario.
-pub fn prepare(wanted: &Wanted, context: &mut Context, purpose: Use) -> Result<Course, Error> {
+pub fn prepare(wanted: &Wanted, scenario: &mut Scenario) -> Result<Course, Error> {
     let path = paths::named(&wanted.path, ("--size", wanted.size))
         .map_err(|error| Error::input(format!("--path {}: {error}", wanted.path)))?;
     if wanted.laps != 1 && !path.is_closed() {
@@ -111,7 +112,6 @@ pub fn prepare(wanted: &Wanted, context: &mut Context, purpose: Use) -> Result<C
             wanted.laps, wanted.path
         )));
     }
-    let scenario = &mut context.scenario;
     let limits = &mut scenario.robot.lead.course.path;
     let most = f64::from(scenario.robot.limits.max_speed_m_s);
     if let Some(speed) = wanted.speed_m_s {
@@ -132,8 +132,6 @@ pub fn prepare(wanted: &Wanted, context: &mut Context, purpose: Use) -> Result<C
     route
         .check_start(scenario.mission.start, planned)
         .map_err(|error| Error::input(format!("path {}: {error}", wanted.path)))?;
-    context.check_keys(PATH, &[(&context.scenario, purpose)])?;
-    context.output()?;
     Ok(Course {
         name: wanted.path.clone(),
         path,

@@ -1,4 +1,4 @@
-//! Experiments: what is run, its table and its files. They know nothing of the command line.
+//! Experiments: what is run, its table and its files. They use no parser of arguments.
 //!
 //! Trials are functions of a [`Scenario`] and [`Seeds`], computed by [`Workers`]: see
 //! [`posture::trials::run`] and [`consistency::measure`]. [`run`] carries out one task, here or on boards
@@ -201,6 +201,8 @@ impl Context {
 
     /// Refuses keys of `--set` that a real robot has no use for: its parameters are those of its boards.
     pub fn check_mission_keys(&self) -> Result<(), Error> {
+        let rps = ("mission.rps", "for a real robot: it has its sensors");
+        self.given.check(&[rps], &[])?;
         self.given.check_only(
             "mission",
             "for a real robot: its boards have their parameters, see `cfmmr params`",

@@ -17,7 +17,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::path::Path;
 
-/// Runs of a part, by now all complete.
+/// Numbers of runs of a part, all complete.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Computed {
     /// Runs that were computed.

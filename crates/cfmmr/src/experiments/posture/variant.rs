@@ -48,12 +48,15 @@ impl Variant {
         }
     }
 
-    /// The scenario with this configuration.
+    /// The scenario with this configuration. An accelerometer comes and goes with the gyro.
     pub fn apply(&self, scenario: &Scenario) -> Scenario {
         let mut scenario = scenario.clone();
         scenario.mission.rps = self.rps;
-        scenario.world.sensors.gyro.fitted = self.imu;
-        scenario.world.sensors.accelerometer.fitted = self.imu;
+        let sensors = &mut scenario.world.sensors;
+        if sensors.gyro.fitted != self.imu {
+            sensors.gyro.fitted = self.imu;
+            sensors.accelerometer.fitted = self.imu;
+        }
         scenario.robot.lead.fusion.mode = self.mode;
         scenario
     }

@@ -1,8 +1,10 @@
 //! Boards behind links, virtual or real, each with its samples from this program; boards without a link run in this program.
 
 use super::links::{DEFAULT_FLASH, Links};
-use super::place::Site;
-use super::{BoardsReport, Run, happenings};
+use super::mission::Outcome;
+use super::place::Place;
+use super::stage::Driven;
+use super::{BoardValues, Boards, Run, happenings};
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::run::bit_compare::{Difference, Trace};
@@ -20,20 +22,18 @@ use remote::board_log::BoardLog;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// What is done with the boards beside the run.
+/// Use of the stores of the boards.
 #[derive(Clone, Debug, Default)]
-pub struct Options {
+pub struct BoardUse {
     /// True if the parameters in the boards' flash are laid over those of the scenario.
     pub stored: bool,
     /// Folder of the files with the stores of virtual boards.
     pub flash: Option<PathBuf>,
-    /// True if the nodes run in this program too, and every bit is compared.
-    pub compare: bool,
 }
 
 /// What is known of the boards after the run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-struct Report {
+pub(super) struct Values {
     /// True if every bit equals the run in process; `None` without a comparison.
     identical: Option<bool>,
     /// First difference.
@@ -52,29 +52,30 @@ struct Report {
     late_ticks: Option<u32>,
 }
 
-/// Carries out a task, and publishes the result.
-pub fn run(mut run: Run, site: &Site, options: &Options) -> Result<(), Error> {
-    run.plan
-        .check(&run.scenario, run.mission.limit_s(&run.scenario))?;
-    run.watch.check()?;
-    let logs = Role::ALL.map(|_| BoardLog::default());
-    let report = connect(site, options, &mut run.scenario, &logs)
-        .and_then(|targets| on(&run, targets, options.compare));
-    let mut report = board_log::kept(report, &logs, || run.context.output())?;
-    report.boards.files.extend(board_log::files(&logs));
-    report.publish(&run)
+/// Carries out a task with the boards of a place, and publishes the result.
+pub fn run(
+    run: &Run,
+    targets: [Box<dyn Target>; 3],
+    logs: &[BoardLog; 3],
+    compare: bool,
+) -> Result<(), Error> {
+    let output = || run.context.output();
+    let (driven, mut boards) = board_log::kept(drive(run, targets, compare), logs, output)?;
+    boards.files.extend(board_log::files(logs));
+    run.publish(driven, boards)
 }
 
-/// The boards of a place. What they keep is laid over the scenario, if that is wanted.
-fn connect(
-    site: &Site,
-    options: &Options,
+/// The boards of a place, of which those without a link run in this program. What boards keep is laid over the scenario,
+/// if that is wanted.
+pub fn connect(
+    (place, baud): (&Place, u32),
+    boards: &BoardUse,
     scenario: &mut Scenario,
     logs: &[BoardLog; 3],
 ) -> Result<[Box<dyn Target>; 3], Error> {
-    let kept = options.stored.then(|| PathBuf::from(DEFAULT_FLASH));
-    let flash = options.flash.clone().or(kept);
-    let links = Links::new(&site.place, site.baud, flash)?;
+    let kept = boards.stored.then(|| PathBuf::from(DEFAULT_FLASH));
+    let flash = boards.flash.clone().or(kept);
+    let links = Links::new(place, baud, flash)?;
     let mut board = |role: Role| -> Result<Box<dyn Target>, Error> {
         let link = match scenario.mission.rps || role != Role::Beam {
             true => links.open(role, &logs[role as usize])?,
@@ -84,7 +85,7 @@ fn connect(
             return Ok(Box::new(InProcess::new(role)));
         };
         let mut remote = Remote::new(role, link);
-        if options.stored {
+        if boards.stored {
             remote.greet()?;
             scenario.boards.put(role, &remote.own_parameters()?);
         }
@@ -95,15 +96,19 @@ fn connect(
     Ok(targets)
 }
 
-/// The run on these boards, and again in this program if that is to be compared.
-fn on(run: &Run, targets: [Box<dyn Target>; 3], compare: bool) -> Result<super::Report, Error> {
+/// Carries out a task on these boards, and again in this program if that is to be compared.
+fn drive(
+    run: &Run,
+    targets: [Box<dyn Target>; 3],
+    compare: bool,
+) -> Result<(Driven<Outcome>, Boards), Error> {
     let Run {
         context,
         mission,
-        scenario,
         plan,
         ..
     } = run;
+    let scenario = &context.scenario;
     let simulation = |targets: [Box<dyn Target>; 3]| -> Result<Simulation, Error> {
         let mut simulation = Simulation::on(targets, scenario, context.seed, 0)?;
         simulation
@@ -115,38 +120,39 @@ fn on(run: &Run, targets: [Box<dyn Target>; 3], compare: bool) -> Result<super::
         simulation.record_trace();
         Ok(simulation)
     };
-    run.on(
-        |stage| simulation(stage.tap(targets)),
-        |robot, driven| {
-            let trace = robot.take_trace().unwrap_or_default();
-            let difference = match compare {
-                true => {
-                    let mut reference = simulation(targets::in_process())?;
-                    reference.control_mut().span = plan.span;
-                    reference.control_mut().interrupt = Some(context.workers.interrupt().clone());
-                    mission.drive(&mut reference, scenario)?;
-                    Some(trace.difference(&reference.take_trace().unwrap_or_default()))
-                }
-                false => None,
-            };
-            let values = report(robot, &trace, driven.wall_s, difference.as_ref());
-            let mut report = BoardsReport::new(&values, summary(&values))?;
-            let excess = values.boards.iter().find_map(BoardReport::stack_excess);
-            let different = difference.flatten();
-            let different = different.map(|difference| format!("not identical: {difference}"));
-            report.problem = excess.or(different);
-            Ok(report)
-        },
-    )
+    let (mut robot, driven) = run.on(|stage| simulation(stage.tap(targets)))?;
+    let trace = robot.take_trace().unwrap_or_default();
+    let difference = match compare {
+        true => {
+            let mut reference = simulation(targets::in_process())?;
+            let control = reference.control_mut();
+            control.span = plan.span;
+            control.interrupt = Some(context.workers.interrupt().clone());
+            mission.drive(&mut reference, scenario)?;
+            Some(trace.difference(&reference.take_trace().unwrap_or_default()))
+        }
+        false => None,
+    };
+    let values = values(&mut robot, &trace, driven.wall_s, difference.as_ref());
+    let excess = values.boards.iter().find_map(BoardReport::stack_excess);
+    let different = difference.flatten();
+    let different = different.map(|difference| format!("not identical: {difference}"));
+    let boards = Boards {
+        text: summary(&values),
+        problem: excess.or(different),
+        values: BoardValues::InTheLoop(values),
+        ..Boards::default()
+    };
+    Ok((driven, boards))
 }
 
-fn report(
+fn values(
     simulation: &mut Simulation,
     trace: &Trace,
     wall_s: f64,
     difference: Option<&Option<Difference>>,
-) -> Report {
-    Report {
+) -> Values {
+    Values {
         identical: difference.map(Option::is_none),
         difference: difference
             .and_then(Option::as_ref)
@@ -165,7 +171,7 @@ fn report(
 }
 
 /// Summary of the boards.
-fn summary(report: &Report) -> String {
+fn summary(values: &Values) -> String {
     let mut table = Table::new([
         "board",
         "where",
@@ -178,7 +184,7 @@ fn summary(report: &Report) -> String {
         "max (µs)",
         "stack (bytes)",
     ]);
-    for board in &report.boards {
+    for board in &values.boards {
         let mut row = vec![
             board.role.to_owned(),
             board.target.to_owned(),
@@ -204,15 +210,15 @@ fn summary(report: &Report) -> String {
         table.row(row);
     }
     let table = table.transposed();
-    let simulated = report.ticks as f64 * 1e-3;
+    let simulated = values.ticks as f64 * 1e-3;
     let mut text = format!(
         "{table}\nlost: requests repeated; bytes: sent + received; times: from a tick to its answer, other\n\
          boards' included; stack: most used since the latest start, of its budget\n\n\
          {} ticks ({simulated:.1} s) in {:.1} s\n",
-        report.ticks, report.wall_s
+        values.ticks, values.wall_s
     );
-    text += &happenings(report.late_ticks, &report.events, &report.nodes);
-    if report
+    text += &happenings(values.late_ticks, &values.events, &values.nodes);
+    if values
         .events
         .iter()
         .any(|event| event.what == What::Cleared)
@@ -223,9 +229,9 @@ fn summary(report: &Report) -> String {
              without the host the robot stays at rest\n"
         );
     }
-    match (&report.difference, report.identical) {
+    match (&values.difference, values.identical) {
         (Some(difference), _) => text += &format!("NOT identical: {difference}\n"),
-        (None, Some(_)) => text += &format!("identical over {} ticks\n", report.ticks),
+        (None, Some(_)) => text += &format!("identical over {} ticks\n", values.ticks),
         (None, None) => {}
     }
     text

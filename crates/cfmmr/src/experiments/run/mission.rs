@@ -69,7 +69,7 @@ impl Outcome {
     /// Time from the beginning of the task to its end, s.
     pub fn duration_s(&self) -> f64 {
         match self {
-            Self::Script(steps) => steps.steps.iter().map(|step| step.end.duration_s).sum(),
+            Self::Script(steps) => steps.ends.iter().map(|step| step.end.duration_s).sum(),
             _ => self.end().duration_s,
         }
     }
@@ -85,14 +85,6 @@ impl Outcome {
 }
 
 impl Mission {
-    /// The scenario of the run.
-    pub fn scenario(&self, scenario: &Scenario) -> Scenario {
-        match self {
-            Self::Posture(variant) => variant.apply(scenario),
-            Self::Path(..) | Self::Script { .. } => scenario.clone(),
-        }
-    }
-
     /// The keyboard: that of the script if it drives by hand, else one that watches.
     pub fn keyboard(&self) -> Keyboard {
         match self {

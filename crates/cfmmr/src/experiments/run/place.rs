@@ -12,7 +12,8 @@ pub enum Place {
     InProcess,
     /// Their images run on virtual boards.
     Virtual,
-    /// Serial ports of front, rear and beam board; what a board without a port is, is up to the command.
+    /// Serial ports of front, rear and beam board. A board without a port runs in this program (in the loop), or is reached
+    /// over the bus (real robot).
     Serial([Option<PathBuf>; 3]),
 }
 
@@ -32,7 +33,7 @@ impl Place {
             let role = Role::ALL.into_iter().find(|role| role.name() == board);
             let place = &mut found[role.ok_or(ALLOWED)? as usize];
             if port.is_empty() || place.replace(PathBuf::from(port)).is_some() {
-                return Err(format!("{board} {ALLOWED}"));
+                return Err(format!("{board}: must have one port: {ALLOWED}"));
             }
         }
         Ok(Self::Serial(found))

@@ -24,8 +24,7 @@ impl Plan {
     /// Refuses failures of boards that are not fitted, and those after the end of a run whose task takes at most `limit_s`.
     pub fn check(&self, scenario: &Scenario, limit_s: f64) -> Result<(), Error> {
         let seconds = |micros: Micros| micros as f64 * 1e-6;
-        let longest = limit_s.max(seconds(self.span.least));
-        let end = self.span.most.map_or(f64::MAX, seconds).min(longest);
+        let end = self.span.most.map_or(f64::MAX, seconds).min(limit_s);
         for failure in &self.failures {
             let at = f64::from(failure.at) * 1e-3;
             let kill = format!("--kill {}@{at}", failure.role.name());
@@ -41,5 +40,35 @@ impl Plan {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use host_sim::run::robot::Span;
+    use host_sim::targets::FailureMode;
+
+    #[test]
+    fn failure_after_the_longest_time_of_a_task_is_refused_however_long_the_robot_is_watched() {
+        let failure = |at| Failure {
+            role: Role::Front,
+            at,
+            mode: FailureMode::Off,
+        };
+        let plan = |at| Plan {
+            span: Span {
+                least: 30_000_000,
+                most: None,
+            },
+            failures: vec![failure(at)],
+            ..Plan::default()
+        };
+        let scenario = Scenario::default();
+        assert!(plan(11_000).check(&scenario, 11.5).is_ok());
+        assert_eq!(
+            plan(25_000).check(&scenario, 11.5).unwrap_err().exit_code(),
+            2
+        );
     }
 }

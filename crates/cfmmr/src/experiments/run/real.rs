@@ -3,8 +3,10 @@
 
 use super::links::open_port;
 use super::mission::Outcome;
+use super::picture::draw;
 use super::stage::Driven;
-use super::{BoardsReport, Run, no_answer, steps};
+use super::{Run, failure, steps};
+use crate::experiments::Context;
 use core_algos::math::Posture;
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
@@ -14,13 +16,14 @@ use host_sim::run::recovery::Status;
 use host_sim::run::robot::Robot;
 use host_sim::run::script::StepEnd;
 use output::table::Table;
+use recording::csv;
 use remote::serial_robot::{Connect, OtherBoard, SerialRobot};
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Result.
+/// Result of a robot whose true posture is not known.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-struct Report {
+struct Values {
     /// Build of the front board's image.
     build: String,
     /// End of the run.
@@ -49,33 +52,25 @@ struct Report {
 }
 
 /// Carries out a task, and publishes the result.
-pub fn run(run: &Run, ports: &[Option<PathBuf>; 3], baud: u32) -> Result<(), Error> {
+pub(super) fn run(run: &Run, ports: &[Option<PathBuf>; 3], baud: u32) -> Result<(), Error> {
     let Run {
+        context,
         mission,
-        scenario,
         watch,
         ..
     } = run;
-    watch.check()?;
+    let scenario = &context.scenario;
     // Opened before the recording: a port that is not there is bad input.
     let (connect, others) = open(ports, baud, watch.records())?;
     let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
     let told = scenario.mission.told();
-    let place = scenario.robot.put_down(Posture::new(x, y, phi), &told);
-    let place = mission.is_placed().then_some(place);
+    let start = scenario.robot.put_down(Posture::new(x, y, phi), &told);
+    let start = mission.is_placed().then_some(start);
     let record = watch.records().then_some((scenario, others));
-    let report = run.on(
-        |_| SerialRobot::open(connect, place, record),
-        |robot, driven| {
-            let values = report(robot, driven, mission.goal(scenario).0);
-            let mut report = BoardsReport::new(&values, table(&values))?;
-            report.estimated = true;
-            Ok(report)
-        },
-    );
-    match report {
-        Err(Error::NoAnswer(why)) => no_answer(run.context, why),
-        report => report?.publish(run),
+    match run.on(|_| SerialRobot::open(connect, start, record)) {
+        Ok((robot, driven)) => publish(run, &robot, &driven),
+        Err(Error::NoAnswer(why)) => no_answer(context, why),
+        Err(error) => Err(error),
     }
 }
 
@@ -110,7 +105,46 @@ fn open(
     Ok((connect, others.collect::<Result<_, Error>>()?))
 }
 
-fn report(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> Report {
+/// Publishes what the robot estimates.
+fn publish(run: &Run, robot: &SerialRobot, driven: &Driven<Outcome>) -> Result<(), Error> {
+    let Run {
+        context, mission, ..
+    } = run;
+    let outcome = &driven.outcome;
+    let (goal, _) = mission.goal(&context.scenario);
+    let values = values(robot, driven, goal);
+    let shown = match outcome {
+        Outcome::Script(steps) => steps.goal(),
+        _ => Some(goal),
+    };
+    let ends = match values.steps.is_empty() {
+        true => csv::of_ends([&values.end]),
+        false => steps::csv_of(&values.steps),
+    };
+    let mut files = context.output()?;
+    files.csv("ends.csv", ends);
+    let end = (&values.end, shown);
+    let rows = steps::summary(&values.steps);
+    let title = context.name.clone();
+    draw(context, &mut files, &outcome.records(), end, title, rows);
+    let failed = failure(driven, None);
+    context.finish(&table(&values), &values, files, &driven.recorded, failed)
+}
+
+/// Publishes the end of a run whose robot never answered.
+fn no_answer(context: &Context, why: String) -> Result<(), Error> {
+    #[derive(Serialize)]
+    struct Values<'a> {
+        end: &'a RunEnd,
+    }
+    let end = RunEnd::no_answer(why);
+    let mut files = context.output()?;
+    files.csv("ends.csv", csv::of_ends([&end]));
+    let text = format!("end: {}\n", end.text());
+    context.finish(&text, &Values { end: &end }, files, &[], end.failure())
+}
+
+fn values(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> Values {
     let outcome = &driven.outcome;
     let fused = robot.record().lead.fused.robot;
     let at = fused.posture;
@@ -121,10 +155,10 @@ fn report(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> Repo
         Outcome::Path(outcome, _) => Some(outcome.estimate.max_cross_track_m),
     };
     let steps = match outcome {
-        Outcome::Script(steps) => steps.steps.clone(),
+        Outcome::Script(steps) => steps.ends.clone(),
         _ => Vec::new(),
     };
-    Report {
+    Values {
         build: robot.build().to_owned(),
         end: outcome.end(),
         restless: driven.restless.clone(),
@@ -140,27 +174,27 @@ fn report(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> Repo
     }
 }
 
-fn table(report: &Report) -> String {
+fn table(values: &Values) -> String {
     let mut table = Table::new(["robot at its front board", ""]);
     let mut row = |name: &str, value: String| {
         table.row([name.to_owned(), value]);
     };
-    row("build", report.build.clone());
-    row("end", report.end.text());
-    if report.e_estimated_m.is_finite() {
+    row("build", values.build.clone());
+    row("end", values.end.text());
+    if values.e_estimated_m.is_finite() {
         row(
             "estimate less goal",
             format!(
                 "{:.1} cm, {:.2}°",
-                100.0 * report.e_estimated_m,
-                report.heading_estimated_rad.to_degrees()
+                100.0 * values.e_estimated_m,
+                values.heading_estimated_rad.to_degrees()
             ),
         );
     }
-    if !report.end.notices.is_empty() {
-        row("notices", report.end.notice_names().join(", "));
+    if !values.end.notices.is_empty() {
+        row("notices", values.end.notice_names().join(", "));
     }
-    if let Some(distance) = report.max_cross_track_m {
+    if let Some(distance) = values.max_cross_track_m {
         row(
             "largest estimated distance from the path",
             format!("{:.1} mm", 1e3 * distance),
@@ -168,20 +202,20 @@ fn table(report: &Report) -> String {
     }
     row(
         "bus frames",
-        format!("{} reported, {} lost", report.frames, report.lost),
+        format!("{} reported, {} lost", values.frames, values.lost),
     );
-    let mut text = match report.steps.is_empty() {
+    let mut text = match values.steps.is_empty() {
         true => format!("{table}\n"),
-        false => format!("{}\n{table}\n", steps::table(&report.steps)),
+        false => format!("{}\n{table}\n", steps::table(&values.steps)),
     };
     let role = Role::Front.name();
-    if report.lost > 0 {
-        text += &format!("the {role} board had no room for {} frames\n", report.lost);
+    if values.lost > 0 {
+        text += &format!("the {role} board had no room for {} frames\n", values.lost);
     }
-    if report.reconnected > 0 {
+    if values.reconnected > 0 {
         text += &format!(
             "its serial port was opened again, times: {}\n",
-            report.reconnected
+            values.reconnected
         );
     }
     text

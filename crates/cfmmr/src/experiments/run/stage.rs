@@ -48,7 +48,7 @@ impl Watch {
     }
 }
 
-/// The stage of a run: its bounds, its recording and its display.
+/// Recording and display of one run.
 pub struct Stage<'a> {
     watch: &'a Watch,
     about: About<'a>,
@@ -79,7 +79,6 @@ impl<'a> Stage<'a> {
         (goal, path): ([f64; 3], &[[f64; 3]]),
         keyboard: Keyboard,
     ) -> Result<Self, Error> {
-        watch.check()?;
         let about = About {
             command: &context.name,
             build: BUILD,

@@ -17,9 +17,9 @@ use output::terminal::wrapped;
 use recording::csv;
 use serde::Serialize;
 
-/// Result of the command.
+/// The script's part of the result.
 #[derive(Debug, Serialize)]
-struct Report<'a> {
+struct Values<'a> {
     /// Steps with their ends.
     steps: &'a [StepEnd],
 }
@@ -28,7 +28,7 @@ struct Report<'a> {
 #[derive(Clone, Debug, Default)]
 pub struct Steps {
     /// Steps with their ends.
-    pub steps: Vec<StepEnd>,
+    pub ends: Vec<StepEnd>,
     /// State at each epoch.
     pub records: Vec<Record>,
     /// Number of steps that were to be taken.
@@ -38,12 +38,12 @@ pub struct Steps {
 impl Steps {
     /// Has a robot take the steps.
     pub fn taken(robot: &mut impl Robot, scenario: &Scenario, lines: &[Line]) -> Self {
-        let (mut records, mut steps) = (Thinned::new(MOST_ROWS), Vec::new());
+        let (mut records, mut ends) = (Thinned::new(MOST_ROWS), Vec::new());
         let see = |record: &Record| records.push(*record);
         // An error is the end of the last step.
-        let _ = script::carry_out(robot, scenario, lines, see, &mut steps);
+        let _ = script::carry_out(robot, scenario, lines, see, &mut ends);
         Self {
-            steps,
+            ends,
             records: records.into_values(),
             count: lines.len(),
         }
@@ -51,15 +51,15 @@ impl Steps {
 
     /// The step that ended the script: the first that was not carried out, or the last.
     fn last(&self) -> Option<&StepEnd> {
-        let failed = self.steps.iter().find(|step| !step.end.is_success());
-        failed.or(self.steps.last())
+        let failed = self.ends.iter().find(|step| !step.end.is_success());
+        failed.or(self.ends.last())
     }
 
     /// End of that step.
     pub fn end(&self) -> RunEnd {
         let end = self.last().map(|step| step.end.clone());
         let mut end = end.unwrap_or_default();
-        if end.is_success() && self.steps.len() < self.count {
+        if end.is_success() && self.ends.len() < self.count {
             // The user ended the run between two steps.
             end.kind = EndKind::Interrupted;
         }
@@ -68,8 +68,8 @@ impl Steps {
 
     /// Goal of the last step that has one; none after a new pose, from which on goals are not in the frame of the truth.
     pub fn goal(&self) -> Option<[f64; 3]> {
-        let posed = self.steps.iter().any(|step| step.step.starts_with("pose"));
-        let mut last = self.steps.iter().rev();
+        let posed = self.ends.iter().any(|step| step.step.starts_with("pose"));
+        let mut last = self.ends.iter().rev();
         last.find_map(|step| step.goal).filter(|_| !posed)
     }
 
@@ -78,8 +78,8 @@ impl Steps {
         let step = self.last()?;
         match step.end.failure() {
             Some(why) => Some(format!("line {}: {}: {why}", step.line, step.step)),
-            None if self.steps.len() < self.count || !step.end.is_success() => {
-                let (taken, count) = (self.steps.len(), self.count);
+            None if self.ends.len() < self.count || !step.end.is_success() => {
+                let (taken, count) = (self.ends.len(), self.count);
                 Some(format!("{taken} of {count} steps were taken"))
             }
             None => None,
@@ -101,7 +101,7 @@ pub fn publish(
     taken: &Steps,
 ) -> Result<(String, serde_json::Value, OutputDir), Error> {
     let mut files = context.output()?;
-    let done = taken.steps.iter().filter(|step| step.end.is_success());
+    let done = taken.ends.iter().filter(|step| step.end.is_success());
     let title = format!("{} of {} steps carried out", done.count(), taken.count);
     let end = taken.end();
     draw(
@@ -110,17 +110,15 @@ pub fn publish(
         &taken.records,
         (&end, taken.goal()),
         title,
-        summary(&taken.steps),
+        summary(&taken.ends),
     );
-    files.csv("ends.csv", csv_of(&taken.steps));
-    let report = serde_json::to_value(Report {
-        steps: &taken.steps,
-    });
+    files.csv("ends.csv", csv_of(&taken.ends));
+    let report = serde_json::to_value(Values { steps: &taken.ends });
     let report = report.map_err(|error| Error::Failure(error.to_string()))?;
-    for step in &taken.steps {
+    for step in &taken.ends {
         warn(&step.end, &format!("line {}", step.line));
     }
-    Ok((table(&taken.steps), report, files))
+    Ok((table(&taken.ends), report, files))
 }
 
 /// Ends of the steps as CSV.
@@ -214,7 +212,7 @@ mod tests {
         robot.observe(Box::new(Failing));
         let driven = Steps::taken(&mut robot, &scenario, &lines);
         let done = |step: &StepEnd| (step.line, step.end.is_success());
-        let ends: Vec<_> = driven.steps.iter().map(done).collect();
+        let ends: Vec<_> = driven.ends.iter().map(done).collect();
         assert_eq!(ends, [(1, true), (3, false)]);
         let failure = driven.failure().unwrap();
         assert!(

@@ -1,8 +1,10 @@
 //! A robot on virtual boards: the images that users flash, with everything that is wired to them. It gets its task at the
 //! serial port of the front board.
 
+use super::mission::Outcome;
 use super::place::Site;
-use super::{BoardsReport, Run, happenings};
+use super::stage::Driven;
+use super::{BoardValues, Boards, Run, happenings};
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::run::final_error::FinalError;
@@ -20,9 +22,9 @@ use remote::virtual_robot::{BoardReport, Options, VirtualRobot};
 use serde::Serialize;
 use std::time::Instant;
 
-/// Result of a run on virtual boards.
+/// What is known of virtual boards after a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-struct Report {
+pub(super) struct Values {
     /// Distance of the midpoint from the goal at the end, m.
     e_m: f64,
     /// Heading less that of the goal at the end, rad.
@@ -46,15 +48,8 @@ struct Report {
 }
 
 /// Carries out a task, and publishes the result.
-pub fn run(run: &Run, site: &Site) -> Result<(), Error> {
-    let Run {
-        context,
-        scenario,
-        plan,
-        ..
-    } = run;
-    plan.check(scenario, run.mission.limit_s(scenario))?;
-    run.watch.check()?;
+pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
+    let context = run.context;
     let [axle, beam] = site.images.each_ref().map(|image| image.as_deref());
     let images = Images::open(axle, beam)?;
     let options = Options {
@@ -64,43 +59,53 @@ pub fn run(run: &Run, site: &Site) -> Result<(), Error> {
         ..Options::default()
     };
     let logs = Role::ALL.map(|_| BoardLog::default());
-    let start = Instant::now();
-    let report = run.on(
-        |_| {
-            let mut robot = VirtualRobot::new(scenario, &images, context.seed, 0, &options, &logs)?;
-            robot.plan(plan.failures.clone(), plan.restart_after);
-            Ok(robot)
-        },
-        |robot, _| boards(run, robot, start),
-    );
-    let mut report = board_log::kept(report, &logs, || context.output())?;
-    report.boards.files.extend(board_log::files(&logs));
-    report.publish(run)
+    let driven = drive(run, &images, &options, &logs);
+    let (driven, mut boards) = board_log::kept(driven, &logs, || context.output())?;
+    boards.files.extend(board_log::files(&logs));
+    run.publish(driven, boards)
 }
 
-/// What the boards have to say.
-fn boards(run: &Run, robot: &mut VirtualRobot, start: Instant) -> Result<BoardsReport, Error> {
-    let (goal, _) = run.mission.goal(&run.scenario);
-    let values = report(robot, &goal, start);
+/// Carries out a task.
+fn drive(
+    run: &Run,
+    images: &Images,
+    options: &Options,
+    logs: &[BoardLog; 3],
+) -> Result<(Driven<Outcome>, Boards), Error> {
+    let Run { context, plan, .. } = run;
+    let scenario = &context.scenario;
+    let mut start = Instant::now();
+    let (mut robot, driven) = run.on(|_| {
+        start = Instant::now();
+        let mut robot = VirtualRobot::new(scenario, images, context.seed, 0, options, logs)?;
+        robot.plan(plan.failures.clone(), plan.restart_after);
+        Ok(robot)
+    })?;
+    let (goal, _) = run.mission.goal(scenario);
+    let values = values(&mut robot, &goal, start);
     let cut = !values.events.is_empty();
-    let mut report = BoardsReport::new(&values, summary(&values))?;
-    report.problem = values.boards.iter().find_map(|board| board.problem(cut));
-    let profiles = profile::of(robot, &values.boards);
+    let mut boards = Boards {
+        text: summary(&values),
+        problem: values.boards.iter().find_map(|board| board.problem(cut)),
+        ..Boards::default()
+    };
+    let profiles = profile::of(&mut robot, &values.boards);
     if !profiles.is_empty() {
         let json = files::json(&profiles);
-        report.files.push(("profile.json".to_owned(), json));
+        boards.files.push(("profile.json".to_owned(), json));
     }
     for profile in profiles {
         let name = format!("profile-{}.folded", profile.board);
-        report.text += &format!("\n{}", profile.table);
-        report.files.push((name, profile.folded));
+        boards.text += &format!("\n{}", profile.table);
+        boards.files.push((name, profile.folded));
     }
-    Ok(report)
+    boards.values = BoardValues::Virtual(values);
+    Ok((driven, boards))
 }
 
-fn report(robot: &mut VirtualRobot, goal: &[f64; 3], start: Instant) -> Report {
+fn values(robot: &mut VirtualRobot, goal: &[f64; 3], start: Instant) -> Values {
     let error = FinalError::of(robot.record().midpoint, *goal);
-    Report {
+    Values {
         e_m: error.e_m,
         heading_rad: error.heading_rad,
         boot_s: robot.boot_s(),
@@ -115,7 +120,7 @@ fn report(robot: &mut VirtualRobot, goal: &[f64; 3], start: Instant) -> Report {
 }
 
 /// Summary of the boards.
-fn summary(report: &Report) -> String {
+fn summary(values: &Values) -> String {
     let mut table = Table::new([
         "board",
         "build",
@@ -134,7 +139,7 @@ fn summary(report: &Report) -> String {
         "errors",
     ]);
     let or_none = |value: Option<String>| value.unwrap_or_default();
-    for board in &report.boards {
+    for board in &values.boards {
         let stack = board.stack_used.zip(board.stack_size);
         table.row([
             board.name.to_owned(),
@@ -155,19 +160,19 @@ fn summary(report: &Report) -> String {
         ]);
     }
     let table = table.transposed();
-    let instructions: u64 = report.boards.iter().map(|board| board.instructions).sum();
+    let instructions: u64 = values.boards.iter().map(|board| board.instructions).sum();
     let mut text = format!(
         "{table}\nReady {:.2} s after power on; {} frames.\n\
          {:.1} s simulated in {:.1} s: {:.2} times real time, {:.0} MIPS.\n",
-        report.boot_s,
-        report.frames,
-        report.simulated_s,
-        report.wall_s,
-        report.simulated_s / report.wall_s,
-        instructions as f64 * 1e-6 / report.wall_s,
+        values.boot_s,
+        values.frames,
+        values.simulated_s,
+        values.wall_s,
+        values.simulated_s / values.wall_s,
+        instructions as f64 * 1e-6 / values.wall_s,
     );
-    text += &happenings(report.late_ticks, &report.events, &report.nodes);
-    for board in &report.boards {
+    text += &happenings(values.late_ticks, &values.events, &values.nodes);
+    for board in &values.boards {
         for (time_s, cause) in &board.resets {
             text += &format!("{time_s:.3} s: {} board reset by {cause}\n", board.name);
         }
