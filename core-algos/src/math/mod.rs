@@ -1,7 +1,6 @@
 //! Small fixed-size mathematics: elementary functions, planar rigid motion, small matrices.
 
 pub mod compare;
-pub mod lag_gain;
 pub mod matrix;
 pub mod se2;
 pub mod small_angle;
@@ -11,7 +10,6 @@ pub mod twofloat;
 pub mod wrench;
 
 pub use compare::{bounded, greater, lesser};
-pub use lag_gain::lag_gain;
 pub use se2::{Posture, Transform, Twist};
 pub use steering::{RelativeHeading, Steering};
 pub use twofloat::TwoFloat;

@@ -180,6 +180,13 @@ pub fn exp(x: f32) -> f32 {
     libm::expf(x)
 }
 
+/// `1 − e^(−x)`, the share of the way to its target that a first-order lag makes in x time constants;
+/// for x ≥ 0 to 3e-7 of itself. NaN gives NaN.
+#[inline]
+pub fn lag_gain(x: f32) -> f32 {
+    -libm::expm1f(-x)
+}
+
 /// Natural logarithm.
 #[inline]
 pub fn ln(x: f32) -> f32 {

@@ -152,3 +152,14 @@ properties! {
         prop_assert!((-2.0..=3.0).contains(&y));
     }
 }
+
+#[test]
+fn lag_gain_is_that_of_f64() {
+    for i in 0..40_000 {
+        let x = 1e-4 * i as f32;
+        let exact = -f64::from(-x).exp_m1();
+        let error = (f64::from(lag_gain(x)) - exact).abs();
+        assert!(error <= 3e-7 * exact, "{x}: {error:e}");
+    }
+    assert!(lag_gain(f32::NAN).is_nan());
+}
