@@ -37,7 +37,7 @@ TITLES = {
     "atan2": ("arc tangent of two arguments", 35),
     "axle_filter_predict_update": ("axle filter, predict and update, 4 measurements", 700),
     "rps_piecewise_100": ("relative posture, piecewise, 100 segments, with covariance", None),
-    "rps_quadrature": ("relative posture, quadrature, with covariance", 1200),
+    "rps_quadrature": ("relative posture, quadrature, with covariance", None),
     "rps_elastica": ("relative posture, elastica fit, with covariance", None),
     "rps_elastica_contradiction": ("the same of readings no strip can give", None),
     "covariance_intersection": ("covariance intersection, 3×3", None),
