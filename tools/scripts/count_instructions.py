@@ -46,7 +46,7 @@ TITLES = {
     "joint_predict": ("joint filter, prediction by the odometry of both axles, 26 states", None),
     "joint_update": ("joint filter, update by the beam", None),
     "dynamic_controller": ("dynamic controller", 250),
-    "kinematic_governor_cascade": ("kinematic controller, governor and cascade", 600),
+    "kinematic_governor_cascade": ("kinematic controller, governor and cascade", 650),
     "tick_front": ("front board, plain tick", 1800),
     "tick_front_epoch": ("front board, tick that begins an epoch", None),
     "tick_front_lead": ("front board, tick with the lead node, at rest", None),

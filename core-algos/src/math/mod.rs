@@ -3,7 +3,6 @@
 pub mod compare;
 pub mod matrix;
 pub mod se2;
-pub mod small_angle;
 pub mod steering;
 pub mod trig;
 pub mod twofloat;

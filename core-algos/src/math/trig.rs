@@ -7,7 +7,6 @@
 //! with a sum.
 
 use core::f32::consts::{FRAC_2_PI, FRAC_PI_2, PI, TAU};
-use core::hint::cold_path;
 
 /// Adding and then subtracting 1.5 · 2^23 rounds to the nearest integer, which then stands in the
 /// lowest bits.
@@ -47,9 +46,9 @@ fn sin_cos_far(x: f32) -> (f32, f32) {
     sin_cos_near(x % TAU)
 }
 
-/// The same for |x| ≤ 8192, or NaN, which costs five instructions less.
+/// The same for |x| ≤ 8192, or NaN.
 #[inline(always)]
-pub fn sin_cos_near(x: f32) -> (f32, f32) {
+fn sin_cos_near(x: f32) -> (f32, f32) {
     let rounded = x * FRAC_2_PI + ROUND;
     let n = rounded - ROUND;
     let quarters = rounded.to_bits();
@@ -147,30 +146,13 @@ const TANH_BELOW: [f32; 4] = [4_043_942.8, 1_870_771.9, 96_351.05, 966.956_24];
 #[inline]
 pub fn tanh(x: f32) -> f32 {
     if x.abs() < TANH_LIMIT {
-        tanh_near(x)
+        let z = x * x;
+        x * (TANH_ABOVE[0] + z * (TANH_ABOVE[1] + z * (TANH_ABOVE[2] + z * TANH_ABOVE[3])))
+            / (TANH_BELOW[0] + z * (TANH_BELOW[1] + z * (TANH_BELOW[2] + z * (TANH_BELOW[3] + z))))
     } else if x.is_nan() {
         x
     } else {
         with_sign(1.0, x)
-    }
-}
-
-#[inline(always)]
-fn tanh_near(x: f32) -> f32 {
-    let z = x * x;
-    x * (TANH_ABOVE[0] + z * (TANH_ABOVE[1] + z * (TANH_ABOVE[2] + z * TANH_ABOVE[3])))
-        / (TANH_BELOW[0] + z * (TANH_BELOW[1] + z * (TANH_BELOW[2] + z * (TANH_BELOW[3] + z))))
-}
-
-/// Hyperbolic tangents of any `x` and of an `angle` (radians) within a turn either way; as two
-/// calls of [`tanh`], for the constants of one.
-#[inline(always)]
-pub fn tanh_and_of_angle(x: f32, angle: f32) -> (f32, f32) {
-    if x.abs() < TANH_LIMIT {
-        (tanh_near(x), tanh_near(angle))
-    } else {
-        cold_path();
-        (tanh(x), tanh(angle))
     }
 }
 

@@ -60,14 +60,6 @@ fn tanh_is_within_5e_7_of_f64() {
 }
 
 #[test]
-fn tanh_of_two_is_twice_tanh() {
-    for x in points(12.0) {
-        let angle = x * (TAU / 12.0);
-        assert_eq!(tanh_and_of_angle(x, angle), (tanh(x), tanh(angle)));
-    }
-}
-
-#[test]
 fn atan2_is_within_5e_7_of_f64() {
     let mut random = crate::fusion::testing::Random::new(5);
     let mut worst = 0.0f64;
