@@ -42,7 +42,7 @@ TITLES = {
     "rps_elastica_contradiction": ("the same of readings no strip can give", None),
     "covariance_intersection": ("covariance intersection, 3×3", None),
     "covariance_intersection_trace": ("covariance intersection of least trace", None),
-    "covariance_intersection_two_floats": ("covariance intersection, correlation 0.999", None),
+    "covariance_intersection_slender": ("covariance intersection, correlation 0.999", None),
     "joint_predict": ("joint filter, prediction by the odometry of both axles, 26 states", None),
     "joint_update": ("joint filter, update by the beam", None),
     "dynamic_controller": ("dynamic controller", 250),

@@ -209,6 +209,17 @@ pub fn wrap_angle(angle: f32) -> f32 {
     }
 }
 
+/// The same in `f64`.
+#[inline]
+pub fn wrap_angle_f64(angle: f64) -> f64 {
+    use core::f64::consts::{PI, TAU};
+    if angle.abs() <= PI {
+        angle
+    } else {
+        angle - TAU * libm::round(angle / TAU)
+    }
+}
+
 /// `x` limited to `[low, high]`. Unlike `f32::clamp` it cannot panic; NaN gives `low`.
 #[inline]
 pub fn clamp(x: f32, low: f32, high: f32) -> f32 {

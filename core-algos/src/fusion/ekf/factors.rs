@@ -22,7 +22,6 @@ mod observe;
 mod upkeep;
 
 use super::{N, PHI, X, Y};
-use crate::math::TwoFloat;
 use crate::math::matrix::{Mat, Mat3};
 
 /// Variances are scaled back to this (in squared state units) when they pass it.
@@ -123,19 +122,19 @@ impl Covariance {
     /// From a symmetric positive semidefinite matrix; its upper triangle is read. A state whose
     /// variance is, up to rounding, explained by later ones gets none of its own.
     pub fn from_matrix(matrix: &Mat<N, N>) -> Self {
-        let mut rest = matrix.map(|row| row.map(TwoFloat::from_f32));
+        let mut rest = matrix.map(|row| row.map(f64::from));
         let mut factors = [[0.0; N]; N];
         for j in (0..N).rev() {
             let pivot = rest[j][j];
-            if !(pivot.high > 0.0 && pivot.is_finite()) {
+            if !(pivot > 0.0 && pivot.is_finite()) {
                 continue;
             }
-            factors[j][j] = pivot.value();
+            factors[j][j] = pivot as f32;
             for i in 0..j {
                 let factor = rest[i][j] / pivot;
-                factors[i][j] = factor.value();
+                factors[i][j] = factor as f32;
                 for k in 0..=i {
-                    rest[k][i] = rest[k][i] - factor * rest[k][j];
+                    rest[k][i] -= factor * rest[k][j];
                 }
             }
         }
@@ -218,23 +217,22 @@ impl Covariance {
 
     /// Entry of U: row `i`, column `j`.
     fn unit(&self, i: usize, j: usize) -> f32 {
-        self.wide_unit(i, j).value()
+        self.wide_unit(i, j) as f32
     }
 
-    fn wide_unit(&self, i: usize, j: usize) -> TwoFloat {
-        let entry = |value| TwoFloat::from_f32(value);
+    fn wide_unit(&self, i: usize, j: usize) -> f64 {
         match (i, j) {
-            _ if i == j => TwoFloat::ONE,
-            _ if i > j => TwoFloat::ZERO,
-            (0..3, 0..3) => entry(self.own[i][j]),
+            _ if i == j => 1.0,
+            _ if i > j => 0.0,
+            (0..3, 0..3) => self.own[i][j].into(),
             (0..3, _) => {
-                let mut sum = entry(self.follow[i][j - 3]);
+                let mut sum = f64::from(self.follow[i][j - 3]);
                 for k in 0..j - 3 {
-                    sum = sum + entry(self.follow[i][k]) * entry(self.motion[k][j - 3]);
+                    sum += f64::from(self.follow[i][k]) * f64::from(self.motion[k][j - 3]);
                 }
                 sum
             }
-            _ => entry(self.motion[i - 3][j - 3]),
+            _ => self.motion[i - 3][j - 3].into(),
         }
     }
 
@@ -277,16 +275,13 @@ impl Covariance {
     }
 
     /// P with more digits than `f32`, so that it stays positive definite however small a pivot is.
-    pub fn wide_matrix(&self) -> [[TwoFloat; N]; N] {
-        let mut full = [[TwoFloat::ZERO; N]; N];
+    pub fn wide_matrix(&self) -> [[f64; N]; N] {
+        let mut full = [[0.0; N]; N];
         for i in 0..N {
             for j in i..N {
-                let mut sum = TwoFloat::ZERO;
+                let mut sum = 0.0;
                 for k in j..N {
-                    let term = self.wide_unit(i, k)
-                        * self.wide_unit(j, k)
-                        * TwoFloat::from_f32(self.pivot(k));
-                    sum = sum + term;
+                    sum += self.wide_unit(i, k) * self.wide_unit(j, k) * f64::from(self.pivot(k));
                 }
                 full[i][j] = sum;
                 full[j][i] = sum;

@@ -163,7 +163,7 @@ fn fusion(counter: &mut Counter) {
     let mut slender = a;
     slender.covariance[1][0] = 0.999 * 0.01 * 0.02;
     slender.covariance[0][1] = slender.covariance[1][0];
-    counter.report("covariance_intersection_two_floats", 4, |_| {
+    counter.report("covariance_intersection_slender", 4, |_| {
         intersection.fuse(&black_box(slender), &black_box(b))
     });
 }
