@@ -352,7 +352,6 @@ fn covariances(
 
 impl Strip {
     /// Variance of a gauge's curvature without errors shared by all gauges, 1/m².
-    #[inline(always)]
     pub(super) fn gauge_variance(&self, curvature: f32) -> f32 {
         let gain = self.uncertainty.gain * curvature;
         self.still_variance + gain * gain

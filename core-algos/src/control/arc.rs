@@ -62,7 +62,6 @@ struct Half {
 /// `sin = x sinc`, `sinc'' = −sinc − 2 slope`. Absolute error at most 2e-7 and 1e-7.
 ///
 /// Minimax polynomials on that range (error 3.4e-8 and 4.9e-8 before rounding).
-#[inline(always)]
 fn cos_and_sinc_slope(square: f32) -> (f32, f32) {
     let y = square;
     let cos = 1.0
@@ -88,7 +87,6 @@ impl Arc {
         2.0 * self.half_length
     }
 
-    #[inline(always)]
     fn half(&self, psi: f32) -> Half {
         let square = psi * psi;
         let (cos, over) = cos_and_sinc_slope(square);
@@ -104,7 +102,6 @@ impl Arc {
     }
 
     /// Shape of the frame at a steering angle.
-    #[inline(always)]
     pub fn bent(&self, psi: Steering) -> Shape {
         let half = self.half(psi.0);
         let sec = 1.0 / half.cos;
@@ -125,7 +122,6 @@ impl Arc {
     /// Steering angle of the path curvature `kappa` (1/m), which is less than that of `limit`
     /// (rad): the root of `sin ψ − κ cos ψ h(ψ)`, which grows with |ψ| for |ψ| < π/2. Its magnitude
     /// is at most `limit` but for rounding.
-    #[inline(always)]
     pub fn steering(&self, kappa: f32, limit: f32) -> Steering {
         let reach = kappa * self.half_chord;
         let square = reach * reach;
@@ -143,7 +139,6 @@ impl Arc {
     }
 
     /// Distance of `psi` from the root by Newton's method.
-    #[inline(always)]
     fn newton(&self, psi: f32, kappa: f32) -> f32 {
         let half = self.half(psi);
         let value = half.sin - kappa * (half.cos * half.length);

@@ -263,7 +263,6 @@ impl Dynamic {
     }
 
     /// Torque a wheel can give in the direction of `torque` at `speed` (m/s over ground), N m.
-    #[inline(always)]
     fn available(&self, torque: f32, speed: f32) -> f32 {
         let limit = self.config.max_torque_nm;
         let Some([stall, per_speed]) = self.torque_line else {

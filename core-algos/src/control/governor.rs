@@ -374,7 +374,6 @@ impl Governor {
     /// Braking from rate w takes at most `D(w) = w²/(2A) + w T/2` in steps of T. The rate after the
     /// step is held where `ψ + (w + w')T/2 + D(w') ≤ ψ_max`; if that holds before the step, full
     /// braking fulfils it after the step, so it holds for ever.
-    #[inline(always)]
     fn steer(&self, motion: &mut Motion, wanted: f32) {
         let gains = &self.gains;
         let limit = self.config.max_steering_rad;

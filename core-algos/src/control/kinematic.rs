@@ -377,7 +377,6 @@ impl Law {
 
     /// Equation 4 of `center` against a reference that does not back, and the yaw rate (rad/s) of
     /// it that the heading error asks for, k2 tanh(θ + α).
-    #[inline(always)]
     pub(super) fn ahead(&self, center: &Transform, reference: Reference) -> (Command, f32) {
         let sight = Sight::between(center, &reference.posture.into());
         let demand = self.demand(&sight, reference.v, reference.kappa);

@@ -123,7 +123,6 @@ impl CurrentLoop {
     }
 
     /// One period. Cost about 40 operations.
-    #[inline(always)]
     pub fn step(&self, state: &mut State, input: &Input) -> Output {
         let (torque, current, speed) = (input.torque_nm, input.current_a, input.speed_rad_s);
         let off = !(all_finite([torque, current, speed, input.supply_v])

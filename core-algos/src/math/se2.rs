@@ -142,7 +142,6 @@ pub struct Transform {
 }
 
 impl From<Posture> for Transform {
-    #[inline(always)]
     fn from(posture: Posture) -> Self {
         let (sin, cos) = sin_cos(posture.phi);
         Self { posture, sin, cos }
@@ -151,7 +150,6 @@ impl From<Posture> for Transform {
 
 impl Transform {
     /// The same place, looking the other way.
-    #[inline(always)]
     pub fn turned(&self) -> Self {
         let phi = wrap_angle(self.posture.phi + PI);
         Self {

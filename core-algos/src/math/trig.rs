@@ -22,7 +22,6 @@ const REDUCTION_LIMIT: f32 = 8192.0;
 const SIGN: u32 = 1 << 31;
 
 /// The size of `size`, which is positive, with the sign of `sign`.
-#[inline(always)]
 fn with_sign(size: f32, sign: f32) -> f32 {
     f32::from_bits(size.to_bits() | sign.to_bits() & SIGN)
 }
@@ -47,7 +46,6 @@ fn sin_cos_far(x: f32) -> (f32, f32) {
 }
 
 /// The same for |x| ≤ 8192, or NaN.
-#[inline(always)]
 fn sin_cos_near(x: f32) -> (f32, f32) {
     let rounded = x * FRAC_2_PI + ROUND;
     let n = rounded - ROUND;
@@ -80,7 +78,6 @@ pub fn cos(x: f32) -> f32 {
 }
 
 /// Arc tangent of a number within [−1, 1], to 2e-7.
-#[inline(always)]
 fn atan_unit(x: f32) -> f32 {
     let z = x * x;
     x * (ATAN[0]
@@ -122,7 +119,6 @@ pub fn atan2(y: f32, x: f32) -> f32 {
 }
 
 /// Square root, correctly rounded; NaN below zero.
-#[inline(always)]
 pub fn sqrt(x: f32) -> f32 {
     square_root::sqrt(x)
 }

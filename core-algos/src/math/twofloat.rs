@@ -46,7 +46,6 @@ impl From<TwoFloat> for f64 {
 impl TwoFloat {
     /// `self + increment` for an increment that is small beside the number. When the increment is the
     /// larger one, an error of half a unit in its own last place remains.
-    #[inline(always)]
     pub fn advanced(self, increment: f32) -> Self {
         fast_two_sum(self.high, increment + self.low)
     }

@@ -56,7 +56,6 @@ struct PositionNoise {
 }
 
 impl PositionNoise {
-    #[inline(always)]
     fn add(&mut self, a: [f32; 3], variance: f32) {
         let scaled = variance * a[Y];
         self.yy += scaled * a[Y];
@@ -80,7 +79,6 @@ pub(super) struct Motion {
 
 /// Column `J` of a factorised matrix takes its share of `variance · a aᵀ`; `a` and `variance` are
 /// what remains for the columns before it. Returns β and the ratio of the diagonal entries.
-#[inline(always)]
 fn absorb<const K: usize, const J: usize>(
     factors: &mut Mat<K, K>,
     a: &mut [f32; K],
@@ -102,7 +100,6 @@ fn absorb<const K: usize, const J: usize>(
 }
 
 /// `Σ a[k] b[k]` of a row of G and a motion.
-#[inline(always)]
 fn dot(a: &[f32; M], b: &[f32; M]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 }
@@ -187,7 +184,6 @@ impl Covariance {
     }
 
     /// True if (v, v̇) and (φ̇, φ̈) are correlated.
-    #[inline(always)]
     pub(super) fn is_coupled(&self) -> bool {
         self.coupled
     }
@@ -311,14 +307,12 @@ impl Covariance {
     }
 
     /// Change of the posture by a change of the motion: G · `change`.
-    #[inline(always)]
     pub(super) fn follow(&self, change: &[f32; M]) -> [f32; 3] {
         let [x, y, phi] = &self.follow;
         [dot(x, change), dot(y, change), dot(phi, change)]
     }
 
     /// A P Aᵀ (eq. 17).
-    #[inline(always)]
     pub(super) fn propagate(&mut self, motion: &Motion) {
         let Motion {
             t,
@@ -366,7 +360,6 @@ impl Covariance {
     /// components of `b` after `LAST` are zero. `along` is row · b, given apart so that zeros of `b`
     /// cost nothing. Returns what the posture is moved by that the motion does not show, and its
     /// variance.
-    #[inline(always)]
     fn add_motion_noise<const LAST: usize>(
         &mut self,
         a: [f32; 3],
@@ -411,7 +404,6 @@ impl Covariance {
 
     /// The same for noise that moves state `I` by `b` and state `K` > `I` by 1, when no other state
     /// is correlated with these two.
-    #[inline(always)]
     fn add_pair_noise<const I: usize, const K: usize>(
         &mut self,
         b: f32,
@@ -439,7 +431,6 @@ impl Covariance {
     /// Adds the noise of the motion model: jerk and yaw jerk (variances of the change of v̇ and φ̈,
     /// while v and φ̇ change by `half_t` times as much), slip along and across the heading, whose
     /// cosine and sine are given, and in heading.
-    #[inline(always)]
     pub(super) fn add_model_noise(
         &mut self,
         half_t: f32,
@@ -478,7 +469,6 @@ impl Covariance {
     }
 
     /// Takes in what a noise of the posture moves the heading by; the rest goes to `position`.
-    #[inline(always)]
     fn add_own_noise(
         &mut self,
         (mut a, mut variance): ([f32; 3], f32),
@@ -489,7 +479,6 @@ impl Covariance {
     }
 
     /// Adds noise that moves the position alone.
-    #[inline(always)]
     fn add_position_noise(&mut self, noise: &PositionNoise) {
         let u = self.own[X][Y];
         let after = self.own[Y][Y] + noise.yy + f32::MIN_POSITIVE;

@@ -327,7 +327,6 @@ impl State {
     }
 
     /// Moves the posture on.
-    #[inline(always)]
     fn advance(&mut self, mut by: [f32; 3]) {
         // Once its gates let in what it does not believe, a filter may turn by more than once.
         by[PHI] = wrap_angle(by[PHI]);
@@ -345,7 +344,6 @@ impl State {
     }
 
     /// Takes in what measurements of the motion have shown of its error.
-    #[inline(always)]
     fn correct(&mut self, change: &[f32; M]) {
         self.advance(self.covariance.follow(change));
         for k in 0..M {
