@@ -60,11 +60,11 @@ TITLES = {
 OTHER_LIBRARIES = """\
 | | mean | times ours | stack | code |
 |---|---|---|---|---|
-| axle filter of this project, 2026-11 | 602 | 1.0 | 296 | 18074 |
-| nalgebra 0.35, equations of a textbook | 6305 | 10.5 | 1780 | 11988 |
-| adskalman 0.18 | 7219 | 12.0 | 2284 | 13556 |
-| kfilter 0.5 | 7111 | 11.8 | 1700 | 10630 |
-| minikalman 0.8 | 10076 | 16.7 | 376 | 14586 |"""
+| axle filter of this project, 2026-11 | 597 | 1.0 | 228 | 17786 |
+| nalgebra 0.35, equations of a textbook | 6305 | 10.6 | 1780 | 11988 |
+| adskalman 0.18 | 7219 | 12.1 | 2284 | 13556 |
+| kfilter 0.5 | 7111 | 11.9 | 1700 | 10630 |
+| minikalman 0.8 | 10076 | 16.9 | 376 | 14586 |"""
 
 
 def fail(text):
