@@ -9,8 +9,9 @@
 //!   `build()` names the parameter that is wrong and the range it must lie in
 //!   ([`config::ConfigError`]). What it returns has `step`-like methods that never fail, never
 //!   panic, and treat NaN and infinity as absent input.
-//! - All arithmetic is `f32`; transcendental functions come from [`math::trig`] alone, so a host
-//!   and a Cortex-M4F give the same bits.
+//! - Arithmetic is `f32`, in a few places `f64`, which a Cortex-M4F computes by software;
+//!   transcendental functions come from [`math::trig`] alone. So a host and a Cortex-M4F give the same
+//!   bits.
 //!
 //! # Conventions
 //!

@@ -258,8 +258,7 @@ proptest! {
             let measurements = Measurements { left_m_s, right_m_s, gyro_rad_s, acceleration_m_s2 };
             filter.step(&mut state, &measurements);
             prop_assert!(state.is_finite());
-            let entry = |t: core_algos::math::TwoFloat| f64::from(t.high) + f64::from(t.low);
-            let p = state.covariance().wide_matrix().map(|row| row.map(entry));
+            let p = state.covariance().wide_matrix();
             prop_assert!(testing::is_definite(&p), "{p:?}");
             let heading = state.posture().phi;
             prop_assert!(heading.abs() <= std::f32::consts::PI + 1e-6, "{heading}");

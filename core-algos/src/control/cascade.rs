@@ -137,7 +137,6 @@ impl Cascade {
     }
 
     /// `psi` limited to what the frame may be asked for; NaN gives 0.
-    #[inline(always)]
     fn limited(&self, Steering(psi): Steering) -> Steering {
         Steering(if psi.abs() <= self.max_steering {
             psi
@@ -151,7 +150,6 @@ impl Cascade {
     }
 
     /// Shape of the frame at the limited `psi`.
-    #[inline(always)]
     pub(super) fn bent(&self, psi: Steering) -> Shape {
         self.arc.bent(self.limited(psi))
     }
@@ -250,7 +248,6 @@ impl Cascade {
     }
 
     /// Postures of both axles, front first: half a chord ahead and behind, turned by +ψ and −ψ.
-    #[inline(always)]
     fn postures_of(center: &Transform, Steering(psi): Steering, half_chord: f32) -> [Posture; 2] {
         let (dx, dy) = (half_chord * center.cos, half_chord * center.sin);
         let Posture { x, y, phi } = center.posture;

@@ -64,7 +64,7 @@
 
 use crate::config::{ConfigError, config, positive};
 use crate::control::cascade::AxleReference;
-use crate::math::trig::{clamp, sin_cos_near};
+use crate::math::trig::{clamp, sin_cos};
 use crate::math::{AxleLoad, Posture, Twist};
 
 /// Source of the load of the frame on the axle.
@@ -231,7 +231,7 @@ impl Dynamic {
     pub fn velocity_command(&self, error: Posture, reference: Twist) -> Twist {
         let config = &self.config;
         // The heading error of a posture is within half a turn.
-        let (sin, cos) = sin_cos_near(error.phi);
+        let (sin, cos) = sin_cos(error.phi);
         let speed = reference.v.abs();
         let speed = if speed < config.heading_speed_floor_m_s {
             config.heading_speed_floor_m_s
@@ -263,7 +263,6 @@ impl Dynamic {
     }
 
     /// Torque a wheel can give in the direction of `torque` at `speed` (m/s over ground), N m.
-    #[inline(always)]
     fn available(&self, torque: f32, speed: f32) -> f32 {
         let limit = self.config.max_torque_nm;
         let Some([stall, per_speed]) = self.torque_line else {

@@ -24,17 +24,12 @@
 
 use super::cascade::{Cascade, Motion};
 use crate::config::{Allowed, ConfigError, config, require};
-use crate::math::trig::sqrt;
-use crate::math::{Steering, bounded, greater, lag_gain, lesser};
-use crate::time::EPOCH_S;
+use crate::math::trig::{lag_gain, sqrt};
+use crate::math::{Steering, bounded, greater, lesser};
 use core::hint::cold_path;
 
 /// Bends at which the speed limit is sampled when a governor is built.
 const SAMPLES: usize = 64;
-/// Interval of the lead node's steps, s; others are as good, but cost more.
-const USUAL_INTERVAL_S: f32 = EPOCH_S;
-/// Longest interval, s, by which one step moves the reference; a longer one counts as this.
-const MAX_INTERVAL_S: f32 = 2.0 * EPOCH_S;
 /// The lag towards a speed ends in a straight ramp at this share of the largest acceleration, so
 /// that it arrives.
 const FINAL_RAMP: f32 = 0.05;
@@ -73,9 +68,11 @@ config! {
 }
 
 impl Config {
-    /// The ready-to-run form for a frame; the error names the field that is wrong.
-    pub fn build(&self, cascade: &Cascade) -> Result<Governor, ConfigError> {
+    /// The ready-to-run form for a frame and the interval between two steps, s; the error names the
+    /// field that is wrong.
+    pub fn build(&self, cascade: &Cascade, interval_s: f32) -> Result<Governor, ConfigError> {
         self.check_ranges()?;
+        Allowed::Range(1e-4, 0.1).check("interval_s", interval_s)?;
         require(
             self.stop_deceleration_m_s2 >= self.max_acceleration_m_s2,
             "stop_deceleration_m_s2",
@@ -94,7 +91,8 @@ impl Config {
             per_steering_tolerance: 1.0 / self.steering_tolerance_rad,
             twice_bending: 2.0 * self.max_steering_acceleration_rad_s2,
             longest_rest: 2.0 * self.reversal_hold_s + 1.0,
-            usual: StepGains::new(self, self.max_steering_rate_rad_s, MAX_INTERVAL_S),
+            free: 0.0,
+            gains: Gains::new(self, interval_s),
         };
         // The share of the wheels' speed that bending takes, at its largest.
         let bending = self.half_track_m + governor.largest_parting();
@@ -113,14 +111,16 @@ impl Config {
             .max_steering_rate_rad_s
             .min(self.max_acceleration_m_s2 / slope.max(1e-9));
         governor.unlimited_steering = governor.last_unlimited_steering();
-        governor.usual = governor.unusual(USUAL_INTERVAL_S);
+        let stopping = 0.5 * governor.max_steering_rate + governor.gains.bending;
+        governor.free =
+            governor.max_steering_rate * stopping / self.max_steering_acceleration_rad_s2;
         Ok(governor)
     }
 }
 
-/// Gains that depend on the interval alone.
+/// What the interval between two steps makes of the limits and time constants.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct StepGains {
+struct Gains {
     /// The interval, s, half of it, and its inverse, 1/s.
     dt: f32,
     half_dt: f32,
@@ -130,26 +130,21 @@ struct StepGains {
     /// any interval.
     stiffness: f32,
     damping: f32,
-    /// Largest change of ψ̇, rad/s.
+    /// Largest change of ψ̇ in a step, rad/s, and its square.
     bending: f32,
-    /// Rate that full braking takes away in half of this and the longest interval, rad/s, and its
-    /// square.
-    lead: f32,
-    lead_square: f32,
-    /// Way to the limit of ψ, rad, from which on the rate alone is bounded.
-    free: f32,
+    bending_square: f32,
     /// Share of the way to its target that the lag of v makes in a step.
     speed_share: f32,
-    /// Largest change of v, and the one at which it ends, m/s.
+    /// Largest change of v in a step, that of a stop, and the one at which the lag ends, m/s.
     ramp: f32,
+    stop_ramp: f32,
     final_ramp: f32,
 }
 
-impl StepGains {
-    fn new(config: &Config, max_steering_rate: f32, dt: f32) -> Self {
+impl Gains {
+    fn new(config: &Config, dt: f32) -> Self {
         let steering = lag_gain(config.steering_frequency_rad_s * dt);
-        let strongest = config.max_steering_acceleration_rad_s2;
-        let lead = strongest * (0.5 * (dt + MAX_INTERVAL_S));
+        let bending = config.max_steering_acceleration_rad_s2 * dt;
         let ramp = config.max_acceleration_m_s2 * dt;
         Self {
             dt,
@@ -157,12 +152,11 @@ impl StepGains {
             per_dt: 1.0 / dt,
             stiffness: steering * steering / dt,
             damping: 0.5 * steering * (4.0 - steering),
-            bending: strongest * dt,
-            lead,
-            lead_square: lead * lead,
-            free: max_steering_rate * (0.5 * max_steering_rate + lead) / strongest,
+            bending,
+            bending_square: bending * bending,
             speed_share: lag_gain(config.speed_rate_per_s * dt),
             ramp,
+            stop_ramp: config.stop_deceleration_m_s2 * dt,
             final_ramp: FINAL_RAMP * ramp,
         }
     }
@@ -251,8 +245,9 @@ pub struct Governor {
     twice_bending: f32,
     /// The clock of a rest stops here, s, so that a long one cannot stop that of a later one.
     longest_rest: f32,
-    /// For steps of [`USUAL_INTERVAL_S`].
-    usual: StepGains,
+    /// Way to the limit of ψ, rad, from which on the rate alone is bounded.
+    free: f32,
+    gains: Gains,
 }
 
 impl Governor {
@@ -310,46 +305,18 @@ impl Governor {
         1.05 * steepest
     }
 
-    /// One step of `dt` (s) towards `wish`, after which the state's [`motion`](State::motion) is the
-    /// reference. An interval that is not positive changes nothing.
+    /// One step towards `wish`, after which the state's [`motion`](State::motion) is the reference.
     ///
     /// `v_rate` and `psi_acceleration` of the motion are those of the step just made.
     #[inline(always)]
-    pub fn step(&self, state: &mut State, wish: &Wish, dt: f32) {
+    pub fn step(&self, state: &mut State, wish: &Wish) {
         // What is not finite makes the sum so; so do only numbers as large.
         let sum = (wish.v + wish.psi.0) + (wish.v_rate + wish.psi_rate + wish.steering_slack);
         if !(sum.abs() <= f32::MAX) {
             cold_path();
-            return self.stop(state, dt);
+            return self.stop(state);
         }
-        let mut other = None;
-        if let Some(gains) = self.gains(dt, &mut other) {
-            self.pursue(state, wish, gains);
-        }
-    }
-
-    /// Gains of the interval, stored in `other` if it is not the usual one; `None` if it is not
-    /// positive.
-    #[inline(always)]
-    fn gains<'a>(&'a self, dt: f32, other: &'a mut Option<StepGains>) -> Option<&'a StepGains> {
-        if dt == self.usual.dt {
-            return Some(&self.usual);
-        }
-        cold_path();
-        if !(dt > 0.0) {
-            return None;
-        }
-        Some(other.insert(self.unusual(dt)))
-    }
-
-    #[cold]
-    fn unusual(&self, dt: f32) -> StepGains {
-        let dt = lesser(dt, MAX_INTERVAL_S);
-        StepGains::new(&self.config, self.max_steering_rate, dt)
-    }
-
-    #[inline(always)]
-    fn pursue(&self, state: &mut State, wish: &Wish, gains: &StepGains) {
+        let gains = &self.gains;
         let before = state.motion;
         let target_psi = bounded(wish.psi.0, self.config.max_steering_rad);
         let target_rate = match wish.psi_rate {
@@ -360,7 +327,7 @@ impl Governor {
         // it.
         let wanted = gains.stiffness * (target_psi - before.psi.0)
             + gains.damping * (target_rate - before.psi_rate);
-        self.steer(&mut state.motion, wanted, gains);
+        self.steer(&mut state.motion, wanted);
 
         let astray = (target_psi - state.motion.psi.0).abs() - wish.steering_slack;
         let limit = self.speed_limit(state.motion.psi);
@@ -389,30 +356,26 @@ impl Governor {
             cold_path();
             change = -before.v;
         }
-        self.drive(state, change, limit, gains);
+        self.drive(state, change, limit);
     }
 
-    /// One step of `dt` (s) of an emergency stop: v ramps to zero at the stop deceleration, ψ̇ to
+    /// One step of an emergency stop: v ramps to zero at the stop deceleration, ψ̇ to
     /// zero at ψ̈_max, and ψ stays where that leaves it.
-    pub fn stop(&self, state: &mut State, dt: f32) {
-        let mut other = None;
-        let Some(gains) = self.gains(dt, &mut other) else {
-            return;
-        };
+    pub fn stop(&self, state: &mut State) {
         let Motion { v, psi_rate, .. } = state.motion;
-        self.steer(&mut state.motion, -psi_rate, gains);
-        let change = lesser(self.config.stop_deceleration_m_s2 * gains.dt, v.abs());
+        self.steer(&mut state.motion, -psi_rate);
+        let change = lesser(self.gains.stop_ramp, v.abs());
         let limit = self.config.max_speed_m_s;
-        self.drive(state, -change.copysign(v), limit, gains);
+        self.drive(state, -change.copysign(v), limit);
     }
 
     /// Applies the change of ψ̇ nearest to `wanted` (rad/s) that keeps all three limits.
     ///
-    /// Braking from rate w takes at most `D(w) = w²/(2A) + w T/2` for steps no longer than T. The
-    /// rate after the step is held where `ψ + (w + w')dt/2 + D(w') ≤ ψ_max`; if that holds before
-    /// the step, full braking fulfils it after the step, so it holds for ever.
-    #[inline(always)]
-    fn steer(&self, motion: &mut Motion, wanted: f32, gains: &StepGains) {
+    /// Braking from rate w takes at most `D(w) = w²/(2A) + w T/2` in steps of T. The rate after the
+    /// step is held where `ψ + (w + w')T/2 + D(w') ≤ ψ_max`; if that holds before the step, full
+    /// braking fulfils it after the step, so it holds for ever.
+    fn steer(&self, motion: &mut Motion, wanted: f32) {
+        let gains = &self.gains;
         let limit = self.config.max_steering_rad;
         let rate = motion.psi_rate;
         // The highest rate away from straight is at least zero: only that on the side that is
@@ -424,12 +387,12 @@ impl Governor {
         } else {
             limit - ahead
         };
-        let highest = if room >= gains.free {
+        let highest = if room >= self.free {
             self.max_steering_rate
         } else {
             cold_path();
-            let braking = gains.lead_square + self.twice_bending * greater(room, 0.0);
-            lesser(sqrt(braking) - gains.lead, self.max_steering_rate)
+            let braking = gains.bending_square + self.twice_bending * greater(room, 0.0);
+            lesser(sqrt(braking) - gains.bending, self.max_steering_rate)
         };
         let mut next = bounded(asked, highest);
         if !((next - rate).abs() <= gains.bending) {
@@ -443,7 +406,8 @@ impl Governor {
 
     /// Applies a change of speed and the speed limit.
     #[inline(always)]
-    fn drive(&self, state: &mut State, change: f32, limit: f32, gains: &StepGains) {
+    fn drive(&self, state: &mut State, change: f32, limit: f32) {
+        let gains = &self.gains;
         let before = state.motion.v;
         let v = bounded(before + change, limit);
         state.motion.v = v;

@@ -34,9 +34,7 @@
 //! ```
 
 use crate::config::{ConfigError, config};
-use crate::math::trig::{
-    atan2, clamp, cos, hypot, sin, sin_cos, sqrt, tanh_and_of_angle, wrap_angle,
-};
+use crate::math::trig::{atan2, clamp, cos, hypot, sin, sin_cos, sqrt, tanh, wrap_angle};
 use crate::math::{Posture, Steering, Transform, greater};
 use core::f32::consts::{PI, SQRT_2};
 use core::hint::cold_path;
@@ -346,11 +344,10 @@ impl Law {
         let es = distance * s;
         let manifold_sin_2theta = self.twice_manifold * (sin_theta * cos_theta);
 
-        let (approach, by_heading) = tanh_and_of_angle(distance - self.manifold * s, sum);
-        let approach = c.approach_gain_m_s * es * approach;
+        let approach = c.approach_gain_m_s * es * tanh(distance - self.manifold * s);
         let feedforward =
             v_r * (es * cos_theta + manifold_sin_2theta * (sin_theta + kappa_r * distance));
-        let by_heading = c.heading_gain_rad_s * by_heading;
+        let by_heading = c.heading_gain_rad_s * tanh(sum);
         let turning = manifold_sin_2theta * sin_alpha;
         let denominator = if self.floored {
             greater(es * cos_alpha + turning, c.denominator_floor * es)
@@ -380,7 +377,6 @@ impl Law {
 
     /// Equation 4 of `center` against a reference that does not back, and the yaw rate (rad/s) of
     /// it that the heading error asks for, k2 tanh(θ + α).
-    #[inline(always)]
     pub(super) fn ahead(&self, center: &Transform, reference: Reference) -> (Command, f32) {
         let sight = Sight::between(center, &reference.posture.into());
         let demand = self.demand(&sight, reference.v, reference.kappa);

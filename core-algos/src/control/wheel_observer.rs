@@ -16,7 +16,7 @@
 //! [`Config::build`] validates; [`WheelObserver::step`] cannot fail.
 
 use crate::config::{ConfigError, config};
-use crate::math::trig::exp;
+use crate::math::trig::lag_gain;
 use crate::time::TICK_S;
 use core::f32::consts::TAU;
 
@@ -42,11 +42,12 @@ impl Config {
     pub fn build(&self) -> Result<WheelObserver, ConfigError> {
         self.check_ranges()?;
         let radians_per_count = TAU / self.counts_per_revolution as f32;
-        let pole = exp(-self.bandwidth_rad_s * TICK_S);
+        let decay = self.bandwidth_rad_s * TICK_S;
+        let gain = lag_gain(decay);
         Ok(WheelObserver {
             radians_per_count,
-            angle_gain: 1.0 - pole * pole,
-            speed_gain: (1.0 - pole) * (1.0 - pole) * radians_per_count / TICK_S,
+            angle_gain: lag_gain(2.0 * decay),
+            speed_gain: gain * gain * radians_per_count / TICK_S,
             // A count or two more: quantisation alone must never look like a jump.
             largest_error: self.max_speed_rad_s * TICK_S / radians_per_count + 2.0,
         })

@@ -46,7 +46,6 @@ impl Braking {
 
     /// One period of braking with the currents (A; `None` if a reading is at a rail) and the latest known wheel
     /// speeds (rad/s); true once both wheels have stood still for their time.
-    #[inline(always)]
     pub fn step(&mut self, current_a: [Option<f32>; 2], speed_rad_s: [f32; 2]) -> bool {
         let Limits {
             current_a: current,

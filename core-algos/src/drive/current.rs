@@ -21,7 +21,7 @@
 
 use crate::config::{Allowed, ConfigError, config, require};
 use crate::math::compare::{all_finite, lesser};
-use crate::math::trig::{clamp, exp};
+use crate::math::trig::{clamp, lag_gain};
 
 config! {
     /// Motor and loop.
@@ -53,18 +53,17 @@ impl Config {
         let inductance = self.inductance_h;
         let period = self.period_s;
         let bandwidth = self.bandwidth_rad_s;
-        let share = 1.0 - exp(-bandwidth * period);
+        let share = lag_gain(bandwidth * period);
         require(
             share <= 0.25,
             "bandwidth_rad_s",
             bandwidth,
             Allowed::Condition("at most 0.287 divided by period_s"),
         )?;
-        let pole = exp(-resistance * period / inductance);
-        let gain = share * resistance / (1.0 - pole);
+        let decay = lag_gain(resistance * period / inductance);
         Ok(CurrentLoop {
-            gain,
-            integral_share: 1.0 - pole,
+            gain: share * resistance / decay,
+            integral_share: decay,
             torque_constant: self.torque_constant_nm_a,
             max_current: self.max_current_a,
             max_duty: self.max_duty,
@@ -124,7 +123,6 @@ impl CurrentLoop {
     }
 
     /// One period. Cost about 40 operations.
-    #[inline(always)]
     pub fn step(&self, state: &mut State, input: &Input) -> Output {
         let (torque, current, speed) = (input.torque_nm, input.current_a, input.speed_rad_s);
         let off = !(all_finite([torque, current, speed, input.supply_v])

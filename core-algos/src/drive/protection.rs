@@ -66,7 +66,6 @@ impl Protection {
     }
 
     /// Takes in a period; why the motors must be off from now on, if they must.
-    #[inline(always)]
     pub fn step(&mut self, sample: &Sample) -> Option<Condition> {
         let limits = &self.limits;
         let mut trip = None;

@@ -99,7 +99,6 @@ pub struct Sampling {
 
 impl Sampling {
     /// Compare value of the trigger for a period in which the motors' are `compares`.
-    #[inline(always)]
     pub const fn compare(&self, compares: [u16; 2]) -> u16 {
         let [a, b] = compares;
         let (shorter, longer) = if a < b { (a, b) } else { (b, a) };

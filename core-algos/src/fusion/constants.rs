@@ -75,7 +75,6 @@ pub(super) const OF_HEADING: [[usize; 5]; 2] = [
 
 /// Error of an increment by the errors `of` the constants: the product with [`Step::by_constants`], of
 /// which few entries are not zero.
-#[inline(always)]
 pub(super) fn error_by<const AXLE: usize>(
     by_constants: &Mat<3, COUNT>,
     of: impl Fn(usize) -> f32,

@@ -59,7 +59,6 @@ impl<const N: usize> Covariance<N> {
     /// Gain of `M` measurements, each of one state from `first` on and of `h` times those of
     /// `states`; `noise` is the covariance of their noise. With S = H P Hᵀ + R = L Lᵀ, gives L and
     /// L⁻¹ H P. Nothing if S is not positive definite.
-    #[inline(always)]
     pub(super) fn seen<const S: usize, const M: usize>(
         &self,
         first: usize,

@@ -6,21 +6,22 @@
 //! wrapped. ω = 1 keeps `a`, ω = 0 keeps `b`. The result is consistent for every cross-correlation
 //! of two consistent inputs.
 //!
-//! **Weight.** With A = L D Lᵀ and N = L⁻¹ B L⁻ᵀ, det S = det A · det((1 − ω) I + ω M),
-//! M = D⁻¹ N, is a cubic in ω whose Bernstein coefficients are the elementary symmetric functions
-//! of M's eigenvalues, all positive. Least det P is greatest det S: a quadratic equation, solved
-//! without cancellation. If one input is better by that measure whatever the other adds, ω is
-//! exactly 0 or 1. Least tr(W P) is the zero of the derivative of a convex function, found by
-//! Newton's method kept inside a bracket.
+//! **Weight.** With A = L D Lᵀ and N = L⁻¹ B L⁻ᵀ let eᵢ be the elementary symmetric functions of the
+//! eigenvalues of D⁻¹ N, all positive, and v = 1 − ω. Then
 //!
-//! **Arithmetic.** P is flat in ω and the inputs may differ in size by many decades. Inputs that
-//! are conditioned well enough, by a check that is part of the computation, are treated in `f32`
-//! (`single.rs`; about 600 instructions). For the others the matrices are scaled by A's standard
-//! deviations (rounded to powers of two, hence exactly) and the algebra runs in [`TwoFloat`] (about
-//! 15 000 for the determinant): the results are good to `f32` rounding for standard deviations in
-//! a ratio of 1000, in any direction. Either way ω is within 5e-6 and the normalised covariance within
-//! 1e-5. At a ratio of 10⁴ between opposed inputs two floats have too few digits: a variance can be
-//! wrong by its own size.
+//! - det S = det A · c, c = v³ + e₁ v² ω + e₂ v ω² + e₃ ω³;
+//! - P = (v² B + v ω X + ω² e₃ A)/c, X a matrix of sums of positive terms.
+//!
+//! So least det P, greatest c, and least tr(W P) lie at the zero of a polynomial in ω/v of the second
+//! and fourth degree, found by Newton's method kept inside a bracket.
+//!
+//! If one input is better whatever the other adds, ω is exactly 0 or 1; it is 1/2 if both covariances
+//! are the same.
+//!
+//! **Arithmetic.** P is flat in ω and the inputs may differ in size by many decades, so the algebra
+//! runs in `f64`, by software on the board. The results are good to `f32` rounding for standard
+//! deviations in a ratio of 1000, in any direction: ω is within 5e-6 and the normalised covariance
+//! within 1e-5. A board takes 28 000 instructions, whatever the inputs.
 //!
 //! Nothing here panics; an input that is not finite or not positive definite gives `None`.
 //!
@@ -44,17 +45,13 @@
 
 use super::Estimate;
 use crate::config::{ConfigError, config};
-use crate::math::matrix::Mat3;
-use crate::math::trig::{sqrt, wrap_angle};
-use crate::math::{Posture, TwoFloat};
+use crate::math::Posture;
+use crate::math::trig::wrap_angle_f64;
 
-mod single;
+type Vec3 = [f64; 3];
+type Mat3 = [Vec3; 3];
 
-type Wide3 = [TwoFloat; 3];
-type Wide33 = [[TwoFloat; 3]; 3];
-
-/// Steps of the search for the weight of least trace; it ends far earlier unless the inputs are
-/// extreme.
+/// Steps of the search for a weight; it ends far earlier unless the inputs are extreme.
 const MAX_SEARCH: usize = 64;
 
 /// Criterion that the fused covariance minimises.
@@ -87,7 +84,7 @@ impl Config {
         let length = self.heading_length_m;
         Ok(Intersection {
             criterion: self.criterion,
-            weights: [1.0, 1.0, length * length],
+            weights: [1.0, 1.0, length * length].map(f64::from),
         })
     }
 }
@@ -97,7 +94,7 @@ impl Config {
 pub struct Intersection {
     criterion: Criterion,
     /// Diagonal of W.
-    weights: [f32; 3],
+    weights: Vec3,
 }
 
 /// Result of covariance intersection.
@@ -109,22 +106,22 @@ pub struct Fused {
     pub estimate: Estimate,
 }
 
-/// A posture and covariance with more digits than `f32`, for inputs whose covariance is so nearly
-/// singular that rounding it would change the result.
+/// A posture and covariance in `f64`, for inputs whose covariance is so nearly singular that
+/// rounding it would change the result.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ExtendedEstimate {
     /// Position (m) and heading (rad).
-    pub posture: [TwoFloat; 3],
+    pub posture: [f64; 3],
     /// Covariance of (x, y, phi); the lower triangle is read.
-    pub covariance: [[TwoFloat; 3]; 3],
+    pub covariance: [[f64; 3]; 3],
 }
 
 impl From<&Estimate> for ExtendedEstimate {
     fn from(estimate: &Estimate) -> Self {
         let posture: [f32; 3] = estimate.posture.into();
         Self {
-            posture: posture.map(TwoFloat::from_f32),
-            covariance: estimate.covariance.map(|row| row.map(TwoFloat::from_f32)),
+            posture: posture.map(f64::from),
+            covariance: estimate.covariance.map(|row| row.map(f64::from)),
         }
     }
 }
@@ -133,371 +130,265 @@ impl Intersection {
     /// The intersection of two estimates in one frame. `None` unless both covariances are positive
     /// definite and all numbers finite.
     pub fn fuse(&self, a: &Estimate, b: &Estimate) -> Option<Fused> {
-        let mut gap = [[0.0; 3]; 3];
-        for i in 0..3 {
-            for j in 0..=i {
-                gap[i][j] = b.covariance[i][j] - a.covariance[i][j];
-            }
-        }
-        let inputs = single::Inputs {
-            a: &a.covariance,
-            b: &b.covariance,
-            gap,
-            difference: b.posture.minus(a.posture),
-        };
-        self.fuse_single(a.posture.into(), &inputs)
-            .or_else(|| self.fuse_wide(&ExtendedEstimate::from(a), &ExtendedEstimate::from(b)))
+        self.fuse_extended(&a.into(), &b.into())
     }
 
-    /// [`Self::fuse`] for inputs with more digits than `f32`.
+    /// [`Self::fuse`] for inputs in `f64`.
     pub fn fuse_extended(&self, a: &ExtendedEstimate, b: &ExtendedEstimate) -> Option<Fused> {
-        let mut gap = [[0.0; 3]; 3];
-        for i in 0..3 {
-            for j in 0..=i {
-                gap[i][j] = b.covariance[i][j].minus(a.covariance[i][j]);
+        let [m, n] = [a, b].map(|estimate| &estimate.covariance);
+        let contrast = Contrast::new(m, n)?;
+        let weights = if alike(m, n) {
+            [0.5; 2]
+        } else {
+            match self.criterion {
+                Criterion::Determinant => contrast.weights(contrast.slope_of_determinant()),
+                Criterion::Trace => contrast.weights(contrast.slope_of_trace(&self.weights, m, n)),
             }
-        }
-        let nearest = |m: &Wide33| m.map(|row| row.map(|entry| entry.high));
-        let inputs = single::Inputs {
-            a: &nearest(&a.covariance),
-            b: &nearest(&b.covariance),
-            gap,
-            difference: difference(a, b).map(TwoFloat::value),
-        };
-        self.fuse_single(a.posture.map(TwoFloat::value), &inputs)
-            .or_else(|| self.fuse_wide(a, b))
-    }
-
-    /// In `f32`, where that is enough.
-    #[inline]
-    fn fuse_single(&self, base: [f32; 3], inputs: &single::Inputs<'_>) -> Option<Fused> {
-        let ([omega, _], shift, covariance) = single::fuse(inputs, self.criterion, &self.weights)?;
-        let x = [base[0] + shift[0], base[1] + shift[1], base[2] + shift[2]];
-        let estimate = Estimate::new(Posture::new(x[0], x[1], wrap_angle(x[2])), covariance);
-        // What is not finite makes their sum so; that of finite numbers is far from overflow.
-        let sum = x[0] + x[1] + x[2] + inputs.difference[0] + inputs.difference[1];
-        (sum + inputs.difference[2])
-            .is_finite()
-            .then_some(Fused { omega, estimate })
-    }
-
-    /// In two floats.
-    #[cold]
-    #[inline(never)]
-    fn fuse_wide(&self, a: &ExtendedEstimate, b: &ExtendedEstimate) -> Option<Fused> {
-        let pair = Pair::new(a, b)?;
-        let omega = match self.criterion {
-            Criterion::Determinant => pair.weight_of_least_determinant(),
-            Criterion::Trace => pair.weight_of_least_trace(&self.weights),
         };
         Some(Fused {
-            omega: omega.value(),
-            estimate: pair.combine(omega, TwoFloat::ONE - omega)?,
+            omega: weights[0] as f32,
+            estimate: combine(a, b, weights)?,
         })
     }
 }
 
-/// b − a, the heading wrapped.
-fn difference(a: &ExtendedEstimate, b: &ExtendedEstimate) -> Wide3 {
-    let mut difference = [0, 1, 2].map(|i| b.posture[i] - a.posture[i]);
-    if !(difference[2].high.abs() <= core::f32::consts::PI) {
-        difference[2] = wrap_wide(difference[2]);
-    }
-    difference
+/// Entry of a symmetric matrix, its lower triangle read.
+fn entry(m: &Mat3, i: usize, j: usize) -> f64 {
+    m[i.max(j)][i.min(j)]
 }
 
-/// Two estimates brought to the coordinates in which they are compared.
-pub(super) struct Pair {
-    /// a, and b − a in scaled coordinates with the heading wrapped.
-    base: Wide3,
-    difference: Wide3,
-    /// Powers of two near A's standard deviations.
-    scale: [f32; 3],
-    /// Unit lower factor and pivots of the scaled A, and the pivots of N.
-    lower: Wide33,
-    pivots: Wide3,
-    n_pivots: Wide3,
-    /// L⁻¹ B L⁻ᵀ.
-    n: Wide33,
+/// Column of one.
+fn column(m: &Mat3, j: usize) -> Vec3 {
+    [0, 1, 2].map(|i| entry(m, i, j))
 }
 
-impl Pair {
-    pub(super) fn new(a: &ExtendedEstimate, b: &ExtendedEstimate) -> Option<Self> {
-        let mut scale = [1.0; 3];
-        let mut difference = difference(a, b);
-        for i in 0..3 {
-            scale[i] = power_of_two_below(sqrt(a.covariance[i][i].high))?;
-            difference[i] = scaled(difference[i], 1.0 / scale[i]);
-        }
-        let in_scale = |m: &Wide33| {
-            let mut out = *m;
-            for i in 0..3 {
-                for j in 0..3 {
-                    out[i][j] = scaled(
-                        scaled(m[i.max(j)][i.min(j)], 1.0 / scale[i]),
-                        1.0 / scale[j],
-                    );
-                }
-            }
-            out
-        };
-        let (lower, pivots) = factor(&in_scale(&a.covariance))?;
-        // Columns of B, then rows: N = L⁻¹ (L⁻¹ B)ᵀ.
-        let mut half = in_scale(&b.covariance);
-        for row in &mut half {
-            *row = solve_lower(&lower, row);
-        }
-        let mut n = [[TwoFloat::ZERO; 3]; 3];
-        for j in 0..3 {
-            n[j] = solve_lower(&lower, &[half[0][j], half[1][j], half[2][j]]);
-        }
-        let (_, n_pivots) = factor(&n)?;
-        Some(Self {
-            base: a.posture,
-            difference,
-            scale,
-            lower,
-            pivots,
-            n_pivots,
-            n,
-        })
-    }
-
-    /// Elementary symmetric functions of M's eigenvalues: sum, sum of pairs, product, for M
-    /// divided by κ = tr M/3, which is the last number.
-    fn symmetric_functions(&self) -> ([TwoFloat; 3], TwoFloat) {
-        let (n, d) = (&self.n, &self.pivots);
-        let sum = n[0][0] / d[0] + n[1][1] / d[1] + n[2][2] / d[2];
-        let kappa = sum / TwoFloat::from_f32(3.0);
-        let minor = |[a, d_a]: [TwoFloat; 2], [b, d_b]: [TwoFloat; 2], cross: TwoFloat| {
-            (a * b - cross * cross) / (d_a * kappa) / (d_b * kappa)
-        };
-        let [first, second, third] = [[n[0][0], d[0]], [n[1][1], d[1]], [n[2][2], d[2]]];
-        let pairs = minor(first, second, n[0][1])
-            + minor(first, third, n[0][2])
-            + minor(second, third, n[1][2]);
-        let mut product = TwoFloat::ONE;
-        for i in 0..3 {
-            product = product * (self.n_pivots[i] / (d[i] * kappa));
-        }
-        ([TwoFloat::from_f32(3.0), pairs, product], kappa)
-    }
-
-    /// The ω in [0, 1] of least det P; 1/2 if both covariances are alike.
-    fn weight_of_least_determinant(&self) -> TwoFloat {
-        let three = TwoFloat::from_f32(3.0);
-        let ([e1, e2, e3], kappa) = self.symmetric_functions();
-        let inverse = TwoFloat::ONE / kappa;
-        // Bernstein coefficients of d(det S)/dω over 3, for the variable τ = κ ω/(1 − ω).
-        let start = (e1 / three - inverse).value();
-        let middle = ((e2 - e1 * inverse) / three).value();
-        let end = (e3 - e2 * inverse / three).value();
-        if start == 0.0 && middle == 0.0 && end == 0.0 {
-            return TwoFloat::from_f32(0.5);
-        }
-        // det S is log-concave: its slope changes sign at most once, from + to −.
-        if !(start > 0.0) {
-            return TwoFloat::ZERO;
-        }
-        if !(end < 0.0) {
-            return TwoFloat::ONE;
-        }
-        // start + 2 middle τ + end τ² = 0, root > 0, as a quotient of two positive numbers.
-        let root = sqrt(middle * middle - start * end);
-        let (above, below) = if middle >= 0.0 {
-            (middle + root, -end)
-        } else {
-            (start, root - middle)
-        };
-        let above = TwoFloat::from_f32(above);
-        above / (above + TwoFloat::from_f32(below) * kappa)
-    }
-
-    /// The ω in [0, 1] of least Σ wᵢ Pᵢᵢ; 1/2 if both covariances are alike.
-    fn weight_of_least_trace(&self, weights: &[f32; 3]) -> TwoFloat {
-        let half = TwoFloat::from_f32(0.5);
-        let slope_at = |omega| self.trace_slope(omega, weights);
-        let (at_start, at_end) = (slope_at(TwoFloat::ZERO), slope_at(TwoFloat::ONE));
-        match (at_start, at_end) {
-            (Some((start, _)), Some((end, _))) if start == 0.0 && end == 0.0 => return half,
-            (Some((start, _)), _) if start >= 0.0 => return TwoFloat::ZERO,
-            (_, Some((end, _))) if end <= 0.0 => return TwoFloat::ONE,
-            (Some(_), Some(_)) => {}
-            _ => return half,
-        }
-        let (mut low, mut high, mut omega) = (TwoFloat::ZERO, TwoFloat::ONE, half);
-        for _ in 0..MAX_SEARCH {
-            let Some((slope, curvature)) = slope_at(omega) else {
-                break;
-            };
-            if slope < 0.0 {
-                low = omega;
-            } else {
-                high = omega;
-            }
-            let step = -slope / curvature;
-            let margin = omega.high.min((TwoFloat::ONE - omega).high);
-            if step.abs() <= 1e-5 * margin {
-                // Newton's next step is as small against this one as this one is against ω.
-                omega = omega.plus(step);
-                break;
-            }
-            let mut next = omega.plus(step);
-            // `!(…)` also catches a step that is not a number.
-            if !(next.high > low.high && next.high < high.high) {
-                next = (low + high) * half;
-            }
-            if !(next.high > low.high && next.high < high.high) {
-                break;
-            }
-            omega = next;
-        }
-        omega
-    }
-
-    /// First and second derivative of Σ wᵢ Pᵢᵢ with respect to ω:
-    /// dP/dω = −B S⁻¹ (B − A) S⁻¹ A, d²P/dω² = 2 B S⁻¹ (B − A) S⁻¹ (B − A) S⁻¹ A.
-    fn trace_slope(&self, omega: TwoFloat, weights: &[f32; 3]) -> Option<(f32, f32)> {
-        let (t_lower, t_pivots) = factor(&self.mixture(omega, TwoFloat::ONE - omega))?;
-        let solve = |v: &Wide3| solve_factored(&t_lower, &t_pivots, v);
-        // N − D.
-        let apply_gap = |v: &Wide3| {
-            let mut out = apply(&self.n, v);
-            for i in 0..3 {
-                out[i] = out[i] - self.pivots[i] * v[i];
-            }
-            out
-        };
-        let (mut slope, mut curvature) = (TwoFloat::ZERO, TwoFloat::ZERO);
-        for k in 0..3 {
-            let row = &self.lower[k];
-            let weight = TwoFloat::from_f32(weights[k])
-                * TwoFloat::from_f32(self.scale[k])
-                * TwoFloat::from_f32(self.scale[k]);
-            let by_a = apply_gap(&solve(&[0, 1, 2].map(|i| self.pivots[i] * row[i])));
-            let by_b = solve(&apply(&self.n, row));
-            slope = slope - weight * dot(&by_b, &by_a);
-            let twice = apply_gap(&solve(&by_a));
-            curvature = curvature + weight * dot(&by_b, &twice);
-        }
-        Some((slope.value(), 2.0 * curvature.value()))
-    }
-
-    /// `weight_b D + weight_a N`: S seen through L.
-    fn mixture(&self, weight_a: TwoFloat, weight_b: TwoFloat) -> Wide33 {
-        let mut t = [[TwoFloat::ZERO; 3]; 3];
-        for i in 0..3 {
-            for j in 0..3 {
-                t[i][j] = weight_a * self.n[i][j];
-            }
-            t[i][i] = t[i][i] + weight_b * self.pivots[i];
-        }
-        t
-    }
-
-    /// The estimate with P⁻¹ = weight_a A⁻¹ + weight_b B⁻¹.
-    pub(super) fn combine(&self, weight_a: TwoFloat, weight_b: TwoFloat) -> Option<Estimate> {
-        let (t_lower, t_pivots) = factor(&self.mixture(weight_a, weight_b))?;
-        let solve = |v: &Wide3| solve_factored(&t_lower, &t_pivots, v);
-        // P = L [D T⁻¹ N] Lᵀ; the bracket is symmetric, so its columns are its rows.
-        let inner = [0, 1, 2].map(|j| {
-            let column = solve(&self.n[j]);
-            [0, 1, 2].map(|i| self.pivots[i] * column[i])
-        });
-        let mut covariance: Mat3 = [[0.0; 3]; 3];
-        let columns = [0, 1, 2].map(|j| apply(&inner, &self.lower[j]));
-        for i in 0..3 {
-            for j in 0..=i {
-                let entry = dot(&self.lower[i], &columns[j]);
-                let entry = scaled(scaled(entry, self.scale[i]), self.scale[j]).value();
-                covariance[i][j] = entry;
-                covariance[j][i] = entry;
-            }
-        }
-        // x − a = weight_b L D T⁻¹ L⁻¹ (b − a).
-        let gain = solve(&solve_lower(&self.lower, &self.difference));
-        let gain = [0, 1, 2].map(|i| weight_b * self.pivots[i] * gain[i]);
-        let mut x = [0.0; 3];
-        for i in 0..3 {
-            let shift = dot(&self.lower[i], &gain);
-            x[i] = (self.base[i] + scaled(shift, self.scale[i])).value();
-        }
-        x[2] = wrap_angle(x[2]);
-        let estimate = Estimate::new(Posture::from(x), covariance);
-        estimate.is_finite().then_some(estimate)
-    }
-}
-
-/// The greatest power of two not above `x`; `None` unless `x` is positive, finite and normal, and
-/// of a size that squares can hold.
-fn power_of_two_below(x: f32) -> Option<f32> {
-    (x > 1e-15 && x < 1e15).then(|| f32::from_bits(x.to_bits() & 0x7f80_0000))
-}
-
-/// `x` times a power of two, exactly.
-fn scaled(x: TwoFloat, power: f32) -> TwoFloat {
-    TwoFloat {
-        high: x.high * power,
-        low: x.low * power,
-    }
-}
-
-/// An angle of any size brought into [−π, π].
-fn wrap_wide(angle: TwoFloat) -> TwoFloat {
-    let wrapped = TwoFloat::from_sum(wrap_angle(angle.high), angle.low);
-    // One turn is not a binary number: add what the reduction of `high` took for each turn.
-    let turns = libm::roundf((angle.high - wrapped.high) / core::f32::consts::TAU);
-    (wrapped - TwoFloat::from_f32(turns * TwoFloat::TAU.low)).wrapped_once()
-}
-
-fn dot(a: &Wide3, b: &Wide3) -> TwoFloat {
+fn dot(a: &Vec3, b: &Vec3) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-fn apply(m: &Wide33, v: &Wide3) -> Wide3 {
-    [dot(&m[0], v), dot(&m[1], v), dot(&m[2], v)]
+/// `L D Lᵀ` of a symmetric matrix, L unit lower.
+struct Factor {
+    l10: f64,
+    l20: f64,
+    l21: f64,
+    /// D, and its inverse.
+    pivots: Vec3,
+    inverse: Vec3,
 }
 
-/// `m = L D Lᵀ`, L unit lower; `None` unless `m` is positive definite. The lower triangle is read.
-fn factor(m: &Wide33) -> Option<(Wide33, Wide3)> {
-    let mut lower = [[TwoFloat::ZERO; 3]; 3];
-    let mut pivots = [TwoFloat::ZERO; 3];
-    for j in 0..3 {
-        let mut pivot = m[j][j];
-        for k in 0..j {
-            pivot = pivot - lower[j][k] * lower[j][k] * pivots[k];
+impl Factor {
+    /// `None` unless `m` is positive definite. The lower triangle is read.
+    fn new(m: &Mat3) -> Option<Self> {
+        let d0 = m[0][0];
+        let i0 = 1.0 / d0;
+        let (l10, l20) = (m[1][0] * i0, m[2][0] * i0);
+        let d1 = m[1][1] - l10 * m[1][0];
+        let i1 = 1.0 / d1;
+        let rest = m[2][1] - l20 * m[1][0];
+        let l21 = rest * i1;
+        let d2 = m[2][2] - l20 * m[2][0] - l21 * rest;
+        let pivots = [d0, d1, d2];
+        let definite = pivots.iter().all(|&pivot| pivot > 0.0 && pivot < f64::MAX);
+        definite.then(|| Self {
+            l10,
+            l20,
+            l21,
+            pivots,
+            inverse: [i0, i1, 1.0 / d2],
+        })
+    }
+
+    /// `L⁻¹ v`.
+    fn lower(&self, v: Vec3) -> Vec3 {
+        let x1 = v[1] - self.l10 * v[0];
+        [v[0], x1, v[2] - self.l20 * v[0] - self.l21 * x1]
+    }
+
+    /// `D⁻¹ v`.
+    fn weighed(&self, v: Vec3) -> Vec3 {
+        [0, 1, 2].map(|i| v[i] * self.inverse[i])
+    }
+}
+
+/// What the weights depend on: B seen in A's own units.
+struct Contrast {
+    /// Factor of κ A, κ = e₁/3.
+    a: Factor,
+    /// κ and 1/κ.
+    kappa: f64,
+    inverse: f64,
+    /// N = L⁻¹ B L⁻ᵀ.
+    n: Mat3,
+    /// Minors of M, each without the row and column of its index.
+    minors: Vec3,
+    /// e₂ and e₃ of M; e₁ is 3.
+    e2: f64,
+    e3: f64,
+}
+
+impl Contrast {
+    /// `None` unless both covariances are positive definite.
+    fn new(a: &Mat3, b: &Mat3) -> Option<Self> {
+        let a = Factor::new(a)?;
+        let half = [0, 1, 2].map(|j| a.lower(column(b, j)));
+        let n = [0, 1, 2].map(|j| a.lower([half[0][j], half[1][j], half[2][j]]));
+        let b = Factor::new(&n)?;
+        let kappa = dot(&[n[0][0], n[1][1], n[2][2]], &a.inverse) * (1.0 / 3.0);
+        let inverse = 1.0 / kappa;
+        let a = Factor {
+            pivots: a.pivots.map(|pivot| pivot * kappa),
+            inverse: a.inverse.map(|entry| entry * inverse),
+            ..a
+        };
+        let minor = |i: usize, j: usize| {
+            (n[i][i] * n[j][j] - n[j][i] * n[j][i]) * (a.inverse[i] * a.inverse[j])
+        };
+        let minors = [minor(1, 2), minor(0, 2), minor(0, 1)];
+        let shares = a.weighed(b.pivots);
+        Some(Self {
+            a,
+            kappa,
+            inverse,
+            n,
+            minors,
+            e2: minors[0] + minors[1] + minors[2],
+            e3: shares[0] * shares[1] * shares[2],
+        })
+    }
+
+    /// Weights ω and v where a function is least whose slope changes its sign at most once, from −
+    /// to +, and has that of a polynomial in κ ω/v, given by ascending powers. The zero, unlike the
+    /// coefficients, is good to its digits in `f32`.
+    fn weights<const N: usize>(&self, slope: [f64; N]) -> [f64; 2] {
+        if !(slope[0] < 0.0) {
+            return [0.0, 1.0];
         }
-        if !(pivot.high > 0.0 && pivot.is_finite()) {
-            return None;
+        if !(slope[N - 1] > 0.0) {
+            return [1.0, 0.0];
         }
-        pivots[j] = pivot;
-        lower[j][j] = TwoFloat::ONE;
-        for i in j + 1..3 {
-            let mut sum = m[i][j];
-            for k in 0..j {
-                sum = sum - lower[i][k] * lower[j][k] * pivots[k];
-            }
-            lower[i][j] = sum / pivot;
+        let largest = slope.iter().fold(0.0, |most: f64, c| most.max(c.abs()));
+        let scale = 1.0 / largest;
+        let ratio = f64::from(zero(&slope.map(|coefficient| (coefficient * scale) as f32)));
+        let scale = 1.0 / (ratio + self.kappa);
+        [ratio * scale, self.kappa * scale]
+    }
+
+    /// Slope of −c over ω, by powers of κ ω/v.
+    fn slope_of_determinant(&self) -> Vec3 {
+        let inverse = self.inverse;
+        [
+            3.0 * inverse - 3.0,
+            2.0 * (3.0 * inverse - self.e2),
+            self.e2 * inverse - 3.0 * self.e3,
+        ]
+    }
+
+    /// Numerator of the slope of tr(W P), by powers of κ ω/v.
+    fn slope_of_trace(&self, weights: &Vec3, a: &Mat3, b: &Mat3) -> [f64; 5] {
+        let trace = |m: &Mat3| dot(weights, &[m[0][0], m[1][1], m[2][2]]);
+        let (e2, e3, inverse) = (self.e2, self.e3, self.inverse);
+        let [s0, s1, s2] = self.slope_of_determinant();
+        // tr(W P) = (b v² + x v ω + a ω²)/c, and the numerator's slope p v + q ω.
+        let (b, x, a) = (
+            trace(b),
+            self.mixed_trace(weights),
+            self.kappa * e3 * trace(a),
+        );
+        let (p, q) = (x - 2.0 * b * inverse, 2.0 * a - x * inverse);
+        [
+            p + b * s0,
+            3.0 * p + q + x * s0 + b * s1,
+            e2 * p + 3.0 * q + a * s0 + x * s1 + b * s2,
+            e3 * p + e2 * q + a * s1 + x * s2,
+            e3 * q + a * s2,
+        ]
+    }
+
+    /// tr(W X), X = L Y Lᵀ.
+    fn mixed_trace(&self, weights: &Vec3) -> f64 {
+        let (a, n, [m0, m1, m2]) = (&self.a, &self.n, self.minors);
+        let y00 = a.pivots[0] * (m1 + m2);
+        let y11 = a.pivots[1] * (m0 + m2);
+        let y22 = a.pivots[2] * (m0 + m1);
+        let y10 = (n[1][0] * n[2][2] - n[2][0] * n[2][1]) * a.inverse[2];
+        let y20 = (n[2][0] * n[1][1] - n[1][0] * n[2][1]) * a.inverse[1];
+        let y21 = (n[2][1] * n[0][0] - n[1][0] * n[2][0]) * a.inverse[0];
+        let x11 = y11 + a.l10 * (2.0 * y10 + a.l10 * y00);
+        let x22 = y22
+            + a.l20 * (2.0 * (y20 + a.l21 * y10) + a.l20 * y00)
+            + a.l21 * (2.0 * y21 + a.l21 * y11);
+        dot(weights, &[y00, x11, x22])
+    }
+}
+
+/// The positive zero of a polynomial that changes its sign once, from − to +; coefficients by
+/// ascending powers.
+fn zero<const N: usize>(coefficients: &[f32; N]) -> f32 {
+    let (mut low, mut high, mut x) = (0.0, f32::INFINITY, 1.0);
+    for _ in 0..MAX_SEARCH {
+        let (mut value, mut rate) = (0.0, 0.0);
+        for coefficient in coefficients.iter().rev() {
+            rate = rate * x + value;
+            value = value * x + coefficient;
+        }
+        if value < 0.0 {
+            low = x;
+        } else {
+            high = x;
+        }
+        let next = x - value / rate;
+        if (next - x).abs() <= 1e-7 * x {
+            break;
+        }
+        x = if next > low && next < high {
+            next
+        } else if high < f32::INFINITY {
+            0.5 * (low + high)
+        } else {
+            4.0 * x
+        };
+    }
+    x
+}
+
+/// True if both are the same matrix, the lower triangles read.
+fn alike(a: &Mat3, b: &Mat3) -> bool {
+    (0..3).all(|i| (0..=i).all(|j| a[i][j] == b[i][j]))
+}
+
+/// The estimate with P⁻¹ = ω A⁻¹ + (1 − ω) B⁻¹; `None` unless it is finite.
+fn combine(a: &ExtendedEstimate, b: &ExtendedEstimate, [omega, v]: [f64; 2]) -> Option<Estimate> {
+    let mut s = [[0.0; 3]; 3];
+    for i in 0..3 {
+        for j in 0..=i {
+            s[i][j] = omega * b.covariance[i][j] + v * a.covariance[i][j];
         }
     }
-    Some((lower, pivots))
+    let s = Factor::new(&s)?;
+    // P = (L⁻¹ A)ᵀ D⁻¹ (L⁻¹ B), x − a = v (L⁻¹ A)ᵀ D⁻¹ L⁻¹ (b − a), L and D those of S.
+    let by_a = [0, 1, 2].map(|j| s.lower(column(&a.covariance, j)));
+    let mut covariance = [[0.0; 3]; 3];
+    for j in 0..3 {
+        let by_b = s.weighed(s.lower(column(&b.covariance, j)));
+        for i in j..3 {
+            let entry = dot(&by_a[i], &by_b) as f32;
+            covariance[i][j] = entry;
+            covariance[j][i] = entry;
+        }
+    }
+    let difference = difference(a, b);
+    let seen = s.weighed(s.lower(difference));
+    let mut x = [0, 1, 2].map(|i| a.posture[i] + v * dot(&by_a[i], &seen));
+    x[2] = wrap_angle_f64(x[2]);
+    let estimate = Estimate::new(Posture::from(x.map(|x| x as f32)), covariance);
+    estimate.is_finite().then_some(estimate)
 }
 
-/// `L⁻¹ v` for a unit lower L.
-fn solve_lower(lower: &Wide33, v: &Wide3) -> Wide3 {
-    let x0 = v[0];
-    let x1 = v[1] - lower[1][0] * x0;
-    let x2 = v[2] - lower[2][0] * x0 - lower[2][1] * x1;
-    [x0, x1, x2]
-}
-
-/// `(L D Lᵀ)⁻¹ v`.
-fn solve_factored(lower: &Wide33, pivots: &Wide3, v: &Wide3) -> Wide3 {
-    let y = solve_lower(lower, v);
-    let x2 = y[2] / pivots[2];
-    let x1 = y[1] / pivots[1] - lower[2][1] * x2;
-    let x0 = y[0] / pivots[0] - lower[1][0] * x1 - lower[2][0] * x2;
-    [x0, x1, x2]
+/// b − a, the heading wrapped.
+fn difference(a: &ExtendedEstimate, b: &ExtendedEstimate) -> Vec3 {
+    let mut difference = [0, 1, 2].map(|i| b.posture[i] - a.posture[i]);
+    difference[2] = wrap_angle_f64(difference[2]);
+    difference
 }
 
 #[cfg(test)]

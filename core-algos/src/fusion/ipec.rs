@@ -45,8 +45,8 @@
 //! ```
 
 use crate::config::{ConfigError, config};
-use crate::math::trig::{atan2, hypot, sin_cos, wrap_angle};
-use crate::math::{Posture, TwoFloat};
+use crate::math::Posture;
+use crate::math::trig::{atan2, hypot, sin_cos, wrap_angle, wrap_angle_f64};
 
 /// Shortest distance between the axles that gives a direction, m.
 pub const MIN_BASELINE_M: f32 = 1e-3;
@@ -103,8 +103,8 @@ pub struct Ipec {
 /// Both axles' postures as IPEC keeps them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
-    /// Position and heading of axle 1 and axle 2.
-    axles: [[TwoFloat; 3]; 2],
+    /// Position and heading of axle 1 and axle 2: long sums of small increments.
+    axles: [[f64; 3]; 2],
     /// σ_β², rad².
     pub variance: f32,
 }
@@ -112,7 +112,7 @@ pub struct State {
 impl State {
     /// From the postures of axle 1 (front) and axle 2 (rear).
     pub fn new(axle1: Posture, axle2: Posture) -> Self {
-        let wide = |p: Posture| <[f32; 3]>::from(p).map(TwoFloat::from_f32);
+        let wide = |p: Posture| <[f32; 3]>::from(p).map(f64::from);
         Self {
             axles: [wide(axle1), wide(axle2)],
             variance: 0.0,
@@ -122,26 +122,12 @@ impl State {
     /// Postures of axle 1 and axle 2.
     pub fn postures(&self) -> [Posture; 2] {
         self.axles
-            .map(|axle| Posture::from(axle.map(TwoFloat::value)))
+            .map(|axle| Posture::from(axle.map(|entry| entry as f32)))
     }
 
     /// Postures of axle 1 and axle 2 with all their digits.
-    pub fn precise_postures(&self) -> [[TwoFloat; 3]; 2] {
+    pub fn precise_postures(&self) -> [[f64; 3]; 2] {
         self.axles
-    }
-
-    /// Vector from axle 1 to axle 2.
-    fn line(&self) -> (f32, f32) {
-        let [first, second] = &self.axles;
-        (second[0].minus(first[0]), second[1].minus(first[1]))
-    }
-
-    /// Moves both axles alike in opposite directions, axle 2 by `by`.
-    fn spread(&mut self, by: [f32; 2]) {
-        for k in 0..2 {
-            self.axles[0][k] = self.axles[0][k].plus(-by[k]);
-            self.axles[1][k] = self.axles[1][k].plus(by[k]);
-        }
     }
 }
 
@@ -179,28 +165,31 @@ impl Ipec {
             (right2 - left2) * self.inverse_track,
         );
         for (axle, (ds, turn)) in state.axles.iter_mut().zip([(ds1, turn1), (ds2, turn2)]) {
-            let (sin, cos) = sin_cos(axle[2].value() + 0.5 * turn);
-            axle[0] = axle[0].plus(ds * cos);
-            axle[1] = axle[1].plus(ds * sin);
-            axle[2] = axle[2].plus(turn).wrapped_once();
+            let (sin, cos) = sin_cos(axle[2] as f32 + 0.5 * turn);
+            axle[0] += f64::from(ds * cos);
+            axle[1] += f64::from(ds * sin);
+            axle[2] = wrap_angle_f64(axle[2] + f64::from(turn));
         }
         let seen = Direction::of(r)?;
-        let (x, y) = state.line();
+        let [front, rear] = &mut state.axles;
+        let (x, y) = ((rear[0] - front[0]) as f32, (rear[1] - front[1]) as f32);
         let length = hypot(x, y);
         if !(length >= MIN_BASELINE_M) {
             return None;
         }
         let beta = atan2(y, x);
-        let first = TwoFloat::from_sum(beta, -seen.alpha).wrapped_once();
-        let second = first.plus(r.phi).wrapped_once();
+        let first = wrap_angle_f64(f64::from(beta) - f64::from(seen.alpha));
+        let second = wrap_angle_f64(first + f64::from(r.phi));
         let heading = [
-            wrap_angle(first.minus(state.axles[0][2])),
-            wrap_angle(second.minus(state.axles[1][2])),
+            wrap_angle((first - front[2]) as f32),
+            wrap_angle((second - rear[2]) as f32),
         ];
-        state.axles[0][2] = first;
-        state.axles[1][2] = second;
+        (front[2], rear[2]) = (first, second);
         let half = 0.5 * (seen.baseline - length) / length;
-        state.spread([half * x, half * y]);
+        for (k, by) in [half * x, half * y].into_iter().enumerate() {
+            front[k] -= f64::from(by);
+            rear[k] += f64::from(by);
+        }
         state.variance += self.growth(&seen, r, [ds1, ds2]);
         Some(Correction {
             heading,
@@ -236,8 +225,8 @@ impl Ipec {
         r: &Posture,
     ) -> Option<([Posture; 2], Correction)> {
         let seen = Direction::of(r)?;
-        let mut state = State::new(postures[0], postures[1]);
-        let (x, y) = state.line();
+        let [mut first, mut second] = postures;
+        let (x, y) = (second.x - first.x, second.y - first.y);
         if !(hypot(x, y) >= MIN_BASELINE_M) {
             return None;
         }
@@ -272,8 +261,9 @@ impl Ipec {
         let direction = beta + sum / information;
         let (sin, cos) = sin_cos(direction);
         let half = 0.5 * seen.baseline;
-        state.spread([half * cos - 0.5 * x, half * sin - 0.5 * y]);
-        let [mut first, mut second] = state.postures();
+        let by = [half * cos - 0.5 * x, half * sin - 0.5 * y];
+        (first.x, first.y) = (first.x - by[0], first.y - by[1]);
+        (second.x, second.y) = (second.x + by[0], second.y + by[1]);
         first.phi = wrap_angle(direction - seen.alpha);
         second.phi = wrap_angle(direction - seen.alpha + r.phi);
         let heading = [

@@ -7,19 +7,16 @@
 use core::hint::cold_path;
 
 /// The greater of two numbers; `b` if one of them is NaN.
-#[inline(always)]
 pub fn greater(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
 /// The lesser of two numbers; `b` if one of them is NaN.
-#[inline(always)]
 pub fn lesser(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
 /// `x` limited to ±`bound`, which is not negative; cheap where `x` lies within. NaN becomes ±`bound`.
-#[inline(always)]
 pub fn bounded(x: f32, bound: f32) -> f32 {
     if x.abs() <= bound {
         x
@@ -31,7 +28,6 @@ pub fn bounded(x: f32, bound: f32) -> f32 {
 
 /// True if all are finite. On a Cortex-M4F this takes two instructions a value; `f32::is_finite`
 /// beside other comparisons becomes a classification of bits, more than twenty.
-#[inline(always)]
 pub fn all_finite<const N: usize>(values: [f32; N]) -> bool {
     // 0·x is zero for what is finite and NaN for all else.
     values.iter().fold(0.0, |sum, value| sum + 0.0 * value) == 0.0

@@ -1,7 +1,6 @@
 //! Planar rigid motion: posture, twist, composition and its Jacobians.
 
 use super::matrix::Mat3;
-use super::small_angle::sin_cos_of_heading;
 use super::trig::{cos, sin, sin_cos, wrap_angle};
 use core::f32::consts::PI;
 
@@ -131,7 +130,7 @@ impl Posture {
     }
 }
 
-/// A posture with the sine and cosine of its heading (to 5e-7), taken once for all who need them.
+/// A posture with the sine and cosine of its heading taken once for all who need them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transform {
     /// The posture.
@@ -143,16 +142,14 @@ pub struct Transform {
 }
 
 impl From<Posture> for Transform {
-    #[inline(always)]
     fn from(posture: Posture) -> Self {
-        let (sin, cos) = sin_cos_of_heading(posture.phi);
+        let (sin, cos) = sin_cos(posture.phi);
         Self { posture, sin, cos }
     }
 }
 
 impl Transform {
     /// The same place, looking the other way.
-    #[inline(always)]
     pub fn turned(&self) -> Self {
         let phi = wrap_angle(self.posture.phi + PI);
         Self {

@@ -7,7 +7,6 @@
 //! with a sum.
 
 use core::f32::consts::{FRAC_2_PI, FRAC_PI_2, PI, TAU};
-use core::hint::cold_path;
 
 /// Adding and then subtracting 1.5 · 2^23 rounds to the nearest integer, which then stands in the
 /// lowest bits.
@@ -23,7 +22,6 @@ const REDUCTION_LIMIT: f32 = 8192.0;
 const SIGN: u32 = 1 << 31;
 
 /// The size of `size`, which is positive, with the sign of `sign`.
-#[inline(always)]
 fn with_sign(size: f32, sign: f32) -> f32 {
     f32::from_bits(size.to_bits() | sign.to_bits() & SIGN)
 }
@@ -47,9 +45,8 @@ fn sin_cos_far(x: f32) -> (f32, f32) {
     sin_cos_near(x % TAU)
 }
 
-/// The same for |x| ≤ 8192, or NaN, which costs five instructions less.
-#[inline(always)]
-pub fn sin_cos_near(x: f32) -> (f32, f32) {
+/// The same for |x| ≤ 8192, or NaN.
+fn sin_cos_near(x: f32) -> (f32, f32) {
     let rounded = x * FRAC_2_PI + ROUND;
     let n = rounded - ROUND;
     let quarters = rounded.to_bits();
@@ -81,7 +78,6 @@ pub fn cos(x: f32) -> f32 {
 }
 
 /// Arc tangent of a number within [−1, 1], to 2e-7.
-#[inline(always)]
 fn atan_unit(x: f32) -> f32 {
     let z = x * x;
     x * (ATAN[0]
@@ -123,7 +119,6 @@ pub fn atan2(y: f32, x: f32) -> f32 {
 }
 
 /// Square root, correctly rounded; NaN below zero.
-#[inline(always)]
 pub fn sqrt(x: f32) -> f32 {
     square_root::sqrt(x)
 }
@@ -147,7 +142,9 @@ const TANH_BELOW: [f32; 4] = [4_043_942.8, 1_870_771.9, 96_351.05, 966.956_24];
 #[inline]
 pub fn tanh(x: f32) -> f32 {
     if x.abs() < TANH_LIMIT {
-        tanh_near(x)
+        let z = x * x;
+        x * (TANH_ABOVE[0] + z * (TANH_ABOVE[1] + z * (TANH_ABOVE[2] + z * TANH_ABOVE[3])))
+            / (TANH_BELOW[0] + z * (TANH_BELOW[1] + z * (TANH_BELOW[2] + z * (TANH_BELOW[3] + z))))
     } else if x.is_nan() {
         x
     } else {
@@ -155,29 +152,17 @@ pub fn tanh(x: f32) -> f32 {
     }
 }
 
-#[inline(always)]
-fn tanh_near(x: f32) -> f32 {
-    let z = x * x;
-    x * (TANH_ABOVE[0] + z * (TANH_ABOVE[1] + z * (TANH_ABOVE[2] + z * TANH_ABOVE[3])))
-        / (TANH_BELOW[0] + z * (TANH_BELOW[1] + z * (TANH_BELOW[2] + z * (TANH_BELOW[3] + z))))
-}
-
-/// Hyperbolic tangents of any `x` and of an `angle` (radians) within a turn either way; as two
-/// calls of [`tanh`], for the constants of one.
-#[inline(always)]
-pub fn tanh_and_of_angle(x: f32, angle: f32) -> (f32, f32) {
-    if x.abs() < TANH_LIMIT {
-        (tanh_near(x), tanh_near(angle))
-    } else {
-        cold_path();
-        (tanh(x), tanh(angle))
-    }
-}
-
 /// `e^x`.
 #[inline]
 pub fn exp(x: f32) -> f32 {
     libm::expf(x)
+}
+
+/// `1 − e^(−x)`, the share of the way to its target that a first-order lag makes in x time constants;
+/// for x ≥ 0 to 3e-7 of itself. NaN gives NaN.
+#[inline]
+pub fn lag_gain(x: f32) -> f32 {
+    -libm::expm1f(-x)
 }
 
 /// Natural logarithm.
@@ -217,6 +202,17 @@ pub fn wrap_angle(angle: f32) -> f32 {
         reduced + TAU
     } else {
         reduced
+    }
+}
+
+/// The same in `f64`.
+#[inline]
+pub fn wrap_angle_f64(angle: f64) -> f64 {
+    use core::f64::consts::{PI, TAU};
+    if angle.abs() <= PI {
+        angle
+    } else {
+        angle - TAU * libm::round(angle / TAU)
     }
 }
 

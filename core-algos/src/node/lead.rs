@@ -323,7 +323,6 @@ impl LeadNode {
         };
         let center = Transform::from(fused.robot.posture);
         let driven = self.state.odom.unwrap_or(center.posture);
-        let dt = seconds(EPOCH);
 
         // Before it drives the robot holds still: a frame that swings has to come to rest.
         let decision = match supervision.permit {
@@ -338,8 +337,8 @@ impl LeadNode {
             }
         };
         match decision.wish {
-            Some(wish) => self.with.governor.step(&mut self.state.governor, &wish, dt),
-            None => self.with.governor.stop(&mut self.state.governor, dt),
+            Some(wish) => self.with.governor.step(&mut self.state.governor, &wish),
+            None => self.with.governor.stop(&mut self.state.governor),
         }
         let motion = self.state.governor.motion;
         (self.state.done, self.state.failed) = (decision.done, decision.failed);

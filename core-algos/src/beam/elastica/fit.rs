@@ -28,7 +28,6 @@ pub struct Fit {
 
 impl Solver {
     /// Covariances of the parameters: in all, without the walk of the zeros, and of the noise alone.
-    #[inline(always)]
     fn spreads(&self, inverse: &Mat3, shape: &Shape, readings: &Readings) -> [Mat3; 3] {
         let (strip, Readings { k, weights, .. }) = (&self.strip, readings);
         // Parameters: independent errors weigh by construction; common ones move all readings.

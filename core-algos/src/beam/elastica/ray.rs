@@ -1,6 +1,5 @@
 //! Integration of the elastica from the middle outward.
 
-use crate::math::small_angle;
 use crate::math::trig::sin_cos;
 
 /// Curvature at the middle and force there, in units of 1/L and EI/L², in the frame of the
@@ -83,11 +82,7 @@ impl Ray {
                     d_theta[j] += a * d_bend[earlier][j];
                 }
             }
-            let (s, c) = if theta.abs() <= small_angle::LIMIT {
-                small_angle::sin_cos(theta)
-            } else {
-                sin_cos(theta)
-            };
+            let (s, c) = sin_cos(theta);
             bend[stage] = fx * s - fy * c;
             let stiffness = fx * c + fy * s;
             d_bend[stage] = [

@@ -6,19 +6,22 @@ fn frame() -> Cascade {
     cascade::Config::default().build().unwrap()
 }
 
+/// Interval between the steps of most tests, s.
+const DT: f32 = 0.01;
+
 fn governor() -> Governor {
-    Config::default().build(&frame()).unwrap()
+    Config::default().build(&frame(), DT).unwrap()
 }
 
-fn stepped(governor: &Governor, state: &State, wish: &Wish, dt: f32) -> State {
+fn stepped(governor: &Governor, state: &State, wish: &Wish) -> State {
     let mut state = *state;
-    governor.step(&mut state, wish, dt);
+    governor.step(&mut state, wish);
     state
 }
 
-fn stopped(governor: &Governor, state: &State, dt: f32) -> State {
+fn stopped(governor: &Governor, state: &State) -> State {
     let mut state = *state;
-    governor.stop(&mut state, dt);
+    governor.stop(&mut state);
     state
 }
 
@@ -39,9 +42,9 @@ fn fastest_wheel(motion: &Motion, half_track: f32) -> f32 {
         .fold(0.0, f32::max)
 }
 
-fn run(governor: &Governor, mut state: State, wish: Wish, dt: f32, time: f32) -> State {
-    for _ in 0..(time / dt).round() as usize {
-        state = stepped(governor, &state, &wish, dt);
+fn run(governor: &Governor, mut state: State, wish: Wish, time: f32) -> State {
+    for _ in 0..(time / DT).round() as usize {
+        state = stepped(governor, &state, &wish);
     }
     state
 }
@@ -50,11 +53,10 @@ properties! { cases 200;
     /// Whatever is asked, at whatever interval, and stopped or not: all limits hold.
     #[test]
     fn no_limit_is_ever_exceeded(
-        wheel in 0.3f32..0.7, max_speed in 0.1f32..1.0,
+        wheel in 0.3f32..0.7, max_speed in 0.1f32..1.0, dt in 0.0005f32..0.02,
         wishes in prop::collection::vec(
             (
-                (-2.0f32..2.0, -1.0f32..1.0), (-1.0f32..1.0, -3.0f32..3.0),
-                0.0005f32..0.05, 1usize..60, 0u8..8,
+                (-2.0f32..2.0, -1.0f32..1.0), (-1.0f32..1.0, -3.0f32..3.0), 1usize..60, 0u8..8,
             ),
             1..30,
         ),
@@ -62,16 +64,16 @@ properties! { cases 200;
         let config = Config {
             max_wheel_speed_m_s: wheel, max_speed_m_s: max_speed, ..Config::default()
         };
-        let governor = config.build(&frame()).unwrap();
+        let governor = config.build(&frame(), dt).unwrap();
         let mut state = State::default();
-        for ((v, v_rate), (psi, psi_rate), dt, steps, kind) in wishes {
+        for ((v, v_rate), (psi, psi_rate), steps, kind) in wishes {
             let wish = Wish { v, v_rate, psi: Steering(psi), psi_rate, ..Wish::default() };
             for _ in 0..steps {
                 let before = state.motion;
                 state = match kind {
-                    0 => stopped(&governor, &state, dt),
-                    1 => stepped(&governor, &state, &Wish { v: f32::NAN, ..wish }, dt),
-                    _ => stepped(&governor, &state, &wish, dt),
+                    0 => stopped(&governor, &state),
+                    1 => stepped(&governor, &state, &Wish { v: f32::NAN, ..wish }),
+                    _ => stepped(&governor, &state, &wish),
                 };
                 let now = state.motion;
                 let acceleration = if kind < 2 { 0.8 } else { 0.4 };
@@ -83,7 +85,6 @@ properties! { cases 200;
                 prop_assert!(fastest_wheel(&now, 0.162) <= wheel * 1.0001);
                 prop_assert!(before.v * now.v >= 0.0, "direction changes through zero");
                 // The rates are those of the values.
-                let dt = dt.min(0.02);
                 prop_assert!((now.v - before.v - now.v_rate * dt).abs() < 1e-6);
                 let mean = 0.5 * (before.psi_rate + now.psi_rate);
                 prop_assert!((now.psi.0 - before.psi.0 - mean * dt).abs() < 1e-6);
@@ -94,7 +95,7 @@ properties! { cases 200;
     // Above 0.24 m/s the wheel speed limit holds at the largest steering angle.
     #[test]
     fn a_constant_wish_is_reached(v in -0.24f32..0.24, psi in -0.5f32..0.5, from in -0.5f32..0.5) {
-        let state = run(&governor(), State::at_rest(Steering(from)), wish(v, psi), 0.01, 6.0);
+        let state = run(&governor(), State::at_rest(Steering(from)), wish(v, psi), 6.0);
         prop_assert!((state.motion.v - v).abs() < 1e-4);
         prop_assert!((state.motion.psi.0 - psi).abs() < 1e-4);
     }
@@ -103,7 +104,7 @@ properties! { cases 200;
     fn no_overshoot_from_rest(psi in -0.5f32..0.5) {
         let (governor, mut state) = (governor(), State::default());
         for _ in 0..300 {
-            state = stepped(&governor, &state, &wish(0.1, psi), 0.01);
+            state = stepped(&governor, &state, &wish(0.1, psi));
             prop_assert!(state.motion.psi.0 * psi >= 0.0);
             prop_assert!(state.motion.psi.0.abs() <= psi.abs() + 1e-5);
         }
@@ -113,12 +114,12 @@ properties! { cases 200;
 /// Inside its limits the filter of ψ is the continuous one: `1 − (1 + ωt) e^(−ωt)`.
 #[test]
 fn small_step_follows_the_critically_damped_response() {
-    let governor = governor();
     for dt in [0.001f32, 0.01, 0.02] {
+        let governor = Config::default().build(&frame(), dt).unwrap();
         let mut state = State::default();
         for i in 1..=(1.0 / dt) as usize {
             let wish = wish(0.0, 0.1);
-            state = stepped(&governor, &state, &wish, dt);
+            state = stepped(&governor, &state, &wish);
             let x = 8.0 * f64::from(dt) * i as f64;
             let exact = 0.1 * (1.0 - (1.0 + x) * (-x).exp());
             // A hold over half an interval delays the sampled filter by no more than that.
@@ -140,8 +141,8 @@ fn known_rate_removes_the_lag() {
             psi_rate,
             ..Wish::default()
         };
-        with = stepped(&governor, &with, &wish(0.4), 0.01);
-        without = stepped(&governor, &without, &wish(0.0), 0.01);
+        with = stepped(&governor, &with, &wish(0.4));
+        without = stepped(&governor, &without, &wish(0.0));
     }
     assert!((with.motion.psi.0 - 0.4).abs() < 0.006);
     // 2/ω behind.
@@ -159,7 +160,7 @@ fn known_acceleration_removes_the_lag_of_speed() {
             v_rate: 0.25,
             ..Wish::default()
         };
-        state = stepped(&governor, &state, &wish, 0.01);
+        state = stepped(&governor, &state, &wish);
     }
     // Where the wish is at the end of the step.
     assert!((state.motion.v - 0.2025).abs() < 1e-4, "{}", state.motion.v);
@@ -168,12 +169,12 @@ fn known_acceleration_removes_the_lag_of_speed() {
 #[test]
 fn speed_waits_for_steering() {
     let governor = governor();
-    let start = run(&governor, State::default(), wish(0.25, 0.0), 0.01, 3.0);
+    let start = run(&governor, State::default(), wish(0.25, 0.0), 3.0);
     let turned = wish(0.25, 0.45);
     let mut slowest = f32::MAX;
     let mut state = start;
     for _ in 0..300 {
-        state = stepped(&governor, &state, &turned, 0.01);
+        state = stepped(&governor, &state, &turned);
         slowest = slowest.min(state.motion.v);
     }
     assert!(start.motion.v > 0.249 && slowest < 0.15);
@@ -183,7 +184,7 @@ fn speed_waits_for_steering() {
 #[test]
 fn first_drive_begins_at_once_in_either_direction() {
     for v in [-0.2, 0.2] {
-        let state = stepped(&governor(), &State::default(), &wish(v, 0.0), 0.01);
+        let state = stepped(&governor(), &State::default(), &wish(v, 0.0));
         assert!(state.motion.v * v > 0.0, "{v}");
     }
 }
@@ -192,55 +193,52 @@ fn first_drive_begins_at_once_in_either_direction() {
 fn change_of_direction_rests_at_zero() {
     let governor = governor();
     let wish = |v| wish(v, 0.0);
-    let mut state = run(&governor, State::default(), wish(0.2), 0.01, 3.0);
+    let mut state = run(&governor, State::default(), wish(0.2), 3.0);
     let mut resting = 0;
     for _ in 0..300 {
-        state = stepped(&governor, &state, &wish(-0.2), 0.01);
+        state = stepped(&governor, &state, &wish(-0.2));
         resting += usize::from(state.motion.v == 0.0);
     }
     assert!(state.motion.v < -0.19);
     assert!((10..=12).contains(&resting), "{resting}");
     // Having rested already, the next change starts at once.
-    state = run(&governor, state, wish(0.0), 0.01, 2.0);
+    state = run(&governor, state, wish(0.0), 2.0);
     assert_eq!(state.motion.v, 0.0);
-    assert!(stepped(&governor, &state, &wish(0.2), 0.01).motion.v > 0.0);
+    assert!(stepped(&governor, &state, &wish(0.2)).motion.v > 0.0);
 }
 
 #[test]
 fn stop_is_a_ramp_to_rest() {
     let governor = governor();
     let turning = wish(0.25, 0.4);
-    let moving = run(&governor, State::default(), turning, 0.01, 0.4);
+    let moving = run(&governor, State::default(), turning, 0.4);
     assert!(moving.motion.v > 0.01 && moving.motion.psi_rate > 0.1);
-    let braking = stopped(&governor, &moving, 0.01).motion.v_rate;
+    let braking = stopped(&governor, &moving).motion.v_rate;
     assert!((braking + 0.8).abs() < 1e-4, "{braking}");
     let mut state = moving;
     let steps = (moving.motion.v / 0.8 / 0.01).ceil() as usize;
     for _ in 0..steps.max(13) {
-        state = stopped(&governor, &state, 0.01);
+        state = stopped(&governor, &state);
     }
     assert_eq!((state.motion.v, state.motion.psi_rate), (0.0, 0.0));
-    let held = stopped(&governor, &state, 0.01).motion.psi;
+    let held = stopped(&governor, &state).motion.psi;
     assert_eq!(held, state.motion.psi);
 }
 
 #[test]
-fn absent_wish_brakes_and_a_bad_interval_changes_nothing() {
+fn absent_wish_brakes() {
     let governor = governor();
     let wish = wish(0.2, 0.1);
-    let moving = run(&governor, State::default(), wish, 0.01, 2.0);
+    let moving = run(&governor, State::default(), wish, 2.0);
     for bad in [f32::NAN, f32::INFINITY] {
         let absent = Wish {
             psi: Steering(bad),
             ..wish
         };
-        let braking = stopped(&governor, &moving, 0.01);
+        let braking = stopped(&governor, &moving);
         for absent in [absent, Wish::from_curvature(&frame(), 0.2, bad)] {
-            assert_eq!(stepped(&governor, &moving, &absent, 0.01), braking);
+            assert_eq!(stepped(&governor, &moving, &absent), braking);
         }
-    }
-    for bad in [f32::NAN, 0.0, -1.0] {
-        assert_eq!(stepped(&governor, &moving, &wish, bad), moving);
     }
 }
 
@@ -260,7 +258,7 @@ fn steering_is_no_faster_than_speed_can_brake_for_it() {
         max_acceleration_m_s2: 0.1,
         ..Config::default()
     };
-    let governor = config.build(&frame()).unwrap();
+    let governor = config.build(&frame(), DT).unwrap();
     let limit = |psi| f64::from(governor.speed_limit(Steering(psi)));
     let slopes = (1..5000).map(|i| (limit(1e-4 * i as f32 - 1e-4) - limit(1e-4 * i as f32)) / 1e-4);
     let steepest = slopes.fold(0.0, f64::max);
@@ -276,7 +274,7 @@ fn wish_to_slow_down_at_rest_does_not_back_the_robot() {
         v_rate: -0.3,
         ..Wish::default()
     };
-    let state = stepped(&governor(), &State::default(), &wish, 0.01);
+    let state = stepped(&governor(), &State::default(), &wish);
     assert_eq!((state.motion.v, state.direction), (0.0, 0.0));
 }
 
@@ -286,7 +284,7 @@ fn each_change_of_direction_has_its_own_rest() {
     let mut state = State::default();
     for v in [0.1, -0.1, 0.1] {
         let before = state.rest_s;
-        state = run(&governor, state, wish(v, 0.0), 0.01, 2.0);
+        state = run(&governor, state, wish(v, 0.0), 2.0);
         assert!(state.motion.v * v > 0.0 && before == 0.0);
         assert_eq!(state.rest_s, 0.0, "in motion");
     }
@@ -298,14 +296,18 @@ fn stop_may_be_as_gentle_as_braking() {
         stop_deceleration_m_s2: Config::default().max_acceleration_m_s2,
         ..Config::default()
     };
-    assert!(config.build(&frame()).is_ok());
+    assert!(config.build(&frame(), DT).is_ok());
 }
 
 #[test]
 fn impossible_limits_are_named() {
-    crate::config::refusal_of(Config::default(), |c| c.build(&frame())).names(&[
+    crate::config::refusal_of(Config::default(), |c| c.build(&frame(), DT)).names(&[
         ("max_wheel_speed_m_s", |c| c.max_wheel_speed_m_s = 0.1),
         ("max_steering_rad", |c| c.max_steering_rad = 0.6),
         ("stop_deceleration_m_s2", |c| c.stop_deceleration_m_s2 = 0.1),
     ]);
+    for interval in [f32::NAN, 0.0, -1.0, 1.0] {
+        let refused = Config::default().build(&frame(), interval).unwrap_err();
+        assert_eq!(refused.field, "interval_s");
+    }
 }

@@ -22,7 +22,6 @@ mod observe;
 mod upkeep;
 
 use super::{N, PHI, X, Y};
-use crate::math::TwoFloat;
 use crate::math::matrix::{Mat, Mat3};
 
 /// Variances are scaled back to this (in squared state units) when they pass it.
@@ -57,7 +56,6 @@ struct PositionNoise {
 }
 
 impl PositionNoise {
-    #[inline(always)]
     fn add(&mut self, a: [f32; 3], variance: f32) {
         let scaled = variance * a[Y];
         self.yy += scaled * a[Y];
@@ -81,7 +79,6 @@ pub(super) struct Motion {
 
 /// Column `J` of a factorised matrix takes its share of `variance · a aᵀ`; `a` and `variance` are
 /// what remains for the columns before it. Returns β and the ratio of the diagonal entries.
-#[inline(always)]
 fn absorb<const K: usize, const J: usize>(
     factors: &mut Mat<K, K>,
     a: &mut [f32; K],
@@ -103,7 +100,6 @@ fn absorb<const K: usize, const J: usize>(
 }
 
 /// `Σ a[k] b[k]` of a row of G and a motion.
-#[inline(always)]
 fn dot(a: &[f32; M], b: &[f32; M]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 }
@@ -123,19 +119,19 @@ impl Covariance {
     /// From a symmetric positive semidefinite matrix; its upper triangle is read. A state whose
     /// variance is, up to rounding, explained by later ones gets none of its own.
     pub fn from_matrix(matrix: &Mat<N, N>) -> Self {
-        let mut rest = matrix.map(|row| row.map(TwoFloat::from_f32));
+        let mut rest = matrix.map(|row| row.map(f64::from));
         let mut factors = [[0.0; N]; N];
         for j in (0..N).rev() {
             let pivot = rest[j][j];
-            if !(pivot.high > 0.0 && pivot.is_finite()) {
+            if !(pivot > 0.0 && pivot.is_finite()) {
                 continue;
             }
-            factors[j][j] = pivot.value();
+            factors[j][j] = pivot as f32;
             for i in 0..j {
                 let factor = rest[i][j] / pivot;
-                factors[i][j] = factor.value();
+                factors[i][j] = factor as f32;
                 for k in 0..=i {
-                    rest[k][i] = rest[k][i] - factor * rest[k][j];
+                    rest[k][i] -= factor * rest[k][j];
                 }
             }
         }
@@ -188,7 +184,6 @@ impl Covariance {
     }
 
     /// True if (v, v̇) and (φ̇, φ̈) are correlated.
-    #[inline(always)]
     pub(super) fn is_coupled(&self) -> bool {
         self.coupled
     }
@@ -218,23 +213,22 @@ impl Covariance {
 
     /// Entry of U: row `i`, column `j`.
     fn unit(&self, i: usize, j: usize) -> f32 {
-        self.wide_unit(i, j).value()
+        self.wide_unit(i, j) as f32
     }
 
-    fn wide_unit(&self, i: usize, j: usize) -> TwoFloat {
-        let entry = |value| TwoFloat::from_f32(value);
+    fn wide_unit(&self, i: usize, j: usize) -> f64 {
         match (i, j) {
-            _ if i == j => TwoFloat::ONE,
-            _ if i > j => TwoFloat::ZERO,
-            (0..3, 0..3) => entry(self.own[i][j]),
+            _ if i == j => 1.0,
+            _ if i > j => 0.0,
+            (0..3, 0..3) => self.own[i][j].into(),
             (0..3, _) => {
-                let mut sum = entry(self.follow[i][j - 3]);
+                let mut sum = f64::from(self.follow[i][j - 3]);
                 for k in 0..j - 3 {
-                    sum = sum + entry(self.follow[i][k]) * entry(self.motion[k][j - 3]);
+                    sum += f64::from(self.follow[i][k]) * f64::from(self.motion[k][j - 3]);
                 }
                 sum
             }
-            _ => entry(self.motion[i - 3][j - 3]),
+            _ => self.motion[i - 3][j - 3].into(),
         }
     }
 
@@ -277,16 +271,13 @@ impl Covariance {
     }
 
     /// P with more digits than `f32`, so that it stays positive definite however small a pivot is.
-    pub fn wide_matrix(&self) -> [[TwoFloat; N]; N] {
-        let mut full = [[TwoFloat::ZERO; N]; N];
+    pub fn wide_matrix(&self) -> [[f64; N]; N] {
+        let mut full = [[0.0; N]; N];
         for i in 0..N {
             for j in i..N {
-                let mut sum = TwoFloat::ZERO;
+                let mut sum = 0.0;
                 for k in j..N {
-                    let term = self.wide_unit(i, k)
-                        * self.wide_unit(j, k)
-                        * TwoFloat::from_f32(self.pivot(k));
-                    sum = sum + term;
+                    sum += self.wide_unit(i, k) * self.wide_unit(j, k) * f64::from(self.pivot(k));
                 }
                 full[i][j] = sum;
                 full[j][i] = sum;
@@ -316,14 +307,12 @@ impl Covariance {
     }
 
     /// Change of the posture by a change of the motion: G · `change`.
-    #[inline(always)]
     pub(super) fn follow(&self, change: &[f32; M]) -> [f32; 3] {
         let [x, y, phi] = &self.follow;
         [dot(x, change), dot(y, change), dot(phi, change)]
     }
 
     /// A P Aᵀ (eq. 17).
-    #[inline(always)]
     pub(super) fn propagate(&mut self, motion: &Motion) {
         let Motion {
             t,
@@ -371,7 +360,6 @@ impl Covariance {
     /// components of `b` after `LAST` are zero. `along` is row · b, given apart so that zeros of `b`
     /// cost nothing. Returns what the posture is moved by that the motion does not show, and its
     /// variance.
-    #[inline(always)]
     fn add_motion_noise<const LAST: usize>(
         &mut self,
         a: [f32; 3],
@@ -416,7 +404,6 @@ impl Covariance {
 
     /// The same for noise that moves state `I` by `b` and state `K` > `I` by 1, when no other state
     /// is correlated with these two.
-    #[inline(always)]
     fn add_pair_noise<const I: usize, const K: usize>(
         &mut self,
         b: f32,
@@ -444,7 +431,6 @@ impl Covariance {
     /// Adds the noise of the motion model: jerk and yaw jerk (variances of the change of v̇ and φ̈,
     /// while v and φ̇ change by `half_t` times as much), slip along and across the heading, whose
     /// cosine and sine are given, and in heading.
-    #[inline(always)]
     pub(super) fn add_model_noise(
         &mut self,
         half_t: f32,
@@ -483,7 +469,6 @@ impl Covariance {
     }
 
     /// Takes in what a noise of the posture moves the heading by; the rest goes to `position`.
-    #[inline(always)]
     fn add_own_noise(
         &mut self,
         (mut a, mut variance): ([f32; 3], f32),
@@ -494,7 +479,6 @@ impl Covariance {
     }
 
     /// Adds noise that moves the position alone.
-    #[inline(always)]
     fn add_position_noise(&mut self, noise: &PositionNoise) {
         let u = self.own[X][Y];
         let after = self.own[Y][Y] + noise.yy + f32::MIN_POSITIVE;

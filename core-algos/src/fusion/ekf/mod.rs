@@ -280,7 +280,7 @@ impl State {
     /// definite; its upper triangle is read.
     pub fn from_parts(x: [f32; N], covariance: &Mat<N, N>) -> Self {
         Self {
-            posture: [x[X], x[Y], wrap_angle(x[PHI])].map(TwoFloat::from_f32),
+            posture: [x[X], x[Y], wrap_angle(x[PHI])].map(TwoFloat::from),
             motion: [x[V], x[V + 1], x[V + 2], x[V + 3]],
             covariance: Covariance::from_matrix(covariance),
             upkeep: 0,
@@ -290,13 +290,13 @@ impl State {
 
     /// Posture of the axle's midpoint; heading within [−π, π].
     pub fn posture(&self) -> Posture {
-        let [x, y, phi] = self.posture.map(TwoFloat::value);
+        let [x, y, phi] = self.posture.map(|entry| entry.high);
         Posture::new(x, y, phi)
     }
 
-    /// Posture with all its digits.
-    pub fn precise_posture(&self) -> [TwoFloat; 3] {
-        self.posture
+    /// Posture with all digits.
+    pub fn precise_posture(&self) -> [f64; 3] {
+        self.posture.map(f64::from)
     }
 
     /// Forward speed and yaw rate.
@@ -327,7 +327,6 @@ impl State {
     }
 
     /// Moves the posture on.
-    #[inline(always)]
     fn advance(&mut self, mut by: [f32; 3]) {
         // Once its gates let in what it does not believe, a filter may turn by more than once.
         by[PHI] = wrap_angle(by[PHI]);
@@ -345,7 +344,6 @@ impl State {
     }
 
     /// Takes in what measurements of the motion have shown of its error.
-    #[inline(always)]
     fn correct(&mut self, change: &[f32; M]) {
         self.advance(self.covariance.follow(change));
         for k in 0..M {

@@ -46,14 +46,12 @@ impl Reduction {
     }
 
     /// True if the second of the two measurements sees v too.
-    #[inline(always)]
     pub(super) fn couples(&self) -> bool {
         self.coupling != 0.0
     }
 
     /// Change of the motion by the sensors' innovations and that of the acceleration, for
     /// measurements and a covariance that do not tie (v, v̇) to (φ̇, φ̈).
-    #[inline(always)]
     pub(super) fn change_by_pairs(
         &self,
         p: &mut Covariance,
@@ -140,7 +138,6 @@ impl AxleFilter {
     }
 
     /// The same of the covariance alone; returns the change of the motion.
-    #[inline(always)]
     pub(super) fn change_by_rates(
         state: &mut State,
         reduction: &Reduction,

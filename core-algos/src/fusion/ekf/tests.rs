@@ -167,7 +167,7 @@ fn errors(state: &State, reference: &Reference) -> (f64, f64) {
     let posture = state.precise_posture();
     let mut pose = 0.0f64;
     for k in 0..3 {
-        let d = posture[k].high as f64 + posture[k].low as f64 - reference.x[k];
+        let d = posture[k] - reference.x[k];
         pose = pose.max(if k == 2 { wrap(d).abs() } else { d.abs() });
     }
     (pose, covariance_error(&p, &reference.p))
@@ -603,8 +603,8 @@ fn shift_moves_the_position_alone() {
     let mut state = State::from_parts([1.0, 2.0, 0.5, 0.1, 0.2, 0.3, 0.4], &[[0.0; 7]; 7]);
     let mut expected = state;
     state.shift([0.25, -0.5]);
-    expected.posture[X] = crate::math::TwoFloat::from_f32(1.25);
-    expected.posture[Y] = crate::math::TwoFloat::from_f32(1.5);
+    expected.posture[X] = 1.25.into();
+    expected.posture[Y] = 1.5.into();
     assert_eq!(state, expected);
 }
 

@@ -84,18 +84,10 @@ fn covariance(decades: f64) -> impl Strategy<Value = M> {
         })
 }
 
-fn wide(m: &M) -> Wide33 {
-    m.map(|row| row.map(|x| TwoFloat::from_sum(x as f32, (x - x as f32 as f64) as f32)))
-}
-
-fn exact(m: &Wide33) -> M {
-    m.map(|row| row.map(|x| x.high as f64 + x.low as f64))
-}
-
 fn extended(posture: [f32; 3], covariance: &M) -> ExtendedEstimate {
     ExtendedEstimate {
-        posture: posture.map(TwoFloat::from_f32),
-        covariance: wide(covariance),
+        posture: posture.map(f64::from),
+        covariance: *covariance,
     }
 }
 
@@ -114,23 +106,11 @@ fn check(criterion: Criterion, a: &M, b: &M) -> Result<(), TestCaseError> {
         extended([1.0, -2.0, 3.0], a),
         extended([1.1, -2.3, -3.1], b),
     );
-    let (a, b) = (exact(&ea.covariance), exact(&eb.covariance));
     let omega = match criterion {
-        Criterion::Determinant => reference_determinant(&a, &b),
-        Criterion::Trace => reference_trace(&a, &b, [1.0, 1.0, 0.2f32 as f64 * 0.2f32 as f64]),
+        Criterion::Determinant => reference_determinant(a, b),
+        Criterion::Trace => reference_trace(a, b, [1.0, 1.0, 0.2f32 as f64 * 0.2f32 as f64]),
     };
-    let intersection = by(criterion);
-    for fused in [
-        intersection.fuse_extended(&ea, &eb).unwrap(),
-        intersection.fuse_wide(&ea, &eb).unwrap(),
-    ] {
-        check_fused(&fused, omega, &a, &b)?;
-    }
-    Ok(())
-}
-
-/// A result for the postures of [`check`] against `f64`.
-fn check_fused(fused: &Fused, omega: f64, a: &M, b: &M) -> Result<(), TestCaseError> {
+    let fused = by(criterion).fuse_extended(&ea, &eb).unwrap();
     prop_assert!(
         (fused.omega as f64 - omega).abs() < 5e-6,
         "{} {omega}",
@@ -249,7 +229,6 @@ fn bad_input_is_refused() {
                 assert!(ci.fuse(a, b).is_none());
                 let [a, b] = [a, b].map(ExtendedEstimate::from);
                 assert!(ci.fuse_extended(&a, &b).is_none());
-                assert!(ci.fuse_wide(&a, &b).is_none());
             }
         }
     }
@@ -262,18 +241,16 @@ fn headings_many_turns_apart_are_the_same_heading() {
     let ci = by(Criterion::Determinant);
     for (from, turns) in [(0.3, 5), (-1.2, -7), (3.1, 1), (-3.1, 0), (0.0, 40)] {
         let to = 0.3 + core::f64::consts::TAU * f64::from(turns);
-        let wide = |x: f64| TwoFloat::from_sum(x as f32, (x - f64::from(x as f32)) as f32);
         let [a, b] = [from, to].map(|phi| ExtendedEstimate {
-            posture: [TwoFloat::ZERO, TwoFloat::ZERO, wide(phi)],
-            covariance: testing::wide(&matrix::diagonal([0.01; 3])).map(|row| row.map(wide)),
+            posture: [0.0, 0.0, phi],
+            covariance: diagonal([0.01; 3]),
         });
-        let turn = difference(&a, &b)[2];
-        let error = f64::from(turn.high) + f64::from(turn.low) - wrap(0.3 - from);
+        let error = difference(&a, &b)[2] - wrap(0.3 - from);
         assert!(error.abs() < 1e-11, "{from} {turns}: {error:e}");
         let halfway = from + 0.5 * wrap(0.3 - from);
         let [narrow_a, narrow_b] = [from, to]
             .map(|phi| Estimate::with_sigmas(Posture::new(0.0, 0.0, phi as f32), [0.1; 3]));
-        for fused in [ci.fuse(&narrow_a, &narrow_b), ci.fuse_wide(&a, &b)] {
+        for fused in [ci.fuse(&narrow_a, &narrow_b), ci.fuse_extended(&a, &b)] {
             let phi = fused.unwrap().estimate.posture.phi;
             assert!(phi.abs() <= core::f32::consts::PI);
             assert!(wrap(f64::from(phi) - halfway).abs() < 2e-5);
@@ -298,8 +275,7 @@ fn upper_triangles_are_not_read() {
         assert_eq!(ci.fuse(&a, &b), ci.fuse(&lower_a, &lower_b));
         let [a, b, lower_a, lower_b] =
             [a, b, lower_a, lower_b].map(|estimate| ExtendedEstimate::from(&estimate));
-        assert!(ci.fuse_wide(&a, &b).is_some());
-        assert_eq!(ci.fuse_wide(&a, &b), ci.fuse_wide(&lower_a, &lower_b));
+        assert!(ci.fuse_extended(&a, &b).is_some());
         assert_eq!(
             ci.fuse_extended(&a, &b),
             ci.fuse_extended(&lower_a, &lower_b)
@@ -332,12 +308,9 @@ fn weights_at_and_beside_the_ends_are_exact() {
                 Criterion::Determinant => reference_determinant(&m, &n),
                 Criterion::Trace => reference_trace(&m, &n, [1.0, 1.0, 0.25]),
             };
-            let [wide_a, wide_b] = [&a, &b].map(ExtendedEstimate::from);
             for (fused, expected) in [
                 (intersection.fuse(&a, &b), best),
-                (intersection.fuse_wide(&wide_a, &wide_b), best),
                 (intersection.fuse(&b, &a), 1.0 - best),
-                (intersection.fuse_wide(&wide_b, &wide_a), 1.0 - best),
             ] {
                 let omega = f64::from(fused.unwrap().omega);
                 assert!(
@@ -348,8 +321,8 @@ fn weights_at_and_beside_the_ends_are_exact() {
             }
         }
         let [a, b] = [identity, diagonal(b)].map(|m| extended([0.0; 3], &m));
-        assert_eq!(intersection.fuse_wide(&a, &b).unwrap().omega, 0.0);
-        assert!(intersection.fuse_wide(&b, &a).unwrap().omega > 0.999_999);
+        assert_eq!(intersection.fuse_extended(&a, &b).unwrap().omega, 0.0);
+        assert!(intersection.fuse_extended(&b, &a).unwrap().omega > 0.999_999);
     }
 }
 
@@ -365,7 +338,11 @@ fn a_small_weight_is_found_to_its_own_digits() {
         let square = f64::from(heading_length_m * heading_length_m);
         let omega = reference_trace(&a, &b, [1.0, 1.0, square]);
         let [wide_a, wide_b] = [&a, &b].map(|m| extended([0.0; 3], m));
-        let fused = config.build().unwrap().fuse_wide(&wide_a, &wide_b).unwrap();
+        let fused = config
+            .build()
+            .unwrap()
+            .fuse_extended(&wide_a, &wide_b)
+            .unwrap();
         assert!(
             (f64::from(fused.omega) / omega - 1.0).abs() < 1e-5,
             "{omega}"
@@ -376,28 +353,27 @@ fn a_small_weight_is_found_to_its_own_digits() {
 }
 
 #[test]
-fn pivots_and_scales_are_of_positive_numbers_of_bounded_size() {
-    for (x, power) in [
-        (1e-15, None),
-        (1e15, None),
-        (0.0, None),
-        (-1.0, None),
-        (f32::NAN, None),
-        (f32::INFINITY, None),
-        (1.0, Some(1.0)),
-        (1.99, Some(1.0)),
-        (0.3, Some(0.25)),
-    ] {
-        assert_eq!(power_of_two_below(x), power, "{x}");
+fn matrices_that_are_not_positive_definite_have_no_factor() {
+    for (k, bad) in (0..3).flat_map(|k| [0.0, -1.0, f64::NAN, f64::INFINITY].map(|bad| (k, bad))) {
+        let mut m = diagonal([1.0; 3]);
+        assert!(Factor::new(&m).is_some());
+        m[k][k] = bad;
+        assert!(Factor::new(&m).is_none(), "{k} {bad}");
     }
-    for x in [1e-15f32.next_up(), 1e15f32.next_down()] {
-        let power = power_of_two_below(x).unwrap();
-        assert!(power <= x && x < 2.0 * power);
-    }
-    for (k, bad) in (0..3).flat_map(|k| [0.0, -1.0, f32::NAN, f32::INFINITY].map(|bad| (k, bad))) {
-        let mut m = wide(&diagonal([1.0; 3]));
-        assert!(factor(&m).is_some());
-        m[k][k] = TwoFloat::from_f32(bad);
-        assert!(factor(&m).is_none(), "{k} {bad}");
+}
+
+/// From 1e-35 to 1e35 there is an answer; what `f32` cannot hold is refused.
+#[test]
+fn variances_of_any_size_are_fused() {
+    for size in [1e-35f32, 1.0, 1e35] {
+        for criterion in [Criterion::Determinant, Criterion::Trace] {
+            let of =
+                |d: [f32; 3]| Estimate::new(Posture::ORIGIN, matrix::diagonal(d.map(|d| d * size)));
+            let fused = by(criterion).fuse(&of([1.0, 4.0, 1.0]), &of([4.0, 1.0, 1.0]));
+            let fused = fused.unwrap();
+            assert!((fused.omega - 0.5).abs() < 1e-6);
+            let variance = fused.estimate.covariance[0][0] / size;
+            assert!((variance - 1.6).abs() < 1e-5, "{size:e}: {variance}");
+        }
     }
 }

@@ -13,7 +13,6 @@ pub(super) struct IncrementError {
 
 impl IncrementError {
     /// The error that errors of the states make; few of the derivatives are not zero.
-    #[inline(always)]
     fn of<const AXLE: usize>(&self, states: &[f32; N]) -> [f32; 3] {
         let error = constants::error_by::<AXLE>(&self.by_constants, |k| states[(FIRST + k) % N]);
         core::array::from_fn(|i| error[i] + self.by_heading[i] * states[REL_PHI])
@@ -52,7 +51,6 @@ impl Motion {
 }
 
 /// Product of a row and a column.
-#[inline(always)]
 fn along(row: &[f32; 3], column: &[f32; 3]) -> f32 {
     row[0] * column[0] + row[1] * column[1] + row[2] * column[2]
 }

@@ -60,14 +60,6 @@ fn tanh_is_within_5e_7_of_f64() {
 }
 
 #[test]
-fn tanh_of_two_is_twice_tanh() {
-    for x in points(12.0) {
-        let angle = x * (TAU / 12.0);
-        assert_eq!(tanh_and_of_angle(x, angle), (tanh(x), tanh(angle)));
-    }
-}
-
-#[test]
 fn atan2_is_within_5e_7_of_f64() {
     let mut random = crate::fusion::testing::Random::new(5);
     let mut worst = 0.0f64;
@@ -151,4 +143,15 @@ properties! {
         let y = clamp(x, -2.0, 3.0);
         prop_assert!((-2.0..=3.0).contains(&y));
     }
+}
+
+#[test]
+fn lag_gain_is_that_of_f64() {
+    for i in 0..40_000 {
+        let x = 1e-4 * i as f32;
+        let exact = -f64::from(-x).exp_m1();
+        let error = (f64::from(lag_gain(x)) - exact).abs();
+        assert!(error <= 3e-7 * exact, "{x}: {error:e}");
+    }
+    assert!(lag_gain(f32::NAN).is_nan());
 }

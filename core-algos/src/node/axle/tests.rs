@@ -134,7 +134,6 @@ fn a_long_way_is_counted_to_ten_micrometres_and_driven_on() {
         sum += f64::from(wrap_position(posture.x - last));
         last = posture.x;
         let [x, ..] = node.state.filter.precise_posture();
-        let x = f64::from(x.high) + f64::from(x.low);
         spans += i32::from(x < own - 5.0);
         own = x;
         let gone = own + f64::from(spans) * 10.485_76;

@@ -11,7 +11,7 @@ use crate::math::Wrench;
 use crate::node::path_task::{self, PathTask};
 use crate::safety::ramp;
 use crate::safety::supervisor::{self, Supervisor};
-use crate::time::Micros;
+use crate::time::{EPOCH_S, Micros};
 
 config! {
     /// Parameters of the lead node.
@@ -93,7 +93,7 @@ impl Config {
             fusion: self.fusion.build()?,
             regulator: self.regulator.build()?,
             path_task: self.course.build(&cascade)?,
-            governor: self.governor.build(&cascade)?,
+            governor: self.governor.build(&cascade, EPOCH_S)?,
             cascade,
         })
     }

@@ -8,7 +8,7 @@ use crate::fusion::robot;
 use crate::math::Twist;
 use crate::node::Outbox;
 use crate::safety::{Permit, supervisor};
-use crate::time::{EPOCH, Micros, epoch_start, seconds, sequence};
+use crate::time::{Micros, epoch_start, seconds, sequence};
 use crate::topology::AxleId;
 
 impl LeadNode {
@@ -20,8 +20,7 @@ impl LeadNode {
         supervision: supervisor::Output,
         outbox: &mut Outbox,
     ) -> Output {
-        let dt = seconds(EPOCH);
-        self.with.governor.stop(&mut self.state.governor, dt);
+        self.with.governor.stop(&mut self.state.governor);
         if let (Permit::Off, Some(fused)) = (supervision.permit, &fused) {
             self.settle(fused);
         }

@@ -332,7 +332,7 @@ fn a_lead_node_that_does_not_drive_says_so_each_epoch() {
         // It brakes for an epoch of 10 ms.
         let mut braked = node.state.governor;
         braked.motion.v = 0.1;
-        node.with.governor.stop(&mut braked, 0.01);
+        node.with.governor.stop(&mut braked);
         assert_eq!(output.motion.v, braked.motion.v);
         assert_eq!(status, Some((expected, output.motion.v)));
         assert!(output.motion.v < 0.1);

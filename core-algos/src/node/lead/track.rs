@@ -67,7 +67,6 @@ impl<T: Copy> Recent<T> {
     }
 
     /// The value of the epoch that began at `time`.
-    #[inline(always)]
     pub(super) fn at(&self, time: Micros) -> Option<T> {
         let value = self.0[Self::place(time)]?;
         (value.time == time).then_some(value.value)

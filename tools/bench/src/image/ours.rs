@@ -16,7 +16,7 @@ use core_algos::math::{AxleLoad, Posture, Transform, Twist, trig};
 use core_algos::node::board::{Ready, Samples};
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{Outbox, axle};
-use core_algos::time::{EPOCH, LEAD_PHASE, TICK};
+use core_algos::time::{EPOCH, EPOCH_S, LEAD_PHASE, TICK};
 use core_algos::topology::Role;
 use semihosting::println;
 
@@ -163,7 +163,7 @@ fn fusion(counter: &mut Counter) {
     let mut slender = a;
     slender.covariance[1][0] = 0.999 * 0.01 * 0.02;
     slender.covariance[0][1] = slender.covariance[1][0];
-    counter.report("covariance_intersection_two_floats", 4, |_| {
+    counter.report("covariance_intersection_slender", 4, |_| {
         intersection.fuse(&black_box(slender), &black_box(b))
     });
 }
@@ -193,7 +193,7 @@ fn control(counter: &mut Counter) {
     let cascade = cascade.unwrap_or_else(|error| panic!("{error}"));
     let dynamic = dynamic::Config::default().build();
     let dynamic = dynamic.unwrap_or_else(|error| panic!("{error}"));
-    let governor = governor::Config::default().build(&cascade);
+    let governor = governor::Config::default().build(&cascade, EPOCH_S);
     let governor = governor.unwrap_or_else(|error| panic!("{error}"));
     let law = kinematic::Config::default().build();
     let law = law.unwrap_or_else(|error| panic!("{error}"));
@@ -229,7 +229,7 @@ fn midpoint(counter: &mut Counter, law: &Law, governor: &Governor, cascade: &Cas
             let center = Transform::from(posture);
             let command = law.track(center, goal);
             let wish = governor::Wish::from_curvature(cascade, command.v, command.kappa);
-            governor.step(&mut state, &wish, 0.01);
+            governor.step(&mut state, &wish);
             cascade.references(center, &state.motion)
         }));
     }

@@ -6,7 +6,6 @@ use crate::math::matrix::{Mat, Mat3};
 
 /// The measurement update of a factorised covariance (Bierman): `row` gives the entries of Uᵀ h, of
 /// which those before `FIRST` are zero. Returns the gain.
-#[inline(always)]
 fn bierman<const K: usize, const FIRST: usize>(
     u: &mut Mat<K, K>,
     variance: f32,
@@ -45,7 +44,6 @@ fn bierman<const K: usize, const FIRST: usize>(
 impl Covariance {
     /// Update by a measurement of `speed · v + yaw · φ̇` with noise of the given variance (eq. 18).
     /// Returns the gain.
-    #[inline(always)]
     pub(in crate::fusion::ekf) fn observe_rates(
         &mut self,
         speed: f32,
@@ -61,7 +59,6 @@ impl Covariance {
     }
 
     /// The same for a measurement of the motion state `STATE`.
-    #[inline(always)]
     pub(in crate::fusion::ekf) fn observe<const STATE: usize>(
         &mut self,
         variance: f32,
@@ -73,7 +70,6 @@ impl Covariance {
 
     /// The same when no other state than `K` > `I` is correlated with the one measured, `I`. Returns
     /// the gains of these two.
-    #[inline(always)]
     pub(in crate::fusion::ekf) fn observe_first<const I: usize, const K: usize>(
         &mut self,
         variance: f32,
@@ -94,7 +90,6 @@ impl Covariance {
     }
 
     /// The same for a measurement of `K`.
-    #[inline(always)]
     pub(in crate::fusion::ekf) fn observe_second<const I: usize, const K: usize>(
         &mut self,
         variance: f32,

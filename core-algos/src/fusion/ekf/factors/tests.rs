@@ -8,10 +8,7 @@ const SIGMAS: [f32; N] = [0.02, 0.03, 0.04, 0.5, 1.0, 3.0, 2.0];
 fn assert_near(found: &Covariance, expected: &Matrix<N, N>, slack: f64) {
     for (i, j) in (0..N * N).map(|k| (k / N, k % N)) {
         let scale = (expected[i][i] * expected[j][j]).sqrt();
-        for entry in [
-            f64::from(found.entry(i, j)),
-            f64::from(found.wide_matrix()[i][j].value()),
-        ] {
+        for entry in [f64::from(found.entry(i, j)), found.wide_matrix()[i][j]] {
             assert!(
                 (entry - expected[i][j]).abs() <= slack * scale,
                 "{i} {j} {entry:e}"

@@ -1,7 +1,7 @@
 //! Checks of numbers and covariances from outside; each error names the field, the value and what is
 //! allowed.
 
-use core_algos::math::{Posture, TwoFloat};
+use core_algos::math::Posture;
 use std::f64::consts::{PI, TAU};
 
 /// A pivot of a covariance scaled to unit variances must exceed this.
@@ -171,17 +171,6 @@ pub fn covariance<const N: usize>(
 /// A matrix in `f32`.
 pub fn narrow<const N: usize>(matrix: &[[f64; N]; N]) -> [[f32; N]; N] {
     matrix.map(|row| row.map(|entry| entry as f32))
-}
-
-/// A number in two floats.
-pub fn wide(value: f64) -> TwoFloat {
-    let high = value as f32;
-    TwoFloat::from_sum(high, (value - f64::from(high)) as f32)
-}
-
-/// A number from two floats.
-pub fn exact(value: TwoFloat) -> f64 {
-    f64::from(value.high) + f64::from(value.low)
 }
 
 #[cfg(test)]

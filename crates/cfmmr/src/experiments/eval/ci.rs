@@ -53,8 +53,8 @@ fn estimate(
         }
     }
     Ok(ExtendedEstimate {
-        posture: posture.map(check::wide),
-        covariance: covariance.map(|row| row.map(check::wide)),
+        posture,
+        covariance,
     })
 }
 

@@ -129,12 +129,11 @@ impl Run {
         }
         // A covariance is kept as its factors, whose product can be out of range while they are not.
         let covariance = state.covariance().wide_matrix();
-        let covariance = covariance.map(|row| row.map(check::exact));
         if !state.is_finite() || !covariance.iter().flatten().all(|entry| entry.is_finite()) {
             return Err("the state exceeds the range of single precision".to_owned());
         }
         self.state = state;
-        let [x, y, phi] = state.precise_posture().map(check::exact);
+        let [x, y, phi] = state.precise_posture();
         let twist = state.twist();
         let [v_dot, omega_dot] = state.accelerations();
         Ok(json!({

@@ -79,8 +79,7 @@ fn step((algorithm, state): &mut (Algorithm, State), interval: &Interval) -> Res
     if algorithm.step(&mut next, &advance, &r).is_none() {
         return Err("d: moves both axles to one point, so the heading is undefined".into());
     }
-    let postures = next.precise_postures();
-    let [axle1, axle2] = postures.map(|posture| posture.map(check::exact));
+    let [axle1, axle2] = next.precise_postures();
     if !axle1.iter().chain(&axle2).all(|x| x.is_finite()) || !next.variance.is_finite() {
         return Err("d: moves the axles out of the range of single precision".into());
     }
