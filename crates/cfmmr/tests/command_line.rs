@@ -45,7 +45,10 @@ fn bad_input_is_refused_by_name_and_nothing_is_written() {
         ("", "--log /dev/null/a.mcap | --log"),
         ("", "--csv /dev/null/a.csv | --csv"),
         ("", "--csv /dev/null/a | --csv"),
-        ("", "--on serial:front=a,front=b | front: must have one port"),
+        (
+            "",
+            "--on serial:front=a,front=b | front: must have one port",
+        ),
     ] {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("scenario.toml"), content).unwrap();

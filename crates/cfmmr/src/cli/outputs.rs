@@ -116,7 +116,10 @@ fn check_each(command: &str, named: &[Named]) -> Result<(), Error> {
                 it.path.display()
             )));
         }
-        let is_csv = it.path.extension().is_some_and(|end| end.eq_ignore_ascii_case("csv"));
+        let is_csv = it
+            .path
+            .extension()
+            .is_some_and(|end| end.eq_ignore_ascii_case("csv"));
         let tried = match it.option.as_str() {
             // Tried where it is opened.
             "--json" => Ok(()),

@@ -4,7 +4,7 @@ use super::arguments::{JsonArgs, WorldChoice};
 use crate::experiments::result::Provenance;
 use crate::experiments::run::place::Place;
 use crate::experiments::soak;
-use crate::experiments::soak::{Drift, MEMORY_KIB, PAIR_M, PAIR_RAD, Report, Window};
+use crate::experiments::soak::{Drift, JUDGED, MEMORY_KIB, PAIR_M, PAIR_RAD, Report, Window};
 use clap::Args;
 use host_sim::base::error::Error;
 use host_sim::base::numbers::whole;
@@ -148,15 +148,20 @@ fn markdown(measured: &Measured, scenario: &Scenario) -> String {
         "\nStops for a fault: {faults}. Speed: {:.1} times real time.",
         measured.real_time_factor
     );
-    text += &verdict(&measured.problems);
+    text += &verdict(report.ticks, &measured.problems);
     text
 }
 
 /// Last sentences of the page: the limits that hold, or the failures.
-fn verdict(problems: &[String]) -> String {
+fn verdict(ticks: u64, problems: &[String]) -> String {
+    let trend = match ticks >= JUDGED {
+        true => "The trend of the NIS is within three standard errors or a tenth of the mean."
+            .to_owned(),
+        false => format!("The trend of the NIS is judged from {JUDGED} ticks on."),
+    };
     match problems {
         [] => format!(
-            "The trend of the NIS is within three standard errors or a tenth of the mean. The pair error stays\n\
+            "{trend} The pair error stays\n\
              within {} mm and {} mrad. Memory grows by at most {MEMORY_KIB} KiB after the first window.\n",
             1e3 * PAIR_M,
             1e3 * PAIR_RAD

@@ -43,10 +43,13 @@ const PIECES: u64 = 200;
 pub const MEMORY_KIB: u64 = 1024;
 /// A drift of this share of the mean over the whole run is none.
 pub const DRIFT_SHARE: f64 = 0.1;
-/// Largest error (rms) of the position of one axle seen from the other, m.
-pub const PAIR_M: f64 = 2e-3;
-/// The same of its heading, rad.
-pub const PAIR_RAD: f64 = 8e-3;
+/// Ticks of the shortest run whose drift is judged. What is driven in each part of a shorter one is too different.
+pub const JUDGED: u64 = 300_000;
+/// Largest error (rms) of the position of one axle seen from the other, m. Of 20 seeds over 50 s: mean 1.2 mm, largest 1.6 mm;
+/// it grows to 1.9 mm in hours.
+pub const PAIR_M: f64 = 2.5e-3;
+/// The same of its heading, rad. Of the same seeds: mean 5.9 mrad, largest 8.0 mrad.
+pub const PAIR_RAD: f64 = 10e-3;
 
 /// Largest squared error, of three components, that one sound estimate in a thousand exceeds.
 const WORST: f64 = 16.27;
@@ -153,6 +156,7 @@ impl Report {
     pub fn problems(&self) -> Vec<String> {
         let mut problems = Vec::new();
         match self.nis {
+            _ if self.ticks < JUDGED => {}
             Some(drift) if drift.is_significant() => problems.push(format!(
                 "NIS rises by {:.3} ± {:.3} over the run, mean {:.3}",
                 drift.gain, drift.error, drift.mean
@@ -482,7 +486,7 @@ mod tests {
             ..Window::default()
         };
         Report {
-            ticks: 1000,
+            ticks: JUDGED,
             windows: vec![window; 5],
             nis: Drift::of(&values(200, 0.0)),
             faults: BTreeMap::new(),
@@ -507,13 +511,16 @@ mod tests {
         );
         said(
             |report| report.windows[1].relative_m = 0.1,
-            "mm: must be at most 2 mm",
+            "mm: must be at most 2.5 mm",
         );
         said(
             |report| report.windows[1].relative_rad = f64::NAN,
             "pair error NaN mrad",
         );
         said(|report| report.nis = None, "too few");
+        let mut short = sound();
+        (short.ticks, short.nis) = (JUDGED - 1, Drift::of(&values(200, 3.0)));
+        assert!(short.problems().is_empty());
         said(
             |report| report.windows[4].nees = Some(16.3),
             "NEES at the end",
