@@ -44,10 +44,14 @@ pub fn build(package: &str) -> Result<Vec<u8>, Error> {
         )));
     }
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    let target = std::env::var_os("CARGO_TARGET_DIR").map(PathBuf::from);
-    let target = target.unwrap_or_else(|| workspace.join("target"));
+    let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
+    // A relative one is relative to where cargo runs.
+    let target = workspace.join(target);
     let lock = target.join("images.lock");
-    let held = File::create(&lock).and_then(|file| file.lock().map(|()| file));
+    // The folder of builds is missing where the program was built into another one.
+    let held = fs::create_dir_all(&target)
+        .and_then(|()| File::create(&lock))
+        .and_then(|file| file.lock().map(|()| file));
     let _held = held.map_err(|error| Error::Failure(format!("{}: {error}", lock.display())))?;
     let mut command = Command::new(&cargo);
     command
