@@ -118,7 +118,7 @@ impl Config {
     }
 }
 
-/// What the interval between two steps makes of the limits and time constants.
+/// Limits and gains of one step, for a fixed interval between steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Gains {
     /// The interval, s, half of it, and its inverse, 1/s.

@@ -210,7 +210,7 @@ impl Factor {
     }
 }
 
-/// What the weights depend on: B seen in A's own units.
+/// Covariance B in units of covariance A; the weights depend on it alone.
 struct Contrast {
     /// Factor of κ A, κ = e₁/3.
     a: Factor,

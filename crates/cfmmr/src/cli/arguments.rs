@@ -324,7 +324,7 @@ pub struct RobotArgs {
 }
 
 impl RobotArgs {
-    /// Where the boards are, and how; virtual boards run on so many threads.
+    /// Place and settings of the boards. `threads` is for virtual boards.
     fn site(&self, threads: Option<u16>) -> Site {
         Site {
             place: self.boards.on.clone(),

@@ -1,4 +1,4 @@
-//! Whether the fused estimates are as good as they claim to be.
+//! Consistency of the fused estimates: their errors against their covariances.
 //!
 //! The measure is the normalised estimation error squared, NEES = eᵀ P⁻¹ e, of both axles and of
 //! O (three degrees of freedom each), on the full plant. If the errors are normal with the

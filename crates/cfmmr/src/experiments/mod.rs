@@ -119,7 +119,7 @@ impl Workers {
     }
 }
 
-/// What a command gives an experiment.
+/// Scenario, seed and destinations of an experiment, from the command line.
 pub struct Inputs {
     /// The scenario with the changes of the command line.
     pub scenario: Scenario,
@@ -194,7 +194,7 @@ impl Context {
         format!("cfmmr {}, seed {}, {BUILD}", self.name, self.seed)
     }
 
-    /// Refuses keys of `--set` without effect in any of the runs, and reports those of the scenario file.
+    /// Refuses keys of `--set` that have an effect in none of the runs. Such keys of the scenario file are reported.
     pub fn check_keys(&self, taken: Taken, runs: &[effect::Run]) -> Result<(), Error> {
         self.given.check(taken, runs)
     }

@@ -173,7 +173,7 @@ impl Squares {
     }
 }
 
-/// Radii, track and scale of odometry, by squares, a straight way and turns.
+/// Wheel radius, wheel ratio and track of each axle, by a straight way and squares.
 pub fn calibrate_wheels(
     scenario: &Scenario,
     bench: &mut Bench,
@@ -328,7 +328,7 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
     Ok(report)
 }
 
-/// Zeros and scales of the gyros, by turns.
+/// Gains of the gyros, by turns.
 pub fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Error> {
     let mut report = Report::default();
     let turned = bench.turn(scenario)?;

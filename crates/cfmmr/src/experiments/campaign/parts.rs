@@ -1,4 +1,4 @@
-//! Parts of a campaign: the missing blocks of one are computed, and those of all are merged.
+//! Parts of a campaign. [`compute`] computes the missing blocks of one part; [`merge`] merges all blocks.
 
 use super::directory::{Block, Directory};
 use super::report::Report;
