@@ -5,7 +5,7 @@ use core_algos::drive::winding::{self, Winding};
 use core_algos::math::Posture;
 use core_algos::node::board::Output;
 use core_algos::node::lead::{Activity, Task};
-use core_algos::params::{Button, Drive};
+use core_algos::params::{Button, Drive, Press};
 use core_algos::safety::{Condition, Conditions};
 use core_algos::time::EPOCH;
 
@@ -144,9 +144,9 @@ pub fn task_of_press(activity: Activity, button: &Button, latest: Option<Posture
     match (activity, button.action) {
         (Activity::Faulted, _) => Some(Task::Clear),
         (Activity::Busy, _) => Some(Task::Stop),
-        (Activity::Resting, 0) => Some(Task::regulate(latest.unwrap_or(button.goal))),
-        (Activity::Resting, 1) => Some(Task::regulate(button.goal)),
-        (Activity::Resting, _) => None,
+        (Activity::Resting, Press::Again) => Some(Task::regulate(latest.unwrap_or(button.goal))),
+        (Activity::Resting, Press::StartAndGoal) => Some(Task::regulate(button.goal)),
+        (Activity::Resting, Press::Nothing) => None,
     }
 }
 
@@ -266,9 +266,9 @@ mod tests {
         let (own, latest) = (Posture::new(1.0, 2.0, 3.0), Posture::new(4.0, 5.0, 6.0));
         let regulate = |goal| Some(Task::regulate(goal));
         for (action, after_none, after_some) in [
-            (0, regulate(own), regulate(latest)),
-            (1, regulate(own), regulate(own)),
-            (2, None, None),
+            (Press::Again, regulate(own), regulate(latest)),
+            (Press::StartAndGoal, regulate(own), regulate(own)),
+            (Press::Nothing, None, None),
         ] {
             let button = Button {
                 goal: own,

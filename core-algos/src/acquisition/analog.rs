@@ -1,18 +1,18 @@
 //! Slow analog channels: temperature by a thermistor, supply by a divider.
 
-use crate::config::{ConfigError, config};
+use crate::config::{ConfigError, declare};
 use crate::math::trig::ln;
 
-config! {
+declare! {
     /// A thermistor from the pin to ground, and a fixed resistor from the pin to the converter's
     /// reference: `ln(R/R₂₅) = B (1/T − 1/298.15 K)`. Ratiometric: the reference drops out.
     pub struct ThermistorConfig {
-        /// Resistance at 25 °C (R₂₅), Ω.
-        pub resistance_25_ohm: f32 = 10e3, Range(10.0, 1e7);
-        /// Slope of the logarithm (B), K.
-        pub b_k: f32 = 3950.0, Range(1000.0, 10_000.0);
-        /// The fixed resistor, Ω.
-        pub pull_up_ohm: f32 = 10e3, Range(10.0, 1e7);
+        /// Resistance at 25 °C (R₂₅).
+        pub resistance_25_ohm: f32 = 10e3, "Ω": Range(10.0, 1e7);
+        /// Slope of the logarithm (B).
+        pub b_k: f32 = 3950.0, "K": Range(1000.0, 10_000.0);
+        /// The fixed resistor.
+        pub pull_up_ohm: f32 = 10e3, "Ω": Range(10.0, 1e7);
     }
 }
 
@@ -52,15 +52,15 @@ impl Thermistor {
     }
 }
 
-config! {
+declare! {
     /// A voltage behind a divider.
     ///
     /// Default: 47 kΩ over 10 kΩ: up to 18.8 V.
     pub struct SupplyConfig {
         /// Voltage over that at the pin: (upper + lower)/lower resistor.
-        pub divider: f32 = 5.7, Range(1.0, 100.0);
-        /// Reference of the converter, V.
-        pub reference_v: f32 = 3.3, Range(1.0, 5.5);
+        pub divider: f32 = 5.7, "": Range(1.0, 100.0);
+        /// Reference of the converter.
+        pub reference_v: f32 = 3.3, "V": Range(1.0, 5.5);
     }
 }
 

@@ -8,7 +8,7 @@
 //! an average that cannot be trusted and says why.
 
 use super::strip::{GaugeMask, MAX_GAUGES, PerGauge};
-use crate::config::{Allowed, ConfigError, config, in_range, require};
+use crate::config::{Allowed, ConfigError, declare, in_range, require};
 use crate::math::trig::sqrt;
 
 /// Largest converter range supported: 24 bits.
@@ -16,24 +16,24 @@ const MAX_FULL_SCALE: f32 = 16_777_215.0;
 /// A relative gain outside this is a wrong calibration, not a tolerance.
 const GAIN_RANGE: (f32, f32) = (0.5, 2.0);
 
-config! {
+declare! {
     /// Converter, amplifier and the stored calibration of each gauge.
     ///
     /// Default: Five full bridges of gauge factor 2, amplified 64 times into 12 bits: ±3900 µε.
     pub struct Config {
         /// Highest count of the converter; the lowest is 0. A count outside means "no conversion".
-        pub full_scale_counts: i32 = 4095, Range(15.0, MAX_FULL_SCALE);
+        pub full_scale_counts: i32 = 4095, "counts": Range(15.0, MAX_FULL_SCALE);
         /// A count this close to either end is saturated.
-        pub rail_margin_counts: i32 = 4;
+        pub rail_margin_counts: i32 = 4, "counts": Range(0.0, 0.25 * MAX_FULL_SCALE);
         /// Strain of one count by the data sheets: 1/(counts × amplification × gauge factor × active
         /// arms/4). Negative if the bridge is wired so that a left bend lowers the count.
-        pub strain_per_count: f32 = 1.0 / (4096.0 * 64.0 * 2.0);
+        pub strain_per_count: f32 = 1.0 / (4096.0 * 64.0 * 2.0), "strain": Range(-1e-3, 1e-3);
         /// Count of each gauge when the strip is straight.
-        pub zero_counts: PerGauge = PerGauge::uniform(5, 2048.0);
+        pub zero_counts: PerGauge = PerGauge::uniform(5, 2048.0), "counts": Range(0.0, MAX_FULL_SCALE);
         /// True strain over nominal strain of each gauge.
-        pub gain: PerGauge = PerGauge::uniform(5, 1.0);
+        pub gain: PerGauge = PerGauge::uniform(5, 1.0), "": Range(GAIN_RANGE.0, GAIN_RANGE.1);
         /// A strain larger than this in magnitude is no strain of this strip.
-        pub max_strain: f32 = 5e-3, Range(1e-6, 0.1);
+        pub max_strain: f32 = 5e-3, "strain": Range(1e-6, 0.1);
     }
 }
 
@@ -166,16 +166,16 @@ impl Calibration {
     }
 }
 
-config! {
+declare! {
     /// Conditions under which an average is taken for a calibration.
     pub struct StandstillLimits {
         /// Fewest samples of each gauge.
-        pub min_samples: u32 = 500, Range(4.0, 1e6);
-        /// Largest standard deviation of one sample, strain: more means the robot moves or a bridge is
+        pub min_samples: u32 = 500, "": Range(4.0, 1e6);
+        /// Largest standard deviation of one sample: more means the robot moves or a bridge is
         /// loose.
-        pub max_noise_strain: f32 = 2e-5, Range(1e-9, 1e-2);
-        /// Largest difference between the averages of the first and the second half, strain.
-        pub max_drift_strain: f32 = 2e-6, Range(1e-9, 1e-2);
+        pub max_noise_strain: f32 = 2e-5, "strain": Range(1e-9, 1e-2);
+        /// Largest difference between the averages of the first and the second half.
+        pub max_drift_strain: f32 = 2e-6, "strain": Range(1e-9, 1e-2);
     }
 }
 

@@ -19,7 +19,7 @@
 //! never fails.
 
 use super::strip::{GaugeMask, MAX_GAUGES};
-use crate::config::{Allowed, ConfigError, config, require};
+use crate::config::{Allowed, ConfigError, declare, require};
 
 /// Fault of a gauge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -46,27 +46,26 @@ impl Fault {
     }
 }
 
-config! {
+declare! {
     /// Limits beyond which a gauge is taken out.
     pub struct Config {
         /// Bad periods in a row until a fault is reported.
-        pub trip_periods: u8 = 5, Range(1.0, 255.0);
+        pub trip_periods: u8 = 5, "": Range(1.0, 255.0);
         /// Good periods in a row until it is over.
-        pub clear_periods: u8 = 50, Range(1.0, 255.0);
+        pub clear_periods: u8 = 50, "": Range(1.0, 255.0);
         /// Periods over which flatness is judged.
-        pub flat_window_periods: u16 = 50, Range(2.0, 10_000.0);
+        pub flat_window_periods: u16 = 50, "": Range(2.0, 10_000.0);
         /// Counts by which half of the other gauges must have moved in that window.
-        pub active_counts: i32 = 60;
-        /// Difference between a flat reading and the fit of the other gauges from which the gauge is dead,
-        /// strain.
-        pub dead_strain: f32 = 2e-5, Range(1e-7, 1e-2);
+        pub active_counts: i32 = 60, "counts": Range(2.0, 16_777_216.0);
+        /// Difference between a flat reading and the fit of the other gauges from which the gauge is dead.
+        pub dead_strain: f32 = 2e-5, "strain": Range(1e-7, 1e-2);
         /// True if residuals are watched. Costs one fit a period when the method is not the elastica.
         pub watch_consistency: bool = true;
         /// Weighted sum of squared residuals from which the readings contradict each other. With the
         /// stated uncertainties a healthy strip exceeds 30 with probability 1e-5 or less.
-        pub max_chi_square: f32 = 30.0, Range(5.0, 1e6);
+        pub max_chi_square: f32 = 30.0, "": Range(5.0, 1e6);
         /// Searches in a row that must blame one gauge.
-        pub verdicts: u8 = 2, Range(1.0, 255.0);
+        pub verdicts: u8 = 2, "": Range(1.0, 255.0);
     }
 }
 

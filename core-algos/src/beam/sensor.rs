@@ -42,7 +42,7 @@ use super::elastica::{FINISH_EFFORT, Fit, MAX_EVALUATIONS, Search, Solver, Start
 use super::health::{self, Fault, Monitor};
 use super::polynomial::{Interpolant, Quadrature, piecewise, quadrature};
 use super::strip::{self, GaugeMask, MAX_GAUGES, RelativePosture, Strip};
-use crate::config::{ConfigError, config, in_range};
+use crate::config::{ConfigError, declare, in_range};
 use crate::math::matrix::scale;
 use period::Period;
 
@@ -65,43 +65,42 @@ const NOISY: f32 = 3.0;
 /// Periods over which the noise is measured.
 const NOISE_PERIODS: u32 = 64;
 
-/// Method that turns strains into a posture.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
-pub enum Method {
-    /// Polynomial, integrated segment by segment as in the paper.
-    Piecewise,
-    /// The same polynomial, fast quadrature.
-    Quadrature,
-    /// Fit of the elastica; gives the wrench too.
-    #[default]
-    Elastica,
+declare! {
+    /// Method that turns strains into a posture.
+    pub enum Method, default Elastica {
+        /// Polynomial, integrated segment by segment as in the paper.
+        Piecewise = "piecewise",
+        /// The same polynomial, fast quadrature.
+        Quadrature = "quadrature",
+        /// Fit of the elastica; gives the wrench too.
+        Elastica = "elastica",
+    }
 }
 
-config! {
+declare! {
     /// The whole sensor.
     pub struct Config {
         /// Strip and gauges.
         pub strip: strip::Config = strip::Config::default();
-        /// Time between two estimates, s.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub period_s: f32 = 0.01, Range(1e-4, 10.0);
         /// Method that turns strains into a posture.
         pub method: Method = Method::default();
         /// Pieces of the piecewise integration, 1 to 10 000.
-        pub segments: u16 = 100;
+        pub segments: u16 = 100, "": Range(1.0, 10_000.0);
         /// True if the estimate is that of the present: on the line fitted to the samples of the
         /// period, `latency_samples` after the last. Otherwise their mean, half a period old, which has
         /// a third of the noise but lags 10 mrad behind a frame that bends at its largest rate.
         pub extrapolate: bool = true;
         /// Age of a conversion when it arrives, in sample intervals: amplifier and converter.
         // 0.8 ms of a 200 Hz amplifier and 1 ms of conversion.
-        pub latency_samples: f32 = 1.8, Range(0.0, 100.0);
+        pub latency_samples: f32 = 1.8, "": Range(0.0, 100.0);
         /// Bridge counts to strain.
         pub calibration: calibration::Config = calibration::Config::default();
         /// Limits beyond which gauges are taken out.
         pub health: health::Config = health::Config::default();
+        derived {
+            /// Time between two estimates.
+            pub period_s: f32 = 0.01, "s": Range(1e-4, 10.0);
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! The strip and its gauges: geometry, stiffness, and how far a strain reading can be trusted.
 
-use crate::config::{Allowed, ConfigError, config, in_range, require};
+use crate::config::{Allowed, Checked, ConfigError, declare, in_range, require};
 use crate::math::Posture;
 use crate::math::matrix::{self, Mat3};
 use crate::math::trig::sqrt;
@@ -69,6 +69,15 @@ impl PerGauge {
     /// The values.
     pub fn iter(&self) -> impl Iterator<Item = f32> + '_ {
         self.values.iter().copied().take(self.count)
+    }
+}
+
+impl Checked for PerGauge {
+    fn check(&self, field: &'static str, allowed: Allowed) -> Result<(), ConfigError> {
+        self.values
+            .get(..self.count())
+            .unwrap_or_default()
+            .check(field, allowed)
     }
 }
 
@@ -191,39 +200,38 @@ impl RelativePosture {
     }
 }
 
-config! {
+declare! {
     /// Standard deviations of the errors of a strain reading.
     ///
     /// Default: Values of ordinary foil gauges, full bridges, zeroed on the robot with the frame let go. A matched bridge
     /// moves by 0.5 to 1 µε/K and a strain held by up to 1 % of it; a foil gauge drifts by 5 to 20 µε in months; clamps
     /// that are not square bend the strip that is zeroed by milliradians. Foil and glue stand 40 to 60 µm off the strip's surface.
     pub struct Uncertainty {
-        /// Noise of one reading as used for one posture (after averaging), strain.
-        pub noise_strain: f32 = 1e-6, Range(1e-9, 1e-2);
-        /// Zero error of each gauge by itself, strain.
-        pub offset_strain: f32 = 20e-6, Range(0.0, 1e-2);
-        /// Walk of the zero of each gauge by itself, strain/√s. It counts from the start of the node, and
+        /// Noise of one reading as used for one posture (after averaging).
+        pub noise_strain: f32 = 1e-6, "strain": Range(1e-9, 1e-2);
+        /// Zero error of each gauge by itself.
+        pub offset_strain: f32 = 20e-6, "strain": Range(0.0, 1e-2);
+        /// Walk of the zero of each gauge by itself. It counts from the start of the node, and
         /// where the elastica is fitted only.
-        pub zero_walk_strain_per_sqrt_s: f32 = 0.05e-6, Range(0.0, 1e-4);
-        /// Zero error that all gauges share (temperature, a zeroing posture not quite straight),
-        /// strain. It acts on the posture like a bend: 1 µε is about 0.7 mrad on the default strip.
-        pub common_offset_strain: f32 = 7e-6, Range(0.0, 1e-2);
+        pub zero_walk_strain_per_sqrt_s: f32 = 0.05e-6, "strain/√s": Range(0.0, 1e-4);
+        /// Zero error that all gauges share (temperature, a zeroing posture not quite straight). It acts on the posture like a bend: 1 µε is about 0.7 mrad on the default strip.
+        pub common_offset_strain: f32 = 7e-6, "strain": Range(0.0, 1e-2);
         /// Gain error of each gauge by itself, relative.
-        pub gain: f32 = 1e-2, Range(0.0, 1.0);
+        pub gain: f32 = 1e-2, "": Range(0.0, 1.0);
         /// Gain error that all gauges share (thickness of the strip, batch of the gauges), relative.
-        pub common_gain: f32 = 2e-2, Range(0.0, 1.0);
+        pub common_gain: f32 = 2e-2, "": Range(0.0, 1.0);
         /// Error of the polynomial between the gauges, as a share of its highest Legendre
         /// coefficients; enters the covariance of the polynomial methods only.
-        pub interpolation: f32 = 0.3, Range(0.0, 100.0);
-        /// Error of x and of y that no strain shows (length of the strip, play of its clamps), m; also
+        pub interpolation: f32 = 0.3, "": Range(0.0, 100.0);
+        /// Error of x and of y that no strain shows (length of the strip, play of its clamps); also
         /// keeps the covariance regular where x does not depend on the strains (straight strip).
-        pub position_m: f32 = 5e-5, Range(1e-6, 1.0);
-        /// Error of the heading that no strain shows, rad.
-        pub heading_rad: f32 = 1e-4, Range(1e-6, 1.0);
+        pub position_m: f32 = 5e-5, "m": Range(1e-6, 1.0);
+        /// Error of the heading that no strain shows.
+        pub heading_rad: f32 = 1e-4, "rad": Range(1e-6, 1.0);
         /// End force that the elastica fit expects, in units of EI/L² (6.1 N on the default strip). The
         /// prior has heavy tails: far larger forces are found without bias where the strains show them,
         /// and the force stays near zero where they cannot (a straight strip).
-        pub load_prior: f32 = 4.0, Range(1e-2, 1e3);
+        pub load_prior: f32 = 4.0, "": Range(1e-2, 1e3);
     }
 }
 
@@ -258,31 +266,28 @@ pub struct PostureSigmas {
     pub gain_tilt_m: f32,
 }
 
-config! {
+declare! {
     /// Geometry, stiffness and gauges of the strip.
     ///
     /// Default: the 0.37 m steel strip of 50 × 1 mm with five gauges at the Gauss–Legendre nodes.
     pub struct Config {
-        /// Flexible length, m (the paper's L; rigid ends are not part of it).
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub length_m: f32 = 0.37, Range(1e-3, 100.0);
-        /// Distance of the gauges from the neutral axis, m: half the thickness (the paper's y in
-        /// eq. 13).
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub half_thickness_m: f32 = 0.5e-3, Positive;
-        /// Rigid length between the rear axle's midpoint and the flexible root, m.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub rigid_root_m: f32 = 0.0, Range(0.0, 100.0);
-        /// Rigid length between the flexible tip and the front axle's midpoint, m.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub rigid_tip_m: f32 = 0.0, Range(0.0, 100.0);
-        /// Positions of the 2 to 8 gauges from the flexible root, ascending, m (the paper's l_i).
-        pub gauges_m: PerGauge = at_gauss_nodes(0.37);
-        /// Bending stiffness EI, N m²; scales the wrench, not the posture.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub bending_stiffness_n_m2: f32 = 0.833, Range(1e-6, 1e6);
+        /// Positions of the 2 to 8 gauges from the flexible root, ascending (the paper's l_i).
+        pub gauges_m: PerGauge = at_gauss_nodes(0.37), "m": Range(0.0, 5.0);
         /// Standard deviations of the strain readings.
         pub uncertainty: Uncertainty = Uncertainty::default();
+        derived {
+            /// Flexible length (the paper's L; rigid ends are not part of it).
+            pub length_m: f32 = 0.37, "m": Range(1e-3, 100.0);
+            /// Distance of the gauges from the neutral axis: half the thickness (the paper's y in
+            /// eq. 13).
+            pub half_thickness_m: f32 = 0.5e-3, "m": Positive;
+            /// Rigid length between the rear axle's midpoint and the flexible root.
+            pub rigid_root_m: f32 = 0.0, "m": Range(0.0, 100.0);
+            /// Rigid length between the flexible tip and the front axle's midpoint.
+            pub rigid_tip_m: f32 = 0.0, "m": Range(0.0, 100.0);
+            /// Bending stiffness EI; scales the wrench, not the posture.
+            pub bending_stiffness_n_m2: f32 = 0.833, "N m²": Range(1e-6, 1e6);
+        }
     }
 }
 

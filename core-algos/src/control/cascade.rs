@@ -21,7 +21,7 @@
 //! ±[`Config::max_steering_rad`] are limited to it, NaN counts as zero.
 
 use super::arc::{Arc, Shape};
-use crate::config::{ConfigError, config};
+use crate::config::{ConfigError, declare};
 use crate::math::trig::wrap_angle;
 use crate::math::{Posture, Steering, Transform, Twist};
 use core::f32::consts::PI;
@@ -30,33 +30,30 @@ use core::hint::cold_path;
 /// Largest steering angle that can be configured, rad. Beyond, 1/cos ψ loses its digits.
 pub const MAX_STEERING: f32 = 1.5;
 
-/// Form of the axle velocities (paper eq. 6).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
-pub enum Form {
-    /// `v_i = (v ± ½ ċ)/cos ψ` with the exact rate of the chord.
-    #[default]
-    Exact,
-    /// `v_i = v/cos ψ ∓ L ψ ψ̇/6`, as the paper prints it.
-    Printed,
+declare! {
+    /// Form of the axle velocities (paper eq. 6).
+    pub enum Form, default Exact {
+        /// `v_i = (v ± ½ ċ)/cos ψ` with the exact rate of the chord.
+        Exact = "exact",
+        /// `v_i = v/cos ψ ∓ L ψ ψ̇/6`, as the paper prints it.
+        Printed = "printed",
+    }
 }
 
-config! {
+declare! {
     /// Geometry of the frame.
     pub struct Config {
-        /// Length of the flexible part of the frame (L), m.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub frame_length_m: f32 = 0.37, Positive;
-        /// Length of the rigid section between each end of the flexible part and the midpoint of its
-        /// axle, m; the same at both ends.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub rigid_end_m: f32 = 0.0, NonNegative;
-        /// Largest steering angle |ψ| asked of the frame, rad.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub max_steering_rad: f32 = 0.5, Range(1e-3, MAX_STEERING);
         /// Form of the axle velocities.
         pub form: Form = Form::Exact;
+        derived {
+            /// Length of the flexible part of the frame (L).
+            pub frame_length_m: f32 = 0.37, "m": Positive;
+            /// Length of the rigid section between each end of the flexible part and the midpoint of its
+            /// axle; the same at both ends.
+            pub rigid_end_m: f32 = 0.0, "m": NonNegative;
+            /// Largest steering angle |ψ| asked of the frame.
+            pub max_steering_rad: f32 = 0.5, "rad": Range(1e-3, MAX_STEERING);
+        }
     }
 }
 

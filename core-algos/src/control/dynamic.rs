@@ -62,78 +62,75 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
-use crate::config::{ConfigError, config, positive};
+use crate::config::{ConfigError, declare};
 use crate::control::cascade::AxleReference;
 use crate::math::trig::{clamp, sin_cos};
 use crate::math::{AxleLoad, Posture, Twist};
 
-/// Source of the load of the frame on the axle.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
-pub enum FrameForce {
-    /// A disturbance: not compensated, not in ξ.
-    Off,
-    /// Pure bending by the reference steering angle.
-    #[default]
-    Reference,
-    /// The wrench estimated from the strains of the frame; where it is missing, pure bending.
-    Beam,
+declare! {
+    /// Source of the load of the frame on the axle.
+    pub enum FrameForce, default Reference {
+        /// A disturbance: not compensated, not in ξ.
+        Off = "off",
+        /// Pure bending by the reference steering angle.
+        Reference = "reference",
+        /// The wrench estimated from the strains of the frame; where it is missing, pure bending.
+        Beam = "beam",
+    }
 }
 
-/// Speed–torque line of the motors, at the wheel.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
-pub struct Motor {
-    /// Torque at standstill and full voltage, N m.
-    pub stall_torque_nm: f32,
-    /// Speed at which full voltage leaves no torque, rad/s.
-    pub no_load_speed_rad_s: f32,
+declare! {
+    /// Speed–torque line of the motors, at the wheel.
+    pub struct Motor {
+        /// Torque at standstill and full voltage.
+        pub stall_torque_nm: f32 = 2.5, "N m": Positive;
+        /// Speed at which full voltage leaves no torque.
+        pub no_load_speed_rad_s: f32 = 20.0, "rad/s": Positive;
+    }
 }
 
-config! {
+declare! {
     /// Gains, geometry and limits of one axle.
     pub struct Config {
-        /// Half of the track (d), m.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub half_track_m: f32 = 0.162, Positive;
-        /// Radius of the wheels (r_w), m.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub wheel_radius_m: f32 = 0.073, Positive;
-        /// Gain of the longitudinal error (k_X), 1/s.
-        pub longitudinal_gain_per_s: f32 = 2.0, NonNegative;
-        /// Gain of the lateral error (k_Y), rad/m².
-        pub lateral_gain_rad_m2: f32 = 20.0, NonNegative;
-        /// Gain of the heading error (k_φ), rad/m.
-        pub heading_gain_rad_m: f32 = 16.0, NonNegative;
-        /// Least speed that the heading gain is multiplied with, m/s; 0 is the paper's law.
-        pub heading_speed_floor_m_s: f32 = 0.05, NonNegative;
-        /// Gain of the velocity error (K_1), N s/m.
+        /// Gain of the longitudinal error (k_X).
+        pub longitudinal_gain_per_s: f32 = 2.0, "1/s": Range(0.0, 100.0);
+        /// Gain of the lateral error (k_Y).
+        pub lateral_gain_rad_m2: f32 = 20.0, "rad/m²": Range(0.0, 1e3);
+        /// Gain of the heading error (k_φ).
+        pub heading_gain_rad_m: f32 = 16.0, "rad/m": Range(0.0, 1e3);
+        /// Least speed that the heading gain is multiplied with; 0 is the paper's law.
+        pub heading_speed_floor_m_s: f32 = 0.05, "m/s": NonNegative;
+        /// Gain of the velocity error (K_1).
         // Twice as much, and wheels with half a degree of play in their gears chatter and slide.
-        pub velocity_gain_n_s_m: f32 = 200.0, Positive;
-        /// Gain of the yaw rate error (K_2), N m s/rad.
-        pub yaw_rate_gain_nm_s_rad: f32 = 3.5, Positive;
+        pub velocity_gain_n_s_m: f32 = 200.0, "N s/m": Range(1.0, 1e4);
+        /// Gain of the yaw rate error (K_2).
+        pub yaw_rate_gain_nm_s_rad: f32 = 3.5, "N m s/rad": Range(0.01, 1e3);
         /// Largest ‖ξ‖².
-        pub max_xi_squared: f32 = 2.0, Positive;
+        pub max_xi_squared: f32 = 2.0, "": Positive;
         /// True if ‖F_K‖ is an entry of ξ; the frame force must not be off.
         pub frame_force_in_xi: bool = true;
         /// Source of the load of the frame.
         pub frame_force: FrameForce = FrameForce::Reference;
         /// Share of the frame's load that is fed forward.
-        pub frame_feedforward: f32 = 1.0, Finite;
+        pub frame_feedforward: f32 = 1.0, "": Range(0.0, 2.0);
         /// Share of the inertia that is fed forward.
-        pub inertia_feedforward: f32 = 1.0, Finite;
-        /// Mass of the axle without the rotation of its wheels (m), kg.
-        pub mass_kg: f32 = 4.76, NonNegative;
-        /// Yaw inertia about the midpoint, without the rotation of the wheels (J), kg m².
-        pub yaw_inertia_kg_m2: f32 = 0.0186, NonNegative;
-        /// Inertia of one wheel with its motor about its axis (J_w), kg m².
-        pub wheel_inertia_kg_m2: f32 = 0.004, NonNegative;
-        /// Largest torque of each wheel, N m.
-        pub max_torque_nm: f32 = 2.0, Positive;
+        pub inertia_feedforward: f32 = 1.0, "": Range(0.0, 2.0);
+        /// Mass of the axle without the rotation of its wheels (m).
+        pub mass_kg: f32 = 4.76, "kg": Range(0.0, 100.0);
+        /// Yaw inertia about the midpoint, without the rotation of the wheels (J).
+        pub yaw_inertia_kg_m2: f32 = 0.0186, "kg m²": Range(0.0, 10.0);
+        /// Inertia of one wheel with its motor about its axis (J_w).
+        pub wheel_inertia_kg_m2: f32 = 0.004, "kg m²": Range(0.0, 1.0);
+        /// Largest torque of each wheel.
+        pub max_torque_nm: f32 = 2.0, "N m": Range(0.01, 1e3);
         /// Speed–torque line of the motors; without it the torque limit holds at any speed.
         pub motor: Option<Motor> = None;
+        derived {
+            /// Half of the track (d).
+            pub half_track_m: f32 = 0.162, "m": Positive;
+            /// Radius of the wheels (r_w).
+            pub wheel_radius_m: f32 = 0.073, "m": Positive;
+        }
     }
 }
 
@@ -144,8 +141,7 @@ impl Config {
         let half_track = self.half_track_m;
         let radius = self.wheel_radius_m;
         if let Some(motor) = self.motor {
-            positive("motor.stall_torque_nm", motor.stall_torque_nm)?;
-            positive("motor.no_load_speed_rad_s", motor.no_load_speed_rad_s)?;
+            motor.check_ranges()?;
         }
         // (SᵀE)⁻¹.
         let (per_force, per_moment) = (0.5 * radius, 0.5 * radius / half_track);

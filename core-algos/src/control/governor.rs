@@ -23,7 +23,7 @@
 //! is not finite counts as absent: the robot brakes as by [`Governor::stop`].
 
 use super::cascade::{Cascade, Motion};
-use crate::config::{Allowed, ConfigError, config, require};
+use crate::config::{Allowed, ConfigError, declare, require};
 use crate::math::trig::{lag_gain, sqrt};
 use crate::math::{Steering, bounded, greater, lesser};
 use core::hint::cold_path;
@@ -34,36 +34,35 @@ const SAMPLES: usize = 64;
 /// that it arrives.
 const FINAL_RAMP: f32 = 0.05;
 
-config! {
+declare! {
     /// Limits and time constants of the reference.
     pub struct Config {
-        /// Largest |v| of the midpoint O, m/s.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub max_speed_m_s: f32 = 0.25, Positive;
-        /// Largest |v̇|, m/s².
-        pub max_acceleration_m_s2: f32 = 0.4, Positive;
-        /// Deceleration of a stop, m/s²; not less than the largest |v̇|.
-        pub stop_deceleration_m_s2: f32 = 0.8, Positive;
-        /// Largest |ψ|, rad; not more than that of the cascade.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub max_steering_rad: f32 = 0.5;
-        /// Largest |ψ̇|, rad/s.
-        pub max_steering_rate_rad_s: f32 = 1.0, Positive;
-        /// Largest |ψ̈|, rad/s².
-        pub max_steering_acceleration_rad_s2: f32 = 8.0, Positive;
-        /// Rate of the first-order lag of v, 1/s.
-        pub speed_rate_per_s: f32 = 6.0, Positive;
-        /// Natural frequency of the critically damped filter of ψ, rad/s.
-        pub steering_frequency_rad_s: f32 = 8.0, Positive;
-        /// Steering error at which speed is brought to zero, rad.
-        pub steering_tolerance_rad: f32 = 0.15, Positive;
-        /// Rest at zero speed when the direction changes, s.
-        pub reversal_hold_s: f32 = 0.1, NonNegative;
-        /// Largest circumferential speed of any wheel, m/s.
-        pub max_wheel_speed_m_s: f32 = 0.6, Positive;
-        /// Half of the track of an axle (d), m.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub half_track_m: f32 = 0.162, Positive;
+        /// Largest |v̇|.
+        pub max_acceleration_m_s2: f32 = 0.4, "m/s²": Range(0.01, 5.0);
+        /// Deceleration of a stop; not less than the largest |v̇|.
+        pub stop_deceleration_m_s2: f32 = 0.8, "m/s²": Range(0.01, 10.0);
+        /// Largest |ψ̇|.
+        pub max_steering_rate_rad_s: f32 = 1.0, "rad/s": Range(0.05, 10.0);
+        /// Largest |ψ̈|.
+        pub max_steering_acceleration_rad_s2: f32 = 8.0, "rad/s²": Range(0.1, 100.0);
+        /// Rate of the first-order lag of v.
+        pub speed_rate_per_s: f32 = 6.0, "1/s": Positive;
+        /// Natural frequency of the critically damped filter of ψ.
+        pub steering_frequency_rad_s: f32 = 8.0, "rad/s": Positive;
+        /// Steering error at which speed is brought to zero.
+        pub steering_tolerance_rad: f32 = 0.15, "rad": Positive;
+        /// Rest at zero speed when the direction changes.
+        pub reversal_hold_s: f32 = 0.1, "s": NonNegative;
+        /// Largest circumferential speed of any wheel.
+        pub max_wheel_speed_m_s: f32 = 0.6, "m/s": Range(0.02, 5.0);
+        derived {
+            /// Largest |v| of the midpoint O.
+            pub max_speed_m_s: f32 = 0.25, "m/s": Positive;
+            /// Largest |ψ|; not more than that of the cascade.
+            pub max_steering_rad: f32 = 0.5, "rad": Range(1e-3, 1.5);
+            /// Half of the track of an axle (d).
+            pub half_track_m: f32 = 0.162, "m": Positive;
+        }
     }
 }
 

@@ -33,7 +33,7 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
-use crate::config::{ConfigError, config};
+use crate::config::{ConfigError, declare};
 use crate::math::trig::{atan2, clamp, cos, hypot, sin, sin_cos, sqrt, tanh, wrap_angle};
 use crate::math::{Posture, Steering, Transform, greater};
 use core::f32::consts::{PI, SQRT_2};
@@ -46,16 +46,14 @@ pub const MIN_DENOMINATOR_M: f32 = 1e-9;
 /// Smallest speed (m/s) that the yaw rate is divided by to give a curvature.
 pub const MIN_SPEED_M_S: f32 = 1e-6;
 
-/// Denominator of the velocity in eq. 4.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
-pub enum Form {
-    /// `e s cos α + r√2 sin 2θ sin α`: what the Lyapunov condition δ̇ = −k1 tanh δ gives.
-    #[default]
-    Derived,
-    /// `e s + r√2 sin 2θ sin α`: as the paper prints it, without `cos α`.
-    Printed,
+declare! {
+    /// Denominator of the velocity in eq. 4.
+    pub enum Form, default Derived {
+        /// `e s cos α + r√2 sin 2θ sin α`: what the Lyapunov condition δ̇ = −k1 tanh δ gives.
+        Derived = "derived",
+        /// `e s + r√2 sin 2θ sin α`: as the paper prints it, without `cos α`.
+        Printed = "printed",
+    }
 }
 
 /// End of the robot that leads.
@@ -243,26 +241,26 @@ pub struct Reference {
     pub kappa: f32,
 }
 
-config! {
+declare! {
     /// Gains of the kinematic controller.
     pub struct Config {
-        /// Radius of the circular path manifold, m (r). O comes to rest `r√(2ε)` short of the
+        /// Radius of the circular path manifold (r). O comes to rest `r√(2ε)` short of the
         /// reference.
-        pub circle_radius_m: f32 = 0.2, Positive;
+        pub circle_radius_m: f32 = 0.2, "m": Positive;
         /// Perturbation that keeps the manifold smooth at θ = 0 (ε = ζ − 1).
-        pub epsilon: f32 = 1e-3, Positive;
-        /// Speed demanded far from the manifold, m/s (k1).
-        pub approach_gain_m_s: f32 = 1.5, Positive;
-        /// Rate at which η = θ + α decays, rad/s (k2).
-        pub heading_gain_rad_s: f32 = 2.0, Positive;
+        pub epsilon: f32 = 1e-3, "": Positive;
+        /// Speed demanded far from the manifold (k1).
+        pub approach_gain_m_s: f32 = 1.5, "m/s": Range(1e-4, 20.0);
+        /// Rate at which η = θ + α decays (k2).
+        pub heading_gain_rad_s: f32 = 2.0, "rad/s": Range(0.01, 20.0);
         /// Denominator of the velocity.
         pub form: Form = Form::Derived;
         /// Positive floor of the derived denominator as a fraction of `e s`; 0 leaves it as derived.
-        pub denominator_floor: f32 = 0.3, Range(0.0, 1.0);
+        pub denominator_floor: f32 = 0.3, "": Range(0.0, 1.0);
         /// Decay of η along the path in the approach form: dη/ds = −p η/e (p).
-        pub arrival_gain: f32 = 3.0, Positive;
-        /// Distance below which the approach form steers ever less, m (σ).
-        pub softening_m: f32 = 0.03, NonNegative;
+        pub arrival_gain: f32 = 3.0, "": Positive;
+        /// Distance below which the approach form steers ever less (σ).
+        pub softening_m: f32 = 0.03, "m": NonNegative;
     }
 }
 
@@ -464,15 +462,15 @@ pub fn curvature_of_steering(Steering(psi): Steering, frame_length_m: f32) -> f3
     2.0 * psi / (frame_length_m * cos(psi))
 }
 
-config! {
+declare! {
     /// Bounds of what the robot is asked to do.
     pub struct LimitsConfig {
-        /// Greatest speed of O, m/s, both directions.
-        pub max_speed_m_s: f32 = 0.25, Positive;
-        /// Greatest steering angle of an axle against the frame's chord, rad (|ψ|).
-        pub max_steering_rad: f32 = 0.5, Range(0.01, 1.4);
-        /// Frame length, m (L).
-        pub frame_length_m: f32 = 0.37, Positive;
+        /// Greatest speed of O, both directions.
+        pub max_speed_m_s: f32 = 0.25, "m/s": Positive;
+        /// Greatest steering angle of an axle against the frame's chord (|ψ|).
+        pub max_steering_rad: f32 = 0.5, "rad": Range(0.01, 1.4);
+        /// Frame length (L).
+        pub frame_length_m: f32 = 0.37, "m": Positive;
     }
 }
 

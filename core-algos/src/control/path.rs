@@ -47,7 +47,7 @@ pub use buffer::{
 use super::cascade::Cascade;
 use super::governor::Wish;
 use super::kinematic::{Law, Reference};
-use crate::config::{Allowed, ConfigError, config, positive};
+use crate::config::{Allowed, ConfigError, declare, positive};
 use crate::math::trig::{clamp, sqrt};
 use crate::math::{Posture, Transform};
 use buffer::MAX_BEND_SQUARED;
@@ -59,28 +59,28 @@ const SLOW_M_S: f32 = 0.03;
 /// a path begins or ceases to grow. It costs some tenths of a millimetre across the path, waiting
 /// several millimetres along a trajectory.
 const STEERING_SLACK_RAD: f32 = 0.03;
-config! {
+declare! {
     /// Limits along a path.
     pub struct Config {
-        /// Speed where nothing limits it, m/s.
-        pub max_speed_m_s: f32 = 0.25, Positive;
-        /// Speed at which law (4) has the heading gain k2 it is given, m/s (v_0); at others, k2 |v|/v_0.
-        pub nominal_speed_m_s: f32 = 0.25, Positive;
-        /// Deceleration ahead of bends and of the end, m/s²; somewhat below the governor's.
-        pub deceleration_m_s2: f32 = 0.3, Positive;
-        /// Largest |ψ̇| the path may ask for, rad/s; somewhat below the governor's.
-        pub max_steering_rate_rad_s: f32 = 0.8, Positive;
-        /// Largest |ψ̈| the path may ask for, rad/s²; somewhat below the governor's.
-        pub max_steering_acceleration_rad_s2: f32 = 6.0, Positive;
-        /// Speed that is kept even where curvature changes too fast for it, m/s; the governor then
+        /// Speed where nothing limits it.
+        pub max_speed_m_s: f32 = 0.25, "m/s": Positive;
+        /// Speed at which law (4) has the heading gain k2 it is given (v_0); at others, k2 |v|/v_0.
+        pub nominal_speed_m_s: f32 = 0.25, "m/s": Range(0.01, 2.0);
+        /// Deceleration ahead of bends and of the end; somewhat below the governor's.
+        pub deceleration_m_s2: f32 = 0.3, "m/s²": Range(0.01, 5.0);
+        /// Largest |ψ̇| the path may ask for; somewhat below the governor's.
+        pub max_steering_rate_rad_s: f32 = 0.8, "rad/s": Positive;
+        /// Largest |ψ̈| the path may ask for; somewhat below the governor's.
+        pub max_steering_acceleration_rad_s2: f32 = 6.0, "rad/s²": Positive;
+        /// Speed that is kept even where curvature changes too fast for it; the governor then
         /// makes speed wait for steering.
-        pub min_speed_m_s: f32 = 0.02;
-        /// Delay between a lower reference speed and the robot's, s.
-        pub reaction_time_s: f32 = 0.2, NonNegative;
-        /// Length of path ahead of the last position that is searched for the robot, m.
-        pub search_window_m: f32 = 0.1, Positive;
-        /// Remaining distance at which the end counts as reached, m.
-        pub end_tolerance_m: f32 = 0.002, Positive;
+        pub min_speed_m_s: f32 = 0.02, "m/s": Range(1e-3, 2.0);
+        /// Delay between a lower reference speed and the robot's.
+        pub reaction_time_s: f32 = 0.2, "s": NonNegative;
+        /// Length of path ahead of the last position that is searched for the robot.
+        pub search_window_m: f32 = 0.1, "m": Positive;
+        /// Remaining distance at which the end counts as reached.
+        pub end_tolerance_m: f32 = 0.002, "m": Positive;
     }
 }
 

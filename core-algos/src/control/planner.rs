@@ -21,32 +21,32 @@ pub use plan::{Plan, Segment};
 
 use super::funnel::Candidate;
 use super::kinematic::Direction;
-use crate::config::{ConfigError, config, positive};
+use crate::config::{ConfigError, declare, positive};
 use crate::math::Posture;
 use crate::math::trig::{sin_cos, sinc, sqrt};
 use core::f32::consts::TAU;
 
-config! {
+declare! {
     /// Parameters of the search.
     pub struct Config {
         /// Share of the greatest curvature that funnel and segments use (κ_d over κ_max); the rest is
         /// left to feedback.
-        pub curvature_share: f32 = 0.94, Range(0.1, 1.0);
-        /// Grid of segment lengths, m, where the plan has one segment.
-        pub single_step_m: f32 = 0.04, Range(5e-3, 1.0);
-        /// Grid of segment lengths, m, where it has two.
-        pub pair_step_m: f32 = 0.08, Range(5e-3, 1.0);
-        /// Longest straight segment, m. An arc is at most one full turn.
-        pub max_straight_m: f32 = 3.0, Range(0.1, 100.0);
-        /// Least distance from the goal, m, at which the approach may begin.
-        pub min_approach_m: f32 = 0.15, Positive;
-        /// Margin to the funnel's bound `κ_d e` at the beginning of the approach, rad: room for errors
+        pub curvature_share: f32 = 0.94, "": Range(0.1, 1.0);
+        /// Grid of segment lengths, where the plan has one segment.
+        pub single_step_m: f32 = 0.04, "m": Range(5e-3, 1.0);
+        /// Grid of segment lengths, where it has two.
+        pub pair_step_m: f32 = 0.08, "m": Range(5e-3, 1.0);
+        /// Longest straight segment. An arc is at most one full turn.
+        pub max_straight_m: f32 = 3.0, "m": Range(0.1, 100.0);
+        /// Least distance from the goal, at which the approach may begin.
+        pub min_approach_m: f32 = 0.15, "m": Positive;
+        /// Margin to the funnel's bound `κ_d e` at the beginning of the approach: room for errors
         /// of execution.
-        pub margin_rad: f32 = 0.05, NonNegative;
-        /// Price of a change of direction, m.
-        pub cusp_price_m: f32 = 0.15, NonNegative;
-        /// Price of each segment (the stop at its end and the wait for steering), m.
-        pub stop_price_m: f32 = 0.08, NonNegative;
+        pub margin_rad: f32 = 0.05, "rad": NonNegative;
+        /// Price of a change of direction.
+        pub cusp_price_m: f32 = 0.15, "m": NonNegative;
+        /// Price of each segment (the stop at its end and the wait for steering).
+        pub stop_price_m: f32 = 0.08, "m": NonNegative;
     }
 }
 

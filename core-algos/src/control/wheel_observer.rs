@@ -15,7 +15,7 @@
 //!
 //! [`Config::build`] validates; [`WheelObserver::step`] cannot fail.
 
-use crate::config::{ConfigError, config};
+use crate::config::{ConfigError, declare};
 use crate::math::trig::lag_gain;
 use crate::time::TICK_S;
 use core::f32::consts::TAU;
@@ -23,17 +23,18 @@ use core::f32::consts::TAU;
 /// Most counts: up to it, single precision holds every whole number.
 const MAX_COUNTS: f32 = 16_777_215.0;
 
-config! {
+declare! {
     /// Encoder and bandwidth.
     pub struct Config {
-        /// Encoder counts per revolution of the wheel, gear and edges included.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub counts_per_revolution: u32 = 20_000, Range(4.0, MAX_COUNTS);
-        /// Bandwidth of the observer (b), rad/s.
-        pub bandwidth_rad_s: f32 = 250.0, Range(1e-3, 2.0 / TICK_S);
-        /// Largest speed the wheel can have, rad/s; a count further from the prediction than this
+        /// Bandwidth of the observer (b).
+        pub bandwidth_rad_s: f32 = 250.0, "rad/s": Range(10.0, 2.0 / TICK_S);
+        /// Largest speed the wheel can have; a count further from the prediction than this
         /// speed reaches in one interval is not a motion of the wheel.
-        pub max_speed_rad_s: f32 = 60.0, Positive;
+        pub max_speed_rad_s: f32 = 60.0, "rad/s": Positive;
+        derived {
+            /// Encoder counts per revolution of the wheel, gear and edges included.
+            pub counts_per_revolution: u32 = 20_000, "": Range(4.0, MAX_COUNTS);
+        }
     }
 }
 

@@ -19,29 +19,29 @@
 //! [`Config::build`] validates; [`CurrentLoop::step`] cannot fail. An input that is not finite, or a
 //! supply not above zero, gives zero volts and says so.
 
-use crate::config::{Allowed, ConfigError, config, require};
+use crate::config::{Allowed, ConfigError, declare, require};
 use crate::math::compare::{all_finite, lesser};
 use crate::math::trig::{clamp, lag_gain};
 
-config! {
+declare! {
     /// Motor and loop.
     ///
     /// Default: A 12 V gear motor of 2.5 N m at standstill and 20 rad/s without load.
     pub struct Config {
-        /// Resistance of winding, leads and bridge (R), Ω.
-        pub resistance_ohm: f32 = 2.88, Range(1e-3, 1e3);
-        /// Inductance of the winding (L), H.
-        pub inductance_h: f32 = 2.3e-3, Range(1e-6, 1.0);
-        /// Torque per current at the wheel, gear included (k_t = k_e), N m/A.
-        pub torque_constant_nm_a: f32 = 0.6, Range(1e-4, 1e3);
-        /// Bandwidth of the loop (ω_b), rad/s.
-        pub bandwidth_rad_s: f32 = 5000.0, Positive;
-        /// Time between steps (T), s.
-        pub period_s: f32 = 50e-6, Range(1e-6, 1e-2);
-        /// Largest current, A.
-        pub max_current_a: f32 = 4.0, Range(1e-3, 1e3);
+        /// Resistance of winding, leads and bridge (R).
+        pub resistance_ohm: f32 = 2.88, "Ω": Range(1e-3, 1e3);
+        /// Inductance of the winding (L).
+        pub inductance_h: f32 = 2.3e-3, "H": Range(1e-6, 1.0);
+        /// Torque per current at the wheel, gear included (k_t = k_e).
+        pub torque_constant_nm_a: f32 = 0.6, "N m/A": Range(1e-4, 1e3);
+        /// Bandwidth of the loop (ω_b).
+        pub bandwidth_rad_s: f32 = 5000.0, "rad/s": Positive;
+        /// Time between steps (T).
+        pub period_s: f32 = 50e-6, "s": Range(1e-6, 1e-2);
+        /// Largest current.
+        pub max_current_a: f32 = 4.0, "A": Range(1e-3, 1e3);
         /// Largest share of the supply put on the motor.
-        pub max_duty: f32 = 0.98, Range(0.05, 1.0);
+        pub max_duty: f32 = 0.98, "": Range(0.05, 1.0);
     }
 }
 

@@ -9,27 +9,27 @@
 //! [`Config::build`] validates; [`Response::step`] cannot fail. What is not finite is no answer.
 
 use super::current;
-use crate::config::{ConfigError, config, in_range};
+use crate::config::{ConfigError, declare, in_range};
 
-config! {
+declare! {
     /// Motor and tolerances.
     ///
     /// Default: The motor of [`current::Config`], up to 60 % hotter in resistance.
     pub struct Config {
-        /// Resistance of winding, leads and bridge (R), Ω.
-        pub resistance_ohm: f32 = current::Config::default().resistance_ohm, Range(1e-3, 1e3);
-        /// Inductance of the winding (L), H.
-        pub inductance_h: f32 = current::Config::default().inductance_h, Range(1e-6, 1.0);
-        /// Torque per current at the wheel, gear included (k_t = k_e), N m/A.
-        pub torque_constant_nm_a: f32 = current::Config::default().torque_constant_nm_a, Range(1e-4, 1e3);
-        /// Time between steps (T), s.
-        pub period_s: f32 = current::Config::default().period_s, Range(1e-6, 1e-2);
-        /// Length of a window, s.
-        pub window_s: f32 = 0.01;
-        /// Voltage that may be left over without a current, V.
-        pub tolerance_v: f32 = 1.5, Range(0.1, 100.0);
+        /// Resistance of winding, leads and bridge (R).
+        pub resistance_ohm: f32 = current::Config::default().resistance_ohm, "Ω": Range(1e-3, 1e3);
+        /// Inductance of the winding (L).
+        pub inductance_h: f32 = current::Config::default().inductance_h, "H": Range(1e-6, 1.0);
+        /// Torque per current at the wheel, gear included (k_t = k_e).
+        pub torque_constant_nm_a: f32 = current::Config::default().torque_constant_nm_a, "N m/A": Range(1e-4, 1e3);
+        /// Time between steps (T).
+        pub period_s: f32 = current::Config::default().period_s, "s": Range(1e-6, 1e-2);
+        /// Length of a window.
+        pub window_s: f32 = 0.01, "s": Range(4e-6, 1.0);
+        /// Voltage that may be left over without a current.
+        pub tolerance_v: f32 = 1.5, "V": Range(0.1, 100.0);
         /// Share of R i that may be left over.
-        pub tolerance_share: f32 = 0.6, Range(0.0, 5.0);
+        pub tolerance_share: f32 = 0.6, "": Range(0.0, 5.0);
     }
 }
 

@@ -6,23 +6,23 @@
 //!
 //! [`Config::build`] validates; [`Shunt::read`] and [`Zeroing`] cannot fail.
 
-use crate::config::{Allowed, ConfigError, config, require};
+use crate::config::{Allowed, ConfigError, declare, require};
 
-config! {
+declare! {
     /// Amplifier and converter.
     ///
     /// Default: 10 mΩ and an amplification of 20.
     pub struct Config {
-        /// Shunt times amplification, V/A; negative if the shunt is wired the other way round.
-        pub volts_per_ampere: f32 = 0.2;
-        /// Reference of the converter, V.
-        pub reference_v: f32 = 3.3, Range(1.0, 5.5);
+        /// Shunt times amplification; negative if the shunt is wired the other way round.
+        pub volts_per_ampere: f32 = 0.2, "V/A": Range(-10.0, 10.0);
+        /// Reference of the converter.
+        pub reference_v: f32 = 3.3, "V": Range(1.0, 5.5);
         /// A count this close to either end is no reading.
-        pub rail_margin_counts: u16 = 20, Range(0.0, 999.0);
-        /// Largest offset of the middle that is believed, A.
-        pub max_offset_a: f32 = 0.2, Range(0.0, 100.0);
-        /// Largest standard deviation of a reading at rest, A.
-        pub max_noise_a: f32 = 0.1, Range(1e-4, 100.0);
+        pub rail_margin_counts: u16 = 20, "counts": Range(0.0, 999.0);
+        /// Largest offset of the middle that is believed.
+        pub max_offset_a: f32 = 0.2, "A": Range(0.0, 100.0);
+        /// Largest standard deviation of a reading at rest.
+        pub max_noise_a: f32 = 0.1, "A": Range(1e-4, 100.0);
     }
 }
 

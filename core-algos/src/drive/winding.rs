@@ -8,30 +8,30 @@
 //! [`Config::build`] validates; [`Winding::step`] cannot fail. A current that is not finite counts
 //! as the largest one.
 
-use crate::config::{Allowed, ConfigError, config, in_range, require};
+use crate::config::{Allowed, ConfigError, declare, in_range, require};
 use crate::math::trig::{clamp, lag_gain};
 
-config! {
+declare! {
     /// Thermal data.
     pub struct Config {
-        /// Resistance of the winding (R), Ω.
-        pub resistance_ohm: f32 = 2.88, Range(1e-3, 1e3);
-        /// Thermal resistance to ambient (R_th), K/W.
-        pub thermal_resistance_k_w: f32 = 6.0, Range(1e-3, 1e3);
-        /// Thermal time constant (τ), s.
-        pub time_constant_s: f32 = 30.0, Range(0.1, 1e4);
-        /// Ambient temperature, °C.
-        pub ambient_c: f32 = 30.0, Range(-40.0, 85.0);
-        /// Temperature assumed at the start, °C.
-        pub start_c: f32 = 60.0;
-        /// Temperature from which the current is folded back, °C.
-        pub fold_back_c: f32 = 100.0;
-        /// Temperature at which no current is left, °C.
-        pub max_c: f32 = 120.0;
-        /// Time between steps, s.
-        pub period_s: f32 = 1e-3, Range(1e-5, 0.1);
-        /// Largest current, A.
-        pub max_current_a: f32 = 4.0, Positive;
+        /// Resistance of the winding (R).
+        pub resistance_ohm: f32 = 2.88, "Ω": Range(1e-3, 1e3);
+        /// Thermal resistance to ambient (R_th).
+        pub thermal_resistance_k_w: f32 = 6.0, "K/W": Range(1e-3, 1e3);
+        /// Thermal time constant (τ).
+        pub time_constant_s: f32 = 30.0, "s": Range(0.1, 1e4);
+        /// Ambient temperature.
+        pub ambient_c: f32 = 30.0, "°C": Range(-40.0, 85.0);
+        /// Temperature assumed at the start.
+        pub start_c: f32 = 60.0, "°C": Range(-40.0, 200.0);
+        /// Temperature from which the current is folded back.
+        pub fold_back_c: f32 = 100.0, "°C": Range(-39.0, 200.0);
+        /// Temperature at which no current is left.
+        pub max_c: f32 = 120.0, "°C": Range(-38.0, 250.0);
+        /// Time between steps.
+        pub period_s: f32 = 1e-3, "s": Range(1e-5, 0.1);
+        /// Largest current.
+        pub max_current_a: f32 = 4.0, "A": Positive;
     }
 }
 

@@ -44,7 +44,7 @@
 //! ```
 
 use super::Estimate;
-use crate::config::{ConfigError, config};
+use crate::config::{ConfigError, declare};
 use crate::math::Posture;
 use crate::math::trig::wrap_angle_f64;
 
@@ -54,26 +54,23 @@ type Mat3 = [Vec3; 3];
 /// Steps of the search for a weight; it ends far earlier unless the inputs are extreme.
 const MAX_SEARCH: usize = 64;
 
-/// Criterion that the fused covariance minimises.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-pub enum Criterion {
-    /// Determinant: independent of the units of position and heading.
-    #[default]
-    #[cfg_attr(feature = "serde", serde(alias = "det"))]
-    Determinant,
-    /// Trace, heading variance weighted by the square of a length.
-    Trace,
+declare! {
+    /// Criterion that the fused covariance minimises.
+    pub enum Criterion, default Determinant {
+        /// Determinant: independent of the units of position and heading.
+        Determinant = "determinant" or "det",
+        /// Trace, heading variance weighted by the square of a length.
+        Trace = "trace",
+    }
 }
 
-config! {
+declare! {
     /// Parameters of covariance intersection.
     pub struct Config {
         /// Criterion that the fused covariance minimises.
         pub criterion: Criterion = Criterion::Determinant;
-        /// Length that turns a heading error into a position error in the trace criterion, m.
-        pub heading_length_m: f32 = 0.2, Positive;
+        /// Length that turns a heading error into a position error in the trace criterion.
+        pub heading_length_m: f32 = 0.2, "m": Positive;
     }
 }
 

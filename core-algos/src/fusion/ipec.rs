@@ -44,31 +44,32 @@
 //! # Ok::<(), core_algos::config::ConfigError>(())
 //! ```
 
-use crate::config::{ConfigError, config};
+use crate::config::{ConfigError, declare};
 use crate::math::Posture;
 use crate::math::trig::{atan2, hypot, sin_cos, wrap_angle, wrap_angle_f64};
 
 /// Shortest distance between the axles that gives a direction, m.
 pub const MIN_BASELINE_M: f32 = 1e-3;
 
-config! {
+declare! {
     /// Standard deviations of what one interval measures.
     pub struct Config {
-        /// Distance between the wheels of an axle, m.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub track_m: f32 = 0.324, Positive;
-        /// Standard deviation of one wheel's advance in an interval, m.
-        pub wheel_sigma_m: f32 = 5e-5, NonNegative;
-        /// Standard deviation of the beam's lateral position (r_y), m.
-        pub lateral_sigma_m: f32 = 5e-5, NonNegative;
-        /// Standard deviation of the beam's heading (r_φ), rad.
-        pub heading_sigma_rad: f32 = 2e-4, NonNegative;
+        /// Standard deviation of one wheel's advance in an interval.
+        pub wheel_sigma_m: f32 = 5e-5, "m": NonNegative;
+        /// Standard deviation of the beam's lateral position (r_y).
+        pub lateral_sigma_m: f32 = 5e-5, "m": NonNegative;
+        /// Standard deviation of the beam's heading (r_φ).
+        pub heading_sigma_rad: f32 = 2e-4, "rad": NonNegative;
         /// Drift of the line's direction from errors that do not change from interval to interval
-        /// (beam zero, wheel radius), as an equivalent random walk, rad/√m. Only in [`Ipec::weigh`].
-        pub drift_rad_per_sqrt_m: f32 = 2.5e-3, NonNegative;
+        /// (beam zero, wheel radius), as an equivalent random walk. Only in [`Ipec::weigh`].
+        pub drift_rad_per_sqrt_m: f32 = 2.5e-3, "rad/√m": NonNegative;
         /// Deviation of an axle's heading change, in standard deviations, beyond which it is taken for
         /// a bump or slip and left out. Only in [`Ipec::weigh`].
-        pub gate_sigmas: f32 = 5.0, Positive;
+        pub gate_sigmas: f32 = 5.0, "": Positive;
+        derived {
+            /// Distance between the wheels of an axle.
+            pub track_m: f32 = 0.324, "m": Positive;
+        }
     }
 }
 

@@ -27,23 +27,22 @@
 //!
 //! [`Config::build`] validates; after it nothing fails or panics. Cost: a division a tick at rest, else an addition.
 
-use crate::config::{ConfigError, non_negative, positive};
+use crate::config::{ConfigError, declare, positive};
 use crate::math::trig::sqrt;
 
-/// Parameters of one sensor; `u` is its unit (rad/s, m/s²).
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
-pub struct Config {
-    /// Largest magnitude of a bias, u.
-    pub limit: f32,
-    /// White noise, u/√Hz, one-sided.
-    pub noise_per_sqrt_hz: f32,
-    /// Random walk of the bias, u/√s.
-    pub walk_per_sqrt_s: f32,
-    /// Standard deviation of a bias once seen from which on readings are withheld until it is seen
-    /// again, u.
-    pub largest_sigma: f32,
+declare! {
+    /// Parameters of one sensor, in its unit: rad/s for a gyro, m/s² for an accelerometer.
+    pub struct Config {
+        /// Largest magnitude of a bias.
+        pub limit: f32 = Self::GYRO.limit, "rad/s or m/s²": Positive;
+        /// White noise, one-sided.
+        pub noise_per_sqrt_hz: f32 = Self::GYRO.noise_per_sqrt_hz, "rad/s/√Hz or m/s²/√Hz": Positive;
+        /// Random walk of the bias.
+        pub walk_per_sqrt_s: f32 = Self::GYRO.walk_per_sqrt_s, "rad/s/√s or m/s²/√s": NonNegative;
+        /// Standard deviation of a known bias from which on readings are withheld until the bias is
+        /// measured again.
+        pub largest_sigma: f32 = Self::GYRO.largest_sigma, "rad/s or m/s²": Positive;
+    }
 }
 
 impl Config {
@@ -67,10 +66,13 @@ impl Config {
     /// The ready form for a sample every `period_s`; an error names the parameter out of range.
     pub fn build(&self, period_s: f32) -> Result<Zeroing, ConfigError> {
         let period = positive("period_s", period_s)?;
-        let limit = positive("limit", self.limit)?;
-        let noise = positive("noise_per_sqrt_hz", self.noise_per_sqrt_hz)?;
-        let walk = non_negative("walk_per_sqrt_s", self.walk_per_sqrt_s)?;
-        let largest = positive("largest_sigma", self.largest_sigma)?;
+        self.check_ranges()?;
+        let Self {
+            limit,
+            noise_per_sqrt_hz: noise,
+            walk_per_sqrt_s: walk,
+            largest_sigma: largest,
+        } = *self;
         Ok(Zeroing {
             limit,
             // Half the sample rate is the bandwidth.

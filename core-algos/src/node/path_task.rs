@@ -33,7 +33,7 @@
 //!
 //! [`control::path`]: crate::control::path
 
-use crate::config::{ConfigError, config};
+use crate::config::{ConfigError, declare};
 use crate::control::cascade::{Cascade, Motion};
 use crate::control::governor::Wish;
 use crate::control::kinematic;
@@ -57,7 +57,7 @@ const REST_S: f32 = 1.0;
 /// Reference speed from which the robot is to move before the end is known or the time is over, m/s.
 const MOVING_M_S: f32 = 5e-3;
 
-config! {
+declare! {
     /// Parameters of path following and trajectory tracking.
     pub struct Config {
         /// Limits along a path. Trajectories use its nominal speed only: they bring their own limits.
@@ -73,11 +73,11 @@ config! {
             heading_gain_rad_s: 1.0,
             ..kinematic::Config::default()
         };
-        /// Distance of O from its path or trajectory beyond which the robot stops, m.
-        pub max_deviation_m: f32 = 0.5, Positive;
-        /// Speed asked for at the end below which the robot is brought to rest, m/s. The law asks for
+        /// Distance of O from its path or trajectory beyond which the robot stops.
+        pub max_deviation_m: f32 = 0.5, "m": Positive;
+        /// Speed asked for at the end below which the robot is brought to rest. The law asks for
         /// k1 times the distance left.
-        pub rest_speed_m_s: f32 = 1e-3, Positive;
+        pub rest_speed_m_s: f32 = 1e-3, "m/s": Positive;
     }
 }
 

@@ -7,50 +7,50 @@
 use super::lead::Place;
 use super::{axle, beam, lead};
 use crate::beam::sensor;
-use crate::config::{Allowed, ConfigError, config};
+use crate::config::{Allowed, ConfigError, declare};
 use crate::fusion::Estimate;
 use crate::math::Posture;
 use crate::math::trig::sin_cos;
 use crate::safety::supervisor;
 use crate::topology::AxleId;
 
-config! {
+declare! {
     /// Dimensions and stiffness of the robot as its software believes them.
     pub struct Geometry {
-        /// Flexible length of the frame (the paper's L), m.
-        pub frame_length_m: f32 = 0.37, Positive;
-        /// Rigid length between each end of the flexible part and the axle there, m.
-        pub rigid_end_m: f32 = 0.0, NonNegative;
-        /// Distance of the strain gauges from the neutral axis, m: half the strip's thickness.
-        pub half_thickness_m: f32 = 0.5e-3;
-        /// Bending stiffness EI of the frame, N m².
-        pub bending_stiffness_n_m2: f32 = 0.833, Positive;
-        /// Half of the distance between the wheels of an axle (the paper's d), m.
-        pub half_track_m: f32 = 0.162, Positive;
-        /// Radius of the wheels (the paper's r_w), m.
-        pub wheel_radius_m: f32 = 0.073, Positive;
+        /// Flexible length of the frame (the paper's L).
+        pub frame_length_m: f32 = 0.37, "m": Range(0.05, 5.0);
+        /// Rigid length between each end of the flexible part and the axle there.
+        pub rigid_end_m: f32 = 0.0, "m": Range(0.0, 1.0);
+        /// Distance of the strain gauges from the neutral axis: half the strip's thickness.
+        pub half_thickness_m: f32 = 0.5e-3, "m": Range(5e-5, 0.02);
+        /// Bending stiffness EI of the frame.
+        pub bending_stiffness_n_m2: f32 = 0.833, "N m²": Range(1e-3, 1e3);
+        /// Half of the distance between the wheels of an axle (the paper's d).
+        pub half_track_m: f32 = 0.162, "m": Range(0.02, 2.0);
+        /// Radius of the wheels (the paper's r_w).
+        pub wheel_radius_m: f32 = 0.073, "m": Range(0.01, 0.5);
         /// Radius of the right wheel over that of the left; `wheel_radius_m` is their mean.
-        pub wheel_ratio: f32 = 1.0, Range(0.8, 1.25);
+        pub wheel_ratio: f32 = 1.0, "": Range(0.8, 1.25);
         /// Encoder counts per revolution of a wheel, gear and edges included.
-        pub encoder_counts_per_revolution: u32 = 8192, Positive;
+        pub encoder_counts_per_revolution: u32 = 8192, "": Range(16.0, 1e6);
     }
 }
 
-config! {
+declare! {
     /// Limits of the midpoint's motion.
     pub struct Limits {
-        /// Largest speed of the midpoint, m/s.
-        pub max_speed_m_s: f32 = 0.25, Positive;
-        /// Largest steering angle |ψ| the frame may be bent to, rad; bounds the curvature by
+        /// Largest speed of the midpoint.
+        pub max_speed_m_s: f32 = 0.25, "m/s": Range(0.01, 2.0);
+        /// Largest steering angle |ψ| the frame may be bent to; bounds the curvature by
         /// 2ψ/(L cos ψ).
-        pub max_steering_rad: f32 = 0.5, Range(0.05, 1.2);
-        /// Margin to the largest steering angle that is never commanded, rad: the true angle may exceed
+        pub max_steering_rad: f32 = 0.5, "rad": Range(0.05, 1.2);
+        /// Margin to the largest steering angle that is never commanded: the true angle may exceed
         /// its command.
         ///
         /// On tyres that creep the frame's moment holds the axles back and the true angle stays some 2
         /// % below its command; on stiff tyres lag and the error of the beam let it exceed the command,
         /// by 3 mrad at most in simulation.
-        pub steering_margin_rad: f32 = 0.005;
+        pub steering_margin_rad: f32 = 0.005, "rad": Range(0.0, 0.25);
     }
 }
 
@@ -61,21 +61,20 @@ impl Limits {
     }
 }
 
-/// Configuration of all boards of a robot.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
-pub struct RobotConfig {
-    /// Dimensions and stiffness.
-    pub geometry: Geometry,
-    /// Limits of motion.
-    pub limits: Limits,
-    /// Both axle nodes.
-    pub axle: axle::Config,
-    /// Beam node.
-    pub beam: sensor::Config,
-    /// Lead node.
-    pub lead: lead::Config,
+declare! {
+    /// Configuration of all boards of a robot.
+    pub struct RobotConfig {
+        /// Dimensions and stiffness.
+        pub geometry: Geometry = Geometry::default();
+        /// Limits of motion.
+        pub limits: Limits = Limits::default();
+        /// Both axle nodes.
+        pub axle: axle::Config = axle::Config::default();
+        /// Beam node.
+        pub beam: sensor::Config = sensor::Config::default();
+        /// Lead node.
+        pub lead: lead::Config = lead::Config::default();
+    }
 }
 
 /// Start posture of the midpoint for an operator who has only a button (m, m, rad): that of the

@@ -4,7 +4,7 @@
 //! from it. A test asks that the defaults give the defaults of each.
 
 use crate::acquisition::analog::SupplyConfig;
-use crate::config::{Allowed, ConfigError, config, require};
+use crate::config::{Allowed, ConfigError, declare, require};
 use crate::drive::winding::fold_back;
 use crate::drive::{current, response, shunt, winding};
 
@@ -14,47 +14,47 @@ const BEYOND_V: (f32, f32) = (1.0, 0.8);
 /// Share of the converter's range that a supply can be told from a broken divider.
 const READABLE: f32 = 0.98;
 
-config! {
+declare! {
     /// Circuits behind the pins of an axle board.
     ///
     /// Default: A 12 V gear motor of 2.5 N m at standstill and 20 rad/s without load, INA240A1 on 10 mΩ, and
     /// a battery of three cells: 3.3 V and 3.5 V a cell below; above, four full cells are no reason
     /// to stop.
     pub struct Drive {
-        /// True supply voltage over the one read.
-        pub supply_gain: f32 = 1.0;
-        /// Supply below which the robot stops, V.
-        pub supply_minimum_v: f32 = 9.9;
-        /// Supply below which it says so, V.
-        pub supply_warning_v: f32 = 10.5;
-        /// Supply above which it stops, V.
-        pub supply_maximum_v: f32 = 17.4;
-        /// Shunt in a motor's lead, Ω.
-        pub shunt_ohm: f32 = 0.01;
-        /// Gain of the amplifier across it.
-        pub amplifier_gain: f32 = 20.0;
-        /// Resistance of winding, leads and bridge, Ω.
-        pub resistance_ohm: f32 = 2.88;
-        /// Inductance of the winding, H.
-        pub inductance_h: f32 = 2.3e-3;
-        /// Torque per current of the motor before its gear, N m/A.
-        pub torque_constant_nm_a: f32 = 0.02;
-        /// Turns of the motor for one of the wheel.
-        pub gear_ratio: f32 = 30.0;
-        /// Largest current of a motor, A.
-        pub max_current_a: f32 = 4.0;
-        /// Thermal resistance from winding to ambient, K/W.
-        pub thermal_resistance_k_w: f32 = 6.0;
-        /// Thermal time constant of the winding, s.
-        pub thermal_time_constant_s: f32 = 30.0;
-        /// Temperature of the winding at which no current is left, °C.
-        pub winding_max_c: f32 = 120.0;
-        /// Span below the limit in which the current is folded back, K.
-        pub winding_fold_back_k: f32 = 20.0;
-        /// Temperature between the drivers at which no current is left, °C.
-        pub driver_max_c: f32 = 105.0, Range(0.0, 200.0);
-        /// Span below the limit in which the current is folded back, K.
-        pub driver_fold_back_k: f32 = 20.0, Range(1.0, 100.0);
+        /// True supply voltage over the measured one.
+        pub supply_gain: f32 = 1.0, "": Range(0.9, 1.1);
+        /// Supply below which the robot stops; 3.3 V a cell: 9.9 for three, 13.2 for four.
+        pub supply_minimum_v: f32 = 9.9, "V": Range(6.0, 15.0);
+        /// Supply below which the robot reports a warning; 3.5 V a cell: 10.5 for three, 14.0 for four.
+        pub supply_warning_v: f32 = 10.5, "V": Range(6.0, 17.0);
+        /// Supply above which the robot stops; a full pack and 3 %: 13.0 for three cells, 17.4 for four.
+        pub supply_maximum_v: f32 = 17.4, "V": Range(10.0, 17.6);
+        /// Shunt in a motor's lead.
+        pub shunt_ohm: f32 = 0.01, "Ω": Range(1e-3, 0.1);
+        /// Gain of the amplifier across the shunt.
+        pub amplifier_gain: f32 = 20.0, "": Range(1.0, 100.0);
+        /// Resistance of winding, leads and bridge.
+        pub resistance_ohm: f32 = 2.88, "Ω": Range(0.05, 100.0);
+        /// Inductance of the winding.
+        pub inductance_h: f32 = 2.3e-3, "H": Range(1e-5, 0.1);
+        /// Torque per current of the motor before its gear.
+        pub torque_constant_nm_a: f32 = 0.02, "N m/A": Range(1e-3, 1.0);
+        /// Turns of a motor in one turn of its wheel.
+        pub gear_ratio: f32 = 30.0, "": Range(1.0, 500.0);
+        /// Largest current of a motor.
+        pub max_current_a: f32 = 4.0, "A": Range(0.2, 5.5);
+        /// Thermal resistance from winding to ambient.
+        pub thermal_resistance_k_w: f32 = 6.0, "K/W": Range(0.1, 100.0);
+        /// Thermal time constant of the winding.
+        pub thermal_time_constant_s: f32 = 30.0, "s": Range(1.0, 1e3);
+        /// Temperature of the winding at which no current is left.
+        pub winding_max_c: f32 = 120.0, "°C": Range(70.0, 180.0);
+        /// Span below that temperature in which the current limit falls.
+        pub winding_fold_back_k: f32 = 20.0, "K": Range(5.0, 35.0);
+        /// Temperature between the drivers at which no current is left.
+        pub driver_max_c: f32 = 105.0, "°C": Range(60.0, 150.0);
+        /// Span below that temperature in which the current limit falls.
+        pub driver_fold_back_k: f32 = 20.0, "K": Range(5.0, 35.0);
     }
 }
 

@@ -37,61 +37,89 @@ pub use table::{COUNT, Parameter, TABLE, find, fingerprint};
 
 use crate::acquisition::oversampling::{FULL_SCALE, SCANS};
 use crate::beam::PerGauge;
-use crate::config::{ConfigError, config};
+use crate::config::{Allowed, ConfigError, declare};
 use crate::math::Posture;
 use crate::node::board::Board;
 use crate::node::robot::{RobotConfig, START};
 use crate::safety::{OperatingState, Permit};
 use crate::topology::{AxleId, Role};
+use declare::{Declared, Field, Kind};
 
-/// Everything on a board that has parameters.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    /// Configuration of the nodes.
-    pub robot: RobotConfig,
-    /// Scale of the board's inertial sensor.
-    pub inertial: Inertial,
-    /// Motors, drivers and supply of an axle's board.
-    pub drive: Drive,
-    /// Drive that the front board's button begins.
-    pub button: Button,
-}
-
-/// Drive that the front board's button begins.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Button {
-    /// Posture at which the robot was put down, m and rad.
-    pub start: Posture,
-    /// Goal, m and rad.
-    pub goal: Posture,
-    /// Action of a robot at rest: 0 the latest goal again, `goal` if there was none; 1 `goal` from `start`; 2 none.
-    /// The button stops a robot that drives.
-    pub action: u32,
-}
-
-impl Default for Button {
-    fn default() -> Self {
-        Self {
-            start: START,
-            goal: Posture::ORIGIN,
-            action: 0,
-        }
+::declare::declare! {
+    /// Everything on a board that has parameters.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Settings {
+        /// Configuration of the nodes.
+        pub robot: RobotConfig = RobotConfig::default();
+        /// Scale of the board's inertial sensor.
+        pub inertial: Inertial = Inertial::default();
+        /// Motors, drivers and supply of an axle's board.
+        pub drive: Drive = Drive::default();
+        /// Drive that the front board's button begins.
+        pub button: Button = Button::default();
     }
 }
 
-config! {
+::declare::declare! {
+    /// Drive that the front board's button begins.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Button {
+        /// Posture at which the robot is placed.
+        pub start: Posture = START;
+        /// Goal.
+        pub goal: Posture = Posture::ORIGIN;
+        /// Action of the button if the robot is at rest. The button stops a robot that drives.
+        pub action: Press = Press::Again;
+    }
+}
+
+declare! {
+    /// Action of the button.
+    pub enum Press, default Again {
+        /// Drive to the latest goal; to the button's goal if there was none.
+        Again = "again",
+        /// Drive from the button's start to the button's goal.
+        StartAndGoal = "start-and-goal",
+        /// Nothing.
+        Nothing = "nothing",
+    }
+}
+
+impl Declared for Posture {
+    const KIND: Kind = {
+        const fn field(
+            name: &'static str,
+            doc: &'static str,
+            unit: &'static str,
+            most: f32,
+        ) -> Field {
+            let allowed = Allowed::Range(-most, most);
+            let whole = false;
+            Field {
+                name,
+                doc,
+                kind: Kind::Number {
+                    unit,
+                    allowed,
+                    whole,
+                },
+            }
+        }
+        Kind::Table(&[
+            field("x", "Position of the midpoint along x.", "m", 50.0),
+            field("y", "Position of the midpoint along y.", "m", 50.0),
+            field("phi", "Heading.", "rad", 3.2),
+        ])
+    };
+}
+
+declare! {
     /// Scale of an inertial sensor; its biases are found anew at every standstill.
     pub struct Inertial {
-        /// True yaw rate over the one read.
-        pub gyro_gain: f32 = 1.0, Range(0.5, 2.0);
-        /// True acceleration over the one read.
-        pub accelerometer_gain: f32 = 1.0, Range(0.5, 2.0);
-    }
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self::new(RobotConfig::default())
+        /// True yaw rate over the measured one.
+        pub gyro_gain: f32 = 1.0, "": Range(0.9, 1.1);
+        /// True acceleration over the measured one.
+        pub accelerometer_gain: f32 = 1.0, "": Range(0.9, 1.1);
     }
 }
 
@@ -100,9 +128,7 @@ impl Settings {
     pub fn new(robot: RobotConfig) -> Self {
         Self {
             robot,
-            inertial: Inertial::default(),
-            drive: Drive::default(),
-            button: Button::default(),
+            ..Self::default()
         }
     }
 

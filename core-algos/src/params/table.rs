@@ -1,13 +1,15 @@
-//! The one table of parameters.
+//! The one table of stored parameters. Unit, range and meaning are those of the declared [`Settings`].
 //!
 //! An identifier is the key in the store and is never given to another parameter. A version goes up
 //! when the meaning of a value changes; values of other versions are not used.
 
+use super::Press;
 use super::Settings;
 use crate::beam::PerGauge;
 use crate::config::{Allowed, ConfigError, in_range, require};
 use crate::control::regulator::Strategy;
 use crate::fusion::robot::Mode;
+use declare::{Choice, Field, Kind, field_at};
 
 /// One parameter.
 #[derive(Clone, Copy, Debug)]
@@ -24,8 +26,6 @@ pub struct Parameter {
     pub range: (f32, f32),
     /// True if only whole numbers are values.
     pub whole: bool,
-    /// Meaning of the parameter.
-    pub meaning: &'static str,
     read: fn(&Settings) -> f32,
     write: fn(&mut Settings, f32),
 }
@@ -42,6 +42,24 @@ impl Parameter {
     /// Its value when nothing is stored, on a board whose own settings are the defaults.
     pub fn default(&self) -> f32 {
         self.get(&Settings::default())
+    }
+
+    /// Meaning of the parameter.
+    pub fn meaning(&self) -> &'static str {
+        self.field().map_or("", Field::summary)
+    }
+
+    /// Names of the values 0, 1, … if the parameter is one of several; otherwise empty.
+    pub fn choices(&self) -> &'static [Choice] {
+        match self.field().map(|field| field.kind) {
+            Some(Kind::Choice(choices)) => choices,
+            _ => &[],
+        }
+    }
+
+    fn field(&self) -> Option<&'static Field> {
+        let place = TABLE.iter().position(|other| other.id == self.id)?;
+        FIELDS.get(place)
     }
 
     /// Refuses NaN and what is out of range; the error names the parameter.
@@ -93,93 +111,77 @@ fn gauge(list: &PerGauge, i: usize) -> f32 {
 }
 
 macro_rules! access {
-    (number $first:ident $($rest:ident)+) => {
+    (number $($path:ident).+) => {
         (
-            |settings| settings.$first$(.$rest)+,
-            |settings, value| settings.$first$(.$rest)+ = value,
+            |settings| settings.$($path).+,
+            |settings, value| settings.$($path).+ = value,
         )
     };
-    (count $first:ident $($rest:ident)+) => {
+    (count $($path:ident).+) => {
         (
-            |settings| settings.$first$(.$rest)+ as f32,
-            |settings, value| settings.$first$(.$rest)+ = value as u32,
+            |settings| settings.$($path).+ as f32,
+            |settings, value| settings.$($path).+ = value as u32,
         )
     };
-    (strategy $first:ident $($rest:ident)+) => {
+    (($i:literal) $($path:ident).+) => {
         (
-            |settings| settings.$first$(.$rest)+ as u8 as f32,
+            |settings| gauge(&settings.$($path).+, $i),
+            |settings, value| settings.$($path).+.set($i, value),
+        )
+    };
+    ($choice:ident $($path:ident).+) => {
+        (
+            |settings| settings.$($path).+ as u8 as f32,
             |settings, value| {
-                settings.$first$(.$rest)+ = match value {
-                    0.0 => Strategy::Funnel,
-                    _ => Strategy::PaperLaw,
+                if let Some(&choice) = $choice::ALL.get(value as usize) {
+                    settings.$($path).+ = choice;
                 }
             },
         )
     };
-    (mode $first:ident $($rest:ident)+) => {
-        (
-            |settings| settings.$first$(.$rest)+ as u8 as f32,
-            |settings, value| {
-                settings.$first$(.$rest)+ = match value {
-                    0.0 => Mode::Odometry,
-                    1.0 => Mode::Intersection,
-                    2.0 => Mode::IntersectionIpec,
-                    _ => Mode::Joint,
-                }
-            },
-        )
-    };
-    (($i:literal) $first:ident $($rest:ident)+) => {
-        (
-            |settings| gauge(&settings.$first$(.$rest)+, $i),
-            |settings, value| settings.$first$(.$rest)+.set($i, value),
-        )
+}
+
+/// Path with dots: `stringify!` sets spaces around them.
+macro_rules! path {
+    ($first:ident $(.$rest:ident)*) => {
+        concat!(stringify!($first) $(, ".", stringify!($rest))*)
     };
 }
 
 macro_rules! name {
-    (($i:literal) $first:ident $($rest:ident)+) => {
-        concat!(stringify!($first) $(, ".", stringify!($rest))+, "[", $i, "]")
+    (($i:literal) $($path:ident).+) => {
+        concat!(path!($($path).+), "[", $i, "]")
     };
-    ($kind:ident $first:ident $($rest:ident)+) => {
-        concat!(stringify!($first) $(, ".", stringify!($rest))+)
-    };
-}
-
-macro_rules! is_whole {
-    (count) => {
-        true
-    };
-    (strategy) => {
-        true
-    };
-    (mode) => {
-        true
-    };
-    ($other:tt) => {
-        false
+    ($kind:ident $($path:ident).+) => {
+        path!($($path).+)
     };
 }
 
 macro_rules! parameters {
-    ($($id:literal v $version:literal $kind:tt $first:ident$(.$rest:ident)+, $unit:literal $low:literal to $high:literal: $meaning:literal;)+) => {
+    ($($id:literal v $version:literal $kind:tt $($path:ident).+;)+) => {
         /// Every parameter, in the order of the identifiers.
         pub static TABLE: [Parameter; COUNT] = [
             $({
                 type Access = (fn(&Settings) -> f32, fn(&mut Settings, f32));
-                const ACCESS: Access = access!($kind $first $($rest)+);
+                const ACCESS: Access = access!($kind $($path).+);
+                const FIELD: Field = field_at(Settings::FIELDS, path!($($path).+));
+                const NUMBERS: Numbers = Numbers::of(FIELD.kind);
                 Parameter {
                     id: $id,
                     version: $version,
-                    name: name!($kind $first $($rest)+),
-                    unit: $unit,
-                    range: ($low, $high),
-                    whole: is_whole!($kind),
-                    meaning: $meaning,
+                    name: name!($kind $($path).+),
+                    unit: NUMBERS.unit,
+                    range: NUMBERS.range,
+                    whole: NUMBERS.whole,
                     read: ACCESS.0,
                     write: ACCESS.1,
                 }
             },)+
+        ];
+
+        /// Declarations of the parameters, in the same order. Apart, so that no image holds them.
+        static FIELDS: [Field; COUNT] = [
+            $(field_at(Settings::FIELDS, path!($($path).+)),)+
         ];
 
         /// Number of parameters.
@@ -187,95 +189,125 @@ macro_rules! parameters {
     };
 }
 
+/// Numbers that a key of the settings may have.
+struct Numbers {
+    unit: &'static str,
+    range: (f32, f32),
+    whole: bool,
+}
+
+impl Numbers {
+    /// Those of a declared key; one without two bounds cannot be a parameter.
+    const fn of(kind: Kind) -> Self {
+        match kind {
+            Kind::Number {
+                unit,
+                allowed: Allowed::Range(low, high),
+                whole,
+            } => Self {
+                unit,
+                range: (low, high),
+                whole,
+            },
+            Kind::Choice(choices) => Self {
+                unit: "",
+                range: (0.0, (choices.len() - 1) as f32),
+                whole: true,
+            },
+            _ => panic!("a parameter is a number with two bounds or a choice"),
+        }
+    }
+}
+
 parameters! {
-    1 v 1 number robot.geometry.wheel_radius_m, "m" 0.01 to 0.5: "radius of the axle's wheels";
-    2 v 1 number robot.geometry.half_track_m, "m" 0.02 to 2.0: "half the distance between the axle's wheels";
-    3 v 1 count robot.geometry.encoder_counts_per_revolution, "" 16.0 to 1000000.0: "encoder counts per revolution of a wheel";
-    4 v 1 number robot.geometry.frame_length_m, "m" 0.05 to 5.0: "flexible length of the frame";
-    5 v 1 number robot.geometry.rigid_end_m, "m" 0.0 to 1.0: "rigid length between frame and axle, each end";
-    6 v 1 number robot.geometry.half_thickness_m, "m" 0.00005 to 0.02: "distance of the gauges from the neutral axis";
-    7 v 1 number robot.geometry.bending_stiffness_n_m2, "N m2" 0.001 to 1000.0: "bending stiffness of the frame";
-    8 v 1 number robot.limits.max_speed_m_s, "m/s" 0.01 to 2.0: "largest speed of the midpoint";
-    9 v 1 number robot.limits.max_steering_rad, "rad" 0.05 to 1.2: "largest steering angle";
-    10 v 1 number robot.limits.steering_margin_rad, "rad" 0.0 to 0.1: "margin of the steering angle that is never commanded";
-    11 v 1 number inertial.gyro_gain, "" 0.9 to 1.1: "true yaw rate over measured yaw rate";
-    12 v 1 number inertial.accelerometer_gain, "" 0.9 to 1.1: "true acceleration over measured acceleration";
-    13 v 1 number robot.axle.controller.longitudinal_gain_per_s, "1/s" 0.0 to 100.0: "gain of the longitudinal error";
-    14 v 1 number robot.axle.controller.lateral_gain_rad_m2, "rad/m2" 0.0 to 1000.0: "gain of the lateral error";
-    15 v 1 number robot.axle.controller.heading_gain_rad_m, "rad/m" 0.0 to 1000.0: "gain of the heading error";
-    16 v 1 number robot.axle.controller.velocity_gain_n_s_m, "N s/m" 1.0 to 10000.0: "gain of the velocity error";
-    17 v 1 number robot.axle.controller.yaw_rate_gain_nm_s_rad, "N m s/rad" 0.01 to 1000.0: "gain of the yaw rate error";
-    18 v 1 number robot.axle.controller.frame_feedforward, "" 0.0 to 2.0: "share of the frame's load fed forward";
-    19 v 1 number robot.axle.controller.inertia_feedforward, "" 0.0 to 2.0: "share of the inertia fed forward";
-    20 v 1 number robot.axle.controller.mass_kg, "kg" 0.0 to 100.0: "mass of the axle";
-    21 v 1 number robot.axle.controller.yaw_inertia_kg_m2, "kg m2" 0.0 to 10.0: "yaw inertia of the axle";
-    22 v 1 number robot.axle.controller.wheel_inertia_kg_m2, "kg m2" 0.0 to 1.0: "inertia of a wheel with its motor";
-    23 v 1 number robot.axle.controller.max_torque_nm, "N m" 0.01 to 20.0: "largest torque of a wheel";
-    24 v 1 number robot.axle.wheel.bandwidth_rad_s, "rad/s" 10.0 to 2000.0: "bandwidth of the wheel observers";
-    25 v 1 number robot.axle.filter.left_sigma_m_s, "m/s" 0.0001 to 1.0: "noise of the left wheel's speed";
-    26 v 1 number robot.axle.filter.right_sigma_m_s, "m/s" 0.0001 to 1.0: "noise of the right wheel's speed";
-    27 v 1 number robot.axle.filter.gyro_sigma_rad_s, "rad/s" 0.00001 to 1.0: "noise of the gyro";
-    28 v 1 number robot.axle.filter.accelerometer_sigma_m_s2, "m/s2" 0.001 to 10.0: "noise of the accelerometer";
-    29 v 1 strategy robot.lead.regulator.strategy, "" 0.0 to 1.0: "strategy of posture regulation: 0 planner and funnel, 1 the paper's law alone";
-    30 v 1 number robot.lead.governor.max_acceleration_m_s2, "m/s2" 0.01 to 5.0: "largest acceleration";
-    31 v 1 number robot.lead.governor.stop_deceleration_m_s2, "m/s2" 0.01 to 10.0: "deceleration of a stop";
-    32 v 1 number robot.lead.governor.max_steering_rate_rad_s, "rad/s" 0.05 to 10.0: "largest steering rate";
-    33 v 1 number robot.lead.governor.max_steering_acceleration_rad_s2, "rad/s2" 0.1 to 100.0: "largest steering acceleration";
-    34 v 1 number robot.lead.governor.max_wheel_speed_m_s, "m/s" 0.02 to 5.0: "largest speed of a wheel over ground";
-    35 v 1 number robot.lead.regulator.law.approach_gain_m_s, "m/s" 0.01 to 20.0: "k1 of the paper's law alone";
-    36 v 1 number robot.lead.regulator.law.heading_gain_rad_s, "rad/s" 0.01 to 20.0: "k2 of the paper's law alone";
-    37 v 1 number robot.lead.regulator.accept_distance_m, "m" 0.003 to 0.5: "distance at which a goal counts as reached";
-    38 v 1 number robot.lead.regulator.accept_heading_rad, "rad" 0.001 to 1.0: "heading error at which a goal counts as reached";
-    39 v 1 number robot.lead.course.law.approach_gain_m_s, "m/s" 0.01 to 20.0: "approach along a path (k1)";
-    40 v 1 number robot.lead.course.law.heading_gain_rad_s, "rad/s" 0.01 to 20.0: "heading along a path (k2)";
-    41 v 1 number robot.lead.course.path.nominal_speed_m_s, "m/s" 0.01 to 2.0: "speed along a path";
-    42 v 1 number robot.lead.course.path.deceleration_m_s2, "m/s2" 0.01 to 5.0: "deceleration toward bends and the end";
-    43 v 1 number robot.geometry.wheel_ratio, "" 0.8 to 1.25: "radius of the right wheel over radius of the left wheel";
-    44 v 1 number drive.supply_gain, "" 0.9 to 1.1: "true supply voltage over measured supply voltage";
-    45 v 1 number drive.supply_minimum_v, "V" 6.0 to 15.0: "supply below which the robot stops; 3.3 V a cell: 9.9 for three, 13.2 for four";
-    46 v 1 number drive.supply_warning_v, "V" 6.0 to 17.0: "supply below which the robot reports a warning; 3.5 V a cell: 10.5 for three, 14.0 for four";
-    47 v 1 number drive.supply_maximum_v, "V" 10.0 to 17.6: "supply above which the robot stops; a full pack and 3 %: 13.0 for three cells, 17.4 for four";
-    48 v 1 number drive.shunt_ohm, "ohm" 0.001 to 0.1: "shunt in a motor's lead";
-    49 v 1 number drive.amplifier_gain, "" 1.0 to 100.0: "gain of the amplifier across the shunt";
-    50 v 1 (0) robot.beam.strip.gauges_m, "m" 0.0 to 5.0: "distance of the gauge from the root";
-    51 v 1 (1) robot.beam.strip.gauges_m, "m" 0.0 to 5.0: "distance of the gauge from the root";
-    52 v 1 (2) robot.beam.strip.gauges_m, "m" 0.0 to 5.0: "distance of the gauge from the root";
-    53 v 1 (3) robot.beam.strip.gauges_m, "m" 0.0 to 5.0: "distance of the gauge from the root";
-    54 v 1 (4) robot.beam.strip.gauges_m, "m" 0.0 to 5.0: "distance of the gauge from the root";
-    58 v 1 number robot.lead.regulator.approach.approach_gain_m_s, "m/s" 0.01 to 20.0: "k1 of the approach in the funnel";
-    60 v 1 (0) robot.beam.calibration.zero_counts, "counts" 0.0 to 16777215.0: "reading with the strip straight";
-    61 v 1 (1) robot.beam.calibration.zero_counts, "counts" 0.0 to 16777215.0: "reading with the strip straight";
-    62 v 1 (2) robot.beam.calibration.zero_counts, "counts" 0.0 to 16777215.0: "reading with the strip straight";
-    63 v 1 (3) robot.beam.calibration.zero_counts, "counts" 0.0 to 16777215.0: "reading with the strip straight";
-    64 v 1 (4) robot.beam.calibration.zero_counts, "counts" 0.0 to 16777215.0: "reading with the strip straight";
-    70 v 1 (0) robot.beam.calibration.gain, "" 0.5 to 2.0: "true strain over measured strain";
-    71 v 1 (1) robot.beam.calibration.gain, "" 0.5 to 2.0: "true strain over measured strain";
-    72 v 1 (2) robot.beam.calibration.gain, "" 0.5 to 2.0: "true strain over measured strain";
-    73 v 1 (3) robot.beam.calibration.gain, "" 0.5 to 2.0: "true strain over measured strain";
-    74 v 1 (4) robot.beam.calibration.gain, "" 0.5 to 2.0: "true strain over measured strain";
-    80 v 1 number robot.beam.strip.uncertainty.offset_strain, "" 0.0 to 0.01: "uncertainty of each zero";
-    81 v 1 number robot.beam.strip.uncertainty.common_offset_strain, "" 0.0 to 0.01: "uncertainty common to all zeros";
-    82 v 1 number robot.beam.strip.uncertainty.gain, "" 0.0 to 1.0: "uncertainty of each gain";
-    83 v 1 number robot.beam.strip.uncertainty.common_gain, "" 0.0 to 1.0: "uncertainty common to all gains";
-    84 v 1 number drive.resistance_ohm, "ohm" 0.05 to 100.0: "resistance of a motor's winding, leads and bridge";
-    85 v 1 number drive.inductance_h, "H" 0.00001 to 0.1: "inductance of a motor's winding";
-    86 v 1 number drive.torque_constant_nm_a, "N m/A" 0.001 to 1.0: "torque per current of a motor before its gear";
-    87 v 1 number drive.gear_ratio, "" 1.0 to 500.0: "turns of a motor in one turn of its wheel";
-    88 v 1 number drive.max_current_a, "A" 0.2 to 5.5: "largest current of a motor";
-    89 v 1 number drive.thermal_resistance_k_w, "K/W" 0.1 to 100.0: "thermal resistance from winding to ambient";
-    90 v 1 number drive.thermal_time_constant_s, "s" 1.0 to 1000.0: "thermal time constant of a winding";
-    91 v 1 number drive.winding_max_c, "degC" 70.0 to 180.0: "winding temperature at which the current limit is 0";
-    92 v 1 number drive.winding_fold_back_k, "K" 5.0 to 35.0: "span below that temperature in which the current limit falls";
-    93 v 1 number drive.driver_max_c, "degC" 60.0 to 150.0: "driver temperature at which the current limit is 0";
-    94 v 1 number drive.driver_fold_back_k, "K" 5.0 to 35.0: "span below that temperature in which the current limit falls";
-    95 v 1 mode robot.lead.fusion.mode, "" 0.0 to 3.0: "fusion on the front board: 0 odometry (no beam board fitted), 1 intersection, 2 intersection and IPEC, 3 joint filter";
-    96 v 1 number button.start.x, "m" -50.0 to 50.0: "start of the button's drive, x";
-    97 v 1 number button.start.y, "m" -50.0 to 50.0: "start of the button's drive, y";
-    98 v 1 number button.start.phi, "rad" -3.2 to 3.2: "start of the button's drive, heading";
-    99 v 1 number button.goal.x, "m" -50.0 to 50.0: "goal of the button's drive, x";
-    100 v 1 number button.goal.y, "m" -50.0 to 50.0: "goal of the button's drive, y";
-    101 v 1 number button.goal.phi, "rad" -3.2 to 3.2: "goal of the button's drive, heading";
-    102 v 1 count button.action, "" 0.0 to 2.0: "button of a robot at rest: 0 latest goal again, the button's if there was none; 1 the button's start and goal; 2 nothing";
+    1 v 1 number robot.geometry.wheel_radius_m;
+    2 v 1 number robot.geometry.half_track_m;
+    3 v 1 count robot.geometry.encoder_counts_per_revolution;
+    4 v 1 number robot.geometry.frame_length_m;
+    5 v 1 number robot.geometry.rigid_end_m;
+    6 v 1 number robot.geometry.half_thickness_m;
+    7 v 1 number robot.geometry.bending_stiffness_n_m2;
+    8 v 1 number robot.limits.max_speed_m_s;
+    9 v 1 number robot.limits.max_steering_rad;
+    10 v 1 number robot.limits.steering_margin_rad;
+    11 v 1 number inertial.gyro_gain;
+    12 v 1 number inertial.accelerometer_gain;
+    13 v 1 number robot.axle.controller.longitudinal_gain_per_s;
+    14 v 1 number robot.axle.controller.lateral_gain_rad_m2;
+    15 v 1 number robot.axle.controller.heading_gain_rad_m;
+    16 v 1 number robot.axle.controller.velocity_gain_n_s_m;
+    17 v 1 number robot.axle.controller.yaw_rate_gain_nm_s_rad;
+    18 v 1 number robot.axle.controller.frame_feedforward;
+    19 v 1 number robot.axle.controller.inertia_feedforward;
+    20 v 1 number robot.axle.controller.mass_kg;
+    21 v 1 number robot.axle.controller.yaw_inertia_kg_m2;
+    22 v 1 number robot.axle.controller.wheel_inertia_kg_m2;
+    23 v 1 number robot.axle.controller.max_torque_nm;
+    24 v 1 number robot.axle.wheel.bandwidth_rad_s;
+    25 v 1 number robot.axle.filter.left_sigma_m_s;
+    26 v 1 number robot.axle.filter.right_sigma_m_s;
+    27 v 1 number robot.axle.filter.gyro_sigma_rad_s;
+    28 v 1 number robot.axle.filter.accelerometer_sigma_m_s2;
+    29 v 1 Strategy robot.lead.regulator.strategy;
+    30 v 1 number robot.lead.governor.max_acceleration_m_s2;
+    31 v 1 number robot.lead.governor.stop_deceleration_m_s2;
+    32 v 1 number robot.lead.governor.max_steering_rate_rad_s;
+    33 v 1 number robot.lead.governor.max_steering_acceleration_rad_s2;
+    34 v 1 number robot.lead.governor.max_wheel_speed_m_s;
+    35 v 1 number robot.lead.regulator.law.approach_gain_m_s;
+    36 v 1 number robot.lead.regulator.law.heading_gain_rad_s;
+    37 v 1 number robot.lead.regulator.accept_distance_m;
+    38 v 1 number robot.lead.regulator.accept_heading_rad;
+    39 v 1 number robot.lead.course.law.approach_gain_m_s;
+    40 v 1 number robot.lead.course.law.heading_gain_rad_s;
+    41 v 1 number robot.lead.course.path.nominal_speed_m_s;
+    42 v 1 number robot.lead.course.path.deceleration_m_s2;
+    43 v 1 number robot.geometry.wheel_ratio;
+    44 v 1 number drive.supply_gain;
+    45 v 1 number drive.supply_minimum_v;
+    46 v 1 number drive.supply_warning_v;
+    47 v 1 number drive.supply_maximum_v;
+    48 v 1 number drive.shunt_ohm;
+    49 v 1 number drive.amplifier_gain;
+    50 v 1 (0) robot.beam.strip.gauges_m;
+    51 v 1 (1) robot.beam.strip.gauges_m;
+    52 v 1 (2) robot.beam.strip.gauges_m;
+    53 v 1 (3) robot.beam.strip.gauges_m;
+    54 v 1 (4) robot.beam.strip.gauges_m;
+    58 v 1 number robot.lead.regulator.approach.approach_gain_m_s;
+    60 v 1 (0) robot.beam.calibration.zero_counts;
+    61 v 1 (1) robot.beam.calibration.zero_counts;
+    62 v 1 (2) robot.beam.calibration.zero_counts;
+    63 v 1 (3) robot.beam.calibration.zero_counts;
+    64 v 1 (4) robot.beam.calibration.zero_counts;
+    70 v 1 (0) robot.beam.calibration.gain;
+    71 v 1 (1) robot.beam.calibration.gain;
+    72 v 1 (2) robot.beam.calibration.gain;
+    73 v 1 (3) robot.beam.calibration.gain;
+    74 v 1 (4) robot.beam.calibration.gain;
+    80 v 1 number robot.beam.strip.uncertainty.offset_strain;
+    81 v 1 number robot.beam.strip.uncertainty.common_offset_strain;
+    82 v 1 number robot.beam.strip.uncertainty.gain;
+    83 v 1 number robot.beam.strip.uncertainty.common_gain;
+    84 v 1 number drive.resistance_ohm;
+    85 v 1 number drive.inductance_h;
+    86 v 1 number drive.torque_constant_nm_a;
+    87 v 1 number drive.gear_ratio;
+    88 v 1 number drive.max_current_a;
+    89 v 1 number drive.thermal_resistance_k_w;
+    90 v 1 number drive.thermal_time_constant_s;
+    91 v 1 number drive.winding_max_c;
+    92 v 1 number drive.winding_fold_back_k;
+    93 v 1 number drive.driver_max_c;
+    94 v 1 number drive.driver_fold_back_k;
+    95 v 1 Mode robot.lead.fusion.mode;
+    96 v 1 number button.start.x;
+    97 v 1 number button.start.y;
+    98 v 1 number button.start.phi;
+    99 v 1 number button.goal.x;
+    100 v 1 number button.goal.y;
+    101 v 1 number button.goal.phi;
+    102 v 1 Press button.action;
 }
 
 #[cfg(test)]

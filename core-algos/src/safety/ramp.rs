@@ -20,7 +20,7 @@
 //!
 //! Numbers are the defaults of [`Config`].
 
-use crate::config::{Allowed, ConfigError, config, require};
+use crate::config::{Allowed, ConfigError, declare, require};
 use crate::math::trig::{clamp, sin_cos};
 use crate::math::{Posture, Steering, Twist};
 
@@ -31,19 +31,19 @@ const STEEPEST: f32 = 1.2;
 /// Time by which a stop is over before the supervisor would end it, s.
 const MARGIN: f32 = 0.1;
 
-config! {
+declare! {
     /// Parameters of the stop.
     pub struct Config {
-        /// Deceleration of the midpoint, m/s²; more from a speed at which the stop would outlast the
+        /// Deceleration of the midpoint; more from a speed at which the stop would outlast the
         /// supervisor's patience.
-        pub deceleration_m_s2: f32 = 1.0, Range(0.1, 10.0);
-        /// Shortest duration of a stop, s: a slow robot is not jerked to rest.
-        pub shortest_s: f32 = 0.1, Range(0.01, 1.0);
-        /// Time at rest before the frame is let go, s: the axles settle together.
-        pub rest_s: f32 = 0.1, Positive;
-        /// Time in which the torque that holds the bent frame fades, s; then the motors are off. Over
+        pub deceleration_m_s2: f32 = 1.0, "m/s²": Range(0.1, 10.0);
+        /// Shortest duration of a stop: a slow robot is not jerked to rest.
+        pub shortest_s: f32 = 0.1, "s": Range(0.01, 1.0);
+        /// Time at rest before the frame is let go: the axles settle together.
+        pub rest_s: f32 = 0.1, "s": Positive;
+        /// Time in which the torque that holds the bent frame fades; then the motors are off. Over
         /// about a period of its swing a spring that is let go evenly does not swing on.
-        pub release_s: f32 = 0.75, Range(0.01, 5.0);
+        pub release_s: f32 = 0.75, "s": Range(0.01, 5.0);
     }
 }
 

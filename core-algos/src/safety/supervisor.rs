@@ -53,22 +53,22 @@
 
 use super::condition::{BITS, Class, Condition, Conditions};
 use super::state::{Cause, OperatingState, Permit, StateRequest, transition};
-use crate::config::{ConfigError, config};
+use crate::config::{ConfigError, declare};
 use crate::time::Micros;
 
 /// Longest time between two steps that is believed; a longer gap counts as this much. A clock that
 /// stands still or runs back adds nothing.
 const LONGEST_GAP: Micros = 100_000;
 
-config! {
+declare! {
     /// Parameters of a supervisor.
     pub struct Config {
-        /// Longest time the robot may drive on while degraded, s.
-        pub degraded_time_s: f32 = 20.0, Range(0.0, 3600.0);
-        /// Longest way it may drive on while degraded, m.
-        pub degraded_distance_m: f32 = 2.0, Positive;
-        /// Time after which a stop that has not come to rest ends with motors off, s.
-        pub stop_timeout_s: f32 = 2.0, Range(0.1, 10.0);
+        /// Longest time the robot may drive on while degraded.
+        pub degraded_time_s: f32 = 20.0, "s": Range(0.0, 3600.0);
+        /// Longest way it may drive on while degraded.
+        pub degraded_distance_m: f32 = 2.0, "m": Positive;
+        /// Time after which a stop that has not come to rest ends with motors off.
+        pub stop_timeout_s: f32 = 2.0, "s": Range(0.1, 10.0);
     }
 }
 

@@ -36,6 +36,7 @@ fn run(cli: Cli) -> Result<(), Error> {
         Some(Command::Topics) => cli::topics::run(),
         Some(Command::Serial) => cli::serial::run(),
         Some(Command::Config(args)) => cli::config::run(args),
+        Some(Command::Keys(args)) => cli::keys::run(args),
         Some(Command::World(args)) => cli::world::run(args),
         Some(Command::Faults(args)) => cli::faults::run(args),
         Some(Command::Soak(args)) => cli::soak::run(args),

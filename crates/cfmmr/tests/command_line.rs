@@ -29,7 +29,7 @@ fn bad_input_is_refused_by_name_and_nothing_is_written() {
         ),
         (
             "[robot.beam.calibration]\ngain = [1, 1, 9, 1, 1]",
-            "| robot.beam.calibration.gain = 9",
+            "| robot.beam.calibration.gain[2] = 9",
         ),
         (
             "[robot.beam.calibration]\ngain = [1, 1, 1, 1]",

@@ -1,7 +1,8 @@
 //! Open-loop drives on which speed and accuracy of the plant are measured: `examples/drives.rs`.
 
 use crate::reference::Reference;
-use crate::{PlantConfig, PlantError, TICK_S, Tyre};
+use crate::{PlantConfig, TICK_S, Tyre};
+use declare::ConfigError;
 
 /// An open-loop drive: a plant and wheel torques over time.
 #[derive(Clone, Copy, Debug)]
@@ -92,7 +93,7 @@ impl Drive {
     /// Largest difference in position (m) and heading (rad) of an axle between the plant and a
     /// reference at 20 µs (8 µs with the brush tyre, stiffer at rest). NaN if the reference lost the
     /// frame's equilibrium.
-    pub fn error(&self, config: &PlantConfig, seconds: f64) -> Result<[f64; 2], PlantError> {
+    pub fn error(&self, config: &PlantConfig, seconds: f64) -> Result<[f64; 2], ConfigError> {
         let mut plant = config.build()?;
         let mut reference = Reference::new(config, plant.state().axle.map(|a| a.posture));
         let finest = match config.tyre {

@@ -1,8 +1,9 @@
 //! Masses of the axles, and the weight that each wheel bears.
 
-use super::config::{PlantConfig, PlantError, TICK_S, check};
+use super::config::{PlantConfig, TICK_S};
 use super::geometry::{Mat3, Vec3, add, inverse, times, turned};
 use super::state::AxleState;
+use declare::{Allowed, Checked, ConfigError};
 
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.806_65;
@@ -196,7 +197,7 @@ pub fn at_rest(config: &PlantConfig, bodies: &[Body; 2]) -> [f64; 4] {
 }
 
 /// Refuses a payload that lifts a wheel off the ground.
-pub fn check_payload(config: &PlantConfig) -> Result<(), PlantError> {
+pub fn check_payload(config: &PlantConfig) -> Result<(), ConfigError> {
     let bodies = Body::both(config);
     let base = config.strip_length_m + config.rigid_root_m + config.rigid_tip_m;
     let load = at_rest(config, &bodies);
@@ -206,17 +207,21 @@ pub fn check_payload(config: &PlantConfig) -> Result<(), PlantError> {
             continue;
         }
         let place = config.payload_position_m[i];
-        let name = |n: usize| format!("payload_position_m[{i}][{n}]");
+        let check = |n: usize, low: f64, high: f64| {
+            let allowed = Allowed::Range(low as f32, high as f32);
+            let checked = place[n].check("payload_position_m", allowed);
+            checked.map_err(|error| error.at(n).at(i))
+        };
         let other = bodies[1 - i].moment[0];
         let (low, high) = (-bodies[0].mass * base, bodies[1].mass * base);
         let (low, high) = ((low - other) / payload, (high - other) / payload);
-        check(&name(0), place[0], low, high)?;
+        check(0, low, high)?;
         // Half the axle's load is what the moment may take from a wheel.
         let half = 0.5 * (load[2 * i] + load[2 * i + 1]);
         let roll = 0.5 * (load[2 * i] - load[2 * i + 1]);
         if roll.abs() > half {
             let reach = (place[1] * half / roll).abs();
-            check(&name(1), place[1], -reach, reach)?;
+            check(1, -reach, reach)?;
         }
     }
     Ok(())

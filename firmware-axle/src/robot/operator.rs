@@ -4,7 +4,7 @@ use core_algos::link::Order;
 use core_algos::link::protocol::Place;
 use core_algos::node::board::Board;
 use core_algos::node::lead::Task;
-use core_algos::params;
+use core_algos::params::{self, Press};
 use core_algos::time::{Micros, is_epoch_start};
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::{Input, Pull};
@@ -42,7 +42,7 @@ impl Button {
             return;
         };
         let task = task_of_press(lead.activity(now), &self.settings, lead.latest_goal());
-        let placed = lead.fusion().is_some() && self.settings.action != 1;
+        let placed = lead.fusion().is_some() && self.settings.action != Press::StartAndGoal;
         let begins = !placed && matches!(task, Some(Task::Regulate { .. }));
         let place = begins.then_some(Order::Place(self.start));
         for order in [place, task.map(Order::Task)].into_iter().flatten() {

@@ -1,5 +1,6 @@
 //! The error every command ends with.
 
+use core_algos::config::ConfigError;
 use std::fmt;
 
 /// Why a command failed.
@@ -50,8 +51,13 @@ impl From<std::io::Error> for Error {
     }
 }
 
-impl From<core_algos::config::ConfigError> for Error {
-    fn from(error: core_algos::config::ConfigError) -> Self {
+/// Puts the table that holds a refused key before its name.
+pub fn within(table: &str, checked: Result<(), ConfigError>) -> Result<(), Error> {
+    checked.map_err(|error| Error::Input(format!("{table}.{error}")))
+}
+
+impl From<ConfigError> for Error {
+    fn from(error: ConfigError) -> Self {
         Self::Input(error.to_string())
     }
 }

@@ -5,4 +5,5 @@ pub mod input;
 pub mod numbers;
 pub mod spelling;
 pub mod statistics;
+pub(crate) mod table;
 pub mod toml_file;

@@ -1,80 +1,38 @@
 //! Virtual bus: every message goes through its bytes, arrives late and may be lost.
 
+use crate::base::table::table;
 use core_algos::bus::{self, CanFrame, Message, layout};
 use core_algos::time::Micros;
 use core_algos::topology::Role;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use std::collections::VecDeque;
 
-/// Properties of the virtual bus.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct BusConfig {
-    /// Time from sending to receiving, ms. Arbitration and transfer of the thirteen messages at the
-    /// beginning of an epoch take up to 1.7 ms at 1 Mbit/s.
-    pub latency_ms: u32,
-    /// Time by which the messages of the front board, of the rear board and of the beam board come later to the other
-    /// boards, ms.
-    pub late_ms: [u32; 3],
-    /// Time up to which each message comes later to the other boards, drawn evenly, ms: messages overtake each other.
-    pub jitter_ms: u32,
-    /// Probability that a frame is lost between boards, 0 to 1. The lead node and the front axle
-    /// share a board and lose nothing between them.
-    pub loss: f64,
-    /// Probability that a frame arrives twice at the other boards, 0 to 1.
-    pub doubling: f64,
-    /// Probability that one to three bits of a frame change on its way to the other boards without its checksum showing
-    /// it, 0 to 1.
-    pub corruption: f64,
-    /// True if messages arrive as decoded from their bytes. False leaves out the quantisation, to
-    /// measure its effect; no real bus can do that.
-    pub quantise: bool,
-}
-
-impl Default for BusConfig {
-    fn default() -> Self {
-        Self::SOUND
-    }
-}
-
-impl BusConfig {
-    /// A bus without faults.
-    pub const SOUND: Self = Self {
-        latency_ms: 2,
-        late_ms: [0; 3],
-        jitter_ms: 0,
-        loss: 0.0,
-        doubling: 0.0,
-        corruption: 0.0,
-        quantise: true,
-    };
-
-    /// Checks the ranges.
-    pub fn check(&self) -> Result<(), String> {
-        let [front, rear, beam] = self.late_ms;
-        for (key, ms) in [
-            ("latency_ms", self.latency_ms),
-            ("late_ms[0]", front),
-            ("late_ms[1]", rear),
-            ("late_ms[2]", beam),
-            ("jitter_ms", self.jitter_ms),
-        ] {
-            if ms > 1000 {
-                return Err(format!("bus.{key} = {ms}: must be a number from 0 to 1000"));
-            }
-        }
-        for (key, share) in [
-            ("loss", self.loss),
-            ("doubling", self.doubling),
-            ("corruption", self.corruption),
-        ] {
-            if !(0.0..=1.0).contains(&share) {
-                return Err(format!("bus.{key} = {share}: must be a number from 0 to 1"));
-            }
-        }
-        Ok(())
+table! {
+    /// Properties of the virtual bus.
+    #[derive(Copy)]
+    pub struct BusConfig {
+        /// Time from sending to receiving. Arbitration and transfer of the thirteen messages at the
+        /// beginning of an epoch take up to 1.7 ms at 1 Mbit/s.
+        pub latency_ms: u32 = 2, "ms": Range(0.0, 1000.0);
+        /// Time by which the messages of the front board, of the rear board and of the beam board come
+        /// later to the other boards.
+        pub late_ms: [u32; 3] = [0; 3], "ms": Range(0.0, 1000.0);
+        /// Time up to which each message comes later to the other boards, drawn evenly: messages
+        /// overtake each other.
+        pub jitter_ms: u32 = 0, "ms": Range(0.0, 1000.0);
+        /// Probability that a frame is lost between boards. The lead node and the front axle share a
+        /// board and lose nothing between them.
+        pub loss: f64 = 0.0, "": Range(0.0, 1.0);
+        /// Probability that a frame arrives twice at the other boards.
+        pub doubling: f64 = 0.0, "": Range(0.0, 1.0);
+        /// Probability that one to three bits of a frame change on the way to the other boards without
+        /// the checksum showing it.
+        pub corruption: f64 = 0.0, "": Range(0.0, 1.0);
+        /// True if messages arrive as decoded from their bytes. False leaves out the quantisation, to
+        /// measure its effect; no real bus can do that.
+        pub quantise: bool = true;
     }
 }
 

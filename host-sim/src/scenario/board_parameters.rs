@@ -120,7 +120,7 @@ impl Overlays {
                 let _ = writeln!(
                     text,
                     "{name} = {value:?}  # {unit}{low} to {high}: {}",
-                    parameter.meaning
+                    parameter.meaning()
                 );
             }
         }

@@ -8,7 +8,8 @@ pub mod belief;
 pub mod board_parameters;
 pub mod effect;
 
-use crate::base::error::Error;
+use crate::base::error::{Error, within};
+use crate::base::table::table;
 use crate::base::toml_file;
 use crate::bus::virtual_bus::BusConfig;
 use crate::scenario::board_parameters::Overlays;
@@ -24,37 +25,39 @@ use core_algos::node::lead::Task;
 use core_algos::node::robot::{RobotConfig, Told};
 use core_algos::params::Settings;
 use core_algos::topology::Role;
+use declare::{Declared, Field, Kind};
 use plant::PlantConfig;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use toml::{Table, Value};
 
-/// Task of the robot, and its time limits.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Mission {
-    /// Start posture of the robot's midpoint: m, m, rad.
-    pub start: [f64; 3],
-    /// Goal posture of the robot's midpoint: m, m, rad.
-    pub goal: [f64; 3],
-    /// True if the relative position sensor is fitted; without it the robot is lighter.
-    pub rps: bool,
-    /// Time at rest before the task begins, s.
-    pub settle_s: f64,
-    /// Time after which a trial ends in any case, s.
-    pub time_limit_s: f64,
-    /// Time the robot is watched after it reports that it is done, s.
-    pub rest_s: f64,
-    /// Tolerance of the goal or of the end of the path: position, m.
-    pub tolerance_m: f64,
-    /// The same of the heading, rad.
-    pub tolerance_rad: f64,
-    /// Standard deviation of the start along each axis, as the robot is told, m.
-    pub placement_m: f64,
-    /// Standard deviation of the start's heading, rad.
-    pub placement_rad: f64,
-    /// Standard deviation of the way that the floor takes the robot, over the way it rolls, along each axis of the floor.
-    pub floor_drift: f64,
+table! {
+    /// Task of the robot, and its time limits.
+    pub struct Mission {
+        /// Start posture of the robot's midpoint.
+        pub start: [f64; 3] = [-1.342, -1.342, 0.0], "m, m, rad": Range(-50.0, 50.0);
+        /// Goal posture of the robot's midpoint.
+        pub goal: [f64; 3] = [0.0; 3], "m, m, rad": Range(-50.0, 50.0);
+        /// True if the relative position sensor is fitted; without it the robot is lighter.
+        pub rps: bool = true;
+        /// Time at rest before the task begins.
+        pub settle_s: f64 = 0.5, "s": Range(0.0, 60.0);
+        /// Time after which a trial ends in any case.
+        pub time_limit_s: f64 = 90.0, "s": Range(0.1, 36_000.0);
+        /// Time for which the robot is recorded after its report that the task is done.
+        pub rest_s: f64 = 0.5, "s": Range(0.0, 60.0);
+        /// Position tolerance of the goal and of the end of the path.
+        pub tolerance_m: f64 = 0.1, "m": Range(1e-3, 100.0);
+        /// Heading tolerance of the goal and of the end of the path.
+        pub tolerance_rad: f64 = 0.0873, "rad": Range(1e-3, 3.2);
+        /// Standard deviation of the start along each axis, as configured in the robot.
+        pub placement_m: f64 = 5e-3, "m": Range(0.0, 10.0);
+        /// Standard deviation of the start's heading, as configured in the robot.
+        pub placement_rad: f64 = 1e-2, "rad": Range(0.0, 3.2);
+        /// Standard deviation of the way that the floor takes the robot, over the way it rolls, along
+        /// each axis of the floor, as configured in the robot.
+        pub floor_drift: f64 = 1.5e-2, "": Range(0.0, 0.5);
+    }
 }
 
 impl Mission {
@@ -91,24 +94,6 @@ impl Mission {
     }
 }
 
-impl Default for Mission {
-    fn default() -> Self {
-        Self {
-            start: [-1.342, -1.342, 0.0],
-            goal: [0.0, 0.0, 0.0],
-            rps: true,
-            settle_s: 0.5,
-            time_limit_s: 90.0,
-            rest_s: 0.5,
-            tolerance_m: 0.1,
-            tolerance_rad: 0.0873,
-            placement_m: 5e-3,
-            placement_rad: 1e-2,
-            floor_drift: 1.5e-2,
-        }
-    }
-}
-
 /// Everything an experiment depends on, apart from the seed.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(from = "Layout", into = "Layout")]
@@ -135,6 +120,20 @@ struct Layout {
     spread: Spread,
     sensors: SensorConfig,
     bus: BusConfig,
+}
+
+/// Keys of a scenario file, the world's tables among them. A table of `boards` has the keys of `robot`.
+pub const FIELDS: &[Field] = &[
+    table("mission", "The task.", Mission::KIND),
+    table("robot", "Configuration of the boards.", RobotConfig::KIND),
+    table("plant", "The true robot.", PlantConfig::KIND),
+    table("spread", "Spread of the true robot.", Spread::KIND),
+    table("sensors", "Sensors.", SensorConfig::KIND),
+    table("bus", "The bus between the boards.", BusConfig::KIND),
+];
+
+const fn table(name: &'static str, doc: &'static str, kind: Kind) -> Field {
+    Field { name, doc, kind }
 }
 
 impl Default for Layout {
@@ -217,20 +216,7 @@ impl Scenario {
 
     /// Checks every value.
     pub fn check(&self) -> Result<(), Error> {
-        let mission = &self.mission;
-        for (name, posture) in [("start", mission.start), ("goal", mission.goal)] {
-            for (i, value) in posture.into_iter().enumerate() {
-                range(&format!("mission.{name}[{i}]"), value, -50.0, 50.0)?;
-            }
-        }
-        range("mission.settle_s", mission.settle_s, 0.0, 60.0)?;
-        range("mission.time_limit_s", mission.time_limit_s, 0.1, 36_000.0)?;
-        range("mission.rest_s", mission.rest_s, 0.0, 60.0)?;
-        range("mission.tolerance_m", mission.tolerance_m, 1e-3, 100.0)?;
-        range("mission.tolerance_rad", mission.tolerance_rad, 1e-3, 3.2)?;
-        range("mission.placement_m", mission.placement_m, 0.0, 10.0)?;
-        range("mission.placement_rad", mission.placement_rad, 0.0, 3.2)?;
-        range("mission.floor_drift", mission.floor_drift, 0.0, 0.5)?;
+        within("mission", self.mission.check_ranges())?;
         self.robot
             .build()
             .map_err(|error| Error::input(self.placed(&error)))?;
@@ -295,15 +281,5 @@ impl Scenario {
     /// The scenario as TOML.
     pub fn to_toml(&self) -> Result<String, Error> {
         toml::to_string_pretty(self).map_err(|error| Error::Failure(error.to_string()))
-    }
-}
-
-fn range(name: &str, value: f64, low: f64, high: f64) -> Result<(), Error> {
-    if value >= low && value <= high {
-        Ok(())
-    } else {
-        Err(Error::input(format!(
-            "{name} = {value}: must be a number from {low} to {high}"
-        )))
     }
 }

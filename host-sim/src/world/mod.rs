@@ -15,20 +15,19 @@ pub mod normal;
 pub mod random;
 pub mod sensors;
 mod spread;
-mod table;
 
 pub use figures::{Figure, figures};
 pub use spread::{PlantErrors, Spread};
 
-use crate::base::error::Error;
+use crate::base::error::{Error, within};
 use crate::base::input;
 use crate::base::spelling;
+use crate::base::table::table;
 use crate::base::toml_file;
 use crate::bus::virtual_bus::BusConfig;
 use crate::world::drawn::Drawn;
 use crate::world::random::{BOUND, Stream, generator, normal};
 use crate::world::sensors::SensorConfig;
-use crate::world::table::{at_least_0, table, up_to};
 use plant::{Plant, PlantConfig, Station};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -81,13 +80,13 @@ pub struct World {
 
 table! {
     /// What the people of a world say of the place and the floor: standard deviations. A mission may say otherwise.
-    pub struct ToldOfPlace("told") {
-        /// Of the start along each axis, m.
-        placement_m: f64 = 5e-3, at_least_0;
-        /// Of the heading at the start, rad.
-        placement_rad: f64 = 1e-2, at_least_0;
-        /// Of the way that the floor takes the robot over the way it rolls, along each axis of the floor.
-        floor_drift: f64 = 1.5e-2, up_to(0.5);
+    pub struct ToldOfPlace {
+        /// Standard deviation of the start along each axis.
+        pub placement_m: f64 = 5e-3, "m": NonNegative;
+        /// Standard deviation of the heading at the start.
+        pub placement_rad: f64 = 1e-2, "rad": NonNegative;
+        /// Standard deviation of the way that the floor takes the robot over the way it rolls, along each axis of the floor.
+        pub floor_drift: f64 = 1.5e-2, "": Range(0.0, 0.5);
     }
 }
 
@@ -175,10 +174,8 @@ impl World {
 
     /// Checks every value.
     pub fn check(&self) -> Result<(), Error> {
-        self.plant
-            .build()
-            .map_err(|error| Error::input(format!("plant.{error}")))?;
-        self.spread.check()?;
+        within("plant", self.plant.build().map(drop))?;
+        within("spread", self.spread.check_ranges())?;
         self.sensors.check()?;
         for side in [-1.0, 1.0] {
             let robot = self.plant_of(&self.extreme(side), true);
@@ -192,8 +189,8 @@ impl World {
                  plant.strip_length_m, which is {length}"
             )));
         }
-        self.told.check()?;
-        self.bus.check().map_err(Error::Input)
+        within("told", self.told.check_ranges())?;
+        within("bus", self.bus.check_ranges())
     }
 
     /// The robot whose constants all lie at the lower (-1) or upper (1) bound of their draws.

@@ -81,6 +81,8 @@ pub(super) fn mix(state: u64) -> u64 {
 
 /// Bound of a constant's draw, standard deviations: one draw in two million lies beyond.
 pub const BOUND: f64 = 5.0;
+/// Largest relative standard deviation: a draw of ten of them leaves a positive factor.
+pub const SMALL: f32 = 0.09;
 
 /// [`normal`], limited to [`BOUND`] standard deviations: for constants with an allowed range.
 pub fn bounded(generator: &mut Pcg64, sigma: f64) -> f64 {

@@ -1,7 +1,7 @@
 //! How the plant's constants differ from robot to robot.
 
+use crate::base::table::table;
 use crate::world::random::{BOUND, bounded};
-use crate::world::table::{table, up_to};
 use plant::PlantConfig;
 use rand_pcg::Pcg64;
 use serde::Serialize;
@@ -9,21 +9,21 @@ use serde::Serialize;
 table! {
     /// Standard deviations of the plant's constants. Each trial draws its constants once, about those of
     /// [`PlantConfig`] and within [`BOUND`] standard deviations.
-    pub struct Spread("spread") {
-        /// Of the logarithm of each wheel's slip stiffness: 0.3 is ± 30 %.
-        slip_stiffness: f64 = 0.0, up_to(0.35);
-        /// Of the strip's bending stiffness, relative.
-        bending_stiffness: f64 = 0.0, up_to(0.1);
-        /// Of the strip's length, m.
-        strip_length_m: f64 = 0.0, up_to(0.01);
-        /// Of the way aside that each axle rolls, over its way ahead.
-        side_slip: f64 = 0.0, up_to(0.01);
-        /// Of the way that the floor takes the robot over the way it rolls, along each axis of the floor.
-        carpet_drift: f64 = 0.0, up_to(0.02);
-        /// Of each gear's play from flank to flank, rad at the wheel; the play is the draw's magnitude.
-        backlash_rad: f64 = 0.0, up_to(0.02);
-        /// Of the rolling radius' fall where the load is twice that at rest, relative; the magnitude counts.
-        radius_load_sensitivity: f64 = 0.0, up_to(0.01);
+    pub struct Spread {
+        /// Standard deviation of the logarithm of each wheel's slip stiffness: 0.3 is ± 30 %.
+        pub slip_stiffness: f64 = 0.0, "": Range(0.0, 0.35);
+        /// Standard deviation of the strip's bending stiffness, relative.
+        pub bending_stiffness: f64 = 0.0, "": Range(0.0, 0.1);
+        /// Standard deviation of the strip's length.
+        pub strip_length_m: f64 = 0.0, "m": Range(0.0, 0.01);
+        /// Standard deviation of the way aside that each axle rolls, over its way ahead.
+        pub side_slip: f64 = 0.0, "": Range(0.0, 0.01);
+        /// Standard deviation of the way that the floor takes the robot over the way it rolls, along each axis of the floor.
+        pub carpet_drift: f64 = 0.0, "": Range(0.0, 0.02);
+        /// Standard deviation of each gear's play from flank to flank at the wheel; the play is the draw's magnitude.
+        pub backlash_rad: f64 = 0.0, "rad": Range(0.0, 0.02);
+        /// Standard deviation of the rolling radius' fall where the load is twice that at rest, relative; the magnitude counts.
+        pub radius_load_sensitivity: f64 = 0.0, "": Range(0.0, 0.01);
     }
 }
 

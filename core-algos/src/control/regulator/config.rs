@@ -1,30 +1,25 @@
 //! Configuration of the regulator.
 
 use super::Regulator;
-use crate::config::{Allowed, ConfigError, config, require};
+use crate::config::{Allowed, ConfigError, declare, require};
 use crate::control::kinematic::{self, LimitsConfig};
 use crate::control::{funnel, planner};
 
-/// Strategy to reach the goal.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-pub enum Strategy {
-    /// Planner, funnel and approach law: any start.
-    #[default]
-    Funnel,
-    /// Equation 4 alone.
-    PaperLaw,
+declare! {
+    /// Strategy to reach the goal.
+    pub enum Strategy, default Funnel {
+        /// Planner, funnel and approach law: any start.
+        Funnel = "funnel",
+        /// Equation 4 alone.
+        PaperLaw = "paper-law",
+    }
 }
 
-config! {
+declare! {
     /// Parameters of the regulator.
     pub struct Config {
         /// Strategy to reach the goal.
         pub strategy: Strategy = Strategy::Funnel;
-        /// Bounds of speed and steering.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub limits: LimitsConfig = LimitsConfig::default();
         /// Gains of equation 4 where it drives alone ([`Strategy::PaperLaw`]).
         pub law: kinematic::Config = kinematic::Config::default();
         /// Gains of the approach in the funnel: `arrival_gain` 3, `circle_radius_m` below `1/(2 κ_max)`.
@@ -36,52 +31,54 @@ config! {
         /// The planner.
         pub planner: planner::Config = planner::Config::default();
         /// Candidate postures the planner looks at in a tick.
-        pub planner_budget: u32 = 400, Positive;
-        /// Steering error below which a segment is begun, rad.
-        pub steering_tolerance_rad: f32 = 0.05, Positive;
-        /// A segment is begun after this time whatever the steering, s.
-        pub steering_timeout_s: f32 = 3.0, Positive;
-        /// Steering error at which the speed is held at zero, rad; from half of it down the speed is
+        pub planner_budget: u32 = 400, "": Positive;
+        /// Steering error below which a segment is begun.
+        pub steering_tolerance_rad: f32 = 0.05, "rad": Positive;
+        /// A segment is begun after this time whatever the steering.
+        pub steering_timeout_s: f32 = 3.0, "s": Positive;
+        /// Steering error at which the speed is held at zero; from half of it down the speed is
         /// free.
-        pub steering_wait_rad: f32 = 0.2;
-        /// Deceleration of the governor, m/s².
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub braking_m_s2: f32 = 0.4, Positive;
-        /// Lag of the governor's speed where its deceleration is not at its limit, s.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub speed_lag_s: f32 = 1.0 / 6.0, Positive;
-        /// Length over which deviations from a segment's path decay, m.
-        pub path_length_constant_m: f32 = 0.2, Range(0.02, 10.0);
-        /// Commanded speed below which the robot counts as at rest, m/s.
-        pub rest_speed_m_s: f32 = 0.004, Positive;
-        /// Commanded speed below which steering for the next segment begins, m/s.
-        pub steer_speed_m_s: f32 = 0.02, Positive;
-        /// Time at rest before the posture is judged, s.
-        pub settle_time_s: f32 = 0.2, Positive;
-        /// Way left along the path at which the approach ends, m.
-        pub latch_distance_m: f32 = 0.003, Positive;
-        /// At rest, the goal counts as reached within this distance, m. Each renewed attempt allows
+        pub steering_wait_rad: f32 = 0.2, "rad": Positive;
+        /// Length over which deviations from a segment's path decay.
+        pub path_length_constant_m: f32 = 0.2, "m": Range(0.02, 10.0);
+        /// Commanded speed below which the robot counts as at rest.
+        pub rest_speed_m_s: f32 = 0.004, "m/s": Positive;
+        /// Commanded speed below which steering for the next segment begins.
+        pub steer_speed_m_s: f32 = 0.02, "m/s": Positive;
+        /// Time at rest before the posture is judged.
+        pub settle_time_s: f32 = 0.2, "s": Positive;
+        /// Way left along the path at which the approach ends.
+        pub latch_distance_m: f32 = 0.003, "m": Positive;
+        /// At rest, the goal counts as reached within this distance. Each renewed attempt allows
         /// 60 % more, up to the tolerance of the goal.
-        pub accept_distance_m: f32 = 0.01;
-        /// At rest, the goal counts as reached within this heading error, rad; widened likewise.
-        pub accept_heading_rad: f32 = 0.026, Positive;
+        pub accept_distance_m: f32 = 0.01, "m": Range(0.003, 0.5);
+        /// At rest, the goal counts as reached within this heading error; widened likewise.
+        pub accept_heading_rad: f32 = 0.026, "rad": Range(1e-3, 1.0);
         /// A reached goal is left when the error exceeds the accepted one by this factor.
-        pub release_factor: f32 = 2.5, Range(1.1, 100.0);
+        pub release_factor: f32 = 2.5, "": Range(1.1, 100.0);
         /// The funnel counts as left when the needed curvature exceeds κ_max by this factor.
-        pub leave_factor: f32 = 1.15, Range(1.0, 10.0);
-        /// And by this more than the bearings' own error near the goal, rad.
-        pub leave_slack_rad: f32 = 0.1, NonNegative;
-        /// Within this distance of the goal, m, the approach follows the arc it is on to its end:
+        pub leave_factor: f32 = 1.15, "": Range(1.0, 10.0);
+        /// And by this more than the bearings' own error near the goal.
+        pub leave_slack_rad: f32 = 0.1, "rad": NonNegative;
+        /// Within this distance of the goal, the approach follows the arc it is on to its end:
         /// bearings lose meaning.
-        pub final_arc_m: f32 = 0.15, Positive;
-        /// Length over which deviations from the final arc decay, m.
-        pub final_length_constant_m: f32 = 0.06, Range(0.01, 10.0);
+        pub final_arc_m: f32 = 0.15, "m": Positive;
+        /// Length over which deviations from the final arc decay.
+        pub final_length_constant_m: f32 = 0.06, "m": Range(0.01, 10.0);
         /// Renewed attempts before giving up.
-        pub max_attempts: u8 = 20;
-        /// Equation 4 alone: stop within this of the rest distance, m.
-        pub stop_margin_m: f32 = 0.03, Positive;
-        /// Equation 4 alone: stop below this demanded speed, m/s.
-        pub stop_speed_m_s: f32 = 0.004, Positive;
+        pub max_attempts: u8 = 20, "": Range(0.0, 255.0);
+        /// Equation 4 alone: stop within this of the rest distance.
+        pub stop_margin_m: f32 = 0.03, "m": Positive;
+        /// Equation 4 alone: stop below this demanded speed.
+        pub stop_speed_m_s: f32 = 0.004, "m/s": Positive;
+        derived {
+            /// Bounds of speed and steering.
+            pub limits: LimitsConfig = LimitsConfig::default();
+            /// Deceleration of the governor.
+            pub braking_m_s2: f32 = 0.4, "m/s²": Positive;
+            /// Lag of the governor's speed where its deceleration is not at its limit.
+            pub speed_lag_s: f32 = 1.0 / 6.0, "s": Positive;
+        }
     }
 }
 

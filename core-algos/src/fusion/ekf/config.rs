@@ -1,7 +1,7 @@
 //! Configuration of the axle filter.
 
 use super::{AxleFilter, Covariance, N, Noise};
-use crate::config::{Allowed, ConfigError, config, non_negative, require};
+use crate::config::{Allowed, ConfigError, declare, non_negative, require};
 use crate::math::matrix::Mat;
 
 /// Q of eq. 17.
@@ -13,57 +13,57 @@ pub enum ProcessNoise {
     Densities(Densities),
 }
 
-config! {
+declare! {
     /// Noise densities of the motion model. Slip is given along the axle's heading, across it, and in
     /// heading, each per metre driven and per second; the filter turns it into the global frame.
     pub struct Densities {
-        /// Slip along the heading, m/√m.
-        pub along_m_per_sqrt_m: f32 = 5e-4, NonNegative;
-        /// Slip across the heading, m/√m.
-        pub across_m_per_sqrt_m: f32 = 2e-4, NonNegative;
-        /// Slip in heading, rad/√m.
-        pub heading_rad_per_sqrt_m: f32 = 2e-3, NonNegative;
-        /// Slip along the heading, m/√s.
-        pub along_m_per_sqrt_s: f32 = 1e-5, NonNegative;
-        /// Slip across the heading, m/√s.
-        pub across_m_per_sqrt_s: f32 = 1e-5, NonNegative;
-        /// Slip in heading, rad/√s.
-        pub heading_rad_per_sqrt_s: f32 = 5e-5, NonNegative;
-        /// Change of the forward acceleration, m/s³/√Hz.
-        pub jerk_m_s3_per_sqrt_hz: f32 = 3.0, NonNegative;
-        /// Change of the yaw acceleration, rad/s³/√Hz.
+        /// Slip along the heading.
+        pub along_m_per_sqrt_m: f32 = 5e-4, "m/√m": NonNegative;
+        /// Slip across the heading.
+        pub across_m_per_sqrt_m: f32 = 2e-4, "m/√m": NonNegative;
+        /// Slip in heading.
+        pub heading_rad_per_sqrt_m: f32 = 2e-3, "rad/√m": NonNegative;
+        /// Slip along the heading.
+        pub along_m_per_sqrt_s: f32 = 1e-5, "m/√s": NonNegative;
+        /// Slip across the heading.
+        pub across_m_per_sqrt_s: f32 = 1e-5, "m/√s": NonNegative;
+        /// Slip in heading.
+        pub heading_rad_per_sqrt_s: f32 = 5e-5, "rad/√s": NonNegative;
+        /// Change of the forward acceleration.
+        pub jerk_m_s3_per_sqrt_hz: f32 = 3.0, "m/s³/√Hz": NonNegative;
+        /// Change of the yaw acceleration.
         // An axle that steers goes from rest to 36 rad/s² and more at once: with a seventh of this the
         // gate takes the gyro for broken.
-        pub yaw_jerk_rad_s3_per_sqrt_hz: f32 = 150.0, NonNegative;
+        pub yaw_jerk_rad_s3_per_sqrt_hz: f32 = 150.0, "rad/s³/√Hz": NonNegative;
     }
 }
 
-config! {
+declare! {
     /// Parameters of the axle filter.
     pub struct Config {
-        /// Time between two steps (the paper's T), s.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub period_s: f32 = 1e-3, Positive;
-        /// Distance between the wheels (twice the paper's d), m.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub track_m: f32 = 0.324, Positive;
-        /// Standard deviation of the left wheel's speed, m/s.
-        pub left_sigma_m_s: f32 = 0.02, Positive;
-        /// Standard deviation of the right wheel's speed, m/s.
-        pub right_sigma_m_s: f32 = 0.02, Positive;
-        /// Standard deviation of the gyro's rate, rad/s.
-        pub gyro_sigma_rad_s: f32 = 0.005, Positive;
-        /// Standard deviation of the longitudinal acceleration, m/s².
+        /// Standard deviation of the left wheel's speed.
+        pub left_sigma_m_s: f32 = 0.02, "m/s": Range(1e-4, 1.0);
+        /// Standard deviation of the right wheel's speed.
+        pub right_sigma_m_s: f32 = 0.02, "m/s": Range(1e-4, 1.0);
+        /// Standard deviation of the gyro's rate.
+        pub gyro_sigma_rad_s: f32 = 0.005, "rad/s": Range(1e-5, 1.0);
+        /// Standard deviation of the longitudinal acceleration.
         // Its bias and the slope of the floor, 0.5 m/s² at 3°, must not outweigh two wheels.
-        pub accelerometer_sigma_m_s2: f32 = 1.0, Positive;
+        pub accelerometer_sigma_m_s2: f32 = 1.0, "m/s²": Range(1e-3, 10.0);
         /// Process noise.
         pub noise: Densities = Densities::default();
         /// Largest accepted NIS of a scalar measurement (one degree of freedom); `None` accepts all.
-        pub innovation_gate: Option<f32> = Some(36.0), Positive;
+        pub innovation_gate: Option<f32> = Some(36.0), "": Positive;
         /// Largest accepted NIS of a posture fix (three degrees of freedom); `None` accepts all.
-        pub fix_gate: Option<f32> = Some(30.0), Positive;
+        pub fix_gate: Option<f32> = Some(30.0), "": Positive;
         /// Rejections in a row after which a sensor is believed again.
-        pub gate_patience: u16 = 20;
+        pub gate_patience: u16 = 20, "": Range(0.0, 65_535.0);
+        derived {
+            /// Time between two steps (the paper's T).
+            pub period_s: f32 = 1e-3, "s": Positive;
+            /// Distance between the wheels (twice the paper's d).
+            pub track_m: f32 = 0.324, "m": Positive;
+        }
     }
 }
 

@@ -2,63 +2,61 @@
 
 use super::{GRAVITY, Joint, doubt};
 use crate::beam::strip::{self, PostureSigmas};
-use crate::config::{ConfigError, config, in_range, positive};
+use crate::config::{ConfigError, declare, in_range, positive};
 use crate::fusion::constants::{
     self, COMPLIANCE, DRIFT, GAIN, GYRO_BIAS, GYRO_SCALE, SCALE, SIDE, TURN, Tyres, UNEVEN, ZERO,
 };
 use crate::math::trig::sqrt;
 
-config! {
+declare! {
     /// Parameters of the joint filter beside those of the tier around it.
     pub struct Config {
-        /// Errors of the beam's posture by zeros and gains of the gauges.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        // Those of the default strip.
-        pub beam: PostureSigmas = strip::Config::default().sigmas();
-        /// Half the track (the paper's d), m.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub half_track_m: f32 = 0.162, Positive;
-        /// Moment of the frame on an axle a radian of relative heading, EI/L, N m.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub frame_moment_n_m: f32 = 0.833 / 0.37, Positive;
-        /// Mass that the wheels of an axle carry, kg.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub axle_mass_kg: f32 = 4.76, Positive;
         /// Slip stiffness of the tyres over their load (C): rubber on a firm floor 10 to 40.
-        pub slip_stiffness: f32 = 20.0, Range(1.0, 1e4);
+        pub slip_stiffness: f32 = 20.0, "": Range(1.0, 1e4);
         /// Friction coefficient of the tyres.
-        pub friction: f32 = 0.7, Positive;
+        pub friction: f32 = 0.7, "": Positive;
         /// Standard deviation of the slip of all tyres, relative: what floor and rubber make of it.
-        pub slip_sigma: f32 = 0.5, NonNegative;
+        pub slip_sigma: f32 = 0.5, "": NonNegative;
         /// Standard deviation of that of each tyre, relative.
-        pub tyre_slip_sigma: f32 = 0.3, NonNegative;
-        /// Standard deviation of an axle's heading drift, rad/m: relative difference of its wheel radii
+        pub tyre_slip_sigma: f32 = 0.3, "": NonNegative;
+        /// Standard deviation of an axle's heading drift: relative difference of its wheel radii
         /// over the track.
         // Radii of each wheel known to 0.4 %, 0.324 m apart.
-        pub heading_drift_sigma_rad_per_m: f32 = 1.75e-2, NonNegative;
+        pub heading_drift_sigma_rad_per_m: f32 = 1.75e-2, "rad/m": NonNegative;
         /// Standard deviation of an axle's scale error (relative error of the mean wheel radius).
-        pub scale_sigma: f32 = 2.8e-3, NonNegative;
+        pub scale_sigma: f32 = 2.8e-3, "": NonNegative;
         /// Standard deviation of the scale error of the headings that the wheels report: relative error
         /// of an axle's track.
-        pub turn_scale_sigma: f32 = 1.25e-2, NonNegative;
+        pub turn_scale_sigma: f32 = 1.25e-2, "": NonNegative;
         /// Standard deviation of the way aside that an axle rolls, over its way ahead.
-        pub side_slip_sigma: f32 = 3e-3, NonNegative;
-        /// Standard deviation of a gyro's bias when the robot sets off, rad/s.
+        pub side_slip_sigma: f32 = 3e-3, "": NonNegative;
+        /// Standard deviation of a gyro's bias when the robot sets off.
         // Zeroed over 0.4 s at rest: 4.9e-5 rad/s/√Hz of noise leave 5.5e-5 rad/s.
-        pub gyro_bias_sigma_rad_s: f32 = 6e-5, NonNegative;
-        /// Random walk of a gyro's bias, rad/s/√s.
-        pub gyro_bias_walk_rad_s_per_sqrt_s: f32 = 5e-5, NonNegative;
+        pub gyro_bias_sigma_rad_s: f32 = 6e-5, "rad/s": NonNegative;
+        /// Random walk of a gyro's bias.
+        pub gyro_bias_walk_rad_s_per_sqrt_s: f32 = 5e-5, "rad/s/√s": NonNegative;
         /// Standard deviation of a gyro's scale error.
-        pub gyro_scale_sigma: f32 = 5e-3, NonNegative;
-        /// Standard deviation of a turn of the whole robot, rad/m: what is left of lasting errors that the states do not
+        pub gyro_scale_sigma: f32 = 5e-3, "": NonNegative;
+        /// Standard deviation of a turn of the whole robot: what is left of lasting errors that the states do not
         /// describe. Hours of driving show it.
-        pub steady_turn_sigma_rad_per_m: f32 = 3e-4, NonNegative;
-        /// Time in which what tyres, wheels and gains have been learnt to be is another again, s.
-        pub constancy_s: f32 = 3600.0;
+        pub steady_turn_sigma_rad_per_m: f32 = 3e-4, "rad/m": NonNegative;
+        /// Time in which what tyres, wheels and gains have been learnt to be is another again.
+        pub constancy_s: f32 = 3600.0, "s": Range(0.01, 1e7);
         /// Standard deviation of the way of a wheel that its encoder tells and the floor does not see, or the
-        /// other way round, because of the play of its gear, m: beam and odometry disagree by so much.
+        /// other way round, because of the play of its gear: beam and odometry disagree by so much.
         // Evenly spread over 5 mrad of a wheel of 73 mm.
-        pub play_sigma_m: f32 = 1.1e-4, NonNegative;
+        pub play_sigma_m: f32 = 1.1e-4, "m": NonNegative;
+        derived {
+            /// Errors of the beam's posture by zeros and gains of the gauges.
+            // Those of the default strip.
+            pub beam: PostureSigmas = strip::Config::default().sigmas();
+            /// Half the track (the paper's d).
+            pub half_track_m: f32 = 0.162, "m": Positive;
+            /// Moment of the frame on an axle a radian of relative heading, EI/L.
+            pub frame_moment_n_m: f32 = 0.833 / 0.37, "N m": Positive;
+            /// Mass that the wheels of an axle carry.
+            pub axle_mass_kg: f32 = 4.76, "kg": Positive;
+        }
     }
 }
 

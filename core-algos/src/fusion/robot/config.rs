@@ -1,72 +1,65 @@
 //! Configuration of the fusion.
 
 use super::{RobotFusion, WALK_TIME_S};
-use crate::config::{ConfigError, config, positive};
+use crate::config::{ConfigError, declare, positive};
 use crate::fusion::{constants, intersection, ipec, joint};
 use crate::math::trig::sqrt;
 
-/// Fusion method.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-pub enum Mode {
-    /// Each axle's odometry alone.
-    Odometry,
-    /// Covariance intersection through the beam.
-    #[cfg_attr(feature = "serde", serde(alias = "ci"))]
-    Intersection,
-    /// Covariance intersection and internal posture error correction.
-    #[cfg_attr(feature = "serde", serde(alias = "ci+ipec"))]
-    IntersectionIpec,
-    /// One filter of both axles.
-    #[default]
-    Joint,
-}
-
-config! {
-    /// Slip of an axle that its wheels do not see, as random walks.
-    pub struct Slip {
-        /// Along the heading, m/√m.
-        pub along_m_per_sqrt_m: f32 = 5e-4, NonNegative;
-        /// Across the heading, m/√m.
-        pub across_m_per_sqrt_m: f32 = 2e-4, NonNegative;
-        /// Across the heading, per radian of relative heading, m/√m/rad: tyres slip under the side force of a turn, for
-        /// as long as it lasts to the same side.
-        pub side_m_per_sqrt_m: f32 = 1e-3, NonNegative;
-        /// In heading, rad/√m.
-        pub heading_rad_per_sqrt_m: f32 = 2e-3, NonNegative;
-        /// In heading, at any speed, rad/√s.
-        pub heading_rad_per_sqrt_s: f32 = 2e-4, NonNegative;
-        /// In heading, per radian of relative heading, rad/√s/rad.
-        pub creep_per_sqrt_s: f32 = 2e-3, NonNegative;
-        /// In heading, per radian of relative heading, rad/√m/rad.
-        pub creep_per_sqrt_m: f32 = 5e-3, NonNegative;
-        /// In position, at any speed, m/√s.
-        pub position_m_per_sqrt_s: f32 = 1e-5, NonNegative;
-        /// Speed at which an axle slips under the load of the frame where no beam measures it, m/s; its
-        /// wheels then turn it at this speed over half the track. Constant throughout a drive.
-        // Up to 10 mm/s, where a tyre gives half of its friction, all alike probable.
-        pub load_speed_m_s: f32 = 5.8e-3, NonNegative;
+declare! {
+    /// Fusion method.
+    pub enum Mode, default Joint {
+        /// Each axle's odometry alone.
+        Odometry = "odometry",
+        /// Covariance intersection through the beam.
+        Intersection = "intersection" or "ci",
+        /// Covariance intersection and internal posture error correction.
+        IntersectionIpec = "intersection-ipec" or "ci+ipec",
+        /// One filter of both axles.
+        Joint = "joint",
     }
 }
 
-config! {
+declare! {
+    /// Slip of an axle that its wheels do not see, as random walks.
+    pub struct Slip {
+        /// Along the heading.
+        pub along_m_per_sqrt_m: f32 = 5e-4, "m/√m": NonNegative;
+        /// Across the heading.
+        pub across_m_per_sqrt_m: f32 = 2e-4, "m/√m": NonNegative;
+        /// Across the heading, per radian of relative heading: tyres slip under the side force of a turn, for
+        /// as long as it lasts to the same side.
+        pub side_m_per_sqrt_m: f32 = 1e-3, "m/√m/rad": NonNegative;
+        /// In heading.
+        pub heading_rad_per_sqrt_m: f32 = 2e-3, "rad/√m": NonNegative;
+        /// In heading, at any speed.
+        pub heading_rad_per_sqrt_s: f32 = 2e-4, "rad/√s": NonNegative;
+        /// In heading, per radian of relative heading.
+        pub creep_per_sqrt_s: f32 = 2e-3, "rad/√s/rad": NonNegative;
+        /// In heading, per radian of relative heading.
+        pub creep_per_sqrt_m: f32 = 5e-3, "rad/√m/rad": NonNegative;
+        /// In position, at any speed.
+        pub position_m_per_sqrt_s: f32 = 1e-5, "m/√s": NonNegative;
+        /// Speed at which an axle slips under the load of the frame where no beam measures it; its
+        /// wheels then turn it at this speed over half the track. Constant throughout a drive.
+        // Up to 10 mm/s, where a tyre gives half of its friction, all alike probable.
+        pub load_speed_m_s: f32 = 5.8e-3, "m/s": NonNegative;
+    }
+}
+
+declare! {
     /// Parameters of the second tier.
     pub struct Config {
         /// Fusion method.
         pub mode: Mode = Mode::Joint;
-        /// Time between two ticks, s.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub period_s: f32 = 0.01, Positive;
         /// Standard deviations of the front axle's posture in the rear axle's frame at the start, the
-        /// frame being taken as straight (m, m, rad).
-        pub frame_sigmas: [f32; 3] = [1e-3, 1e-3, 4e-3], Positive;
+        /// frame being taken as straight.
+        pub frame_sigmas: [f32; 3] = [1e-3, 1e-3, 4e-3], "m, m, rad": Positive;
         /// Slip added to each axle's increments.
         pub slip: Slip = Slip::default();
         /// Largest accepted NIS of the beam's posture (three degrees of freedom); `None` accepts all.
-        pub beam_gate: Option<f32> = Some(40.0), Positive;
+        pub beam_gate: Option<f32> = Some(40.0), "": Positive;
         /// Rejections of the beam in a row after which it is believed again.
-        pub gate_patience: u16 = 50;
+        pub gate_patience: u16 = 50, "": Range(0.0, 65_535.0);
         /// Covariance intersection.
         // The determinant looks at relative sizes and cannot tell which axle's large error
         // shrinks. A heading error is worth the position error it makes over the next metre.
@@ -79,6 +72,10 @@ config! {
         /// Joint filter. Its constant errors count in the other modes too, but for
         /// those that are only taken into account.
         pub joint: joint::Config = joint::Config::default();
+        derived {
+            /// Time between two ticks.
+            pub period_s: f32 = 0.01, "s": Positive;
+        }
     }
 }
 

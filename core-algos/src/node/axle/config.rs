@@ -2,7 +2,7 @@
 
 use super::{AxleNode, State};
 use crate::bus::layout;
-use crate::config::{ConfigError, config, positive};
+use crate::config::{ConfigError, declare, positive};
 use crate::control::{dynamic, wheel_observer};
 use crate::fusion::ekf;
 use crate::fusion::standstill::{self, RestTimes};
@@ -11,38 +11,33 @@ use crate::safety::{ramp, supervisor};
 use crate::time::Micros;
 use crate::topology::AxleId;
 
-/// Speed the controller uses.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-pub enum SpeedSource {
-    /// The tracking observers of the wheels: least lag.
-    #[default]
-    Wheels,
-    /// The axle filter.
-    Filter,
+declare! {
+    /// Speed the controller uses.
+    pub enum SpeedSource, default Wheels {
+        /// The tracking observers of the wheels: least lag.
+        Wheels = "wheels",
+        /// The axle filter.
+        Filter = "filter",
+    }
 }
 
-config! {
+declare! {
     /// Parameters of an axle node.
     pub struct Config {
-        /// Age of a mode or a reference after which the motors are switched off, s.
-        pub reference_timeout_s: f32 = layout::timeout_s(layout::id::REFERENCE_POSTURE), Range(0.01, 1.0);
-        /// Age of a wrench from the beam after which it is no longer used, s.
-        pub wrench_timeout_s: f32 = layout::timeout_s(layout::id::BEAM_WRENCH), Range(0.01, 1.0);
+        /// Age of a mode or a reference after which the motors are switched off.
+        pub reference_timeout_s: f32 = layout::timeout_s(layout::id::REFERENCE_POSTURE), "s": Range(0.01, 1.0);
+        /// Age of a wrench from the beam after which it is no longer used.
+        pub wrench_timeout_s: f32 = layout::timeout_s(layout::id::BEAM_WRENCH), "s": Range(0.01, 1.0);
         /// Speed the controller uses.
         pub speed_source: SpeedSource = SpeedSource::Wheels;
         /// Wheel observers.
         pub wheel: wheel_observer::Config = wheel_observer::Config::default();
-        /// Radius of the right wheel over that of the left.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub wheel_ratio: f32 = 1.0, Range(0.8, 1.25);
-        /// Time of rest after which the inertial sensors are zeroed, s: wheels still for the
+        /// Time of rest after which the inertial sensors are zeroed: wheels still for the
         /// accelerometer, motors off too for the gyro.
-        pub rest_hold_s: f32 = 0.1, Range(0.01, 10.0);
-        /// Time for which the motors must have been off before the gyro is zeroed, s, unless they never
+        pub rest_hold_s: f32 = 0.1, "s": Range(0.01, 10.0);
+        /// Time for which the motors must have been off before the gyro is zeroed, unless they never
         /// were on: a bent frame unwinds over creeping tyres.
-        pub rest_settle_s: f32 = 60.0, Range(0.0, 3600.0);
+        pub rest_settle_s: f32 = 60.0, "s": Range(0.0, 3600.0);
         /// Zeroing of the gyro at standstill.
         pub gyro_zero: standstill::Config = standstill::Config::GYRO;
         /// Zeroing of the accelerometer at standstill.
@@ -57,25 +52,30 @@ config! {
         pub stop: ramp::Config = ramp::Config::default();
         /// Supervisor.
         pub supervisor: supervisor::Config = supervisor::Config::default();
+        derived {
+            /// Radius of the right wheel over that of the left.
+            pub wheel_ratio: f32 = 1.0, "": Range(0.8, 1.25);
+        }
     }
 }
 
-config! {
+declare! {
     /// Bounds of what a sound axle does; each counts only after the time of its condition.
     pub struct Limits {
-        /// Distance from the reference, m.
-        pub tracking_m: f32 = 0.08, Positive;
-        /// Difference in heading from the reference, rad.
-        pub tracking_rad: f32 = 0.35, Positive;
+        /// Distance from the reference.
+        pub tracking_m: f32 = 0.08, "m": Positive;
+        /// Difference in heading from the reference.
+        pub tracking_rad: f32 = 0.35, "rad": Positive;
         /// Share of the largest torque from which a wheel that stands still is blocked.
-        pub stall_share: f32 = 0.6, Range(0.1, 1.0);
-        /// Speed below which a wheel stands still, rad/s.
-        pub stall_rad_s: f32 = 0.2, Positive;
-        /// Difference of the yaw rates by the wheels and by the gyro, rad/s.
-        pub slip_rad_s: f32 = 0.8, Positive;
-        /// Speed of a wheel over ground beyond which a reference is not taken, m/s.
-        #[cfg_attr(feature = "serde", serde(skip))]
-        pub wheel_speed_m_s: f32 = 0.5, Positive;
+        pub stall_share: f32 = 0.6, "": Range(0.1, 1.0);
+        /// Speed below which a wheel stands still.
+        pub stall_rad_s: f32 = 0.2, "rad/s": Positive;
+        /// Difference of the yaw rates by the wheels and by the gyro.
+        pub slip_rad_s: f32 = 0.8, "rad/s": Positive;
+        derived {
+            /// Speed of a wheel over ground beyond which a reference is not taken.
+            pub wheel_speed_m_s: f32 = 0.5, "m/s": Positive;
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Configuration of the lead node.
 
 use crate::bus::layout;
-use crate::config::{ConfigError, config, in_range};
+use crate::config::{ConfigError, declare};
 use crate::control::cascade::{self, Cascade};
 use crate::control::governor::{self, Governor};
 use crate::control::regulator::{self, Regulator};
@@ -13,14 +13,14 @@ use crate::safety::ramp;
 use crate::safety::supervisor::{self, Supervisor};
 use crate::time::{EPOCH_S, Micros};
 
-config! {
+declare! {
     /// Parameters of the lead node.
     pub struct Config {
-        /// Age of an axle's report after which the motors are switched off, s.
-        pub report_timeout_s: f32 = layout::timeout_s(layout::id::AXLE_POSTURE), Range(0.02, 1.0);
-        /// Longest time that the motors hold the robot where it is, before a drive or after it, s; then
+        /// Age of an axle's report after which the motors are switched off.
+        pub report_timeout_s: f32 = layout::timeout_s(layout::id::AXLE_POSTURE), "s": Range(0.02, 1.0);
+        /// Longest time that the motors hold the robot where it is, before a drive or after it; then
         /// they are let go until the next command.
-        pub hold_s: f32 = 60.0, Range(0.1, 3600.0);
+        pub hold_s: f32 = 60.0, "s": Range(0.1, 3600.0);
         /// Second tier of fusion.
         pub fusion: robot::Config = robot::Config::default();
         /// Posture regulation.
@@ -40,21 +40,20 @@ config! {
     }
 }
 
-config! {
+declare! {
     /// Bounds of what a sound robot does; each counts only after the time of its condition.
     pub struct Limits {
-        /// Steering angle of the frame |ψ|, rad.
-        #[cfg_attr(feature = "serde", serde(rename = "bend_rad"))]
-        pub steering_rad: f32 = 0.7;
-        /// Force of the frame on an axle, N.
-        pub force_n: f32 = 25.0, Positive;
-        /// Moment of the frame on an axle, N m.
-        pub moment_n_m: f32 = 6.0, Positive;
-        /// Standard deviation of the position of O beyond which the estimate counts as vague, m.
+        /// Steering angle of the frame |ψ|.
+        pub bend_rad: f32 = 0.7, "rad": Range(0.05, 1.5);
+        /// Force of the frame on an axle.
+        pub force_n: f32 = 25.0, "N": Positive;
+        /// Moment of the frame on an axle.
+        pub moment_n_m: f32 = 6.0, "N m": Positive;
+        /// Standard deviation of the position of O beyond which the estimate counts as vague.
         // What a floor may make of 300 m.
-        pub position_sigma_m: f32 = 5.0, Positive;
-        /// The same of its heading, rad.
-        pub heading_sigma_rad: f32 = 0.5, Positive;
+        pub position_sigma_m: f32 = 5.0, "m": Positive;
+        /// The same of its heading.
+        pub heading_sigma_rad: f32 = 0.5, "rad": Positive;
     }
 }
 
@@ -81,7 +80,6 @@ impl Config {
     pub fn build(&self) -> Result<Algorithms, ConfigError> {
         self.check_ranges()?;
         self.limits.check_ranges()?;
-        in_range("bend_rad", self.limits.steering_rad, 0.05, 1.5)?;
         let cascade = self.cascade.build()?;
         Ok(Algorithms {
             limits: self.limits,

@@ -139,7 +139,7 @@ impl LeadNode {
                 fresh(wrench.time) && self.with.limits.exceeded_by(&wrench.value)
             });
         let bent = heading
-            .is_some_and(|heading| !(heading.steering().0.abs() <= self.with.limits.steering_rad));
+            .is_some_and(|heading| !(heading.steering().0.abs() <= self.with.limits.bend_rad));
         let unsound = fused.is_some_and(|fused| {
             !(fused.robot.posture.is_finite() && is_finite(&fused.robot.covariance))
         });

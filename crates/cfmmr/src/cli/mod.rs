@@ -18,6 +18,7 @@ pub mod eval;
 pub mod faults;
 pub mod follow;
 pub mod hil;
+pub mod keys;
 mod outputs;
 pub mod parameters;
 pub mod params;
@@ -42,6 +43,7 @@ use faults::FaultsArgs;
 use follow::FollowArgs;
 use hil::HilArgs;
 use host_sim::base::error::Error;
+use keys::KeysArgs;
 use output::terminal;
 use output::terminal::note;
 use params::ParamsArgs;
@@ -168,6 +170,8 @@ pub enum Command {
     Serial,
     /// Print the scenario with all defaults as TOML
     Config(ConfigArgs),
+    /// Print the keys of a scenario with unit, default, allowed values and meaning
+    Keys(KeysArgs),
     /// Print a world: the true robot and its surroundings as distributions, each figure with its
     /// reason
     World(WorldArgs),

@@ -1,6 +1,6 @@
 //! `cfmmr parameters`: the table of what a board keeps in its flash, as Markdown.
 
-use core_algos::params::TABLE;
+use core_algos::params::{Parameter, TABLE};
 use host_sim::base::error::Error;
 use output::terminal;
 use std::fmt::Write;
@@ -21,7 +21,7 @@ pub fn markdown() -> String {
         // Writing to a string does not fail.
         let _ = writeln!(
             text,
-            "| {} | {} | `{}` | {} | {} | {} | {} | {} |",
+            "| {} | {} | `{}` | {} | {} | {} | {} | {}{} |",
             parameter.id,
             parameter.version,
             parameter.name,
@@ -29,10 +29,23 @@ pub fn markdown() -> String {
             parameter.range.0,
             parameter.range.1,
             parameter.default(),
-            parameter.meaning,
+            parameter.meaning(),
+            choices(parameter),
         );
     }
     text
+}
+
+/// Values of a parameter that is one of several, by number.
+fn choices(parameter: &Parameter) -> String {
+    let names = parameter.choices().iter().enumerate();
+    let named: Vec<String> = names
+        .map(|(i, choice)| format!("{i} `{}`", choice.name))
+        .collect();
+    match named.is_empty() {
+        true => String::new(),
+        false => format!(": {}", named.join(", ")),
+    }
 }
 
 /// Prints the page.

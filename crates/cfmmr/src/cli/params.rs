@@ -218,7 +218,7 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
                     default: parameter.get(&base),
                     source,
                     saved,
-                    meaning: parameter.meaning,
+                    meaning: parameter.meaning(),
                 });
             }
         }
@@ -280,6 +280,23 @@ fn run_set(set: &ParamsSet) -> Result<(), Error> {
     change(&set.target, set.save, |_| Ok(values.clone()))
 }
 
+fn refused(parameter: &Parameter, value: &str) -> Error {
+    let names: Vec<&str> = parameter
+        .choices()
+        .iter()
+        .map(|choice| choice.name)
+        .collect();
+    let (low, high) = parameter.range;
+    let allowed = match names.is_empty() {
+        true => String::new(),
+        false => format!("{} or ", names.join(", ")),
+    };
+    Error::input(format!(
+        "{} = {value}: must be {allowed}a number from {low} to {high}",
+        parameter.name
+    ))
+}
+
 /// A value from `NAME=VALUE`, within its range.
 fn parse(text: &str) -> Result<(&'static Parameter, f32), Error> {
     let Some((name, value)) = text.split_once('=') else {
@@ -288,13 +305,12 @@ fn parse(text: &str) -> Result<(&'static Parameter, f32), Error> {
         )));
     };
     let parameter = board_parameters::parameter(name.trim())?;
-    let (low, high) = parameter.range;
-    let number = value.trim().parse().map_err(|_| {
-        Error::input(format!(
-            "{} = {value}: must be a number from {low} to {high}",
-            parameter.name
-        ))
-    })?;
+    let value = value.trim();
+    let mut choices = parameter.choices().iter();
+    let number = match choices.position(|choice| choice.name == value) {
+        Some(number) => number as f32,
+        None => value.parse().map_err(|_| refused(parameter, value))?,
+    };
     Ok((parameter, parameter.validate(number)?))
 }
 

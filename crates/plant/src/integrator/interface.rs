@@ -2,11 +2,12 @@
 //! frame, energy.
 
 use super::Plant;
-use crate::config::{PlantConfig, PlantError};
+use crate::config::PlantConfig;
 use crate::frame::Station;
 use crate::geometry::{Vec3, rotate, unrotate};
 use crate::loads::check_payload;
 use crate::state::{Health, PlantState, Wrench};
+use declare::ConfigError;
 
 /// Places along the frame, prepared by [`Plant::outline`]: on the strip, and how far beyond it.
 #[derive(Clone, Debug)]
@@ -14,7 +15,7 @@ pub struct Outline(Vec<(Station, f64)>);
 
 impl PlantConfig {
     /// The plant, at rest at the origin. Every constant is checked here; after that nothing fails.
-    pub fn build(&self) -> Result<Plant, PlantError> {
+    pub fn build(&self) -> Result<Plant, ConfigError> {
         self.check()?;
         check_payload(self)?;
         Ok(Plant::new(self))

@@ -3,13 +3,12 @@
 use super::SAMPLE_PERIOD_S;
 use super::converter::ConverterError;
 use super::delay::{Delay, Drift, MAX_DELAY_MS};
+use crate::base::table::table;
 use crate::world::drawn::Drawn;
+use crate::world::random::SMALL;
 use crate::world::random::normal;
-use crate::world::table::{
-    above_0, at_least_0, one_two_or_four, small, table, up_to, whole, within,
-};
 use core_algos::beam::{MAX_GAUGES, strip};
-use core_algos::config::{Allowed, ConfigError, require};
+use core_algos::config::{ConfigError, in_range};
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -21,77 +20,72 @@ table! {
     /// and saturated at ±2^(bits−1). The bridge is fed from the converter's reference, so the supply
     /// drops out. `strain` is that of the outer fibre at the gauge's true place, with gain error,
     /// offset, drift and noise, behind the amplifier's low-pass filter.
-    pub struct BridgeConfig("sensors.bridge") {
+    pub struct BridgeConfig {
         /// Relative resistance change over strain.
-        gauge_factor: f64 = 2.1, above_0;
+        pub gauge_factor: f64 = 2.1, "": Positive;
         /// Gauges of the bridge that see the strain: 1, 2 (one on each face) or 4 (two on each face).
-        active_gauges: u32 = 4, one_two_or_four;
+        pub active_gauges: u32 = 4, "": OneOf(&[1.0, 2.0, 4.0]);
         /// Gain of the amplifier.
-        amplifier_gain: f64 = 60.0, above_0;
-        /// Corner of the amplifier's first-order low-pass filter, Hz.
-        bandwidth_hz: f64 = 200.0, above_0;
+        pub amplifier_gain: f64 = 60.0, "": Positive;
+        /// Corner of the amplifier's first-order low-pass filter.
+        pub bandwidth_hz: f64 = 200.0, "Hz": Positive;
         /// Effective bits of the converter over the whole range.
-        converter_bits: u32 = 14, whole(2, 24);
+        pub converter_bits: u32 = 14, "": Range(2.0, 24.0);
         /// Noise at the converter as strain, rms at the sample rate.
-        noise_strain: f64 = 0.7e-6, at_least_0;
+        pub noise_strain: f64 = 0.7e-6, "strain": NonNegative;
         /// Largest integral nonlinearity of the chip's converter, in counts of its 4096; the curve is drawn. STM32F405:
         /// 1.5 typically, 3 at most.
-        nonlinearity_counts: f64 = 0.0, up_to(10.0);
+        pub nonlinearity_counts: f64 = 0.0, "counts": Range(0.0, 10.0);
         /// Relative standard deviation of each bridge's gain.
-        gain_sigma: f64 = 3e-3, small;
+        pub gain_sigma: f64 = 3e-3, "": Range(0.0, SMALL);
         /// Relative standard deviation of the gain error that all bridges share. 1 to 2 %: foil and
         /// glue stand 40 to 60 µm off a half thickness of 0.5 mm, which a lot has alike, and the strip's
         /// thickness is known to 2 %.
-        common_gain_sigma: f64 = 0.0, small;
-        /// Standard deviation of each bridge's unbalance before zeroing, strain.
-        offset_sigma_strain: f64 = 200e-6, at_least_0;
-        /// Standard deviation of each bridge's change from zeroing to the start of a trial, strain.
-        drift_sigma_strain: f64 = 1e-6, at_least_0;
-        /// Standard deviation of the error that all bridges share after zeroing, strain: that of the edge
+        pub common_gain_sigma: f64 = 0.0, "": Range(0.0, SMALL);
+        /// Standard deviation of each bridge's unbalance before zeroing.
+        pub offset_sigma_strain: f64 = 200e-6, "strain": NonNegative;
+        /// Standard deviation of each bridge's change from zeroing to the start of a trial.
+        pub drift_sigma_strain: f64 = 1e-6, "strain": NonNegative;
+        /// Standard deviation of the error that all bridges share after zeroing: that of the edge
         /// against which the frame is held (strain = angle·half thickness/length).
-        common_sigma_strain: f64 = 1e-6, at_least_0;
-        /// Random walk of each bridge during a trial, strain/√s.
-        drift_walk_strain: f64 = 0.05e-6, at_least_0;
-        /// Nominal places of the gauges along the strip, from its root, m; at most eight.
-        gauges_m: Vec<f64> = strip::Config::default().gauges_m.iter().map(f64::from).collect(), some_gauges;
-        /// Standard deviation of each gauge's place along the strip, m.
-        position_sigma_m: f64 = 0.3e-3, at_least_0;
-        /// Share of a sustained strain that a gauge loses in the end, as its adhesive and carrier creep:
-        /// −0.05 to 0.05.
-        creep_share: f64 = 0.0, within(0.05);
+        pub common_sigma_strain: f64 = 1e-6, "strain": NonNegative;
+        /// Random walk of each bridge during a trial.
+        pub drift_walk_strain: f64 = 0.05e-6, "strain/√s": NonNegative;
+        /// Nominal places of the gauges along the strip, from its root; at most eight.
+        pub gauges_m: Vec<f64> = strip::Config::default().gauges_m.iter().map(f64::from).collect(), "m": NonNegative;
+        /// Standard deviation of each gauge's place along the strip.
+        pub position_sigma_m: f64 = 0.3e-3, "m": NonNegative;
+        /// Share of a sustained strain that a gauge loses in the end, as its adhesive and carrier creep.
+        pub creep_share: f64 = 0.0, "": Range(-0.05, 0.05);
         /// Standard deviation of that share, the same for all gauges of a robot.
-        creep_sigma: f64 = 0.0, small;
-        /// Time constant of the creep, s.
-        creep_time_s: f64 = 60.0, above_0;
-        /// Rise of the gauges' temperature since zeroing, in the end, K.
-        warming_k: f64 = 0.0, within(100.0);
-        /// Time constant of the warming, s.
-        warming_time_s: f64 = 600.0, above_0;
-        /// Standard deviation of what each bridge's zero moves by for a rise of 1 K, strain:
+        pub creep_sigma: f64 = 0.0, "": Range(0.0, SMALL);
+        /// Time constant of the creep.
+        pub creep_time_s: f64 = 60.0, "s": Positive;
+        /// Rise of the gauges' temperature since zeroing, in the end.
+        pub warming_k: f64 = 0.0, "K": Range(-100.0, 100.0);
+        /// Time constant of the warming.
+        pub warming_time_s: f64 = 600.0, "s": Positive;
+        /// Standard deviation of what each bridge's zero moves by for a rise of 1 K:
         /// 0.5 to 1 µε for half bridges.
-        zero_per_k_sigma_strain: f64 = 0.2e-6, at_least_0;
+        pub zero_per_k_sigma_strain: f64 = 0.2e-6, "strain/K": NonNegative;
         /// Relative change of all gains for a rise of 1 K.
-        gain_per_k: f64 = 1e-4, within(1e-3);
-        /// Distance of the gauges from the strip's neutral axis, m.
+        pub gain_per_k: f64 = 1e-4, "1/K": Range(-1e-3, 1e-3);
+        /// Distance of the gauges from the strip's neutral axis.
         // As single precision has it, so that figures of earlier versions stay to the bit.
-        half_thickness_m: f64 = f64::from(0.5e-3_f32), above_0;
-        /// Age of a sample when the board has it, ms.
-        delay_ms: u32 = 1, whole(0, MAX_DELAY_MS);
+        pub half_thickness_m: f64 = f64::from(0.5e-3_f32), "m": Positive;
+        /// Age of a sample when the board has it.
+        pub delay_ms: u32 = 1, "ms": Range(0.0, MAX_DELAY_MS as f32);
     }
 }
 
-/// At least one gauge, and no more than there is room for.
-fn some_gauges(_: &'static str, gauges: &[f64]) -> Result<(), ConfigError> {
-    require(
-        (1..=MAX_GAUGES).contains(&gauges.len()),
-        "number of sensors.bridge.gauges_m",
-        gauges.len() as f32,
-        Allowed::Range(1.0, MAX_GAUGES as f32),
-    )
-    .map(drop)
-}
-
 impl BridgeConfig {
+    /// Checks every value, and that there is at least one gauge and no more than there is room for.
+    pub(super) fn check(&self) -> Result<(), ConfigError> {
+        self.check_ranges()?;
+        let gauges = self.gauges_m.len() as f32;
+        in_range("number of gauges_m", gauges, 1.0, MAX_GAUGES as f32).map(drop)
+    }
+
     /// Share of the converter's range for a strain of 1 without gain error.
     pub fn range_per_strain(&self) -> f64 {
         self.gauge_factor * f64::from(self.active_gauges) / 4.0 * self.amplifier_gain

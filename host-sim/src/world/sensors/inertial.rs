@@ -1,83 +1,94 @@
 //! Yaw-rate gyroscopes and accelerometers.
 
 use super::SAMPLE_RATE_HZ;
-use super::delay::{Delay, Drift};
+use super::delay::{Delay, Drift, MAX_DELAY_MS};
+use crate::base::table::table;
 use crate::world::normal::standard_normal;
+use crate::world::random::SMALL;
 use crate::world::random::normal;
 use rand_pcg::Pcg64;
-use serde::{Deserialize, Serialize};
 
-/// Marks the yaw-rate channel of [`InertialConfig`]: rad/s.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Gyro;
-/// Marks the longitudinal-acceleration channel of [`InertialConfig`]: m/s².
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Accelerometer;
-
-/// One channel of a micromechanical inertial sensor; `u` is rad/s for [`Gyro`], m/s² for
-/// [`Accelerometer`].
+/// Declares one channel of a micromechanical inertial sensor.
 ///
 /// `reading = quantised(truth·(1 + scale error) + bias + drift + noise)`, saturated at the range.
-/// The defaults are those of a present 6-axis part of the ICM-42688 class; an older one of the
-/// MPU-6050 class has twice to six times the noise and ten times the bias.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default, bound = "InertialConfig<Kind>: Default")]
-pub struct InertialConfig<Kind> {
-    /// True if the axles carry the sensor.
-    pub fitted: bool,
-    /// Standard deviation of the bias at power-up, u.
-    pub bias_sigma: f64,
-    /// Time at rest over which the driver averages at power-up and takes the mean as bias, s; 0
-    /// hands the raw reading on.
-    pub rest_average_s: f64,
-    /// Time from that average to the start of a trial, s: the bias walks on while the robot is
-    /// carried to its mark and set down.
-    pub rest_age_s: f64,
-    /// Random walk of the bias, u/√s.
-    pub bias_walk: f64,
-    /// White noise, u/√Hz, one-sided density; half the sample rate is the bandwidth.
-    pub noise_density: f64,
-    /// Relative standard deviation of the scale factor.
-    pub scale_sigma: f64,
-    /// Full scale to either side, u.
-    pub range: f64,
-    /// Bits of a reading over the whole range.
-    pub bits: u32,
-    /// Age of a sample when the board has it, ms.
-    pub delay_ms: u32,
-    #[serde(skip)]
-    kind: Kind,
-}
-
-impl Default for InertialConfig<Gyro> {
-    fn default() -> Self {
-        Self::of(Gyro, 8.7e-3, 5e-5, 4.9e-5, 4.36)
-    }
-}
-
-impl Default for InertialConfig<Accelerometer> {
-    fn default() -> Self {
-        Self::of(Accelerometer, 0.2, 5e-3, 6.9e-4, 19.6)
-    }
-}
-
-impl<Kind> InertialConfig<Kind> {
-    fn of(kind: Kind, bias_sigma: f64, bias_walk: f64, noise_density: f64, range: f64) -> Self {
-        Self {
-            fitted: false,
-            bias_sigma,
-            rest_average_s: 1.0,
-            rest_age_s: 60.0,
-            bias_walk,
-            noise_density,
-            scale_sigma: 5e-3,
-            range,
-            bits: 16,
-            delay_ms: 1,
-            kind,
+/// The defaults are those of a 6-axis part of the ICM-42688 class; an older one of the MPU-6050 class
+/// has twice to six times the noise and ten times the bias.
+macro_rules! channel {
+    (
+        $(#[$doc:meta])*
+        $name:ident, $unit:tt, $walk:tt, $density:tt: $bias_sigma:literal $bias_walk:literal $noise:literal $range:literal
+    ) => {
+        table! {
+            $(#[$doc])*
+            #[derive(Copy)]
+            pub struct $name {
+                /// True if the axles carry the sensor.
+                pub fitted: bool = false;
+                /// Standard deviation of the bias at power-up.
+                pub bias_sigma: f64 = $bias_sigma, $unit: NonNegative;
+                /// Time at rest over which the driver averages at power-up and takes the mean as bias;
+                /// 0 hands the raw reading on.
+                pub rest_average_s: f64 = 1.0, "s": NonNegative;
+                /// Time from that average to the start of a trial: the bias walks on while the robot is
+                /// carried to its mark and set down.
+                pub rest_age_s: f64 = 60.0, "s": NonNegative;
+                /// Random walk of the bias.
+                pub bias_walk: f64 = $bias_walk, $walk: NonNegative;
+                /// White noise, one-sided density; half the sample rate is the bandwidth.
+                pub noise_density: f64 = $noise, $density: NonNegative;
+                /// Relative standard deviation of the scale factor.
+                pub scale_sigma: f64 = 5e-3, "": Range(0.0, SMALL);
+                /// Full scale to either side.
+                pub range: f64 = $range, $unit: Positive;
+                /// Bits of a reading over the whole range.
+                pub bits: u32 = 16, "": Range(2.0, 24.0);
+                /// Age of a sample when the board has it.
+                pub delay_ms: u32 = 1, "ms": Range(0.0, MAX_DELAY_MS as f32);
+            }
         }
-    }
 
+        impl From<$name> for Channel {
+            fn from(config: $name) -> Self {
+                Self {
+                    fitted: config.fitted,
+                    bias_sigma: config.bias_sigma,
+                    rest_average_s: config.rest_average_s,
+                    rest_age_s: config.rest_age_s,
+                    bias_walk: config.bias_walk,
+                    noise_density: config.noise_density,
+                    range: config.range,
+                    bits: config.bits,
+                    delay_ms: config.delay_ms,
+                }
+            }
+        }
+    };
+}
+
+channel! {
+    /// Yaw-rate gyroscope of an axle.
+    Gyro, "rad/s", "rad/s/√s", "rad/s/√Hz": 8.7e-3 5e-5 4.9e-5 4.36
+}
+channel! {
+    /// Longitudinal accelerometer of an axle.
+    Accelerometer, "m/s²", "m/s²/√s", "m/s²/√Hz": 0.2 5e-3 6.9e-4 19.6
+}
+
+/// The numbers of either sensor.
+#[derive(Clone, Copy)]
+pub(super) struct Channel {
+    fitted: bool,
+    bias_sigma: f64,
+    rest_average_s: f64,
+    rest_age_s: f64,
+    bias_walk: f64,
+    noise_density: f64,
+    range: f64,
+    bits: u32,
+    delay_ms: u32,
+}
+
+impl Channel {
     /// Standard deviation of one sample's noise.
     fn noise_sigma(&self) -> f64 {
         self.noise_density * (SAMPLE_RATE_HZ / 2.0).sqrt()
@@ -85,7 +96,7 @@ impl<Kind> InertialConfig<Kind> {
 
     /// The bias at the start of the trial: what the driver's average at rest left, and what has
     /// come since.
-    pub(super) fn draw_bias(&self, random: &mut Pcg64) -> f64 {
+    pub fn draw_bias(&self, random: &mut Pcg64) -> f64 {
         let raw = normal(random, self.bias_sigma);
         let rest = standard_normal(random);
         if self.rest_average_s > 0.0 {
@@ -112,12 +123,7 @@ pub(super) struct InertialChannel {
 }
 
 impl InertialChannel {
-    pub fn new<Kind>(
-        config: &InertialConfig<Kind>,
-        bias: f64,
-        scale_error: f64,
-        random: Pcg64,
-    ) -> Self {
+    pub fn new(config: Channel, bias: f64, scale_error: f64, random: Pcg64) -> Self {
         Self {
             random,
             bias: Drift::new(bias, config.bias_walk),

@@ -18,18 +18,18 @@ mod tests;
 pub use bridge::{BridgeConfig, GaugeAgeing};
 pub use core_algos::beam::MAX_GAUGES;
 pub use delay::MAX_DELAY_MS;
-pub use inertial::{Accelerometer, Gyro, InertialConfig};
+pub use inertial::{Accelerometer, Gyro};
 
+use crate::base::error::{Error, within};
+use crate::base::table::table;
 use crate::world::drawn::Drawn;
+use crate::world::random::SMALL;
 use crate::world::random::{BOUND, Stream, bounded, generator, mix, normal};
-use crate::world::table::{above_0, at_least_0, small, table, whole};
 use bridge::Bridge;
-use core_algos::config::ConfigError;
 use delay::Delay;
-use inertial::InertialChannel;
+use inertial::{Channel, InertialChannel};
 use rand::RngExt;
 use rand::distr::{Distribution, Uniform};
-use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -38,53 +38,53 @@ pub const SAMPLE_RATE_HZ: f64 = 1000.0;
 /// Time between samples, s.
 pub const SAMPLE_PERIOD_S: f64 = 1.0 / SAMPLE_RATE_HZ;
 
-/// All sensors of the robot and the care with which it was built and placed.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct SensorConfig {
-    /// Placement accuracy at the start.
-    pub placement: PlacementConfig,
-    /// Accuracy of the odometry's constants.
-    pub geometry: GeometryConfig,
-    /// Wheel encoders.
-    pub encoder: EncoderConfig,
-    /// Yaw-rate gyroscope, one on each axle.
-    pub gyro: InertialConfig<Gyro>,
-    /// Longitudinal accelerometer, one on each axle.
-    pub accelerometer: InertialConfig<Accelerometer>,
-    /// Strain bridges on the frame.
-    pub bridge: BridgeConfig,
+table! {
+    /// All sensors of the robot and the care with which it was built and placed.
+    pub struct SensorConfig {
+        /// Placement accuracy at the start.
+        pub placement: PlacementConfig = PlacementConfig::default();
+        /// Accuracy of the odometry's constants.
+        pub geometry: GeometryConfig = GeometryConfig::default();
+        /// Wheel encoders.
+        pub encoder: EncoderConfig = EncoderConfig::default();
+        /// Yaw-rate gyroscope, one on each axle.
+        pub gyro: Gyro = Gyro::default();
+        /// Longitudinal accelerometer, one on each axle.
+        pub accelerometer: Accelerometer = Accelerometer::default();
+        /// Strain bridges on the frame.
+        pub bridge: BridgeConfig = BridgeConfig::default();
+    }
 }
 
 table! {
     /// Placement accuracy at the start.
-    pub struct PlacementConfig("sensors.placement") {
-        /// Standard deviation of the start position of O along each axis, m.
-        position_sigma_m: f64 = 2e-3, at_least_0;
-        /// Standard deviation of the start heading, rad.
-        heading_sigma_rad: f64 = 2e-3, at_least_0;
+    pub struct PlacementConfig {
+        /// Standard deviation of the start position of O along each axis.
+        pub position_sigma_m: f64 = 2e-3, "m": NonNegative;
+        /// Standard deviation of the start heading.
+        pub heading_sigma_rad: f64 = 2e-3, "rad": NonNegative;
     }
 }
 
 table! {
     /// Accuracy of the odometry's constants: true value over the value in the robot's
     /// configuration.
-    pub struct GeometryConfig("sensors.geometry") {
+    pub struct GeometryConfig {
         /// Relative standard deviation of each wheel's rolling radius.
-        wheel_radius_sigma: f64 = 1e-3, small;
+        pub wheel_radius_sigma: f64 = 1e-3, "": Range(0.0, SMALL);
         /// Relative standard deviation of each axle's effective track.
-        track_sigma: f64 = 3e-3, small;
+        pub track_sigma: f64 = 3e-3, "": Range(0.0, SMALL);
     }
 }
 
 table! {
     /// Wheel encoders: `counts = floor(angle·counts_per_revolution/2π + phase)`.
-    pub struct EncoderConfig("sensors.encoder") {
-        /// Counts in one revolution of the wheel, all four edges of the quadrature counted. (An
-        /// encoder of 500 lines before a gear of 26 to 1 would give 52000.)
-        counts_per_revolution: u32 = 8192, whole(1, 1 << 20);
-        /// Age of a sample when the board has it, ms.
-        delay_ms: u32 = 0, whole(0, MAX_DELAY_MS);
+    pub struct EncoderConfig {
+        /// Counts in one revolution of the wheel, all four edges of the quadrature counted; an encoder of
+        /// 500 lines before a gear of 26 to 1 gives 52000.
+        pub counts_per_revolution: u32 = 8192, "": Range(1.0, 1_048_576.0);
+        /// Age of a sample when the board has it.
+        pub delay_ms: u32 = 0, "ms": Range(0.0, MAX_DELAY_MS as f32);
     }
 }
 
@@ -101,30 +101,13 @@ impl GeometryConfig {
 
 impl SensorConfig {
     /// Checks every value; all that is built from the configuration relies on it.
-    pub fn check(&self) -> Result<(), ConfigError> {
-        macro_rules! check_inertial {
-            ($sensor:ident: $($check:expr => $($key:ident)+;)*) => {$($(
-                $check(
-                    concat!("sensors.", stringify!($sensor), ".", stringify!($key)),
-                    &self.$sensor.$key,
-                )?;
-            )+)*};
-            ($sensor:ident) => {
-                check_inertial! { $sensor:
-                    at_least_0 => bias_sigma rest_average_s rest_age_s bias_walk noise_density;
-                    small => scale_sigma;
-                    above_0 => range;
-                    whole(2, 24) => bits;
-                    whole(0, MAX_DELAY_MS) => delay_ms;
-                }
-            };
-        }
-        self.placement.check()?;
-        self.geometry.check()?;
-        self.encoder.check()?;
-        check_inertial!(gyro);
-        check_inertial!(accelerometer);
-        self.bridge.check()
+    pub fn check(&self) -> Result<(), Error> {
+        within("sensors.placement", self.placement.check_ranges())?;
+        within("sensors.geometry", self.geometry.check_ranges())?;
+        within("sensors.encoder", self.encoder.check_ranges())?;
+        within("sensors.gyro", self.gyro.check_ranges())?;
+        within("sensors.accelerometer", self.accelerometer.check_ranges())?;
+        within("sensors.bridge", self.bridge.check())
     }
 
     /// The errors of one robot's sensors; [`World::draw`](crate::world::World::draw) adds those of the
@@ -157,10 +140,11 @@ impl SensorConfig {
 
         for axle in 0..2 {
             let mut random = generator(seed, trial, Stream::Gyro(axle));
-            drawn.gyro_bias[axle] = self.gyro.draw_bias(&mut random);
+            drawn.gyro_bias[axle] = Channel::from(self.gyro).draw_bias(&mut random);
             drawn.gyro_scale_error[axle] = normal(&mut random, self.gyro.scale_sigma);
             let mut random = generator(seed, trial, Stream::Accelerometer(axle));
-            drawn.accelerometer_bias[axle] = self.accelerometer.draw_bias(&mut random);
+            drawn.accelerometer_bias[axle] =
+                Channel::from(self.accelerometer).draw_bias(&mut random);
             drawn.accelerometer_scale_error[axle] =
                 normal(&mut random, self.accelerometer.scale_sigma);
         }
@@ -222,12 +206,7 @@ pub struct Sensors {
 
 impl Sensors {
     /// The sensors of one trial; refuses what [`SensorConfig::check`] refuses.
-    pub fn new(
-        config: &SensorConfig,
-        drawn: &Drawn,
-        seed: u64,
-        trial: u64,
-    ) -> Result<Self, ConfigError> {
+    pub fn new(config: &SensorConfig, drawn: &Drawn, seed: u64, trial: u64) -> Result<Self, Error> {
         config.check()?;
         // Noise continues on streams of their own, so that it does not depend on how many numbers
         // the imperfections took.
@@ -239,7 +218,7 @@ impl Sensors {
             encoder_delay: Delay::new(config.encoder.delay_ms),
             gyro: [0, 1].map(|axle| {
                 InertialChannel::new(
-                    &config.gyro,
+                    config.gyro.into(),
                     drawn.gyro_bias[axle],
                     drawn.gyro_scale_error[axle],
                     noise(Stream::Gyro(axle)),
@@ -247,7 +226,7 @@ impl Sensors {
             }),
             accelerometer: [0, 1].map(|axle| {
                 InertialChannel::new(
-                    &config.accelerometer,
+                    config.accelerometer.into(),
                     drawn.accelerometer_bias[axle],
                     drawn.accelerometer_scale_error[axle],
                     noise(Stream::Accelerometer(axle)),

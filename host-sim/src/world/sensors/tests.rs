@@ -93,8 +93,8 @@ fn bad_parameters_are_named() {
     ] {
         let config: SensorConfig = toml::from_str(entry).unwrap();
         let (key, _) = entry.split_once(" = ").unwrap();
-        let field = format!("sensors.{key}");
-        assert_eq!(config.check().unwrap_err().field, field);
+        let why = config.check().unwrap_err().to_string();
+        assert!(why.starts_with(&format!("sensors.{key} = ")), "{why}");
         assert!(Sensors::new(&config, &Drawn::none(), 0, 0).is_err());
     }
 }

@@ -20,7 +20,7 @@ use core_algos::time::{EPOCH, EPOCH_S, LEAD_PHASE, TICK};
 use core_algos::topology::Role;
 use semihosting::println;
 
-/// Measures everything.
+/// Measures everything. The parts are not inlined: the sum of their frames would leave no room to paint.
 pub fn measure(counter: &mut Counter) {
     elementary(counter);
     filter(counter);
@@ -31,6 +31,7 @@ pub fn measure(counter: &mut Counter) {
     boards(counter);
 }
 
+#[inline(never)]
 fn elementary(counter: &mut Counter) {
     let angle = |k: u32| k as f32 * 0.39 - 3.1;
     let vector = |k: u32| (angle(k), 1.7 - 0.2 * k as f32);
@@ -87,6 +88,7 @@ pub fn measurements(k: u32) -> Measurements {
     }
 }
 
+#[inline(never)]
 fn filter(counter: &mut Counter) {
     let (filter, mut state) = axle_filter();
     counter.report("axle_filter_predict_update", STEPS, |k| {
@@ -109,6 +111,7 @@ const BENDS: [[f32; 5]; 8] = [
     [-0.7941, -1.7864, -3.2053, -4.4532, -5.0746],
 ];
 
+#[inline(never)]
 fn beam(counter: &mut Counter) {
     let strip = strip::Config::default().build();
     let strip = strip.unwrap_or_else(|error| panic!("{error}"));
@@ -142,6 +145,7 @@ fn beam(counter: &mut Counter) {
     });
 }
 
+#[inline(never)]
 fn fusion(counter: &mut Counter) {
     let intersection = intersection::Config::default().build();
     let intersection = intersection.unwrap_or_else(|error| panic!("{error}"));
@@ -169,6 +173,7 @@ fn fusion(counter: &mut Counter) {
 }
 
 /// The joint filter as both axles drive a bend, with gyros, and the beam measures.
+#[inline(never)]
 fn joint(counter: &mut Counter) {
     let filter = joint::Config::default().build(0.01);
     let filter = filter.unwrap_or_else(|error| panic!("{error}"));
@@ -188,6 +193,7 @@ fn joint(counter: &mut Counter) {
     update.print("joint_update");
 }
 
+#[inline(never)]
 fn control(counter: &mut Counter) {
     let cascade = cascade::Config::default().build();
     let cascade = cascade.unwrap_or_else(|error| panic!("{error}"));
@@ -236,12 +242,17 @@ fn midpoint(counter: &mut Counter, law: &Law, governor: &Governor, cascade: &Cas
     total.print("kinematic_governor_cascade");
 }
 
+/// A board of the default robot. Not inlined: building needs as much stack as is painted.
+#[inline(never)]
+fn ready(role: Role) -> Ready {
+    Ready::new(&RobotConfig::default(), role).unwrap_or_else(|error| panic!("{error}"))
+}
+
 /// Whole ticks of each board: plain ones, those that begin an epoch, those of the lead node.
+#[inline(never)]
 fn boards(counter: &mut Counter) {
-    let config = RobotConfig::default();
     for role in Role::ALL {
-        // One copy: three of the largest board do not fit the stack.
-        let nodes = Ready::new(&config, role).unwrap_or_else(|error| panic!("{error}"));
+        let nodes = ready(role);
         let mut board = nodes.begin();
         let mut outbox = Outbox::new();
         let [mut plain, mut epoch, mut lead] = [Total::default(); 3];

@@ -64,9 +64,6 @@ const REST: u32 = 100;
 /// Time a stopped robot is watched, µs.
 const WATCH: Micros = 1_000_000;
 
-/// The bus to which a fault is added.
-const BUS: BusConfig = BusConfig::SOUND;
-
 pub(super) fn entries() -> Vec<Entry> {
     [frames(), samples(), plant()].concat()
 }
@@ -74,13 +71,13 @@ pub(super) fn entries() -> Vec<Entry> {
 fn frames() -> Vec<Entry> {
     entries! {
         "none, boards in process", "", model(Fault::None).goes_on();
-        "bus loses 1 %", "frames", model(Bus(BusConfig { loss: 0.01, ..BUS })).goes_on();
-        "bus loses 10 %", "frames", model(Bus(BusConfig { loss: 0.1, ..BUS })).goes_on().stops(SILENCE).within(60.0);
-        "bus loses 50 %", "frames", model(Bus(BusConfig { loss: 0.5, ..BUS })).goes_on().stops(SILENCE).within(SLOW_S);
-        "bus late by 20 ms", "frames", model(Bus(BusConfig { late_ms: [20; 3], ..BUS })).goes_on().stops(SILENCE);
-        "bus reorders within 8 ms", "frames", model(Bus(BusConfig { jitter_ms: 8, ..BUS })).goes_on().stops(SILENCE);
-        "bus doubles 30 %", "frames", model(Bus(BusConfig { doubling: 0.3, ..BUS })).goes_on();
-        "bus corrupts 5 %", "frames", model(Bus(BusConfig { corruption: 0.05, ..BUS })).goes_on().stops(CORRUPTION)
+        "bus loses 1 %", "frames", model(Bus(BusConfig { loss: 0.01, ..BusConfig::default() })).goes_on();
+        "bus loses 10 %", "frames", model(Bus(BusConfig { loss: 0.1, ..BusConfig::default() })).goes_on().stops(SILENCE).within(60.0);
+        "bus loses 50 %", "frames", model(Bus(BusConfig { loss: 0.5, ..BusConfig::default() })).goes_on().stops(SILENCE).within(SLOW_S);
+        "bus late by 20 ms", "frames", model(Bus(BusConfig { late_ms: [20; 3], ..BusConfig::default() })).goes_on().stops(SILENCE);
+        "bus reorders within 8 ms", "frames", model(Bus(BusConfig { jitter_ms: 8, ..BusConfig::default() })).goes_on().stops(SILENCE);
+        "bus doubles 30 %", "frames", model(Bus(BusConfig { doubling: 0.3, ..BusConfig::default() })).goes_on();
+        "bus corrupts 5 %", "frames", model(Bus(BusConfig { corruption: 0.05, ..BusConfig::default() })).goes_on().stops(CORRUPTION)
             .within(SLOW_S);
         "front board resets", "boards", model(Reset(Role::Front, 200)).stops(SILENCE).within(1.5);
         "front board lost", "boards", model(Loss(Role::Front)).stops(SILENCE).within(1.5);

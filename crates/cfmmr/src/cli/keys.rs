@@ -1,0 +1,208 @@
+//! `cfmmr keys`: the keys of a scenario with unit, default, allowed values and meaning.
+
+use clap::Args;
+use declare::{Field, Kind};
+use host_sim::base::error::Error;
+use host_sim::scenario::{FIELDS, Scenario};
+use output::terminal;
+use serde_json::{Value, json};
+use std::fmt::Write;
+
+/// Arguments of `keys`.
+#[derive(Clone, Debug, Args)]
+pub struct KeysArgs {
+    /// Print JSON, an object a key
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A key with its place and default.
+struct Key {
+    table: String,
+    field: &'static Field,
+    default: Option<toml::Value>,
+}
+
+/// Every key, tables before the tables in them.
+fn keys() -> Result<Vec<Key>, Error> {
+    let defaults = toml::Table::try_from(Scenario::default());
+    let defaults = defaults.map_err(|error| Error::Failure(error.to_string()))?;
+    let mut keys = Vec::new();
+    collect("", FIELDS, Some(&defaults), &mut keys);
+    Ok(keys)
+}
+
+fn collect(
+    table: &str,
+    fields: &'static [Field],
+    defaults: Option<&toml::Table>,
+    keys: &mut Vec<Key>,
+) {
+    let is_table = |field: &&Field| matches!(field.kind, Kind::Table(_));
+    for field in fields.iter().filter(|field| !is_table(field)) {
+        keys.push(Key {
+            table: table.to_owned(),
+            field,
+            default: defaults.and_then(|defaults| defaults.get(field.name).cloned()),
+        });
+    }
+    for field in fields.iter().filter(is_table) {
+        if let Kind::Table(inner) = field.kind {
+            let table = match table {
+                "" => field.name.to_owned(),
+                _ => format!("{table}.{}", field.name),
+            };
+            let defaults = defaults.and_then(|defaults| defaults.get(field.name)?.as_table());
+            collect(&table, inner, defaults, keys);
+        }
+    }
+}
+
+/// Allowed values in words.
+fn allowed(kind: Kind) -> String {
+    match kind {
+        Kind::Number { allowed, whole, .. } => {
+            let text = allowed.to_string();
+            match whole {
+                true => text.replacen("a number", "a whole number", 1),
+                false => text,
+            }
+        }
+        Kind::Flag => "`true` or `false`".to_owned(),
+        Kind::Choice(choices) => {
+            let named = |choice: &declare::Choice| {
+                format!(
+                    "`\"{}\"`: {}",
+                    choice.name,
+                    choice.meaning().trim_end_matches('.')
+                )
+            };
+            choices.iter().map(named).collect::<Vec<_>>().join("; ")
+        }
+        Kind::Table(_) => String::new(),
+    }
+}
+
+/// A default; of single precision as it was written.
+fn shown(value: &toml::Value) -> String {
+    match value {
+        toml::Value::Float(number) if f64::from(*number as f32) == *number => {
+            format!("`{:?}`", *number as f32)
+        }
+        toml::Value::Array(list) => {
+            let entries: Vec<String> = list.iter().map(shown).collect();
+            format!("`[{}]`", entries.join(", ").replace('`', ""))
+        }
+        value => format!("`{value}`"),
+    }
+}
+
+const fn unit(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Number { unit, .. } => unit,
+        _ => "",
+    }
+}
+
+/// The text of `docs/keys.md`.
+pub fn markdown() -> Result<String, Error> {
+    let mut text = String::from(
+        "# Keys of a scenario\n\n\
+         Printed by `cfmmr keys`. `--set KEY=VALUE` and a file given with `--scenario` change a key; the key is\n\
+         the table's name, a dot and the name in the row. Defaults of `plant`, `spread`, `sensors` and `bus`\n\
+         are those of no world: a [world](worlds.md) replaces them, and `cfmmr config` prints the values of\n\
+         one. A key without a default is not set.\n",
+    );
+    let mut table = None;
+    for key in keys()? {
+        if table.as_ref() != Some(&key.table) {
+            // Writing to a string does not fail.
+            let _ = write!(
+                text,
+                "\n## {}\n\n| key | unit | default | allowed | meaning |\n|---|---|---|---|---|\n",
+                key.table
+            );
+        }
+        let default = key.default.as_ref().map_or(String::new(), shown);
+        let _ = writeln!(
+            text,
+            "| `{}` | {} | {default} | {} | {} |",
+            key.field.name,
+            unit(key.field.kind),
+            allowed(key.field.kind),
+            key.field.meaning().replace('|', "\\|"),
+        );
+        table = Some(key.table);
+    }
+    Ok(text)
+}
+
+fn json() -> Result<String, Error> {
+    let mut list = Vec::new();
+    for key in keys()? {
+        let default = serde_json::to_value(&key.default);
+        list.push(json!({
+            "key": format!("{}.{}", key.table, key.field.name),
+            "unit": unit(key.field.kind),
+            "default": default.unwrap_or(Value::Null),
+            "allowed": allowed(key.field.kind).replace('`', ""),
+            "meaning": key.field.meaning(),
+        }));
+    }
+    serde_json::to_string_pretty(&list).map_err(|error| Error::Failure(error.to_string()))
+}
+
+/// Prints the page or the JSON.
+pub fn run(args: &KeysArgs) -> Result<(), Error> {
+    match args.json {
+        true => terminal::print(&(json()? + "\n")),
+        false => terminal::print_page(&markdown()?),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use host_sim::world::effect;
+
+    /// What serde reads and what is declared are two ways to the same keys.
+    #[test]
+    fn declared_keys_are_those_of_a_file() {
+        let keys = keys().unwrap();
+        let declared: Vec<String> = keys
+            .iter()
+            .map(|key| format!("{}.{}", key.table, key.field.name))
+            .collect();
+        let file = toml::Table::try_from(Scenario::default()).unwrap();
+        for key in effect::keys(&file) {
+            let known = declared.contains(&key) || key == "world";
+            assert!(known, "{key} is not declared");
+        }
+        // Keys without a default are refused by their type, not as unknown.
+        for (key, declared) in keys.iter().zip(&declared) {
+            if key.default.is_none() {
+                let change = format!("{declared}=\"nothing\"");
+                let why = Scenario::parse(None, "", "test", &[change]).unwrap_err();
+                assert!(!why.to_string().contains("unknown"), "{why}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_key_has_a_meaning_and_a_default_that_is_allowed() {
+        for key in keys().unwrap() {
+            let name = key.field.name;
+            assert!(key.field.meaning().ends_with('.'), "{name}");
+            let numbers = match &key.default {
+                Some(toml::Value::Float(number)) => vec![*number],
+                Some(toml::Value::Integer(number)) => vec![*number as f64],
+                _ => vec![],
+            };
+            if let Kind::Number { allowed, .. } = key.field.kind {
+                for number in numbers {
+                    assert!(allowed.check(name, number as f32).is_ok(), "{name}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! Description of a table of parameters.
+
+use crate::Allowed;
+
+/// Description of a parameter or of a table of parameters.
+#[derive(Clone, Copy, Debug)]
+pub struct Field {
+    /// Key in a file.
+    pub name: &'static str,
+    /// Doc comment, its lines joined; each begins with a space.
+    pub doc: &'static str,
+    /// Form of the value.
+    pub kind: Kind,
+}
+
+/// Form of a value.
+#[derive(Clone, Copy, Debug)]
+pub enum Kind {
+    /// A number or a list of numbers.
+    Number {
+        /// Unit; empty for a pure number.
+        unit: &'static str,
+        /// Allowed values of each number.
+        allowed: Allowed,
+        /// True if only whole numbers are values.
+        whole: bool,
+    },
+    /// True or false.
+    Flag,
+    /// One of these names.
+    Choice(&'static [Choice]),
+    /// A table.
+    Table(&'static [Field]),
+}
+
+/// Value of an enumeration.
+#[derive(Clone, Copy, Debug)]
+pub struct Choice {
+    /// Name in a file.
+    pub name: &'static str,
+    /// Doc comment, as that of a [`Field`].
+    pub doc: &'static str,
+}
+
+/// A type that a key of a file may have.
+pub trait Declared {
+    /// Form of its values.
+    const KIND: Kind;
+}
+
+impl Declared for bool {
+    const KIND: Kind = Kind::Flag;
+}
+
+impl<T: Declared> Declared for Option<T> {
+    const KIND: Kind = T::KIND;
+}
+
+impl Field {
+    /// Meaning: the doc comment on one line.
+    pub const fn meaning(&self) -> &'static str {
+        self.doc.trim_ascii()
+    }
+
+    /// First sentence of the meaning.
+    pub const fn summary(&self) -> &'static str {
+        let text = self.meaning();
+        let bytes = text.as_bytes();
+        let mut end = 0;
+        while end + 1 < bytes.len() && !(bytes[end] == b'.' && bytes[end + 1] == b' ') {
+            end += 1;
+        }
+        text.split_at(end).0.trim_ascii()
+    }
+}
+
+impl Choice {
+    /// Meaning: the doc comment on one line.
+    pub const fn meaning(&self) -> &'static str {
+        self.doc.trim_ascii()
+    }
+}
+
+/// The field that a path of keys, parted by dots, leads to.
+///
+/// # Panics
+///
+/// If there is none: for constants, where this ends the compilation.
+pub const fn field_at(fields: &'static [Field], path: &str) -> Field {
+    let bytes = path.as_bytes();
+    let (mut fields, mut start) = (fields, 0);
+    loop {
+        let mut end = start;
+        while end < bytes.len() && bytes[end] != b'.' {
+            end += 1;
+        }
+        let key = bytes.split_at(start).1.split_at(end - start).0;
+        let mut i = 0;
+        while !equal(fields[i].name.as_bytes(), key) {
+            i += 1;
+        }
+        match fields[i].kind {
+            Kind::Table(inner) if end < bytes.len() => fields = inner,
+            _ if end == bytes.len() => return fields[i],
+            _ => panic!("a path goes on behind a value"),
+        }
+        start = end + 1;
+    }
+}
+
+const fn equal(a: &[u8], b: &[u8]) -> bool {
+    let mut i = 0;
+    while i < a.len() && i < b.len() && a[i] == b[i] {
+        i += 1;
+    }
+    i == a.len() && i == b.len()
+}

@@ -1,0 +1,14 @@
+//! Tables of a scenario or world file.
+
+/// Declares a table: see the crate `declare`. Keys that a file leaves out have their defaults.
+macro_rules! table {
+    ($(#[$doc:meta])* pub struct $($rest:tt)*) => {
+        declare::declare! {
+            $(#[$doc])*
+            #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+            #[serde(deny_unknown_fields, default)]
+            pub struct $($rest)*
+        }
+    };
+}
+pub(crate) use table;
