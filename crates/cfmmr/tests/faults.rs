@@ -100,13 +100,28 @@ fn runs() -> Vec<(&'static str, Fault)> {
         ),
         (
             "bus.loss=0.0",
-            Fault::Reported(0, Condition::TemperatureHigh, 0),
+            Fault::Reported {
+                axle: 0,
+                condition: Condition::TemperatureHigh,
+                ms: 0,
+            },
         ),
         (
             "bus.loss=0.0",
-            Fault::Reported(0, Condition::NotANumber, 20),
+            Fault::Reported {
+                axle: 0,
+                condition: Condition::NotANumber,
+                ms: 20,
+            },
         ),
-        ("bus.loss=0.0", Fault::Reported(0, Condition::BusOff, 0)),
+        (
+            "bus.loss=0.0",
+            Fault::Reported {
+                axle: 0,
+                condition: Condition::BusOff,
+                ms: 0,
+            },
+        ),
     ]
 }
 /// Codes that no run in this process raises, each with what does.

@@ -208,7 +208,10 @@ fn orders_at_the_serial_port_drive_the_robot() {
         s: 0.0,
     };
     robot
-        .command(&HostCommand::Path(vec![tight], true))
+        .command(&HostCommand::Path {
+            points: vec![tight],
+            end: true,
+        })
         .unwrap();
     let error = (0..100).find_map(|_| robot.step().err()).unwrap();
     assert_eq!(error.exit_code(), 2, "{error}");

@@ -348,8 +348,8 @@ fn in_words(command: &HostCommand) -> String {
             format!("posture {} m, {} m, {} rad", at.x, at.y, at.phi)
         }
         HostCommand::Lost => "host lost".to_owned(),
-        HostCommand::Path(points, end) => list(points.len(), "path", *end),
-        HostCommand::Trajectory(points, end) => list(points.len(), "trajectory", *end),
+        HostCommand::Path { points, end } => list(points.len(), "path", *end),
+        HostCommand::Trajectory { points, end } => list(points.len(), "trajectory", *end),
     }
 }
 

@@ -312,10 +312,10 @@ impl Target for Remote {
             self.carry_out(command.subject(), &Request::Order { stamp, order })?;
         }
         match command {
-            HostCommand::Path(points, _) => {
+            HostCommand::Path { points, .. } => {
                 self.room.path = self.room.path.saturating_sub(points.len());
             }
-            HostCommand::Trajectory(points, _) => {
+            HostCommand::Trajectory { points, .. } => {
                 self.room.trajectory = self.room.trajectory.saturating_sub(points.len());
             }
             HostCommand::Task(_) | HostCommand::Place(_) | HostCommand::Lost => {}

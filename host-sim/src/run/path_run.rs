@@ -425,7 +425,7 @@ impl Stream {
                 let end = fit == points.len();
                 let now: Vec<_> = points.drain(..fit).collect();
                 if fit > 0 || end {
-                    robot.command(&HostCommand::Path(now, end))?;
+                    robot.command(&HostCommand::Path { points: now, end })?;
                 }
                 end
             }
@@ -434,7 +434,7 @@ impl Stream {
                 let end = fit == points.len();
                 let now: Vec<_> = points.drain(..fit).collect();
                 if fit > 0 || end {
-                    robot.command(&HostCommand::Trajectory(now, end))?;
+                    robot.command(&HostCommand::Trajectory { points: now, end })?;
                 }
                 end
             }

@@ -123,7 +123,7 @@ impl Rig {
             mode: FailureMode::Off,
         };
         match fault {
-            Fault::Reset(role, after) => self.boards.plan(vec![failure(role)], Some(after)),
+            Fault::Reset { board, off_ms } => self.boards.plan(vec![failure(board)], Some(off_ms)),
             Fault::Loss(role) => self.boards.plan(vec![failure(role)], None),
             _ => {}
         }

@@ -53,10 +53,24 @@ const STEPS: [(&str, &str); 8] = [
 pub enum Step {
     /// Drive to a posture: m, m, rad.
     Goto([f64; 3]),
-    /// Follow a path over a number of laps. True if it begins where the robot stands; waypoints of a file are global.
-    Follow(Box<Path>, u32, bool),
-    /// Drive with a speed (m/s) and a curvature (1/m) for a time (s).
-    Speed(f64, f64, f64),
+    /// Follow a path.
+    Follow {
+        /// Path.
+        path: Box<Path>,
+        /// Number of laps.
+        laps: u32,
+        /// True if the path begins where the robot stands; waypoints of a file are global.
+        from_robot: bool,
+    },
+    /// Drive with a speed and a curvature.
+    Speed {
+        /// Speed, m/s.
+        speed_m_s: f64,
+        /// Curvature, 1/m.
+        curvature_per_m: f64,
+        /// Duration, s.
+        seconds: f64,
+    },
     /// Brake and hold.
     Stop,
     /// Motors off; forget the faults whose causes are gone.
@@ -76,11 +90,11 @@ impl Step {
     pub fn limit_s(&self, scenario: &Scenario) -> f64 {
         match self {
             Self::Goto(_) => scenario.mission.time_limit_s,
-            Self::Follow(path, laps, _) => {
+            Self::Follow { path, laps, .. } => {
                 let route = Route::new(path, *laps, scenario);
                 route.map_or(SHORT_S, |route| route.limit_s())
             }
-            Self::Speed(_, _, seconds) | Self::Wait(seconds) => SHORT_S + seconds,
+            Self::Speed { seconds, .. } | Self::Wait(seconds) => SHORT_S + seconds,
             Self::Hand(_) => f64::MAX,
             _ => SHORT_S,
         }
@@ -169,14 +183,21 @@ pub fn check_starts(
     for line in lines {
         at = match (&line.step, at) {
             (Step::Goto(goal) | Step::Pose(goal), _) => Some(*goal),
-            (Step::Follow(..), Some(from)) => {
+            (Step::Follow { .. }, Some(from)) => {
                 let [planned, _] = path_run::start_distances(scenario);
                 let route = route(&line.step, from, planned, scenario).map_err(|error| {
                     Error::input(format!("line {}: {}: {error}", line.number, line.text))
                 })?;
                 route.map(|route| route.goal())
             }
-            (Step::Follow(path, laps, false), None) => {
+            (
+                Step::Follow {
+                    path,
+                    laps,
+                    from_robot: false,
+                },
+                None,
+            ) => {
                 let route = Route::new(path, *laps, scenario);
                 route.ok().map(|route| route.goal())
             }
@@ -194,10 +215,15 @@ fn route(
     most: f64,
     scenario: &Scenario,
 ) -> Result<Option<Route>, PathError> {
-    let Step::Follow(path, laps, here) = step else {
+    let Step::Follow {
+        path,
+        laps,
+        from_robot,
+    } = step
+    else {
         return Ok(None);
     };
-    let path = match here {
+    let path = match from_robot {
         true => path.placed(at),
         false => Path::clone(path),
     };
@@ -240,11 +266,11 @@ fn step(words: &[&str], scenario: &Scenario) -> Result<Step, Error> {
         "speed" => {
             exactly(3)?;
             let [most, bound] = limits(scenario);
-            Ok(Step::Speed(
-                number(0, "V (m/s)", -most, most)?,
-                number(1, "KAPPA (1/m)", -bound, bound)?,
-                number(2, "SECONDS", SHORTEST_S, LONGEST_S)?,
-            ))
+            Ok(Step::Speed {
+                speed_m_s: number(0, "V (m/s)", -most, most)?,
+                curvature_per_m: number(1, "KAPPA (1/m)", -bound, bound)?,
+                seconds: number(2, "SECONDS", SHORTEST_S, LONGEST_S)?,
+            })
         }
         "follow" => {
             if words.is_empty() || words.len() > 3 {
@@ -266,8 +292,11 @@ fn step(words: &[&str], scenario: &Scenario) -> Result<Step, Error> {
             }
             let laps = laps as u32;
             Route::new(&path, laps, scenario).map_err(|error| Error::input(error.to_string()))?;
-            let here = paths::NAMES.contains(&words[0]);
-            Ok(Step::Follow(Box::new(path), laps, here))
+            Ok(Step::Follow {
+                path: Box::new(path),
+                laps,
+                from_robot: paths::NAMES.contains(&words[0]),
+            })
         }
         "stop" => exactly(0).map(|()| Step::Stop),
         "zero" => exactly(0).map(|()| Step::Zero),
@@ -300,7 +329,8 @@ pub fn carry_out(
                 let seconds = (robot.now() - began) as f64 * 1e-6;
                 let mut end = RunEnd::of(robot, Cause::Unfinished, seconds);
                 end.kind = EndKind::Stopped;
-                let refused = matches!((&line.step, &error), (Step::Follow(..), Error::Input(_)));
+                let refused =
+                    matches!((&line.step, &error), (Step::Follow { .. }, Error::Input(_)));
                 end.condition = refused.then_some(Condition::PathLost).or(end.condition);
                 end.reason = Some(error.to_string());
                 (end, Some(error))
@@ -329,7 +359,7 @@ fn take(
     step: &Step,
     observe: &mut impl FnMut(&Record),
 ) -> Result<(RunEnd, Option<[f64; 3]>), Error> {
-    if matches!(step, Step::Follow(..)) {
+    if matches!(step, Step::Follow { .. }) {
         // The lead node knows where it is once the robot has settled.
         take(robot, scenario, &Step::Wait(0.0), observe)?;
         let at = robot.record().lead.fused.robot.posture;
@@ -399,14 +429,18 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
     fn task(&self) -> Option<Task> {
         match *self.step {
             Step::Goto(goal) => Some(self.scenario.mission.regulate(goal)),
-            Step::Speed(speed, curvature, _) => Some(Task::Drive {
-                speed_m_s: speed as f32,
-                curvature: curvature as f32,
+            Step::Speed {
+                speed_m_s,
+                curvature_per_m,
+                ..
+            } => Some(Task::Drive {
+                speed_m_s: speed_m_s as f32,
+                curvature: curvature_per_m as f32,
             }),
             Step::Stop => Some(Task::Stop),
             Step::Clear => Some(Task::Clear),
             Step::Pose(_) | Step::Zero => Some(Task::Idle),
-            Step::Wait(_) | Step::Follow(..) | Step::Hand(_) => None,
+            Step::Wait(_) | Step::Follow { .. } | Step::Hand(_) => None,
         }
     }
 
@@ -422,7 +456,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
         }
         let off = robot.record().lead.supervision.state == OperatingState::Idle;
         match (self.step, self.given, Errand::<R>::task(self)) {
-            (Step::Speed(..), Some(given), Some(task)) if now - given >= SPEED_EVERY => {
+            (Step::Speed { .. }, Some(given), Some(task)) if now - given >= SPEED_EVERY => {
                 self.given = Some(now);
                 robot.command(&HostCommand::Task(task))
             }
@@ -468,7 +502,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
                 Phase::Done if lead.done && lead.mode == LeadMode::Hold => Progress::Done,
                 _ => Progress::Driving,
             },
-            Step::Speed(_, _, seconds) | Step::Wait(seconds) => over(passed(seconds)),
+            Step::Speed { seconds, .. } | Step::Wait(seconds) => over(passed(seconds)),
             Step::Stop => over(passed(0.05) && lead.motion.v.abs() < REST_M_S),
             Step::Clear => over(passed(0.05) && is_clear(robot)),
             Step::Pose([x, y, _]) => {
@@ -480,7 +514,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
                 let result = robot.monitor().calibrated.map(|(result, _)| result);
                 over(self.asked && result == Some(CalibrationResult::Stored))
             }
-            Step::Follow(..) => Progress::Over,
+            Step::Follow { .. } => Progress::Over,
             Step::Hand(ref keyboard) => over(keyboard.is_ended() && !keyboard.is_interrupted()),
         }
     }

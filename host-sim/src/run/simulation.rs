@@ -10,7 +10,7 @@ use crate::run::robot::{FRAME_POINTS, Record, Robot, RunControl};
 use crate::scenario::Scenario;
 use crate::targets::{self, BoardTraffic, Boards, HostCommand, Room, Target, What};
 use crate::world::drawn::Drawn;
-use crate::world::faults::Fault;
+use crate::world::faults::{Fault, Wheel};
 use crate::world::sensors::Truth;
 use core_algos::node::lead::{self, Task};
 use core_algos::time::{Micros, TICK};
@@ -145,7 +145,7 @@ impl Simulation {
         let Some(injector) = self.rig.injector() else {
             return;
         };
-        if let Some((axle, side)) = injector.lifts(tick) {
+        if let Some(Wheel { axle, side }) = injector.lifts(tick) {
             self.plant.lift_wheel(axle, side);
         }
         if injector.snaps(tick) {

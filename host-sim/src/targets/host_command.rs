@@ -11,10 +11,20 @@ use serde::{Deserialize, Serialize};
 pub enum HostCommand {
     /// Task.
     Task(Task),
-    /// More of the path, no more than there is room for; true if it ends there.
-    Path(Vec<PathPoint>, bool),
-    /// More of the trajectory, no more than there is room for; true if it ends there.
-    Trajectory(Vec<TrajectoryPoint>, bool),
+    /// More of the path.
+    Path {
+        /// Points, no more than there is room for.
+        points: Vec<PathPoint>,
+        /// True if the path ends with them.
+        end: bool,
+    },
+    /// More of the trajectory.
+    Trajectory {
+        /// Points, no more than there is room for.
+        points: Vec<TrajectoryPoint>,
+        /// True if the trajectory ends with them.
+        end: bool,
+    },
     /// Posture of the robot, at rest with its motors off.
     Place(Place),
     /// The host is lost; the board tells itself.
@@ -28,10 +38,10 @@ impl HostCommand {
             Self::Task(task) => vec![Order::Task(*task)],
             Self::Place(place) => vec![Order::Place(*place)],
             Self::Lost => vec![Order::Lost],
-            Self::Path(points, end) => {
+            Self::Path { points, end } => {
                 batches(points, *end, |points, end| Order::Path { points, end })
             }
-            Self::Trajectory(points, end) => batches(points, *end, |points, end| {
+            Self::Trajectory { points, end } => batches(points, *end, |points, end| {
                 Order::Trajectory { points, end }
             }),
         }
@@ -44,8 +54,8 @@ impl HostCommand {
             Self::Task(_) => "task",
             Self::Place(_) => "posture",
             Self::Lost => "lost",
-            Self::Path(..) => "path",
-            Self::Trajectory(..) => "trajectory",
+            Self::Path { .. } => "path",
+            Self::Trajectory { .. } => "trajectory",
         }
     }
 }
@@ -56,10 +66,14 @@ impl From<Order> for HostCommand {
             Order::Place(place) => Self::Place(place),
             Order::Lost => Self::Lost,
             Order::Task(task) => Self::Task(task),
-            Order::Path { points, end } => Self::Path(points.into_iter().flatten().collect(), end),
-            Order::Trajectory { points, end } => {
-                Self::Trajectory(points.into_iter().flatten().collect(), end)
-            }
+            Order::Path { points, end } => Self::Path {
+                points: points.into_iter().flatten().collect(),
+                end,
+            },
+            Order::Trajectory { points, end } => Self::Trajectory {
+                points: points.into_iter().flatten().collect(),
+                end,
+            },
         }
     }
 }

@@ -10,7 +10,7 @@ use core_algos::safety::Condition;
 use core_algos::topology::Role;
 use host_sim::scenario::Scenario;
 use host_sim::targets::HostCommand;
-use host_sim::world::faults::Fault;
+use host_sim::world::faults::{Fault, Wheel};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -214,11 +214,20 @@ impl Draw {
 
     fn injected(&mut self) -> (Fault, u32) {
         let at = self.0.random_range(300..RUN_MS - 1000);
-        let wheel = (self.below(2), self.below(2));
+        let wheel = Wheel {
+            axle: self.below(2),
+            side: self.below(2),
+        };
         let fault = match self.below(6) {
-            0..=2 => Fault::Reset(self.role(), self.0.random_range(20..1500)),
-            3 => Fault::Freeze(self.role(), self.0.random_range(2..90)),
-            4 => Fault::MotorWeak(wheel, 0.3),
+            0..=2 => Fault::Reset {
+                board: self.role(),
+                off_ms: self.0.random_range(20..1500),
+            },
+            3 => Fault::Freeze {
+                board: self.role(),
+                ms: self.0.random_range(2..90),
+            },
+            4 => Fault::MotorWeak { wheel, share: 0.3 },
             _ => Fault::WheelLifted(wheel),
         };
         (fault, at)
@@ -353,7 +362,7 @@ impl Draw {
             .collect();
         let end = self.happens(0.8);
         match self.happens(0.5) {
-            true => HostCommand::Path(points, end),
+            true => HostCommand::Path { points, end },
             false => {
                 let v = self.number(0.2).abs();
                 let timed = points.iter().map(|&point| TrajectoryPoint {
@@ -361,7 +370,10 @@ impl Draw {
                     v,
                     point,
                 });
-                HostCommand::Trajectory(timed.collect(), end)
+                HostCommand::Trajectory {
+                    points: timed.collect(),
+                    end,
+                }
             }
         }
     }

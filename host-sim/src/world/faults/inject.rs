@@ -1,6 +1,6 @@
 //! Puts a fault into what passes between the plant and the boards.
 
-use crate::world::faults::{Fault, Wheel};
+use crate::world::faults::{Fault, Rail, Wheel};
 use core_algos::beam::MAX_GAUGES;
 use core_algos::node::axle;
 use core_algos::node::board::Samples;
@@ -64,8 +64,11 @@ impl Injector {
         };
         let Readings { axles, counts } = readings;
         match self.fault {
-            Fault::GaugeRail(count, high) => {
-                let rail = if high { self.full_scale } else { 0 };
+            Fault::GaugeRail { count, rail } => {
+                let rail = match rail {
+                    Rail::Zero => 0,
+                    Rail::FullScale => self.full_scale,
+                };
                 let gauges = counts.iter_mut().take(count);
                 gauges.for_each(|gauge| *gauge = rail);
             }
@@ -74,29 +77,39 @@ impl Injector {
                 let gauges = counts.iter_mut().zip(by);
                 gauges.for_each(|(gauge, by)| *gauge += by);
             }
-            Fault::GaugeDrift(i, counts_s) => {
-                let drift = counts_s * f64::from(since) * 1e-3;
-                let gauge = &mut counts[i];
+            Fault::GaugeDrift {
+                gauge,
+                counts_per_s,
+            } => {
+                let drift = counts_per_s * f64::from(since) * 1e-3;
+                let gauge = &mut counts[gauge];
                 *gauge = (*gauge + drift.round() as i32).clamp(0, self.full_scale);
             }
-            Fault::EncoderStuck((i, side)) => {
-                axles[i].encoder[side] = self.encoder[i][side];
+            Fault::EncoderStuck(Wheel { axle, side }) => {
+                axles[axle].encoder[side] = self.encoder[axle][side];
             }
-            Fault::EncoderJumps((i, side), by) => {
+            Fault::EncoderJumps {
+                wheel: Wheel { axle, side },
+                counts: by,
+            } => {
                 let jumps = (since / 50 + 1) as i32;
-                let count = &mut axles[i].encoder[side];
+                let count = &mut axles[axle].encoder[side];
                 *count = count.map(|count| count.wrapping_add(by.wrapping_mul(jumps)));
             }
-            Fault::EncodersSwapped(i) => axles[i].encoder.reverse(),
-            Fault::EncoderMissing((i, side)) => axles[i].encoder[side] = None,
-            Fault::GyroNotANumber(i) => axles[i].gyro_rad_s = Some(f32::NAN),
-            Fault::GyroBias(i, bias) => {
-                let gyro = &mut axles[i].gyro_rad_s;
-                *gyro = gyro.map(|rate| rate + bias);
+            Fault::EncodersSwapped(axle) => axles[axle].encoder.reverse(),
+            Fault::EncoderMissing(Wheel { axle, side }) => axles[axle].encoder[side] = None,
+            Fault::GyroNotANumber(axle) => axles[axle].gyro_rad_s = Some(f32::NAN),
+            Fault::GyroBias { axle, bias_rad_s } => {
+                let gyro = &mut axles[axle].gyro_rad_s;
+                *gyro = gyro.map(|rate| rate + bias_rad_s);
             }
-            Fault::AccelerometerMissing(i) => axles[i].acceleration_m_s2 = None,
-            Fault::Reported(i, condition, ms) if ms == 0 || since < ms => {
-                let conditions = &mut axles[i].conditions;
+            Fault::AccelerometerMissing(axle) => axles[axle].acceleration_m_s2 = None,
+            Fault::Reported {
+                axle,
+                condition,
+                ms,
+            } if ms == 0 || since < ms => {
+                let conditions = &mut axles[axle].conditions;
                 *conditions = conditions.union(Conditions::only(condition));
             }
             _ => {}
@@ -109,10 +122,16 @@ impl Injector {
             return;
         }
         match self.fault {
-            Fault::MotorWeak((i, side), share) => wanted[i][side] *= share,
+            Fault::MotorWeak {
+                wheel: Wheel { axle, side },
+                share,
+            } => wanted[axle][side] *= share,
             // A board that has switched off its bridges has both commands at exactly zero.
-            Fault::MotorStuckOn((i, side), torque) if wanted[i] != [0.0; 2] => {
-                wanted[i][side] = torque;
+            Fault::MotorStuckOn {
+                wheel: Wheel { axle, side },
+                torque_n_m,
+            } if wanted[axle] != [0.0; 2] => {
+                wanted[axle][side] = torque_n_m;
             }
             _ => {}
         }
@@ -134,10 +153,10 @@ impl Injector {
     /// True if a board stands still at this tick.
     pub fn frozen(&self, role: Role, tick: u32) -> bool {
         match self.fault {
-            Fault::Freeze(frozen, ms) if frozen == role => {
+            Fault::Freeze { board, ms } if board == role => {
                 tick.checked_sub(self.at).is_some_and(|since| since < ms)
             }
-            Fault::SlowClock(slow, period) if slow == role => {
+            Fault::SlowClock { board, period } if board == role => {
                 let since = tick.checked_sub(self.at);
                 since.is_some_and(|since| since % period == period - 1)
             }
@@ -148,7 +167,7 @@ impl Injector {
     /// Lag of a board's clock at a tick, ticks.
     pub fn behind(&self, role: Role, tick: u32) -> Drift {
         match self.fault {
-            Fault::SlowClock(slow, period) if slow == role => {
+            Fault::SlowClock { board, period } if board == role => {
                 tick.saturating_sub(self.at).div_euclid(period)
             }
             _ => 0,

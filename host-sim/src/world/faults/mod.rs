@@ -10,54 +10,121 @@ use crate::bus::virtual_bus::BusConfig;
 use core_algos::safety::Condition;
 use core_algos::topology::Role;
 
-/// A wheel: axle (0 front, 1 rear) and side (0 left, 1 right).
-pub type Wheel = (usize, usize);
+/// A wheel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Wheel {
+    /// 0 front, 1 rear.
+    pub axle: usize,
+    /// 0 left, 1 right.
+    pub side: usize,
+}
 
-/// Fault.
+/// End of a converter's range.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rail {
+    /// 0.
+    Zero,
+    /// Full scale.
+    FullScale,
+}
+
+/// Fault. An axle is 0 (front) or 1 (rear); gauges count from the root, from 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fault {
-    /// Nothing: the campaign's own check.
+    /// No fault: the campaign's own check.
     None,
-    /// The bus is as this one.
+    /// The bus has these properties.
     Bus(BusConfig),
-    /// A board loses its supply and starts again so many ms later.
-    Reset(Role, u32),
+    /// A board loses its supply and starts again.
+    Reset {
+        /// Board.
+        board: Role,
+        /// Time without supply, ms.
+        off_ms: u32,
+    },
     /// A board loses its supply for good.
     Loss(Role),
-    /// A board stands still for so many ms, its outputs as they were, and goes on.
-    Freeze(Role, u32),
-    /// A board's clock runs slow: one tick in so many is missing.
-    SlowClock(Role, u32),
-    /// Bridges (from the first, so many) read a rail: 0 or full scale.
-    GaugeRail(usize, bool),
+    /// A board stands still, its outputs unchanged, and goes on.
+    Freeze {
+        /// Board.
+        board: Role,
+        /// Time that it stands still, ms.
+        ms: u32,
+    },
+    /// A board's clock is slow.
+    SlowClock {
+        /// Board.
+        board: Role,
+        /// One tick in so many is missing.
+        period: u32,
+    },
+    /// Bridges read a rail.
+    GaugeRail {
+        /// Number of bridges, from the root.
+        count: usize,
+        /// Rail.
+        rail: Rail,
+    },
     /// A bridge repeats its last reading.
     GaugeStuck(usize),
-    /// Bridges, from the first, read so many counts more.
+    /// Readings of the bridges are shifted by these counts.
     GaugesShifted([i32; 5]),
-    /// A bridge's reading moves so many counts a second.
-    GaugeDrift(usize, f64),
+    /// A bridge's reading drifts.
+    GaugeDrift {
+        /// Gauge.
+        gauge: usize,
+        /// Rate, counts a second.
+        counts_per_s: f64,
+    },
     /// An encoder repeats its last reading.
     EncoderStuck(Wheel),
-    /// An encoder's count jumps by so much every 50 ms.
-    EncoderJumps(Wheel, i32),
+    /// An encoder's count jumps every 50 ms.
+    EncoderJumps {
+        /// Wheel.
+        wheel: Wheel,
+        /// Counts of each jump.
+        counts: i32,
+    },
     /// The encoders of an axle are exchanged.
     EncodersSwapped(usize),
-    /// An encoder gives nothing.
+    /// An encoder gives no reading.
     EncoderMissing(Wheel),
-    /// The gyro of an axle gives what is not a number.
+    /// The gyro of an axle reads NaN.
     GyroNotANumber(usize),
-    /// The gyro of an axle is off by so much, rad/s.
-    GyroBias(usize, f32),
-    /// The accelerometer of an axle gives nothing.
+    /// The gyro of an axle has a bias.
+    GyroBias {
+        /// Axle.
+        axle: usize,
+        /// Bias, rad/s.
+        bias_rad_s: f32,
+    },
+    /// The accelerometer of an axle gives no reading.
     AccelerometerMissing(usize),
-    /// A motor gives this share of its torque.
-    MotorWeak(Wheel, f64),
-    /// A motor gives this torque (N m) whenever its bridge is on.
-    MotorStuckOn(Wheel, f64),
+    /// A motor gives a share of its torque.
+    MotorWeak {
+        /// Wheel.
+        wheel: Wheel,
+        /// Share of the torque, 0 to 1.
+        share: f64,
+    },
+    /// A motor gives a constant torque while its bridge is on.
+    MotorStuckOn {
+        /// Wheel.
+        wheel: Wheel,
+        /// Torque, N m.
+        torque_n_m: f64,
+    },
     /// A wheel does not touch the ground.
     WheelLifted(Wheel),
     /// The frame is in two pieces.
     FrameSnapped,
-    /// The drivers of an axle report a condition for so many ms (0: for good).
-    Reported(usize, Condition, u32),
+    /// The drivers of an axle report a condition.
+    Reported {
+        /// Axle.
+        axle: usize,
+        /// Condition.
+        condition: Condition,
+        /// Duration, ms; 0: for good.
+        ms: u32,
+    },
 }

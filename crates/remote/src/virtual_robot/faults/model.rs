@@ -17,12 +17,12 @@ use host_sim::run::drive::{Errand, Progress, drive};
 use host_sim::run::robot::{Record, Robot as _};
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
-use host_sim::world::faults::Fault;
 use host_sim::world::faults::Fault::{
     AccelerometerMissing, Bus, EncoderJumps, EncoderMissing, EncoderStuck, EncodersSwapped,
     FrameSnapped, Freeze, GaugeDrift, GaugeRail, GaugeStuck, GyroBias, GyroNotANumber, Loss,
     MotorStuckOn, MotorWeak, Reported, Reset, SlowClock, WheelLifted,
 };
+use host_sim::world::faults::{Fault, Rail, Wheel};
 
 /// Codes of a lost or late message.
 const SILENCE: &[Condition] = &[CommandTimeout, NeighbourLost, NeighbourFault];
@@ -79,41 +79,45 @@ fn frames() -> Vec<Entry> {
         "bus doubles 30 %", "frames", model(Bus(BusConfig { doubling: 0.3, ..BusConfig::default() })).goes_on();
         "bus corrupts 5 %", "frames", model(Bus(BusConfig { corruption: 0.05, ..BusConfig::default() })).goes_on().stops(CORRUPTION)
             .within(SLOW_S);
-        "front board resets", "boards", model(Reset(Role::Front, 200)).stops(SILENCE).within(1.5);
+        "front board resets", "boards", model(Reset { board: Role::Front, off_ms: 200 }).stops(SILENCE).within(1.5);
         "front board lost", "boards", model(Loss(Role::Front)).stops(SILENCE).within(1.5);
         "rear board lost", "boards", model(Loss(Role::Rear)).stops(SILENCE).within(1.5);
         "beam board lost", "boards", model(Loss(Role::Beam)).goes_on().stops(&[DegradedTooLong]).within(BEAM_S);
-        "front board freezes 0.3 s", "boards", model(Freeze(Role::Front, 300)).stops(SILENCE).within(1.8);
-        "rear clock slow by 0.02 %, no common time", "boards", model(SlowClock(Role::Rear, 5000)).goes_on()
+        "front board freezes 0.3 s", "boards", model(Freeze { board: Role::Front, ms: 300 }).stops(SILENCE).within(1.8);
+        "rear clock slow by 0.02 %, no common time", "boards", model(SlowClock { board: Role::Rear, period: 5000 }).goes_on()
             .stops(CORRUPTION).within(SLOW_S);
-        "rear clock slow by 0.2 %, no common time", "boards", model(SlowClock(Role::Rear, 500)).goes_on()
+        "rear clock slow by 0.2 %, no common time", "boards", model(SlowClock { board: Role::Rear, period: 500 }).goes_on()
             .stops(CORRUPTION).within(SLOW_S);
     }
 }
 
+const fn wheel(axle: usize, side: usize) -> Wheel {
+    Wheel { axle, side }
+}
+
 fn samples() -> Vec<Entry> {
     entries! {
-        "gauge dead", "samples", model(GaugeRail(1, false)).goes_on();
-        "all gauges dead", "samples", model(GaugeRail(5, false)).goes_on().stops(&[DegradedTooLong]).within(BEAM_S);
+        "gauge dead", "samples", model(GaugeRail { count: 1, rail: Rail::Zero }).goes_on();
+        "all gauges dead", "samples", model(GaugeRail { count: 5, rail: Rail::Zero }).goes_on().stops(&[DegradedTooLong]).within(BEAM_S);
         "gauge stuck", "samples", model(GaugeStuck(2)).goes_on().stops(GAUGES).within(BEAM_S);
-        "gauge drifts", "samples", model(GaugeDrift(2, 40.0)).goes_on().stops(GAUGES).within(BEAM_S);
-        "encoder stuck", "samples", model(EncoderStuck((1, 0))).stops(WHEELS);
-        "encoder jumps", "samples", model(EncoderJumps((0, 0), 500)).goes_on().stops(WHEELS);
+        "gauge drifts", "samples", model(GaugeDrift { gauge: 2, counts_per_s: 40.0 }).goes_on().stops(GAUGES).within(BEAM_S);
+        "encoder stuck", "samples", model(EncoderStuck(wheel(1, 0))).stops(WHEELS);
+        "encoder jumps", "samples", model(EncoderJumps { wheel: wheel(0, 0), counts: 500 }).goes_on().stops(WHEELS);
         "encoders swapped", "samples", model(EncodersSwapped(1)).goes_on().stops(WHEELS).within(SLOW_S);
-        "encoder missing", "samples", model(EncoderMissing((0, 1))).stops(WHEELS).within(1.5);
+        "encoder missing", "samples", model(EncoderMissing(wheel(0, 1))).stops(WHEELS).within(1.5);
         "gyro not a number", "samples", model(GyroNotANumber(0)).goes_on().stops(&[NotANumber]).within(1.5);
-        "gyro off by 0.3 rad/s", "samples", model(GyroBias(1, 0.3)).goes_on().stops(WHEELS).within(10.0);
+        "gyro off by 0.3 rad/s", "samples", model(GyroBias { axle: 1, bias_rad_s: 0.3 }).goes_on().stops(WHEELS).within(10.0);
         "accelerometer missing", "samples", model(AccelerometerMissing(0)).goes_on();
-        "driver too hot", "samples", model(Reported(0, OverTemperature, 0)).stops(&[OverTemperature, NeighbourFault]);
+        "driver too hot", "samples", model(Reported { axle: 0, condition: OverTemperature, ms: 0 }).stops(&[OverTemperature, NeighbourFault]);
     }
 }
 
 fn plant() -> Vec<Entry> {
     entries! {
-        "motor without torque", "plant", model(MotorWeak((0, 0), 0.0)).goes_on().stops(WHEELS).within(SLOW_S);
-        "motor weak", "plant", model(MotorWeak((1, 1), 0.3)).goes_on().stops(WHEELS).within(SLOW_S);
-        "motor stuck on", "plant", model(MotorStuckOn((0, 1), 1.5)).stops(WHEELS).within(3.5);
-        "wheel lifted", "plant", model(WheelLifted((1, 0))).goes_on().stops(WHEELS).within(SLOW_S);
+        "motor without torque", "plant", model(MotorWeak { wheel: wheel(0, 0), share: 0.0 }).goes_on().stops(WHEELS).within(SLOW_S);
+        "motor weak", "plant", model(MotorWeak { wheel: wheel(1, 1), share: 0.3 }).goes_on().stops(WHEELS).within(SLOW_S);
+        "motor stuck on", "plant", model(MotorStuckOn { wheel: wheel(0, 1), torque_n_m: 1.5 }).stops(WHEELS).within(3.5);
+        "wheel lifted", "plant", model(WheelLifted(wheel(1, 0))).goes_on().stops(WHEELS).within(SLOW_S);
         "frame snapped", "plant", model(FrameSnapped).stops(SNAPPED).within(3.0);
     }
 }
