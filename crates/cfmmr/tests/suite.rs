@@ -27,6 +27,7 @@ mod soak;
 mod starts;
 mod supervision;
 mod terminal;
+mod versions;
 mod virtual_boards;
 mod virtual_faults;
 mod virtual_tools;

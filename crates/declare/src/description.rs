@@ -74,6 +74,16 @@ impl Field {
     }
 }
 
+impl Kind {
+    /// Unit; empty for a pure number and for what is no number.
+    pub const fn unit(&self) -> &'static str {
+        match self {
+            Self::Number { unit, .. } => unit,
+            _ => "",
+        }
+    }
+}
+
 impl Choice {
     /// Meaning: the doc comment on one line.
     pub const fn meaning(&self) -> &'static str {
@@ -81,12 +91,8 @@ impl Choice {
     }
 }
 
-/// The field that a path of keys, parted by dots, leads to.
-///
-/// # Panics
-///
-/// If there is none: for constants, where this ends the compilation.
-pub const fn field_at(fields: &'static [Field], path: &str) -> Field {
+/// The field that a path of keys, separated by dots, leads to.
+pub const fn find(fields: &'static [Field], path: &str) -> Option<Field> {
     let bytes = path.as_bytes();
     let (mut fields, mut start) = (fields, 0);
     loop {
@@ -96,15 +102,26 @@ pub const fn field_at(fields: &'static [Field], path: &str) -> Field {
         }
         let key = bytes.split_at(start).1.split_at(end - start).0;
         let mut i = 0;
-        while !equal(fields[i].name.as_bytes(), key) {
+        while i < fields.len() && !equal(fields[i].name.as_bytes(), key) {
             i += 1;
         }
+        if i == fields.len() {
+            return None;
+        }
         match fields[i].kind {
-            Kind::Table(inner) if end < bytes.len() => fields = inner,
-            _ if end == bytes.len() => return fields[i],
-            _ => panic!("a path goes on behind a value"),
+            _ if end == bytes.len() => return Some(fields[i]),
+            Kind::Table(inner) => fields = inner,
+            _ => return None,
         }
         start = end + 1;
+    }
+}
+
+/// The same in a constant: a path that leads nowhere ends the compilation.
+pub const fn field_at(fields: &'static [Field], path: &str) -> Field {
+    match find(fields, path) {
+        Some(field) => field,
+        None => panic!("no such key"),
     }
 }
 

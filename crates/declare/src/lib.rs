@@ -39,4 +39,4 @@ mod macros;
 pub use allowed::{
     Allowed, Checked, ConfigError, finite, in_range, non_negative, positive, require,
 };
-pub use description::{Choice, Declared, Field, Kind, field_at};
+pub use description::{Choice, Declared, Field, Kind, field_at, find};

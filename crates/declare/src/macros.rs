@@ -145,7 +145,7 @@ macro_rules! note {
 
 #[cfg(test)]
 mod tests {
-    use crate::{Kind, field_at};
+    use crate::{Kind, field_at, find};
 
     declare! {
         /// Motor.
@@ -206,6 +206,9 @@ mod tests {
             field_at(Axle::FIELDS, "motor.law").meaning(),
             "Law of the current."
         );
+        for nowhere in ["motor.torque", "motor.law.x", "", "motor..law", "teeth."] {
+            assert!(find(Axle::FIELDS, nowhere).is_none(), "{nowhere}");
+        }
         let Kind::Choice(laws) = <Law as crate::Declared>::KIND else {
             panic!()
         };

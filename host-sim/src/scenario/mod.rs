@@ -16,7 +16,7 @@ use crate::scenario::board_parameters::Overlays;
 use crate::world;
 use crate::world::effect::leaves;
 use crate::world::sensors::SensorConfig;
-use crate::world::{Spread, ToldOfPlace, World};
+use crate::world::{Spread, ToldOfPlace, World, table};
 use core_algos::config::ConfigError;
 use core_algos::control::regulator::Tolerance;
 use core_algos::fusion::robot::Mode;
@@ -25,7 +25,7 @@ use core_algos::node::lead::Task;
 use core_algos::node::robot::{RobotConfig, Told};
 use core_algos::params::Settings;
 use core_algos::topology::Role;
-use declare::{Declared, Field, Kind};
+use declare::{Declared, Field};
 use plant::PlantConfig;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -131,10 +131,6 @@ pub const FIELDS: &[Field] = &[
     table("sensors", "Sensors.", SensorConfig::KIND),
     table("bus", "The bus between the boards.", BusConfig::KIND),
 ];
-
-const fn table(name: &'static str, doc: &'static str, kind: Kind) -> Field {
-    Field { name, doc, kind }
-}
 
 impl Default for Layout {
     fn default() -> Self {

@@ -28,6 +28,7 @@ use crate::bus::virtual_bus::BusConfig;
 use crate::world::drawn::Drawn;
 use crate::world::random::{BOUND, Stream, generator, normal};
 use crate::world::sensors::SensorConfig;
+use declare::{Declared, Field, Kind};
 use plant::{Plant, PlantConfig, Station};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -76,6 +77,20 @@ pub struct World {
     pub bus: BusConfig,
     /// What its people tell a robot that they put down.
     pub told: ToldOfPlace,
+}
+
+/// Keys of a world file.
+pub const FIELDS: &[Field] = &[
+    table("plant", "The plant.", PlantConfig::KIND),
+    table("spread", "Spread from robot to robot.", Spread::KIND),
+    table("sensors", "Sensors.", SensorConfig::KIND),
+    table("bus", "The bus between the boards.", BusConfig::KIND),
+    table("told", "What the robot is told.", ToldOfPlace::KIND),
+];
+
+/// The key of a table.
+pub(crate) const fn table(name: &'static str, doc: &'static str, kind: Kind) -> Field {
+    Field { name, doc, kind }
 }
 
 table! {

@@ -97,13 +97,6 @@ fn shown(value: &toml::Value) -> String {
     }
 }
 
-const fn unit(kind: Kind) -> &'static str {
-    match kind {
-        Kind::Number { unit, .. } => unit,
-        _ => "",
-    }
-}
-
 /// The text of `docs/keys.md`.
 pub fn markdown() -> Result<String, Error> {
     let mut text = String::from(
@@ -128,7 +121,7 @@ pub fn markdown() -> Result<String, Error> {
             text,
             "| `{}` | {} | {default} | {} | {} |",
             key.field.name,
-            unit(key.field.kind),
+            key.field.kind.unit(),
             allowed(key.field.kind),
             key.field.meaning().replace('|', "\\|"),
         );
@@ -143,7 +136,7 @@ fn json() -> Result<String, Error> {
         let default = serde_json::to_value(&key.default);
         list.push(json!({
             "key": format!("{}.{}", key.table, key.field.name),
-            "unit": unit(key.field.kind),
+            "unit": key.field.kind.unit(),
             "default": default.unwrap_or(Value::Null),
             "allowed": allowed(key.field.kind).replace('`', ""),
             "meaning": key.field.meaning(),

@@ -54,11 +54,11 @@ pub fn run(args: &WorldArgs) -> Result<(), Error> {
         table.row([
             figure.key.clone(),
             figure.value.to_string(),
-            figure.unit.clone(),
+            figure.unit.to_owned(),
             figure.reason.clone(),
         ]);
     }
     terminal::print(&format!(
-        "World {name}; σ: standard deviation, drawn a trial. Below the line: base values.\n\n{table}"
+        "World {name}. Below the line: base values.\n\n{table}"
     ))
 }
