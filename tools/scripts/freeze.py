@@ -4,10 +4,13 @@
     freeze.py --quick [--detail]    two minutes; 5 trials, a campaign of 16 runs, 2 s on boards
     freeze.py --full [--detail]     an hour; 20 trials, a campaign of 64 runs, whole runs, fault tables
     freeze.py --quick --check FILE  also compare with the lines in FILE; exit 1 on a difference
+    freeze.py --quick --renamed NAMES [--program FILE]
+                                    compare two versions whose columns have other names
 
 Each line holds a name, the number of values and the SHA-256 of the values. Numbers are hashed as IEEE 754 doubles, other
 values as text, so the printed form of a number does not count. --detail prints a line for each column, key and topic.
-Builds the program first. The Python package mcap goes into target/python.
+Builds the program first, unless --program names one. NAMES is a JSON object of old and new names of columns; of a table
+with such columns only these count. The Python package mcap goes into target/python.
 """
 
 import argparse
@@ -64,13 +67,16 @@ def leaves(value, path=""):
 class Report:
     """Prints a line for each result and keeps the lines."""
 
-    def __init__(self, detail):
-        self.detail, self.lines = detail, []
+    def __init__(self, detail, renamed):
+        self.detail, self.renamed, self.lines = detail, renamed, []
 
     def add(self, name, pairs):
         columns = defaultdict(list)
         for column, value in pairs:
-            columns[column].append(to_bytes(value))
+            columns[self.renamed.get(column, column)].append(to_bytes(value))
+        known = columns.keys() & set(self.renamed.values())
+        if known:
+            columns = {column: columns[column] for column in known}
         hashes = {column: hashlib.sha256(b"".join(parts)) for column, parts in columns.items()}
         if self.detail:
             for column in sorted(columns):
@@ -110,9 +116,11 @@ class Report:
                     pairs.append((channel.topic, message.data.hex()))
         self.add(name, pairs)
 
+program = PROGRAM
+
 
 def run(*arguments):
-    result = subprocess.run([PROGRAM, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True)
+    result = subprocess.run([program, *map(str, arguments)], cwd=ROOT, capture_output=True, text=True)
     if result.returncode not in (0, 1):
         sys.exit(f"freeze.py: cfmmr {' '.join(map(str, arguments))}: exit {result.returncode}\n{result.stderr}")
 
@@ -169,10 +177,16 @@ def main():
     size.add_argument("--full", action="store_true")
     parser.add_argument("--detail", action="store_true")
     parser.add_argument("--check", metavar="FILE", type=Path)
+    parser.add_argument("--renamed", metavar="NAMES", type=Path)
+    parser.add_argument("--program", metavar="FILE", type=Path, default=PROGRAM)
     arguments = parser.parse_args()
     with_mcap()
-    subprocess.run(["cargo", "build", "--quiet", "--locked", "--release", "--package", "cfmmr", "--all-features"], cwd=ROOT, check=True)
-    report = Report(arguments.detail)
+    if arguments.program == PROGRAM:
+        build = ["cargo", "build", "--quiet", "--locked", "--release", "--package", "cfmmr", "--all-features"]
+        subprocess.run(build, cwd=ROOT, check=True)
+    global program
+    program = arguments.program
+    report = Report(arguments.detail, json.loads(arguments.renamed.read_text()) if arguments.renamed else {})
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder)
         posture(report, out, 5 if arguments.quick else 20)

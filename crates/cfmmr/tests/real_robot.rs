@@ -225,8 +225,11 @@ fn a_robot_at_a_serial_port_drives_to_its_goal() {
     let columns: Vec<&str> = lines.next().unwrap().split(',').collect();
     let last: Vec<&str> = lines.next_back().unwrap().split(',').collect();
     let cell = |name: &str| last[columns.iter().position(|column| *column == name).unwrap()];
-    assert_eq!((cell("x_m"), cell("torque_front_left_nm")), ("", ""));
-    assert!(cell("x_est_m").parse::<f64>().unwrap().abs() < 0.02);
+    assert_eq!(
+        (cell("truth.robot.x_m"), cell("truth.torque_nm[0]")),
+        ("", "")
+    );
+    assert!(cell("lead.robot.x_m").parse::<f64>().unwrap().abs() < 0.02);
     let robot = bench.robot();
     let [x, y, _] = robot.record().midpoint;
     assert!(x.hypot(y) < 0.05, "{x} {y}");

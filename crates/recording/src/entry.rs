@@ -13,6 +13,8 @@ use core_algos::math::Posture;
 use core_algos::node::lead;
 use core_algos::safety::{Conditions, OperatingState};
 use core_algos::topology::Role;
+use host_sim::run::robot::Record;
+use output::files::Cell;
 use serde::de::{DeserializeOwned, Error as _, Unexpected};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::Value;
@@ -158,21 +160,53 @@ impl<'de> Deserialize<'de> for Can {
     }
 }
 
+/// A number in a table; what is not known is empty.
+fn number(value: f64) -> Cell {
+    match value.is_nan() {
+        true => Cell::Empty,
+        false => Cell::Double(value),
+    }
+}
+
+/// A word as it stands in the log.
+fn word(value: &impl Serialize) -> Cell {
+    let value = serde_json::to_value(value).unwrap_or_default();
+    Cell::Text(
+        value
+            .as_str()
+            .map_or_else(|| value.to_string(), str::to_owned),
+    )
+}
+
 kinds! {
-    Kind::Integer => u8, u32, Conditions;
-    Kind::Number => f32, f64, Exact;
-    Kind::Truth => bool;
-    Kind::Text => String, Hex, Role, LeadMode, Phase, OperatingState;
-    Kind::Integers(2) => [Option<i32>; 2];
-    Kind::Integers(MAX_GAUGES) => [i32; MAX_GAUGES];
-    Kind::Numbers(2) => [f64; 2], [Exact; 2];
-    Kind::Numbers(3) => [f32; 3];
-    Kind::Numbers(4) => [f64; 4];
-    Kind::List => Vec<f32>;
-    Kind::Texts => Vec<Can>;
-    Kind::Pose => Pose;
-    Kind::Estimate => Estimated;
-    Kind::Frames => Vec<LoggedFrame>;
+    Kind::Integer => u8, value: [Cell::Integer((*value).into())];
+    Kind::Integer => u32, value: [Cell::from(*value)];
+    Kind::Integer => Conditions, value: [word(value)];
+    Kind::Number => f32, value: [number((*value).into())];
+    Kind::Number => f64, value: [number(*value)];
+    Kind::Number => Exact, value: [Cell::Single(value.0)];
+    Kind::Truth => bool, value: [Cell::from(*value)];
+    Kind::Text => String, value: [Cell::Text(value.clone())];
+    Kind::Text => Role, value: [word(value)];
+    Kind::Text => LeadMode, value: [word(value)];
+    Kind::Text => Phase, value: [word(value)];
+    Kind::Text => OperatingState, value: [word(value)];
+    Kind::Bytes => Hex, _value: [] as [Cell; 0];
+    Kind::Integers(2) => [Option<i32>; 2], value: value.map(Cell::from);
+    Kind::Integers(MAX_GAUGES) => [i32; MAX_GAUGES], value: value.map(Cell::from);
+    Kind::Numbers(2) => [f64; 2], value: value.map(number);
+    Kind::Numbers(2) => [Exact; 2], value: value.map(|value| Cell::Single(value.0));
+    Kind::Numbers(3) => [f32; 3], value: value.map(|value| number(value.into()));
+    Kind::Numbers(4) => [f64; 4], value: value.map(number);
+    Kind::Numbers(MAX_GAUGES) => [f32; MAX_GAUGES], value: value.map(|value| number(value.into()));
+    Kind::Texts => Vec<Can>, _value: [] as [Cell; 0];
+    Kind::Pose => Pose, value: <[f64; 3]>::from(*value).map(number);
+    Kind::Estimate => Estimated, value: {
+        let covariance = value.covariance.as_flattened().iter();
+        let covariance = covariance.map(|value| number((*value).into()));
+        <[f64; 3]>::from(value.pose).map(number).into_iter().chain(covariance)
+    };
+    Kind::Frames => Vec<LoggedFrame>, _value: [] as [Cell; 0];
 }
 
 messages! {
@@ -256,7 +290,7 @@ messages! {
         torque_nm: [f64; 4], "N m at the wheels, in the same order";
         force_n: [f64; 2], "N, force of the frame on the rear axle, in the coordinates of that axle";
         moment_nm: [f64; 2], "N m, moment of the frame at root and tip";
-        strain: Vec<f32>, "1, measured strains from the root on";
+        strain: [f32; MAX_GAUGES], "1, measured strains from the root on; 0 where no gauge is fitted";
     }
 }
 
@@ -322,7 +356,8 @@ impl From<&Estimate> for Estimated {
 }
 
 impl LeadEntry {
-    /// The entry of an output that came at `tick`; its estimates hold at `epoch_s`, s.
+    /// The entry of an output that came at `tick`; its estimates hold at `epoch_s`, s. Without the bits, which only a
+    /// log has.
     pub fn new(tick: u32, epoch_s: f64, output: &lead::Output) -> Self {
         let lead::Output { fused, motion, .. } = output;
         let supervision = &output.supervision;
@@ -344,7 +379,27 @@ impl LeadEntry {
             steering_rad: motion.psi.0,
             steering_rate_rad_s: motion.psi_rate,
             target: output.target.map(Pose::from),
-            bits: Hex::of(output),
+            bits: Hex::default(),
+        }
+    }
+}
+
+impl From<&Record> for TruthEntry {
+    fn from(record: &Record) -> Self {
+        let [front, rear] = record.axles.map(Pose::from);
+        let [force_x, force_y, root, end] = record.wrench;
+        let four = |pairs: [[f64; 2]; 2]| [pairs[0][0], pairs[0][1], pairs[1][0], pairs[1][1]];
+        Self {
+            time_s: record.time_s,
+            robot: record.midpoint.into(),
+            front,
+            rear,
+            relative: record.relative.into(),
+            wheel_speed_rad_s: four(record.wheel_speed),
+            torque_nm: four(record.torque),
+            force_n: [force_x, force_y],
+            moment_nm: [root, end],
+            strain: record.strain,
         }
     }
 }

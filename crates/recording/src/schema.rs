@@ -1,5 +1,6 @@
 //! Schemas of a log's messages: each message is declared once, as a struct of which the schema follows.
 
+use output::files::Cell;
 use serde_json::{Value, json};
 
 /// Type of a field.
@@ -13,12 +14,12 @@ pub enum Kind {
     Truth,
     /// Text.
     Text,
+    /// Bytes in hexadecimal.
+    Bytes,
     /// A list of so many whole numbers; those missing are null.
     Integers(usize),
     /// A list of so many numbers.
     Numbers(usize),
-    /// A list of numbers.
-    List,
     /// A list of texts.
     Texts,
     /// x_m, y_m (m) and phi_rad (rad).
@@ -59,20 +60,35 @@ pub trait Logged {
     const KIND: Kind;
     /// True if it may be null.
     const OPTIONAL: bool = false;
+
+    /// Appends a cell for each of [`Kind::columns`].
+    fn cells(&self, to: &mut Vec<Cell>);
 }
 
 impl<T: Logged> Logged for Option<T> {
     const KIND: Kind = T::KIND;
     const OPTIONAL: bool = true;
+
+    fn cells(&self, to: &mut Vec<Cell>) {
+        match self {
+            Some(value) => value.cells(to),
+            None => to.extend(T::KIND.columns().iter().map(|_| Cell::Empty)),
+        }
+    }
 }
 
-/// Declares kinds of types.
+/// Declares kinds of types, each with its cells in a table.
 macro_rules! kinds {
-    ($($kind:expr => $($type:ty),+;)*) => {$($(
+    ($($kind:expr => $type:ty, $value:ident: $cells:expr;)*) => {$(
         impl $crate::schema::Logged for $type {
             const KIND: Kind = $kind;
+
+            fn cells(&self, to: &mut Vec<Cell>) {
+                let $value = self;
+                to.extend($cells);
+            }
         }
-    )+)*};
+    )*};
 }
 
 /// Declares messages: structs with name and meaning, and their fields with unit and meaning.
@@ -98,6 +114,13 @@ macro_rules! messages {
                     text: $meaning,
                 },)*],
             };
+
+            /// Cells of its columns in a table, in the order of [`Schema::columns`].
+            pub fn cells(&self) -> Vec<Cell> {
+                let mut cells = Vec::new();
+                $($crate::schema::Logged::cells(&self.$field, &mut cells);)*
+                cells
+            }
         }
     )*};
 }
@@ -125,6 +148,23 @@ fn object<'a>(properties: impl IntoIterator<Item = (&'a str, Value)>) -> Value {
 }
 
 impl Kind {
+    /// What follows the name of a field in the names of its columns, as in the path of a value in a log. Bytes, frames
+    /// and lists of any length have no columns.
+    pub fn columns(self) -> Vec<String> {
+        let numbered = |n: usize| (0..n).map(|i| format!("[{i}]")).collect();
+        let pose = [".x_m", ".y_m", ".phi_rad"].map(str::to_owned).to_vec();
+        match self {
+            Self::Integer | Self::Number | Self::Truth | Self::Text => vec![String::new()],
+            Self::Integers(n) | Self::Numbers(n) => numbered(n),
+            Self::Pose => pose,
+            Self::Estimate => {
+                let covariance = (0..9).map(|i| format!(".covariance[{}][{}]", i / 3, i % 3));
+                pose.into_iter().chain(covariance).collect()
+            }
+            Self::Bytes | Self::Texts | Self::Frames => Vec::new(),
+        }
+    }
+
     fn schema(self) -> Value {
         let text = json!({ "type": "string" });
         let number = json!({ "type": ["number", "string", "null"] });
@@ -134,10 +174,9 @@ impl Kind {
             Self::Integer => json!({ "type": "integer" }),
             Self::Number => number,
             Self::Truth => json!({ "type": "boolean" }),
-            Self::Text => text,
+            Self::Text | Self::Bytes => text,
             Self::Integers(n) => list(&json!({ "type": ["integer", "null"] }), Some(n)),
             Self::Numbers(n) => list(&number, Some(n)),
-            Self::List => list(&number, None),
             Self::Texts => list(&text, None),
             Self::Pose => object(pose),
             Self::Estimate => {
@@ -159,6 +198,16 @@ impl Kind {
 }
 
 impl Schema {
+    /// Names of its columns in a table.
+    pub fn columns(&self) -> Vec<String> {
+        let columns = |field: &Field| {
+            let name = field.name;
+            let suffixes = field.kind.columns().into_iter();
+            suffixes.map(move |suffix| format!("{name}{suffix}"))
+        };
+        self.fields.iter().flat_map(columns).collect()
+    }
+
     /// As JSON schema.
     pub fn json(&self) -> String {
         let property = |field: &Field| {

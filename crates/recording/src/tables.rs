@@ -1,9 +1,9 @@
 //! A log as tables for a spreadsheet.
 
 use super::Line;
-use super::entry::AxleTick;
+use super::entry::{AxleTick, BeamTick};
 use crate::csv;
-use core_algos::beam::MAX_GAUGES;
+use crate::schema::Schema;
 use core_algos::bus::{CanFrame, layout};
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
@@ -19,6 +19,12 @@ enum Place {
     File(PathBuf),
     /// Epochs, ticks and frames.
     Folder(PathBuf),
+}
+
+/// Names of own columns, then those of a message of the log.
+fn header(own: &[&str], schema: &Schema) -> Vec<String> {
+    let own = own.iter().map(|name| (*name).to_owned());
+    own.chain(schema.columns()).collect()
 }
 
 /// The tables of a run.
@@ -49,14 +55,11 @@ impl Tables {
                 Place::Folder(path.to_path_buf())
             }
         };
-        let counts = (1..=MAX_GAUGES).map(|i| format!("bridge_{i}_counts"));
-        let header = "time_s axle encoder_left_counts encoder_right_counts gyro_rad_s \
-                      acceleration_m_s2 conditions_bits torque_left_nm torque_right_nm";
         Ok(Self {
             place,
             records: Vec::new(),
-            axles: Csv::new(header.split_whitespace()),
-            beam: Csv::new(std::iter::once("time_s".to_owned()).chain(counts)),
+            axles: Csv::new(header(&["time_s", "board"], &AxleTick::SCHEMA)),
+            beam: Csv::new(header(&["time_s"], &BeamTick::SCHEMA)),
             zero: 0,
             bus: Csv::new(["time_s", "board", "identifier_hex", "message", "data_hex"]),
         })
@@ -78,9 +81,8 @@ impl Tables {
             _ if !self.all() => {}
             Line::Axle(role, tick) => self.axle(*role, tick),
             Line::Beam(tick) => {
-                let counts = tick.counts.into_iter().map(Cell::from);
                 let time = self.seconds(tick.tick);
-                self.beam.row(std::iter::once(time).chain(counts));
+                self.beam.row(std::iter::once(time).chain(tick.cells()));
             }
             Line::Frames(role, tick, frames) => {
                 frames
@@ -101,19 +103,8 @@ impl Tables {
     }
 
     fn axle(&mut self, role: Role, tick: &AxleTick) {
-        let [left, right] = tick.encoder;
-        let time = self.seconds(tick.tick);
-        self.axles.row::<Cell>([
-            time,
-            role.name().into(),
-            left.into(),
-            right.into(),
-            tick.gyro_rad_s.map(|value| value.0).into(),
-            tick.acceleration_m_s2.map(|value| value.0).into(),
-            Cell::Text(serde_json::to_string(&tick.conditions).unwrap_or_default()),
-            tick.torque_nm[0].0.into(),
-            tick.torque_nm[1].0.into(),
-        ]);
+        let own = [self.seconds(tick.tick), role.name().into()];
+        self.axles.row(own.into_iter().chain(tick.cells()));
     }
 
     fn frame(&mut self, role: Role, tick: u32, frame: &CanFrame) {

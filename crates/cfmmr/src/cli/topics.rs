@@ -31,7 +31,7 @@ pub fn markdown() -> String {
         seen.push(schema.name);
         text += &fields(schema);
     }
-    text
+    text + TABLES
 }
 
 fn fields(schema: &Schema) -> String {
@@ -45,6 +45,21 @@ fn fields(schema: &Schema) -> String {
     }
     text
 }
+
+/// Columns of the tables, which are fields of topics.
+const TABLES: &str = "
+## Tables
+
+`--csv DIR` writes `epochs.csv`, `axles.csv` and `beam.csv`; each experiment writes the columns of `epochs.csv` as
+`log.csv`. A column has the path of the value in a log. A list has a column for each entry, counted from 0; a value that
+is null is empty. Bytes and frames have no columns.
+
+| table | columns |
+|---|---|
+| `epochs.csv` | `time_s`; fields of `/truth` as `truth.robot.x_m`; fields of `/lead` as `lead.robot.covariance[0][0]` |
+| `axles.csv` | `time_s`, `board`; fields of `/boards/front/tick` and `/boards/rear/tick` as `encoder[0]` |
+| `beam.csv` | `time_s`; fields of `/boards/beam/tick` as `counts[0]` |
+";
 
 /// Prints the page.
 pub fn run() -> Result<(), Error> {

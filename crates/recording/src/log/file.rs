@@ -3,7 +3,9 @@
 use super::sink::Sink;
 use super::standard;
 use crate::dbc;
-use crate::entry::{ABOUT, BusEntry, Can, END, FORMAT, LeadEntry, LoggedFrame, Pose, TruthEntry};
+use crate::entry::{
+    ABOUT, BusEntry, Can, END, FORMAT, Hex, LeadEntry, LoggedFrame, Pose, TruthEntry,
+};
 use crate::topics::TOPICS;
 use crate::{About, Line, failed};
 use core_algos::bus::{self, CanFrame, layout};
@@ -255,7 +257,8 @@ impl Mcap {
                 let epoch = crate::entry::epoch_of(*tick);
                 let (time, held) = (at(*tick), at(epoch));
                 let epoch_s = f64::from(epoch) * 1e-3 - self.zero as f64 * 1e-6;
-                let entry = LeadEntry::new(*tick, epoch_s, output);
+                let mut entry = LeadEntry::new(*tick, epoch_s, output);
+                entry.bits = Hex::of(&**output);
                 self.lead.write(&mut self.room, time, &entry);
                 self.estimate = Some((held, output.fused.robot.posture));
             }
@@ -360,30 +363,18 @@ impl Mcap {
         let transforms = standard::transforms(time, &frames);
         self.transforms.log_with_meta(&transforms, at(time));
         if known {
-            self.see_truth(record, time, (robot, front, rear));
+            self.see_truth(record, time);
         }
         self.epochs += 1;
     }
 
     /// The true state of a simulated robot.
-    fn see_truth(&mut self, record: &Record, time: u64, (robot, front, rear): (Pose, Pose, Pose)) {
+    fn see_truth(&mut self, record: &Record, time: u64) {
+        let robot = Pose::from(record.midpoint);
         let pose = standard::in_world(time, &robot);
         self.truth_robot.log_with_meta(&pose, at(time));
-        let [force_x, force_y, root, end] = record.wrench;
-        let four = |pairs: [[f64; 2]; 2]| [pairs[0][0], pairs[0][1], pairs[1][0], pairs[1][1]];
-        let truth = TruthEntry {
-            time_s: record.time_s,
-            robot,
-            front,
-            rear,
-            relative: record.relative.into(),
-            wheel_speed_rad_s: four(record.wheel_speed),
-            torque_nm: four(record.torque),
-            force_n: [force_x, force_y],
-            moment_nm: [root, end],
-            strain: record.strain.to_vec(),
-        };
-        self.truth.write(&mut self.room, time, &truth);
+        self.truth
+            .write(&mut self.room, time, &TruthEntry::from(record));
         if self.epochs.is_multiple_of(SCENE_EPOCHS) {
             let scene = standard::scene(time, record, &self.body);
             self.scene.log_with_meta(&scene, at(time));
