@@ -8,7 +8,7 @@
 //! an average that cannot be trusted and says why.
 
 use super::strip::{GaugeMask, MAX_GAUGES, PerGauge};
-use crate::config::{Allowed, ConfigError, declare, in_range, require};
+use crate::config::{Allowed, Checked, ConfigError, declare, require};
 use crate::math::trig::sqrt;
 
 /// Largest converter range supported: 24 bits.
@@ -24,7 +24,7 @@ declare! {
         /// Highest count of the converter; the lowest is 0. A count outside means "no conversion".
         pub full_scale_counts: i32 = 4095, "counts": Range(15.0, MAX_FULL_SCALE);
         /// A count this close to either end is saturated.
-        pub rail_margin_counts: i32 = 4, "counts": Range(0.0, 0.25 * MAX_FULL_SCALE);
+        pub rail_margin_counts: i32 = 4, "counts": NonNegative;
         /// Strain of one count by the data sheets: 1/(counts × amplification × gauge factor × active
         /// arms/4). Negative if the bridge is wired so that a left bend lowers the count.
         pub strain_per_count: f32 = 1.0 / (4096.0 * 64.0 * 2.0), "strain": Range(-1e-3, 1e-3);
@@ -58,12 +58,8 @@ impl Config {
                 Allowed::Condition("a list with one entry for each gauge of the strip"),
             )?;
         }
-        for zero in self.zero_counts.iter() {
-            in_range("zero_counts", zero, 0.0, full_scale as f32)?;
-        }
-        for gain in self.gain.iter() {
-            in_range("gain", gain, GAIN_RANGE.0, GAIN_RANGE.1)?;
-        }
+        let counts = Allowed::Range(0.0, full_scale as f32);
+        self.zero_counts.check("zero_counts", counts)?;
         Ok(Calibration {
             lowest: self.rail_margin_counts,
             highest: full_scale - self.rail_margin_counts,

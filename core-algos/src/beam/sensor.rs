@@ -84,7 +84,7 @@ declare! {
         pub strip: strip::Config = strip::Config::default();
         /// Method that turns strains into a posture.
         pub method: Method = Method::default();
-        /// Pieces of the piecewise integration, 1 to 10 000.
+        /// Pieces of the piecewise integration.
         pub segments: u16 = 100, "": Range(1.0, 10_000.0);
         /// True if the estimate is that of the present: on the line fitted to the samples of the
         /// period, `latency_samples` after the last. Otherwise their mean, half a period old, which has

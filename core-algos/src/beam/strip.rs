@@ -271,7 +271,7 @@ declare! {
     ///
     /// Default: the 0.37 m steel strip of 50 × 1 mm with five gauges at the Gauss–Legendre nodes.
     pub struct Config {
-        /// Positions of the 2 to 8 gauges from the flexible root, ascending (the paper's l_i).
+        /// Position of each of the 2 to 8 gauges from the flexible root, ascending (the paper's l_i).
         pub gauges_m: PerGauge = at_gauss_nodes(0.37), "m": Range(0.0, 5.0);
         /// Standard deviations of the strain readings.
         pub uncertainty: Uncertainty = Uncertainty::default();
@@ -347,8 +347,8 @@ impl Config {
         )?;
         let mut previous = None;
         let mut u = [0.0; MAX_GAUGES];
-        for (slot, position) in u.iter_mut().zip(self.gauges_m.iter()) {
-            in_range("gauges_m", position, 0.0, length)?;
+        for (i, (slot, position)) in u.iter_mut().zip(self.gauges_m.iter()).enumerate() {
+            in_range("gauges_m", position, 0.0, length).map_err(|error| error.at(i))?;
             if let Some(previous) = previous {
                 require(
                     position - previous >= MIN_SPACING * length,
@@ -357,7 +357,8 @@ impl Config {
                     Allowed::Condition(
                         "greater than the position before it, by 0.001 of the length or more",
                     ),
-                )?;
+                )
+                .map_err(|error| error.at(i))?;
             }
             previous = Some(position);
             *slot = (2.0 * position - length) / length;

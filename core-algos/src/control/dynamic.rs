@@ -79,8 +79,11 @@ declare! {
     }
 }
 
-declare! {
-    /// Speed–torque line of the motors, at the wheel.
+::declare::declare! {
+    /// Speed–torque line of the motors, at the wheel. A file gives both numbers.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+    #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
     pub struct Motor {
         /// Torque at standstill and full voltage.
         pub stall_torque_nm: f32 = 2.5, "N m": Positive;
@@ -95,9 +98,9 @@ declare! {
         /// Gain of the longitudinal error (k_X).
         pub longitudinal_gain_per_s: f32 = 2.0, "1/s": Range(0.0, 100.0);
         /// Gain of the lateral error (k_Y).
-        pub lateral_gain_rad_m2: f32 = 20.0, "rad/m²": Range(0.0, 1e3);
+        pub lateral_gain_rad_m2: f32 = 20.0, "rad/m²": Range(0.0, 1e4);
         /// Gain of the heading error (k_φ).
-        pub heading_gain_rad_m: f32 = 16.0, "rad/m": Range(0.0, 1e3);
+        pub heading_gain_rad_m: f32 = 16.0, "rad/m": Range(0.0, 1e4);
         /// Least speed that the heading gain is multiplied with; 0 is the paper's law.
         pub heading_speed_floor_m_s: f32 = 0.05, "m/s": NonNegative;
         /// Gain of the velocity error (K_1).
@@ -112,17 +115,17 @@ declare! {
         /// Source of the load of the frame.
         pub frame_force: FrameForce = FrameForce::Reference;
         /// Share of the frame's load that is fed forward.
-        pub frame_feedforward: f32 = 1.0, "": Range(0.0, 2.0);
+        pub frame_feedforward: f32 = 1.0, "": Range(-2.0, 2.0);
         /// Share of the inertia that is fed forward.
-        pub inertia_feedforward: f32 = 1.0, "": Range(0.0, 2.0);
+        pub inertia_feedforward: f32 = 1.0, "": Range(-2.0, 2.0);
         /// Mass of the axle without the rotation of its wheels (m).
-        pub mass_kg: f32 = 4.76, "kg": Range(0.0, 100.0);
+        pub mass_kg: f32 = 4.76, "kg": Range(0.0, 1e3);
         /// Yaw inertia about the midpoint, without the rotation of the wheels (J).
-        pub yaw_inertia_kg_m2: f32 = 0.0186, "kg m²": Range(0.0, 10.0);
+        pub yaw_inertia_kg_m2: f32 = 0.0186, "kg m²": Range(0.0, 100.0);
         /// Inertia of one wheel with its motor about its axis (J_w).
-        pub wheel_inertia_kg_m2: f32 = 0.004, "kg m²": Range(0.0, 1.0);
+        pub wheel_inertia_kg_m2: f32 = 0.004, "kg m²": Range(0.0, 10.0);
         /// Largest torque of each wheel.
-        pub max_torque_nm: f32 = 2.0, "N m": Range(0.01, 1e3);
+        pub max_torque_nm: f32 = 2.0, "N m": Range(0.01, 50.0);
         /// Speed–torque line of the motors; without it the torque limit holds at any speed.
         pub motor: Option<Motor> = None;
         derived {

@@ -74,7 +74,7 @@ declare! {
         pub max_steering_acceleration_rad_s2: f32 = 6.0, "rad/s²": Positive;
         /// Speed that is kept even where curvature changes too fast for it; the governor then
         /// makes speed wait for steering.
-        pub min_speed_m_s: f32 = 0.02, "m/s": Range(1e-3, 2.0);
+        pub min_speed_m_s: f32 = 0.02, "m/s": Positive;
         /// Delay between a lower reference speed and the robot's.
         pub reaction_time_s: f32 = 0.2, "s": NonNegative;
         /// Length of path ahead of the last position that is searched for the robot.

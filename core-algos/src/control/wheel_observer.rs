@@ -27,7 +27,7 @@ declare! {
     /// Encoder and bandwidth.
     pub struct Config {
         /// Bandwidth of the observer (b).
-        pub bandwidth_rad_s: f32 = 250.0, "rad/s": Range(10.0, 2000.0);
+        pub bandwidth_rad_s: f32 = 250.0, "rad/s": Range(1.0, 2000.0);
         /// Largest speed the wheel can have; a count further from the prediction than this
         /// speed reaches in one interval is not a motion of the wheel.
         pub max_speed_rad_s: f32 = 60.0, "rad/s": Positive;

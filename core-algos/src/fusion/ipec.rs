@@ -61,10 +61,10 @@ declare! {
         /// Standard deviation of the beam's heading (r_φ).
         pub heading_sigma_rad: f32 = 2e-4, "rad": NonNegative;
         /// Drift of the line's direction from errors that do not change from interval to interval
-        /// (beam zero, wheel radius), as an equivalent random walk. Only in [`Ipec::weigh`].
+        /// (beam zero, wheel radius), as an equivalent random walk. Only where the axles are weighed.
         pub drift_rad_per_sqrt_m: f32 = 2.5e-3, "rad/√m": NonNegative;
         /// Deviation of an axle's heading change, in standard deviations, beyond which it is taken for
-        /// a bump or slip and left out. Only in [`Ipec::weigh`].
+        /// a bump or slip and left out. Only where the axles are weighed.
         pub gate_sigmas: f32 = 5.0, "": Positive;
         derived {
             /// Distance between the wheels of an axle.

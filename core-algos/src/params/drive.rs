@@ -49,11 +49,11 @@ declare! {
         pub thermal_time_constant_s: f32 = 30.0, "s": Range(1.0, 1e3);
         /// Temperature of the winding at which no current is left.
         pub winding_max_c: f32 = 120.0, "°C": Range(70.0, 180.0);
-        /// Span below that temperature in which the current limit falls.
+        /// Span below `winding_max_c` in which the current limit falls.
         pub winding_fold_back_k: f32 = 20.0, "K": Range(5.0, 35.0);
         /// Temperature between the drivers at which no current is left.
         pub driver_max_c: f32 = 105.0, "°C": Range(60.0, 150.0);
-        /// Span below that temperature in which the current limit falls.
+        /// Span below `driver_max_c` in which the current limit falls.
         pub driver_fold_back_k: f32 = 20.0, "K": Range(5.0, 35.0);
     }
 }

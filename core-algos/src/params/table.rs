@@ -9,7 +9,7 @@ use crate::beam::PerGauge;
 use crate::config::{Allowed, ConfigError, in_range, require};
 use crate::control::regulator::Strategy;
 use crate::fusion::robot::Mode;
-use declare::{Choice, Field, Kind, field_at};
+use declare::{Choice, Field, Kind, field_at, find as find_field};
 
 /// One parameter.
 #[derive(Clone, Copy, Debug)]
@@ -47,6 +47,15 @@ impl Parameter {
     /// Meaning of the parameter.
     pub fn meaning(&self) -> &'static str {
         self.field().map_or("", Field::summary)
+    }
+
+    /// Meaning of the table that holds the parameter.
+    pub fn table_meaning(&self) -> &'static str {
+        let table = self.name.rsplit_once('.').map_or("", |(table, _)| table);
+        match find_field(Settings::FIELDS, table) {
+            Some(field) => field.summary(),
+            None => "",
+        }
     }
 
     /// Names of the values 0, 1, … if the parameter is one of several; otherwise empty.

@@ -39,7 +39,7 @@ declare! {
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct PlantConfig {
-        /// Equal steps into which a tick ([`TICK_S`]) is divided.
+        /// Equal steps into which a tick of 1 ms is divided.
         pub substeps: u32 = 1, "": Range(1.0, 100.0);
         /// Velocity error of the lower-order solution beyond which a step is divided.
         pub tolerance_m_s: f64 = 6.5e-4, "m/s": Range(1e-7, 1.0);

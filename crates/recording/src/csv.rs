@@ -1,6 +1,7 @@
 //! Runs as tables: one row an epoch, or one row a run.
 
 use crate::entry::{LeadEntry, TruthEntry};
+use crate::schema::Schema;
 use host_sim::run::end::RunEnd;
 use host_sim::run::robot::Record;
 use output::files::{Cell, Csv};
@@ -66,15 +67,25 @@ pub fn of_ends<'a>(ends: impl IntoIterator<Item = &'a RunEnd>) -> Csv {
 /// The records as CSV: time, then the fields of the topics `/truth` and `/lead` under their paths in a log. Ticks and
 /// times of the topics are left out: a row has one time.
 pub fn of_records(records: &[Record]) -> Csv {
-    let truth = TruthEntry::SCHEMA.columns().into_iter().skip(1);
-    let lead = LeadEntry::SCHEMA.columns().into_iter().skip(2);
-    let names = truth.map(|name| format!("truth.{name}"));
-    let names = names.chain(lead.map(|name| format!("lead.{name}")));
-    let mut csv = Csv::new(std::iter::once("time_s".to_owned()).chain(names));
+    const TIMES: [&str; 3] = ["time_s", "tick", "epoch_s"];
+    let names = |topic: &str, schema: &Schema| -> Vec<Option<String>> {
+        let columns = schema.columns().into_iter();
+        let own = columns.map(|name| (!TIMES.contains(&name.as_str())).then_some(name));
+        own.map(|name| Some(format!("{topic}.{}", name?))).collect()
+    };
+    let names = [
+        names("truth", &TruthEntry::SCHEMA),
+        names("lead", &LeadEntry::SCHEMA),
+    ]
+    .concat();
+    let own = names.iter().flatten().map(String::as_str);
+    let mut csv = Csv::new(std::iter::once("time_s").chain(own));
     for record in records {
         let truth = TruthEntry::from(record).cells();
         let lead = LeadEntry::new(0, record.time_s, &record.lead).cells();
-        csv.row(truth.into_iter().chain(lead.into_iter().skip(2)));
+        let cells = truth.into_iter().chain(lead).zip(&names);
+        let own = cells.filter_map(|(cell, name)| name.as_ref().map(|_| cell));
+        csv.row(std::iter::once(Cell::from(record.time_s)).chain(own));
     }
     csv
 }

@@ -20,7 +20,7 @@ declare! {
     pub struct Config {
         /// Strategy to reach the goal.
         pub strategy: Strategy = Strategy::Funnel;
-        /// Gains of equation 4 where it drives alone ([`Strategy::PaperLaw`]).
+        /// Gains of equation 4 where it drives alone.
         pub law: kinematic::Config = kinematic::Config::default();
         /// Gains of the approach in the funnel: `arrival_gain` 3, `circle_radius_m` below `1/(2 κ_max)`.
         pub approach: kinematic::Config = kinematic::Config {
@@ -58,7 +58,7 @@ declare! {
         pub release_factor: f32 = 2.5, "": Range(1.1, 100.0);
         /// The funnel counts as left when the needed curvature exceeds κ_max by this factor.
         pub leave_factor: f32 = 1.15, "": Range(1.0, 10.0);
-        /// And by this more than the bearings' own error near the goal.
+        /// Bearing error, beyond the bearings' own near the goal, from which the funnel counts as left.
         pub leave_slack_rad: f32 = 0.1, "rad": NonNegative;
         /// Within this distance of the goal, the approach follows the arc it is on to its end:
         /// bearings lose meaning.

@@ -42,19 +42,19 @@ declare! {
     /// Parameters of the axle filter.
     pub struct Config {
         /// Standard deviation of the left wheel's speed.
-        pub left_sigma_m_s: f32 = 0.02, "m/s": Range(1e-4, 1.0);
+        pub left_sigma_m_s: f32 = 0.02, "m/s": Range(1e-4, 1e3);
         /// Standard deviation of the right wheel's speed.
-        pub right_sigma_m_s: f32 = 0.02, "m/s": Range(1e-4, 1.0);
+        pub right_sigma_m_s: f32 = 0.02, "m/s": Range(1e-4, 1e3);
         /// Standard deviation of the gyro's rate.
-        pub gyro_sigma_rad_s: f32 = 0.005, "rad/s": Range(1e-5, 1.0);
+        pub gyro_sigma_rad_s: f32 = 0.005, "rad/s": Range(1e-5, 1e3);
         /// Standard deviation of the longitudinal acceleration.
         // Its bias and the slope of the floor, 0.5 m/s² at 3°, must not outweigh two wheels.
-        pub accelerometer_sigma_m_s2: f32 = 1.0, "m/s²": Range(1e-3, 10.0);
+        pub accelerometer_sigma_m_s2: f32 = 1.0, "m/s²": Range(1e-3, 1e3);
         /// Process noise.
         pub noise: Densities = Densities::default();
-        /// Largest accepted NIS of a scalar measurement (one degree of freedom); `None` accepts all.
+        /// Largest accepted NIS of a scalar measurement (one degree of freedom). Without it, all are accepted.
         pub innovation_gate: Option<f32> = Some(36.0), "": Positive;
-        /// Largest accepted NIS of a posture fix (three degrees of freedom); `None` accepts all.
+        /// Largest accepted NIS of a posture fix (three degrees of freedom). Without it, all are accepted.
         pub fix_gate: Option<f32> = Some(30.0), "": Positive;
         /// Rejections in a row after which a sensor is believed again.
         pub gate_patience: u16 = 20, "": Range(0.0, 65_535.0);

@@ -17,7 +17,7 @@ declare! {
         pub friction: f32 = 0.7, "": Positive;
         /// Standard deviation of the slip of all tyres, relative: what floor and rubber make of it.
         pub slip_sigma: f32 = 0.5, "": NonNegative;
-        /// Standard deviation of that of each tyre, relative.
+        /// Standard deviation of the slip of each tyre beyond the common slip, relative.
         pub tyre_slip_sigma: f32 = 0.3, "": NonNegative;
         /// Standard deviation of an axle's heading drift: relative difference of its wheel radii
         /// over the track.
@@ -40,8 +40,8 @@ declare! {
         /// Standard deviation of a turn of the whole robot: what is left of lasting errors that the states do not
         /// describe. Hours of driving show it.
         pub steady_turn_sigma_rad_per_m: f32 = 3e-4, "rad/m": NonNegative;
-        /// Time in which what tyres, wheels and gains have been learnt to be is another again.
-        pub constancy_s: f32 = 3600.0, "s": Range(0.01, 1e7);
+        /// Time after which estimated constants of tyres, wheels and gains are uncertain again.
+        pub constancy_s: f32 = 3600.0, "s": Positive;
         /// Standard deviation of the way of a wheel that its encoder tells and the floor does not see, or the
         /// other way round, because of the play of its gear: beam and odometry disagree by so much.
         // Evenly spread over 5 mrad of a wheel of 73 mm.

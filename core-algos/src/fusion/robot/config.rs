@@ -8,7 +8,7 @@ use crate::math::trig::sqrt;
 declare! {
     /// Fusion method.
     pub enum Mode, default Joint {
-        /// Each axle's odometry alone.
+        /// Each axle's odometry alone; for a robot without a beam board.
         Odometry = "odometry",
         /// Covariance intersection through the beam.
         Intersection = "intersection" or "ci",
@@ -22,22 +22,22 @@ declare! {
 declare! {
     /// Slip of an axle that its wheels do not see, as random walks.
     pub struct Slip {
-        /// Along the heading.
+        /// Slip along the heading.
         pub along_m_per_sqrt_m: f32 = 5e-4, "m/√m": NonNegative;
-        /// Across the heading.
+        /// Slip across the heading.
         pub across_m_per_sqrt_m: f32 = 2e-4, "m/√m": NonNegative;
-        /// Across the heading, per radian of relative heading: tyres slip under the side force of a turn, for
+        /// Slip across the heading, per radian of relative heading: tyres slip under the side force of a turn, for
         /// as long as it lasts to the same side.
         pub side_m_per_sqrt_m: f32 = 1e-3, "m/√m/rad": NonNegative;
-        /// In heading.
+        /// Slip in heading.
         pub heading_rad_per_sqrt_m: f32 = 2e-3, "rad/√m": NonNegative;
-        /// In heading, at any speed.
+        /// Slip in heading, at any speed.
         pub heading_rad_per_sqrt_s: f32 = 2e-4, "rad/√s": NonNegative;
-        /// In heading, per radian of relative heading.
+        /// Slip in heading over time, per radian of relative heading.
         pub creep_per_sqrt_s: f32 = 2e-3, "rad/√s/rad": NonNegative;
-        /// In heading, per radian of relative heading.
+        /// Slip in heading over distance, per radian of relative heading.
         pub creep_per_sqrt_m: f32 = 5e-3, "rad/√m/rad": NonNegative;
-        /// In position, at any speed.
+        /// Slip in position, at any speed.
         pub position_m_per_sqrt_s: f32 = 1e-5, "m/√s": NonNegative;
         /// Speed at which an axle slips under the load of the frame where no beam measures it; its
         /// wheels then turn it at this speed over half the track. Constant throughout a drive.
@@ -56,7 +56,7 @@ declare! {
         pub frame_sigmas: [f32; 3] = [1e-3, 1e-3, 4e-3], "m, m, rad": Positive;
         /// Slip added to each axle's increments.
         pub slip: Slip = Slip::default();
-        /// Largest accepted NIS of the beam's posture (three degrees of freedom); `None` accepts all.
+        /// Largest accepted NIS of the beam's posture (three degrees of freedom). Without it, all are accepted.
         pub beam_gate: Option<f32> = Some(40.0), "": Positive;
         /// Rejections of the beam in a row after which it is believed again.
         pub gate_patience: u16 = 50, "": Range(0.0, 65_535.0);

@@ -52,7 +52,7 @@ declare! {
         /// Standard deviation of the position of O beyond which the estimate counts as vague.
         // What a floor may make of 300 m.
         pub position_sigma_m: f32 = 5.0, "m": Positive;
-        /// The same of its heading.
+        /// Standard deviation of the heading of O beyond which the estimate counts as vague.
         pub heading_sigma_rad: f32 = 0.5, "rad": Positive;
     }
 }

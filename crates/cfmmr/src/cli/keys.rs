@@ -1,7 +1,7 @@
 //! `cfmmr keys`: the keys of a scenario with unit, default, allowed values and meaning.
 
 use clap::Args;
-use declare::{Field, Kind};
+use declare::{Allowed, Field, Kind};
 use host_sim::base::error::Error;
 use host_sim::scenario::{FIELDS, Scenario};
 use output::terminal;
@@ -64,7 +64,11 @@ fn allowed(kind: Kind) -> String {
         Kind::Number { allowed, whole, .. } => {
             let text = allowed.to_string();
             match whole {
-                true => text.replacen("a number", "a whole number", 1),
+                true => text.replacen("a number", "a whole number", 1).replacen(
+                    "a finite number",
+                    "a whole number",
+                    1,
+                ),
                 false => text,
             }
         }
@@ -104,7 +108,9 @@ pub fn markdown() -> Result<String, Error> {
          Printed by `cfmmr keys`. `--set KEY=VALUE` and a file given with `--scenario` change a key; the key is\n\
          the table's name, a dot and the name in the row. Defaults of `plant`, `spread`, `sensors` and `bus`\n\
          are those of no world: a [world](worlds.md) replaces them, and `cfmmr config` prints the values of\n\
-         one. A key without a default is not set.\n",
+         one. A key without a default is not set. Bounds of a list are those of each entry. Further keys:\n\
+         `world`, the name of a world, and `boards.front`, `boards.rear` and `boards.beam` with the\n\
+         [parameters](parameters.md) of one board.\n",
     );
     let mut table = None;
     for key in keys()? {
@@ -130,17 +136,51 @@ pub fn markdown() -> Result<String, Error> {
     Ok(text)
 }
 
+/// A default as a JSON value; of single precision as it was written.
+fn plain(value: &toml::Value) -> Value {
+    match value {
+        toml::Value::Float(number) if f64::from(*number as f32) == *number => {
+            json!(
+                (*number as f32)
+                    .to_string()
+                    .parse::<f64>()
+                    .unwrap_or(*number)
+            )
+        }
+        toml::Value::Array(list) => list.iter().map(plain).collect(),
+        value => serde_json::to_value(value).unwrap_or_default(),
+    }
+}
+
 fn json() -> Result<String, Error> {
     let mut list = Vec::new();
-    for key in keys()? {
-        let default = serde_json::to_value(&key.default);
-        list.push(json!({
-            "key": format!("{}.{}", key.table, key.field.name),
-            "unit": key.field.kind.unit(),
-            "default": default.unwrap_or(Value::Null),
-            "allowed": allowed(key.field.kind).replace('`', ""),
-            "meaning": key.field.meaning(),
-        }));
+    for Key {
+        table,
+        field,
+        default,
+    } in keys()?
+    {
+        let mut key = json!({
+            "key": format!("{table}.{}", field.name),
+            "unit": field.kind.unit(),
+            "default": default.as_ref().map(plain),
+            "allowed": allowed(field.kind).replace('`', ""),
+            "meaning": field.meaning(),
+        });
+        match field.kind {
+            Kind::Number { allowed, whole, .. } => {
+                key["whole"] = whole.into();
+                if let Allowed::Range(low, high) = allowed {
+                    let bounds = [low, high].map(|bound| toml::Value::Float(bound.into()));
+                    key["range"] = bounds.iter().map(plain).collect();
+                }
+            }
+            Kind::Choice(choices) => {
+                key["choices"] = choices.iter().map(|choice| choice.name).collect();
+            }
+            Kind::Flag | Kind::Table(_) => {}
+        }
+        list.push(key);
     }
     serde_json::to_string_pretty(&list).map_err(|error| Error::Failure(error.to_string()))
 }
@@ -185,7 +225,9 @@ mod tests {
     fn every_key_has_a_meaning_and_a_default_that_is_allowed() {
         for key in keys().unwrap() {
             let name = key.field.name;
-            assert!(key.field.meaning().ends_with('.'), "{name}");
+            let meaning = key.field.meaning();
+            assert!(meaning.ends_with('.'), "{name}");
+            assert!(!meaning.contains("[`"), "{name}: a link leads nowhere here");
             let numbers = match &key.default {
                 Some(toml::Value::Float(number)) => vec![*number],
                 Some(toml::Value::Integer(number)) => vec![*number as f64],

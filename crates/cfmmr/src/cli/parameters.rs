@@ -29,18 +29,34 @@ pub fn markdown() -> String {
             parameter.range.0,
             parameter.range.1,
             parameter.default(),
-            parameter.meaning(),
+            meaning(parameter).replace('|', "\\|"),
             choices(parameter),
         );
     }
     text
 }
 
+/// Meaning of a parameter, with that of its table if several parameters share it.
+fn meaning(parameter: &Parameter) -> String {
+    let path = |parameter: &Parameter| parameter.name.split('[').next();
+    let meaning = parameter.meaning();
+    let shared = TABLE
+        .iter()
+        .any(|other| other.meaning() == meaning && path(other) != path(parameter));
+    match shared {
+        true => format!("{meaning}: {}", parameter.table_meaning()),
+        false => meaning.to_owned(),
+    }
+}
+
 /// Values of a parameter that is one of several, by number.
 fn choices(parameter: &Parameter) -> String {
     let names = parameter.choices().iter().enumerate();
     let named: Vec<String> = names
-        .map(|(i, choice)| format!("{i} `{}`", choice.name))
+        .map(|(i, choice)| {
+            let meaning = choice.meaning().trim_end_matches('.');
+            format!("{i} `{}` ({meaning})", choice.name)
+        })
         .collect();
     match named.is_empty() {
         true => String::new(),
@@ -59,6 +75,19 @@ mod tests {
     use core_algos::params::Settings;
     use host_sim::base::toml_file;
     use host_sim::scenario::Scenario;
+
+    #[test]
+    fn every_row_has_the_cells_of_the_header() {
+        let text = markdown() + &crate::cli::keys::markdown().unwrap();
+        let cells = |row: &str| row.replace("\\|", "").matches('|').count();
+        let mut header = 0;
+        for line in text.lines().filter(|line| line.starts_with('|')) {
+            if line.starts_with("| id") || line.starts_with("| key") {
+                header = cells(line);
+            }
+            assert_eq!(cells(line), header, "{line}");
+        }
+    }
 
     /// Each name is the way to the same number in a scenario.
     #[test]

@@ -138,6 +138,8 @@ struct Row {
     source: Source,
     saved: bool,
     meaning: &'static str,
+    /// Names of the values 0, 1, … of a parameter that is one of several.
+    choices: Vec<&'static str>,
 }
 
 /// Change of a parameter.
@@ -219,6 +221,11 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
                     source,
                     saved,
                     meaning: parameter.meaning(),
+                    choices: parameter
+                        .choices()
+                        .iter()
+                        .map(|choice| choice.name)
+                        .collect(),
                 });
             }
         }
@@ -237,9 +244,13 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
             from,
             to,
             default,
+            choices,
             ..
         } = of_name[0];
-        text += &format!("{name}: {from} to {to} {unit}, default {default}\n");
+        let numbered = choices.iter().enumerate();
+        let choices: String = numbered.map(|(i, name)| format!("; {i} {name}")).collect();
+        let gap = if unit.is_empty() { "" } else { " " };
+        text += &format!("{name}: {from} to {to}{gap}{unit}, default {default}{choices}\n");
         for row in of_name {
             let state = state(row.source, row.saved);
             text += &format!("  {:<6} {:<12} {state}\n", row.board, row.value);

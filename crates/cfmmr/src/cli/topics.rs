@@ -50,13 +50,15 @@ fn fields(schema: &Schema) -> String {
 const TABLES: &str = "
 ## Tables
 
-`--csv DIR` writes `epochs.csv`, `axles.csv` and `beam.csv`; each experiment writes the columns of `epochs.csv` as
-`log.csv`. A column has the path of the value in a log. A list has a column for each entry, counted from 0; a value that
-is null is empty. Bytes and frames have no columns.
+`--csv DIR` writes `epochs.csv`, `axles.csv` and `beam.csv`. Each experiment writes the columns of `epochs.csv` beside its
+pictures (`log.csv`, `log-joint.csv`). A column has the path of the value in a log. A list has a column for each entry,
+counted from 0. A value that is null is empty, true is 1 and false is 0. Bytes, texts in hexadecimal and frames
+(`received`) have no columns. In a row of `epochs.csv`, `/lead` is the latest message at that time: the one of the epoch
+before.
 
 | table | columns |
 |---|---|
-| `epochs.csv` | `time_s`; fields of `/truth` as `truth.robot.x_m`; fields of `/lead` as `lead.robot.covariance[0][0]` |
+| `epochs.csv` | `time_s`; fields of `/truth` without `time_s`, as `truth.robot.x_m`; fields of `/lead` without `tick` and `epoch_s`, as `lead.robot.covariance[0][0]` |
 | `axles.csv` | `time_s`, `board`; fields of `/boards/front/tick` and `/boards/rear/tick` as `encoder[0]` |
 | `beam.csv` | `time_s`; fields of `/boards/beam/tick` as `counts[0]` |
 ";

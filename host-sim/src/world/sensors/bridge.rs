@@ -8,7 +8,7 @@ use crate::world::drawn::Drawn;
 use crate::world::random::SMALL;
 use crate::world::random::normal;
 use core_algos::beam::{MAX_GAUGES, strip};
-use core_algos::config::{ConfigError, in_range};
+use core_algos::config::{Allowed, ConfigError, require};
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -82,8 +82,15 @@ impl BridgeConfig {
     /// Checks every value, and that there is at least one gauge and no more than there is room for.
     pub(super) fn check(&self) -> Result<(), ConfigError> {
         self.check_ranges()?;
-        let gauges = self.gauges_m.len() as f32;
-        in_range("number of gauges_m", gauges, 1.0, MAX_GAUGES as f32).map(drop)
+        let count = self.gauges_m.len();
+        let allowed = Allowed::Condition("a list of 1 to 8 positions");
+        require(
+            (1..=MAX_GAUGES).contains(&count),
+            "gauges_m",
+            count as f32,
+            allowed,
+        )
+        .map(drop)
     }
 
     /// Share of the converter's range for a strain of 1 without gain error.
