@@ -71,7 +71,7 @@ numbers_of_the_images() {
 aside numbers_of_the_images
 step "tests"
 # `link` adds the tests of the link, `devices` those of the robot's parts.
-cargo test --locked --package core-algos --package firmware-common --package plant --package square-root \
+cargo test --locked --package core-algos --package declare --package firmware-common --package plant --package square-root \
   --package virtual-board --features core-algos/link,virtual-board/devices
 joined
 wait "$packages"

@@ -197,6 +197,8 @@ properties! { cases 40;
     ) {
         let config = Config {
             motor: motor.then_some(Motor { stall_torque_nm: 2.5, no_load_speed_rad_s: 20.0 }),
+            velocity_gain_n_s_m: 20.0,
+            yaw_rate_gain_nm_s_rad: 0.35,
             ..Config::default()
         };
         let input = Input {
@@ -209,7 +211,8 @@ properties! { cases 40;
             ..Input::default()
         };
         let limited = config.build().unwrap().step(&input);
-        let free = Config { max_torque_nm: 1e3, motor: None, ..config }.build().unwrap().step(&input);
+        let free = Config { max_torque_nm: 50.0, motor: None, ..config }.build().unwrap().step(&input);
+        prop_assert_eq!(free.scale, 1.0);
         prop_assert!(limited.torque_nm.iter().all(|t| t.abs() <= 2.0));
         for i in 0..2 {
             let gap = limited.torque_nm[i] - limited.scale * free.torque_nm[i];
