@@ -79,7 +79,7 @@ class Constants(Keyed):
     def counts(self, folder):
         """Last counts of each encoder."""
         rows = list(csv.DictReader((folder / "tables" / "axles.csv").open()))[-2:]
-        return [int(row[f"encoder_{side}_counts"]) for row in rows for side in ("left", "right")]
+        return [int(row[f"encoder[{side}]"]) for row in rows for side in (0, 1)]
 
     def case(self, rng, index, folder):
         if index % 2:
