@@ -1,4 +1,4 @@
-//! The one table of stored parameters. Unit, range and meaning are those of the declared [`Settings`].
+//! Table of stored parameters. Unit, range and meaning come from the declaration of [`Settings`].
 //!
 //! An identifier is the key in the store and is never given to another parameter. A version goes up
 //! when the meaning of a value changes; values of other versions are not used.

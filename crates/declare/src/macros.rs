@@ -5,7 +5,7 @@
 /// A key is `pub name: type = default, "unit": allowed;` if it holds numbers, and
 /// `pub name: type = default;` if its type is declared itself. `allowed` is a value of
 /// [`Allowed`](crate::Allowed), constant. Keys in `derived { … }` are not read from files: the
-/// program sets them. The attributes of the type, derives among them, are those of the caller.
+/// program sets them. The caller adds the attributes of the type, such as derives.
 #[macro_export]
 macro_rules! declare {
     (

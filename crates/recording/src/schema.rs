@@ -148,7 +148,7 @@ fn object<'a>(properties: impl IntoIterator<Item = (&'a str, Value)>) -> Value {
 }
 
 impl Kind {
-    /// What follows the name of a field in the names of its columns, as in the path of a value in a log. Bytes, frames
+    /// Suffixes of a field's columns, as in the path of a value in a log. Bytes, frames
     /// and lists of any length have no columns.
     pub fn columns(self) -> Vec<String> {
         let numbered = |n: usize| (0..n).map(|i| format!("[{i}]")).collect();

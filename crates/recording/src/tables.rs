@@ -21,7 +21,7 @@ enum Place {
     Folder(PathBuf),
 }
 
-/// Names of own columns, then those of a message of the log.
+/// Header: the columns `own`, then the columns of a message of the log.
 fn header(own: &[&str], schema: &Schema) -> Vec<String> {
     let own = own.iter().map(|name| (*name).to_owned());
     own.chain(schema.columns()).collect()

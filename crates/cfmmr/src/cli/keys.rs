@@ -198,7 +198,7 @@ mod tests {
     use super::*;
     use host_sim::world::effect;
 
-    /// What serde reads and what is declared are two ways to the same keys.
+    /// Compares the declared keys with the keys of a serialised scenario.
     #[test]
     fn declared_keys_are_those_of_a_file() {
         let keys = keys().unwrap();

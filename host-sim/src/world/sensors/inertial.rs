@@ -11,8 +11,8 @@ use rand_pcg::Pcg64;
 /// Declares one channel of a micromechanical inertial sensor.
 ///
 /// `reading = quantised(truth·(1 + scale error) + bias + drift + noise)`, saturated at the range.
-/// The defaults are those of a 6-axis part of the ICM-42688 class; an older one of the MPU-6050 class
-/// has twice to six times the noise and ten times the bias.
+/// Defaults: a 6-axis part of the ICM-42688 class. A part of the MPU-6050 class has two to six times the
+/// noise and ten times the bias.
 macro_rules! channel {
     (
         $(#[$doc:meta])*
