@@ -118,7 +118,7 @@ class Spreads(Keyed):
 
     name, count = "spreads", 12
     MEANS = [
-        "plant.slip_stiffness", "plant.bending_stiffness_n_m2", "plant.strip_length_m", "plant.wheel_radius_m",
+        "plant.tyre.brush.slip_stiffness", "plant.bending_stiffness_n_m2", "plant.strip_length_m", "plant.wheel_radius_m",
         "plant.half_track_m", "plant.friction", "plant.backlash_rad", "plant.side_slip", "plant.carpet_drift",
         "plant.radius_load_sensitivity", "plant.mass_kg",
     ]

@@ -38,7 +38,7 @@ def radius(which):
 
 
 def stiffness(which):
-    return lambda k: [wheels("slip_stiffness", STIFFNESS, math.exp(0.3 * k), which)]
+    return lambda k: [wheels("tyre.brush.slip_stiffness", STIFFNESS, math.exp(0.3 * k), which)]
 
 
 def track(front, rear):
@@ -101,7 +101,7 @@ ROWS = [
     ("scale of the gyros", "0.5 %", drawn(sensors__gyro__scale_sigma=5e-3), False, None),
     ("lost frames of the bus", "0.1 %", one("bus.loss", 1e-3), False, None),
     ("tyres that creep by time", "10 mm/s",
-     lambda k: ["plant.tyre=\"creep\"", f"plant.creep_velocity_m_s={1e-2 * k}"], False, None),
+     lambda k: [f"plant.tyre.creep.velocity_m_s={1e-2 * k}"], False, None),
 ]
 
 

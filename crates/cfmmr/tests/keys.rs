@@ -47,7 +47,7 @@ track ||
 posture || mission.rps=false
 posture || robot.lead.fusion.mode=intersection-ipec
 posture || robot.lead.regulator.strategy=paper-law
-posture || plant.tyre=creep
+posture || plant.tyre.creep={}
 posture || plant.cogging_torque_n_m=0.05 plant.payload_kg=[1,1] plant.center_of_mass_height_m=0.05
 posture || sensors.bridge.warming_k=5 sensors.bridge.creep_share=0.01
 posture || robot.axle.speed_source=filter robot.axle.controller.frame_force=beam

@@ -1,5 +1,6 @@
 //! Logs and stored parameters of version 0.1 are read.
 
+use crate::program::cfmmr;
 use core_algos::params::{Contents, Settings, TABLE, find};
 use core_algos::topology::Role;
 use recording::log::read;
@@ -18,6 +19,15 @@ fn log_of_version_0_1_is_read() {
         assert_eq!(started.geometry.frame_length_m, 0.37);
         assert_eq!(started.lead.limits.bend_rad, 0.7);
     }
+}
+
+/// Runs the replay command, whose scenario in the log has keys of version 0.1.
+#[test]
+fn log_of_version_0_1_is_replayed() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("log.mcap"), LOG).unwrap();
+    let run = cfmmr(folder.path(), "replay log.mcap");
+    assert!(run.out.contains("beam board: 130 ticks"), "{}", run.error);
 }
 
 #[test]

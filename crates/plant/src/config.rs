@@ -1,33 +1,88 @@
 //! Physical constants of the plant.
 
-use declare::{Allowed, Checked, Choice, ConfigError, Declared, Kind, declare};
+use declare::{Allowed, Checked, ConfigError, Declared, Field, Kind, declare};
 use serde::{Deserialize, Serialize};
 
 /// Time by which [`Plant::step`](crate::Plant::step) advances, s: the tick of the robot's boards.
 pub const TICK_S: f64 = 1e-3;
 
 /// Law of the tyre's force over its slip.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Tyre {
-    /// With the slip velocity alone, rolling or not: [`PlantConfig::creep_velocity_m_s`].
-    #[default]
-    Creep,
-    /// With slip over rolling speed: [`PlantConfig::slip_stiffness`].
-    Brush,
+    /// With the slip velocity alone, rolling or not.
+    Creep(Creep),
+    /// With slip over rolling speed.
+    Brush(Brush),
+}
+
+declare! {
+    /// A tyre whose force depends on the slip velocity alone.
+    #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Creep {
+        /// Slip velocity at which the tyre gives half its friction.
+        pub velocity_m_s: f64 = 0.01, "m/s": Range(1e-4, 1.0);
+    }
+}
+
+declare! {
+    /// A tyre whose force depends on slip over rolling speed.
+    #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+    #[serde(deny_unknown_fields, default)]
+    pub struct Brush {
+        /// Slip stiffness C of each wheel's tyre over its load: force over load for a unit of slip
+        /// velocity over rolling speed, where both are small.
+        pub slip_stiffness: [[f64; 2]; 2] = [[20.0; 2]; 2], "": Range(1.0, 300.0);
+        /// Slip velocity at which the tyre of a wheel at rest gives half its friction.
+        pub rest_velocity_m_s: f64 = 2e-4, "m/s": Range(5e-5, 0.1);
+    }
+}
+
+impl Default for Tyre {
+    fn default() -> Self {
+        Self::Creep(Creep::default())
+    }
 }
 
 impl Declared for Tyre {
-    const KIND: Kind = Kind::Choice(&[
-        Choice {
+    const KIND: Kind = Kind::Table(&[
+        Field {
             name: "creep",
-            doc: "With the slip velocity alone, rolling or not: `creep_velocity_m_s`.",
+            doc: "With the slip velocity alone, rolling or not.",
+            kind: Creep::KIND,
         },
-        Choice {
+        Field {
             name: "brush",
-            doc: "With slip over rolling speed: `slip_stiffness`.",
+            doc: "With slip over rolling speed.",
+            kind: Brush::KIND,
         },
     ]);
+}
+
+impl Tyre {
+    /// Brush tyres, all of one slip stiffness.
+    pub fn brush(stiffness: f64) -> Self {
+        Self::Brush(Brush {
+            slip_stiffness: [[stiffness; 2]; 2],
+            ..Brush::default()
+        })
+    }
+
+    fn check(&self) -> Result<(), ConfigError> {
+        let checked = match self {
+            Self::Creep(creep) => creep.check_ranges(),
+            Self::Brush(brush) => brush.check_ranges(),
+        };
+        checked.map_err(|error| ConfigError {
+            field: match error.field {
+                "slip_stiffness" => "tyre.brush.slip_stiffness",
+                "rest_velocity_m_s" => "tyre.brush.rest_velocity_m_s",
+                _ => "tyre.creep.velocity_m_s",
+            },
+            ..error
+        })
+    }
 }
 
 declare! {
@@ -58,14 +113,7 @@ declare! {
         /// Friction coefficient μ between tyre and ground.
         pub friction: f64 = 0.7, "": Range(0.0, 3.0);
         /// Law of the tyre's force over its slip.
-        pub tyre: Tyre = Tyre::Creep;
-        /// Slip velocity at which the creep tyre gives half its friction.
-        pub creep_velocity_m_s: f64 = 0.01, "m/s": Range(1e-4, 1.0);
-        /// Slip stiffness C of each wheel's brush tyre over its load: force over load for a unit of
-        /// slip velocity over rolling speed, where both are small.
-        pub slip_stiffness: [[f64; 2]; 2] = [[20.0; 2]; 2], "": Range(1.0, 300.0);
-        /// Slip velocity at which the brush tyre of a wheel at rest gives half its friction.
-        pub rest_creep_velocity_m_s: f64 = 2e-4, "m/s": Range(5e-5, 0.1);
+        pub tyre: Tyre = Tyre::default();
         /// Friction above μ at vanishing slip velocity, as a share of μ: 0 turns slip-stick off.
         pub static_excess: f64 = 0.0, "": Range(0.0, 1.0);
         /// Slip velocity over which that excess decays.
@@ -133,6 +181,7 @@ impl PlantConfig {
     /// Checks every constant.
     pub(super) fn check(&self) -> Result<(), ConfigError> {
         self.check_ranges()?;
+        self.tyre.check()?;
         // A strip as stout as its length is no strip, and its equations would be ill-conditioned.
         let slender = self.bending_stiffness_n_m2 / (self.strip_length_m * self.strip_length_m);
         let allowed = Allowed::Range((1e2 * slender) as f32, (1e9 * slender) as f32);

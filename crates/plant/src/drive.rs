@@ -1,7 +1,7 @@
 //! Open-loop drives on which speed and accuracy of the plant are measured: `examples/drives.rs`.
 
 use crate::reference::Reference;
-use crate::{PlantConfig, TICK_S, Tyre};
+use crate::{Brush, Creep, PlantConfig, TICK_S, Tyre};
 use declare::ConfigError;
 
 /// An open-loop drive: a plant and wheel torques over time.
@@ -20,7 +20,7 @@ pub struct Drive {
 /// Speeds to 0.9 m/s with the frame bent to 50°: beyond what the controllers ask for.
 pub const NORMAL: Drive = Drive {
     name: "normal",
-    robot: |c| (c.tyre, c.creep_velocity_m_s) = (Tyre::Creep, 0.01),
+    robot: |c| c.tyre = Tyre::Creep(Creep { velocity_m_s: 0.01 }),
     base: [0.15, 1.3],
     steer: [0.4, 0.9],
 };
@@ -28,7 +28,11 @@ pub const NORMAL: Drive = Drive {
 /// Wheels spinning on stiff tyres, the frame bent to 130° and pulled taut with hundreds of newtons.
 pub const HARSH: Drive = Drive {
     name: "harsh",
-    robot: |c| (c.tyre, c.creep_velocity_m_s) = (Tyre::Creep, 0.003),
+    robot: |c| {
+        c.tyre = Tyre::Creep(Creep {
+            velocity_m_s: 0.003,
+        })
+    },
     base: [1.2, 2.0],
     steer: [1.0, 3.1],
 };
@@ -39,21 +43,23 @@ pub const DRIVES: [Drive; 5] = [
     HARSH,
     Drive {
         name: "normal, brush tyre",
-        robot: |c| c.tyre = Tyre::Brush,
+        robot: |c| c.tyre = Tyre::Brush(Brush::default()),
         ..NORMAL
     },
     Drive {
         name: "harsh, brush tyre",
-        robot: |c| c.tyre = Tyre::Brush,
+        robot: |c| c.tyre = Tyre::Brush(Brush::default()),
         ..HARSH
     },
     Drive {
         name: "normal, every imperfection",
         robot: |c| {
             *c = PlantConfig {
-                tyre: Tyre::Brush,
+                tyre: Tyre::Brush(Brush {
+                    slip_stiffness: [[15.0, 20.0], [26.0, 18.0]],
+                    ..Brush::default()
+                }),
                 friction: 0.6,
-                slip_stiffness: [[15.0, 20.0], [26.0, 18.0]],
                 static_excess: 0.2,
                 rolling_resistance: 0.03,
                 side_slip: [0.002, -0.002],
@@ -97,8 +103,8 @@ impl Drive {
         let mut plant = config.build()?;
         let mut reference = Reference::new(config, plant.state().axle.map(|a| a.posture));
         let finest = match config.tyre {
-            Tyre::Creep => 20e-6,
-            Tyre::Brush => 8e-6,
+            Tyre::Creep(_) => 20e-6,
+            Tyre::Brush(_) => 8e-6,
         };
         let fine = (TICK_S / finest).ceil() as usize;
         let mut worst = [0.0f64; 2];

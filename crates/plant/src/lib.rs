@@ -33,7 +33,7 @@ mod sincos;
 mod state;
 mod wheel;
 
-pub use config::{PlantConfig, TICK_S, Tyre};
+pub use config::{Brush, Creep, PlantConfig, TICK_S, Tyre};
 pub use frame::Station;
 pub use integrator::{Outline, Plant};
 pub use state::{AxleState, Health, PlantState, Wrench};

@@ -177,10 +177,10 @@ impl Reference {
         let c = &self.config;
         let highest = c.friction * (1.0 + c.static_excess);
         let half = match c.tyre {
-            Tyre::Creep => c.creep_velocity_m_s,
-            Tyre::Brush => {
-                let rolling = highest * rolled.abs() / c.slip_stiffness[i][side];
-                rolling.max(c.rest_creep_velocity_m_s)
+            Tyre::Creep(creep) => creep.velocity_m_s,
+            Tyre::Brush(brush) => {
+                let rolling = highest * rolled.abs() / brush.slip_stiffness[i][side];
+                rolling.max(brush.rest_velocity_m_s)
             }
         };
         let relative = slip / c.static_decay_m_s;

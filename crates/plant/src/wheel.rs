@@ -108,13 +108,13 @@ impl Wheels {
         let [ahead, behind] = config.side_slip;
         let highest = config.friction * (1.0 + config.static_excess);
         let (compliance, creep, tangent) = match config.tyre {
-            Tyre::Creep => ([0.0; 4], config.creep_velocity_m_s, 1.0),
-            Tyre::Brush => {
-                let [c, d] = config.slip_stiffness;
+            Tyre::Creep(creep) => ([0.0; 4], creep.velocity_m_s, 1.0),
+            Tyre::Brush(brush) => {
+                let [c, d] = brush.slip_stiffness;
                 let stiffness = [c[0], c[1], d[0], d[1]];
                 (
                     stiffness.map(|c| highest / c),
-                    config.rest_creep_velocity_m_s,
+                    brush.rest_velocity_m_s,
                     // A tyre that slides now may stick before the step is over.
                     0.5,
                 )
@@ -378,6 +378,7 @@ impl Wheels {
 
 #[cfg(test)]
 mod tests {
+    use super::super::config::Brush;
     use super::super::lanes::Narrow;
     use super::*;
 
@@ -387,10 +388,16 @@ mod tests {
         let config = PlantConfig {
             tyre,
             static_excess,
-            slip_stiffness: [[10.0, 20.0], [30.0, 40.0]],
             ..PlantConfig::default()
         };
         Wheels::new(&config, [LOAD; 4])
+    }
+
+    fn brush() -> Tyre {
+        Tyre::Brush(Brush {
+            slip_stiffness: [[10.0, 20.0], [30.0, 40.0]],
+            ..Brush::default()
+        })
     }
 
     /// Tyre forces of all wheels, [forward, left], at one slip velocity and speed of rolling.
@@ -419,7 +426,7 @@ mod tests {
     /// Forces lie within the circle of friction and against the slip, and reach it at large slip.
     #[test]
     fn friction_circle() {
-        for tyre in [Tyre::Creep, Tyre::Brush] {
+        for tyre in [Tyre::default(), brush()] {
             let wheels = wheels(tyre, 0.0);
             for rolling in [-0.8, 0.0, 0.002, 0.3, 1.5] {
                 for slip in [1e-6, 1e-3, 0.1, 5.0].into_iter().flat_map(around) {
@@ -442,7 +449,7 @@ mod tests {
     #[test]
     fn slip_stiffness_of_the_brush_tyre() {
         for excess in [0.0, 0.2] {
-            let wheels = wheels(Tyre::Brush, excess);
+            let wheels = wheels(brush(), excess);
             for (rolling, slip) in [(0.5f64, 1e-4), (-0.2, -1e-5)] {
                 for share in [[1.0, 0.0], [0.0, 1.0], [0.6, 0.8]] {
                     let [fx, fy] = forces(&wheels, share.map(|s| s * slip * rolling), rolling);
@@ -462,7 +469,7 @@ mod tests {
     /// Stiction raises the largest force by its share, and is gone at large slip.
     #[test]
     fn stiction() {
-        let (plain, sticky) = (wheels(Tyre::Brush, 0.0), wheels(Tyre::Brush, 0.2));
+        let (plain, sticky) = (wheels(brush(), 0.0), wheels(brush(), 0.2));
         let ahead = |wheels: &Wheels, slip: f64| -forces(wheels, [slip, 0.0], 0.0)[0][0];
         let peak = (1..2000)
             .map(|k| ahead(&sticky, 1e-5 * f64::from(k)))

@@ -6,7 +6,7 @@
 )]
 
 use plant::drive::{HARSH, NORMAL};
-use plant::{Plant, PlantConfig};
+use plant::{Creep, Plant, PlantConfig, Tyre};
 
 fn config() -> PlantConfig {
     PlantConfig::default()
@@ -22,7 +22,9 @@ fn postures_follow_the_explicit_reference() {
     for drive in [NORMAL, HARSH] {
         for creep in [0.003, 0.02] {
             let config = PlantConfig {
-                creep_velocity_m_s: creep,
+                tyre: Tyre::Creep(Creep {
+                    velocity_m_s: creep,
+                }),
                 rolling_resistance: 0.01,
                 ..config()
             };

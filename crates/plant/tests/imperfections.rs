@@ -6,13 +6,13 @@
 )]
 
 use declare::Allowed;
-use plant::{Plant, PlantConfig, TICK_S, Tyre};
+use plant::{Brush, Creep, Plant, PlantConfig, TICK_S, Tyre};
 
 const GRAVITY: f64 = 9.806_65;
 
 fn brush() -> PlantConfig {
     PlantConfig {
-        tyre: Tyre::Brush,
+        tyre: Tyre::Brush(Brush::default()),
         ..PlantConfig::default()
     }
 }
@@ -23,7 +23,10 @@ fn crooked() -> PlantConfig {
         friction: 0.6,
         static_excess: 0.2,
         rolling_resistance: 0.03,
-        slip_stiffness: [[15.0, 25.0], [28.0, 12.0]],
+        tyre: Tyre::Brush(Brush {
+            slip_stiffness: [[15.0, 25.0], [28.0, 12.0]],
+            ..Brush::default()
+        }),
         side_slip: [0.01, -0.02],
         carpet_drift: [0.02, -0.01],
         radius_load_sensitivity: 0.01,
@@ -100,9 +103,12 @@ fn a_robot_on_a_slope_rolls_with_the_acceleration_of_a_rolling_body() {
 /// torque over the radius, and its slip the force over C·N, enlarged as it nears the friction.
 #[test]
 fn slip_of_braked_and_driven_wheels() {
-    let stiffness = [[15.0, 20.0], [25.0, 30.0]];
+    let stiffness = [17.5, 27.5];
     let config = PlantConfig {
-        slip_stiffness: stiffness.map(|[a, b]| [0.5 * (a + b); 2]),
+        tyre: Tyre::Brush(Brush {
+            slip_stiffness: stiffness.map(|both| [both; 2]),
+            ..Brush::default()
+        }),
         sensing_mass_kg: 1.0,
         ..straight()
     };
@@ -117,7 +123,7 @@ fn slip_of_braked_and_driven_wheels() {
             let force = if i == 0 { torque } else { -torque } / 0.073;
             let load = [4.76, 5.76][i] * GRAVITY / 2.0;
             let share = force.abs() / (0.7 * load);
-            let expected = force / (config.slip_stiffness[i][0] * load) / (1.0 - share);
+            let expected = force / (stiffness[i] * load) / (1.0 - share);
             assert!(speed > 0.3);
             let share = slip / expected;
             assert!((share - 1.0).abs() < 0.01, "{torque} {i}: {share}");
@@ -529,16 +535,29 @@ fn a_copy_and_a_robot_placed_anew_repeat_to_the_bit() {
 #[test]
 fn a_bad_constant_is_named() {
     type Spoil = fn(&mut PlantConfig);
-    let spoilt: [(&str, Spoil); 20] = [
+    let spoilt: [(&str, Spoil); 21] = [
         ("mass_kg[1]", |c| c.mass_kg[1] = f64::NAN),
         ("strip_length_m", |c| c.strip_length_m = 0.0),
         ("wheel_radius_m[0][1]", |c| c.wheel_radius_m[0][1] = -0.07),
         ("friction", |c| c.friction = f64::INFINITY),
         ("axial_stiffness_n", |c| c.axial_stiffness_n = 1e8 * 1e9),
         ("substeps", |c| c.substeps = 0),
-        ("slip_stiffness[1][0]", |c| c.slip_stiffness[1][0] = 0.0),
-        ("rest_creep_velocity_m_s", |c| {
-            c.rest_creep_velocity_m_s = 0.0
+        ("tyre.brush.slip_stiffness[1][0]", |c| {
+            c.tyre = Tyre::Brush(Brush {
+                slip_stiffness: [[20.0; 2], [0.0, 20.0]],
+                ..Brush::default()
+            })
+        }),
+        ("tyre.brush.rest_velocity_m_s", |c| {
+            c.tyre = Tyre::Brush(Brush {
+                rest_velocity_m_s: 0.0,
+                ..Brush::default()
+            })
+        }),
+        ("tyre.creep.velocity_m_s", |c| {
+            c.tyre = Tyre::Creep(Creep {
+                velocity_m_s: f64::NAN,
+            })
         }),
         ("side_slip[0]", |c| c.side_slip[0] = 0.5),
         ("carpet_drift[1]", |c| c.carpet_drift[1] = f64::NAN),

@@ -8,12 +8,14 @@
 
 use plant::drive::{HARSH, NORMAL};
 use plant::reference::Reference;
-use plant::{PlantConfig, Tyre};
+use plant::{Brush, PlantConfig, Tyre};
 
 fn brush(stiffness: f64) -> PlantConfig {
     PlantConfig {
-        tyre: Tyre::Brush,
-        slip_stiffness: [[stiffness, 0.8 * stiffness], [1.2 * stiffness, stiffness]],
+        tyre: Tyre::Brush(Brush {
+            slip_stiffness: [[stiffness, 0.8 * stiffness], [1.2 * stiffness, stiffness]],
+            ..Brush::default()
+        }),
         rolling_resistance: 0.01,
         ..PlantConfig::default()
     }
@@ -80,7 +82,7 @@ fn the_reference_sees_each_imperfection() {
         ("payload", |c| c.payload_kg = [0.0; 2]),
         ("angles", |c| c.clamp_angle_root_rad = 0.0),
         ("lengths", |c| c.rigid_tip_m = 0.0),
-        ("stiffness", |c| c.slip_stiffness = [[20.0; 2]; 2]),
+        ("stiffness", |c| c.tyre = Tyre::brush(20.0)),
     ];
     let full = crooked();
     for (name, mend) in mended {

@@ -13,6 +13,14 @@ use serde_path_to_error::{Path, Segment};
 use toml::de::{DeTable, DeValue};
 use toml::{Table, Value};
 
+/// Keys whose value is one of several tables: the table given last stands alone.
+const ONE_OF: [&str; 1] = ["tyre"];
+/// Keys of version 0.1 in the table `plant`, and the keys in their place.
+const RENAMED: [(&str, &str); 3] = [
+    ("creep_velocity_m_s", "tyre.creep.velocity_m_s"),
+    ("slip_stiffness", "tyre.brush.slip_stiffness"),
+    ("rest_creep_velocity_m_s", "tyre.brush.rest_velocity_m_s"),
+];
 /// Parts of a key on the command line, at most.
 const DEPTH: usize = 16;
 /// Text in which the line of what is nested too deeply is looked for, bytes.
@@ -47,6 +55,7 @@ where
     for change in changes {
         apply(&mut given, change)?;
     }
+    refuse_renamed(&given, name)?;
     let mut table = Table::try_from(below).map_err(|error| Error::Failure(error.to_string()))?;
     let written = given.clone();
     lay_over(&mut table, given);
@@ -77,6 +86,26 @@ where
             "{name}: {path} = {value}: must be a finite number within its field's precision"
         ))),
         None => Ok(built),
+    }
+}
+
+/// Refuses keys of version 0.1, with the keys in their place.
+fn refuse_renamed(given: &Table, name: &str) -> Result<(), Error> {
+    let Some(plant) = given.get("plant").and_then(Value::as_table) else {
+        return Ok(());
+    };
+    let no_law = |tyre: &&Value| tyre.as_table().is_none_or(|laws| laws.len() > 1);
+    let law = plant.get("tyre").filter(no_law).map(|tyre| {
+        let law = tyre.as_str().filter(|law| ["creep", "brush"].contains(law));
+        let law = law.unwrap_or("brush");
+        format!("plant.tyre = {tyre}: must be one table, for example plant.tyre.{law} = {{}}")
+    });
+    let renamed = RENAMED.iter().filter(|(old, _)| plant.contains_key(*old));
+    let renamed = renamed.map(|(old, new)| format!("plant.{old} is now plant.{new}"));
+    let texts: Vec<String> = law.into_iter().chain(renamed).collect();
+    match texts.is_empty() {
+        true => Ok(()),
+        false => Err(shown(format!("{name}: {}", texts.join("; ")))),
     }
 }
 
@@ -169,7 +198,12 @@ fn not_finite(value: &Value) -> Option<(String, f64)> {
 pub fn lay_over(table: &mut Table, given: Table) {
     for (key, value) in given {
         match (table.get_mut(&key), value) {
-            (Some(Value::Table(below)), Value::Table(above)) => lay_over(below, above),
+            (Some(Value::Table(below)), Value::Table(above)) => {
+                if ONE_OF.contains(&key.as_str()) && !above.is_empty() {
+                    below.retain(|other, _| above.contains_key(other));
+                }
+                lay_over(below, above);
+            }
             (_, value) => {
                 table.insert(key, value);
             }
@@ -205,14 +239,22 @@ fn apply(table: &mut Table, change: &str) -> Result<(), Error> {
         )));
     }
     let last = keys.pop().unwrap_or_default();
-    let mut place = table;
+    let (mut place, mut above) = (table, "");
+    let others = |place: &mut Table, above: &str, part: &str| {
+        if ONE_OF.contains(&above) {
+            place.retain(|other, _| other == part);
+        }
+    };
     for part in keys {
+        others(place, above, part);
+        above = part;
         place = place
             .entry(part)
             .or_insert_with(|| Value::Table(Table::new()))
             .as_table_mut()
             .ok_or_else(|| Error::input(format!("--set {change}: {part} is not a table")))?;
     }
+    others(place, above, last);
     place.insert(last.to_owned(), value);
     Ok(())
 }

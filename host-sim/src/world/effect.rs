@@ -19,11 +19,9 @@ pub type Rules<Condition> = &'static [(&'static str, Condition, &'static str)];
 
 /// Rules within a world.
 const WORLD: Rules<fn(&World) -> bool> = rules! {
-    "plant.creep_velocity_m_s":
-        |world| world.plant.tyre == Tyre::Brush => "with plant.tyre = \"brush\"; vary plant.slip_stiffness";
-    "plant.slip_stiffness plant.rest_creep_velocity_m_s spread.slip_stiffness":
-        |world| world.plant.tyre == Tyre::Creep =>
-            "with plant.tyre = \"creep\"; vary plant.creep_velocity_m_s";
+    "plant.tyre.creep": |world| matches!(world.plant.tyre, Tyre::Brush(_)) => "with plant.tyre.brush";
+    "plant.tyre.brush spread.slip_stiffness":
+        |world| matches!(world.plant.tyre, Tyre::Creep(_)) => "with plant.tyre.creep";
     "plant.static_decay_m_s": |world| world.plant.static_excess == 0.0 => "with plant.static_excess = 0";
     "plant.load_transfer_time_s":
         |world| world.plant.center_of_mass_height_m == 0.0 => "with plant.center_of_mass_height_m = 0";

@@ -123,7 +123,7 @@ impl Default for World {
 const DRAWN: [(&str, &str); 9] = [
     ("wheel_radius_m", "sensors.geometry.wheel_radius_sigma"),
     ("half_track_m", "sensors.geometry.track_sigma"),
-    ("slip_stiffness", "spread.slip_stiffness"),
+    ("tyre.brush.slip_stiffness", "spread.slip_stiffness"),
     ("bending_stiffness_n_m2", "spread.bending_stiffness"),
     ("strip_length_m", "spread.strip_length_m"),
     ("side_slip", "spread.side_slip"),
@@ -266,6 +266,7 @@ mod tests {
     use crate::run::simulation::Simulation;
     use crate::scenario::Scenario;
     use core_algos::node::robot::RobotConfig;
+    use plant::{Creep, Tyre};
 
     #[test]
     fn built_in_worlds_are_valid_and_bear_their_names() {
@@ -316,9 +317,9 @@ mod tests {
             ),
             ("[sensors.bridge]\ngauges_m = []", ["gauges_m", "1"]),
             (
-                "[plant]\ntyre = 'brush'\nslip_stiffness = [[2.5, 2.5], [2.5, 2.5]]\n[spread]\nslip_stiffness = 0.3",
+                "[plant.tyre.brush]\nslip_stiffness = [[2.5, 2.5], [2.5, 2.5]]\n[spread]\nslip_stiffness = 0.3",
                 [
-                    "plant.slip_stiffness[0][0] = 0.557",
+                    "plant.tyre.brush.slip_stiffness[0][0] = 0.557",
                     "lower spread.slip_stiffness",
                 ],
             ),
@@ -333,6 +334,50 @@ mod tests {
             let why = refuse(text);
             assert!(words.iter().all(|word| why.contains(word)), "{text}: {why}");
         }
+    }
+
+    #[test]
+    fn keys_of_version_0_1_are_refused_with_the_keys_in_their_place() {
+        let refusal = |text: &str| {
+            let world: Result<World, _> = toml_file::parse(text, "old.toml", &[]);
+            world.unwrap_err().to_string()
+        };
+        assert_eq!(
+            refusal("[plant]\ntyre = 'brush'\nslip_stiffness = [[9.0, 9.0], [9.0, 9.0]]"),
+            "old.toml: plant.tyre = \"brush\": must be one table, for example plant.tyre.brush = {}; \
+             plant.slip_stiffness is now plant.tyre.brush.slip_stiffness"
+        );
+        assert_eq!(
+            refusal("plant = { creep_velocity_m_s = 0.01, rest_creep_velocity_m_s = 1e-4 }"),
+            "old.toml: plant.creep_velocity_m_s is now plant.tyre.creep.velocity_m_s; \
+             plant.rest_creep_velocity_m_s is now plant.tyre.brush.rest_velocity_m_s"
+        );
+        let two = "[plant.tyre]\ncreep = {}\nbrush = {}";
+        assert!(
+            refusal(two).contains("plant.tyre = { brush = {}, creep = {} }: must be one table")
+        );
+        assert!(refusal("plant.tyre = 3").contains("plant.tyre = 3: must be one table"));
+    }
+
+    /// The tyre given last stands, with the defaults of its own table.
+    #[test]
+    fn another_tyre_replaces_that_below() {
+        let tyre = |changes: &[&str]| {
+            let changes: Vec<String> = changes.iter().map(|&c| c.to_owned()).collect();
+            let text = "[plant.tyre.creep]\nvelocity_m_s = 0.02";
+            let world: World = toml_file::parse(text, "own.toml", &changes).unwrap();
+            world.plant.tyre
+        };
+        let creep = |velocity_m_s| Tyre::Creep(Creep { velocity_m_s });
+        assert_eq!(tyre(&[]), creep(0.02));
+        assert_eq!(tyre(&["plant.tyre.creep={}"]), creep(0.01));
+        assert_eq!(tyre(&["plant.tyre.brush={}"]), Tyre::brush(20.0));
+        let rest = "plant.tyre.brush.rest_velocity_m_s=1e-3";
+        assert_eq!(tyre(&[rest, "plant.tyre.creep={}"]), creep(0.01));
+        let Tyre::Brush(brush) = tyre(&["plant.tyre.creep.velocity_m_s=0.5", rest]) else {
+            panic!("creep");
+        };
+        assert_eq!(brush.rest_velocity_m_s, 1e-3);
     }
 
     /// Visits the table with each of its numbers by itself a tenth larger.

@@ -2,7 +2,7 @@
 
 use crate::base::table::table;
 use crate::world::random::{BOUND, bounded};
-use plant::PlantConfig;
+use plant::{PlantConfig, Tyre};
 use rand_pcg::Pcg64;
 use serde::Serialize;
 
@@ -62,7 +62,9 @@ impl PlantErrors {
             plant.side_slip[i] += self.side_slip[i];
             plant.carpet_drift[i] += self.carpet_drift[i];
             for j in 0..2 {
-                plant.slip_stiffness[i][j] *= self.slip_stiffness_factor[i][j];
+                if let Tyre::Brush(brush) = &mut plant.tyre {
+                    brush.slip_stiffness[i][j] *= self.slip_stiffness_factor[i][j];
+                }
                 plant.backlash_rad[i][j] += self.backlash_rad[i][j];
             }
         }

@@ -99,8 +99,7 @@ pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
             Some(_) => events[role as usize].push(event),
         }
     })?;
-    let scenario = run.about.get("scenario").map(String::as_str);
-    let scenario: Scenario = toml_file::parse(scenario.unwrap_or_default(), &name, &[])?;
+    let scenario = recorded_scenario(&run, &name)?;
     if !scenario.world.bus.quantise {
         return Err(Error::input(format!(
             "{name}: recorded with bus.quantise = false: its messages differ from its frames, \
@@ -229,6 +228,15 @@ fn recover(bytes: &[u8], name: &str, to: &Path) -> Result<(), Error> {
         note(format!("missing: {more} more"));
     }
     Ok(())
+}
+
+/// The scenario of a log without its plant, whose keys are others in logs of version 0.1.
+fn recorded_scenario(run: &Run, name: &str) -> Result<Scenario, Error> {
+    let text = run.about.get("scenario").map_or("", String::as_str);
+    let mut recorded: Toml =
+        toml::from_str(text).map_err(|error| Error::input(format!("{name}: {error}")))?;
+    recorded.remove("plant");
+    toml_file::parse(&recorded.to_string(), name, &[])
 }
 
 /// The part of a scenario that replay can change: `robot`.

@@ -6,6 +6,7 @@ use super::rows::{self, Row};
 use super::study::{Run, Study, number};
 use host_sim::run::end::{EndKind, RunEnd};
 use host_sim::run::regulate::Outcome;
+use plant::{Creep, Tyre};
 use view::plot::checks::check_figure;
 
 const TEXT: &str = r#"
@@ -15,7 +16,7 @@ trials = 4
 block = 3
 
 [[vary]]
-key = "plant.creep_velocity_m_s"
+key = "plant.tyre.creep.velocity_m_s"
 values = [0.003, 0.01]
 
 [[vary]]
@@ -27,7 +28,7 @@ key = "sensors.geometry.wheel_radius_sigma"
 uniform = [0.0, 0.002]
 
 [scenario.plant]
-tyre = "creep"
+tyre.creep = {}
 
 [scenario.mission]
 start = [-0.5, 0.1, 0.0]
@@ -46,7 +47,10 @@ fn every_combination_has_the_same_trials() {
     for (i, run) in runs.iter().enumerate() {
         assert_eq!((run.cell, run.trial), (i as u64 / 4, i as u32 % 4));
         let [creep, rps] = [[0.003, 0.01][i / 8], [1.0, 0.0][i / 4 % 2]];
-        assert_eq!(run.scenario.world.plant.creep_velocity_m_s, creep);
+        let tyre = Tyre::Creep(Creep {
+            velocity_m_s: creep,
+        });
+        assert_eq!(run.scenario.world.plant.tyre, tyre);
         assert_eq!(f64::from(u8::from(run.scenario.mission.rps)), rps);
         assert_eq!(run.scenario.mission.start[0], -0.5);
         // What is drawn belongs to the trial.
@@ -73,7 +77,7 @@ fn a_study_is_refused_by_the_name_of_what_is_wrong() {
         values = [true, false] => values = [] => values
         values = [true, false] => values = [true, 3] => mission.rps
         mission.rps => mission.rsp => rsp
-        mission.rps => plant.creep_velocity_m_s => twice
+        mission.rps => plant.tyre.creep.velocity_m_s => twice
         [-0.5, 0.1, 0.0] => [-0.5, 0.1] => start
         seed = 3 => sede = 3 => sede"#;
     for change in changes.trim().lines() {
@@ -453,8 +457,11 @@ fn ranges_of_numbers_are_short() {
 
 #[test]
 fn a_varied_key_that_the_tyre_ignores_is_refused() {
-    let text = TEXT.replace("tyre = \"creep\"", "tyre = \"brush\"");
+    let text = TEXT.replace(
+        "key = \"mission.rps\"\nvalues = [true, false]",
+        "key = \"plant.tyre.brush.rest_velocity_m_s\"\nvalues = [1e-4]",
+    );
     let error = Study::parse(&text, "test").unwrap_err();
-    let words = "vary plant.creep_velocity_m_s: no effect with plant.tyre = \"brush\"";
+    let words = "vary plant.tyre.creep.velocity_m_s: no effect with plant.tyre.brush";
     assert!(error.to_string().contains(words), "{error}");
 }
