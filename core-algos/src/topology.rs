@@ -1,4 +1,6 @@
-//! Boards, nodes and axles of the robot.
+//! Boards, nodes, axles and wheels of the robot.
+
+use core::ops::{Index, IndexMut};
 
 /// One of the two axles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,6 +23,83 @@ impl AxleId {
             Self::Front => 0,
             Self::Rear => 1,
         }
+    }
+}
+
+/// Side of an axle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// Left, seen along the heading.
+    Left,
+    /// Right.
+    Right,
+}
+
+impl Side {
+    /// Left, then right.
+    pub const BOTH: [Self; 2] = [Self::Left, Self::Right];
+}
+
+/// A quantity of each wheel of an axle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Wheels<T> {
+    /// Of the left wheel.
+    pub left: T,
+    /// Of the right wheel.
+    pub right: T,
+}
+
+impl<T> Wheels<T> {
+    /// The same for both wheels.
+    pub const fn both(value: T) -> Self
+    where
+        T: Copy,
+    {
+        Self {
+            left: value,
+            right: value,
+        }
+    }
+
+    /// The result of a function for each wheel, left first.
+    pub fn map<U>(self, mut function: impl FnMut(T) -> U) -> Wheels<U> {
+        Wheels {
+            left: function(self.left),
+            right: function(self.right),
+        }
+    }
+
+    /// Left, then right.
+    pub fn list(self) -> [T; 2] {
+        [self.left, self.right]
+    }
+}
+
+impl<T> Index<Side> for Wheels<T> {
+    type Output = T;
+
+    fn index(&self, side: Side) -> &T {
+        match side {
+            Side::Left => &self.left,
+            Side::Right => &self.right,
+        }
+    }
+}
+
+impl<T> IndexMut<Side> for Wheels<T> {
+    fn index_mut(&mut self, side: Side) -> &mut T {
+        match side {
+            Side::Left => &mut self.left,
+            Side::Right => &mut self.right,
+        }
+    }
+}
+
+impl<T> From<[T; 2]> for Wheels<T> {
+    /// From left and right.
+    fn from([left, right]: [T; 2]) -> Self {
+        Self { left, right }
     }
 }
 

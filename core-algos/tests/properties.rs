@@ -27,7 +27,7 @@ use core_algos::node::lead::Task;
 use core_algos::node::robot::{RobotConfig, Told};
 use core_algos::node::{Outbox, axle};
 use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
-use core_algos::topology::{AxleId, Role};
+use core_algos::topology::{AxleId, Role, Wheels};
 use proptest::prelude::*;
 
 /// Numbers of which some are none.
@@ -206,7 +206,7 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
             let samples = match role {
                 Role::Beam => Samples::Beam(tick.counts.into()),
                 _ => Samples::Axle(axle::Samples {
-                    encoder: tick.encoder,
+                    encoder: tick.encoder.into(),
                     gyro_rad_s: tick.inertial[0],
                     acceleration_m_s2: tick.inertial[1],
                     ..axle::Samples::default()
@@ -214,10 +214,10 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
             };
             outbox.clear();
             let output = board.step(at, &samples, &mut outbox);
-            for wheel in output.torque_nm {
+            for wheel in output.torque_nm.list() {
                 prop_assert!(wheel.abs() <= torque, "{role:?} {output:?}");
             }
-            prop_assert!(output.active || output.torque_nm == [0.0; 2]);
+            prop_assert!(output.active || output.torque_nm == Wheels::both(0.0));
             for message in outbox.iter() {
                 // What is out of range is not sent; what is no number must not come this far.
                 if let Err(error) = bus::encode(message) {

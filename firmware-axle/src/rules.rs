@@ -99,7 +99,7 @@ impl Command {
         let mut command = Self {
             on: output.active,
             clear: output.clear,
-            torque_nm: output.torque_nm,
+            torque_nm: output.torque_nm.list(),
             ..Self::default()
         };
         for i in 0..2 {
@@ -204,7 +204,7 @@ mod tests {
         let winding = drive.winding().build().unwrap();
         let output = Output {
             active: true,
-            torque_nm: [0.3, -0.2],
+            torque_nm: [0.3, -0.2].into(),
             ..Output::default()
         };
         let limits = |temperature_c, seconds: usize| {

@@ -52,7 +52,7 @@
 //! let reference = AxleReference { posture, ..AxleReference::default() };
 //! let command = controller.step(&Input { reference, ..Input::default() });
 //!
-//! let [left, right] = command.torque_nm;
+//! let (left, right) = (command.torque_nm.left, command.torque_nm.right);
 //! assert!(command.valid && left + right > 0.0 && right > left);
 //! // Within the limits that is equation 7.
 //! let force = config.velocity_gain_n_s_m * command.velocity.v * command.xi_squared;
@@ -66,6 +66,7 @@ use crate::config::{ConfigError, declare};
 use crate::control::cascade::AxleReference;
 use crate::math::trig::{clamp, sin_cos};
 use crate::math::{AxleLoad, Posture, Twist};
+use crate::topology::Wheels;
 
 declare! {
     /// Source of the load of the frame on the axle.
@@ -187,8 +188,8 @@ pub struct Input {
 /// Torques of the wheels, and what led to them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Command {
-    /// Torques (left, right), N m; positive drives forward.
-    pub torque_nm: [f32; 2],
+    /// Torques, N m; positive drives forward.
+    pub torque_nm: Wheels<f32>,
     /// Factor by which both torques were reduced: 1 within the limits.
     pub scale: f32,
     /// False if an input was not finite; the torques are then zero.
@@ -308,7 +309,7 @@ impl Dynamic {
             self.available(right, input.twist.v + turning),
         ];
         let sizes = [left.abs(), right.abs()];
-        let (mut torque_nm, mut scale) = ([left, right], 1.0f32);
+        let (mut torque_nm, mut scale) = (Wheels { left, right }, 1.0f32);
         if !(sizes[0] <= limits[0] && sizes[1] <= limits[1]) {
             // Each input reaches a torque through sums and products alone, ‖ξ‖² being positive
             // whatever it is, and none of those loses NaN or infinity.

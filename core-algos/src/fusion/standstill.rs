@@ -29,6 +29,7 @@
 
 use crate::config::{ConfigError, declare, positive};
 use crate::math::trig::sqrt;
+use crate::topology::Wheels;
 
 declare! {
     /// Parameters of one sensor, in its unit: rad/s for a gyro, m/s² for an accelerometer.
@@ -160,7 +161,7 @@ pub struct RestTimes {
 /// Detects that an axle has stood still for some time, by its encoders, motors and gyro.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RestDetector {
-    counts: [Option<i32>; 2],
+    counts: Wheels<Option<i32>>,
     still: u16,
     off: u16,
     /// Since the motors were on.
@@ -173,7 +174,7 @@ impl Default for RestDetector {
     /// Switched on: the motors never were.
     fn default() -> Self {
         Self {
-            counts: [None; 2],
+            counts: Wheels::both(None),
             still: 0,
             off: 0,
             since_on: u32::MAX,
@@ -196,12 +197,12 @@ impl RestDetector {
     /// One tick: encoder counts of the wheels, whether the motors are on, and the gyro's reading.
     pub fn step(
         &mut self,
-        counts: [Option<i32>; 2],
+        counts: Wheels<Option<i32>>,
         motors_on: bool,
         gyro: Option<f32>,
         times: &RestTimes,
     ) -> Rest {
-        let still = counts.iter().all(Option::is_some) && counts == self.counts;
+        let still = counts.left.is_some() && counts.right.is_some() && counts == self.counts;
         self.counts = counts;
         let count = |before: u16, still: bool| if still { before.saturating_add(1) } else { 0 };
         self.still = count(self.still, still);

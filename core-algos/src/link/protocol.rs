@@ -15,7 +15,7 @@ use crate::node::outbox;
 use crate::node::{axle, beam};
 use crate::params::Source;
 use crate::time::{Micros, TICK};
-use crate::topology::Role;
+use crate::topology::{Role, Wheels};
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol: changes with every change of what is said, or of a configuration.
@@ -173,8 +173,8 @@ pub enum Reply<'a> {
     },
     /// Output of an axle board.
     Axle {
-        /// Wheel torques (left, right), N m.
-        torque_nm: [f32; 2],
+        /// Wheel torques, N m.
+        torque_nm: Wheels<f32>,
         /// True if the axle follows a reference.
         active: bool,
         /// Bus frames that could not be decoded or encoded at this tick.

@@ -18,6 +18,7 @@ use crate::bus::CanFrame;
 use crate::node::board::Samples;
 use crate::node::{axle, beam};
 use crate::time::{Micros, TICK};
+use crate::topology::Wheels;
 use serde::{Deserialize, Serialize};
 
 /// Longest encoded entry: an order that sets the posture.
@@ -34,8 +35,8 @@ pub enum Entry<'a> {
         step: u32,
         /// Samples; counts are those since the tick before.
         samples: Samples,
-        /// Torques commanded (left, right), N m, unless both are zero.
-        torque_nm: Option<[f32; 2]>,
+        /// Torques commanded, N m, unless both are zero.
+        torque_nm: Option<Wheels<f32>>,
     },
     /// Tick without a common time: the nodes did not run, and did not get the frames since the tick before.
     Wait,
@@ -112,7 +113,12 @@ impl Reference {
     }
 
     /// The entry of a tick.
-    pub fn tick(&mut self, now: Micros, samples: &Samples, torque_nm: [f32; 2]) -> Entry<'static> {
+    pub fn tick(
+        &mut self,
+        now: Micros,
+        samples: &Samples,
+        torque_nm: Wheels<f32>,
+    ) -> Entry<'static> {
         let tick = (now / TICK) as u32;
         let step = tick.wrapping_sub(self.tick);
         self.tick = tick;
@@ -121,7 +127,7 @@ impl Reference {
             *before = count;
             since
         });
-        let none = torque_nm.map(f32::to_bits) == [0; 2];
+        let none = torque_nm.map(f32::to_bits) == Wheels::both(0);
         Entry::Tick {
             step,
             samples,
@@ -143,13 +149,12 @@ impl Reference {
         let [left, right, ..] = &mut self.counts;
         match *samples {
             Samples::Axle(axle::Samples {
-                encoder: [of_left, of_right],
-                ..
+                encoder: counts, ..
             }) => {
-                let encoder = [
-                    of_left.map(|count| change(left, count)),
-                    of_right.map(|count| change(right, count)),
-                ];
+                let encoder = Wheels {
+                    left: counts.left.map(|count| change(left, count)),
+                    right: counts.right.map(|count| change(right, count)),
+                };
                 match *samples {
                     Samples::Axle(rest) => Samples::Axle(axle::Samples { encoder, ..rest }),
                     other => other,
@@ -185,7 +190,7 @@ mod tests {
         let widest = |samples| Entry::Tick {
             step: u32::MAX,
             samples,
-            torque_nm: Some([1.0; 2]),
+            torque_nm: Some(Wheels::both(1.0)),
         };
         let beam = beam::Samples {
             counts: [i32::MIN; MAX_GAUGES],
@@ -205,7 +210,7 @@ mod tests {
 
     fn axle(left: Option<i32>, right: Option<i32>) -> Samples {
         Samples::Axle(axle::Samples {
-            encoder: [left, right],
+            encoder: Wheels { left, right },
             gyro_rad_s: Some(0.25),
             acceleration_m_s2: None,
             conditions: Conditions::NONE,
@@ -247,18 +252,18 @@ mod tests {
         ] {
             // What was before the beginning does not count.
             let mut board = Reference::default();
-            board.tick(5 * TICK, &beam([7; MAX_GAUGES]), [0.0; 2]);
+            board.tick(5 * TICK, &beam([7; MAX_GAUGES]), Wheels::both(0.0));
             let first = rows[0].0;
             let tick = first as u32;
             assert_eq!(board.begin(first * TICK), Entry::Begin { tick });
             let mut host = Reference::before(tick);
             assert_eq!(board, host);
             for &(tick, samples, step, since) in rows {
-                let entry = board.tick(tick * TICK, &samples, [1.0, -2.0]);
+                let entry = board.tick(tick * TICK, &samples, [1.0, -2.0].into());
                 let expected = Entry::Tick {
                     step,
                     samples: since,
-                    torque_nm: Some([1.0, -2.0]),
+                    torque_nm: Some([1.0, -2.0].into()),
                 };
                 assert_eq!(entry, expected);
                 let mut room = [0; MAX_ENTRY];
@@ -280,12 +285,15 @@ mod tests {
             ([0.0, 0.5], false),
             ([1.0, -2.0], false),
         ] {
-            let entry = Reference::default().tick(TICK, &axle(None, None), torque);
+            let entry = Reference::default().tick(TICK, &axle(None, None), torque.into());
             let Entry::Tick { torque_nm, .. } = entry else {
                 panic!("{entry:?}")
             };
             let expected = (!left_out).then_some(torque.map(f32::to_bits));
-            assert_eq!(torque_nm.map(|both| both.map(f32::to_bits)), expected);
+            assert_eq!(
+                torque_nm.map(|both| both.list().map(f32::to_bits)),
+                expected
+            );
         }
     }
 

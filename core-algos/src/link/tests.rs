@@ -21,6 +21,7 @@ use crate::params::Contents;
 use crate::safety::Conditions;
 use crate::time::{EPOCH, LEAD_PHASE, TICK};
 use crate::topology::Role;
+use crate::topology::Wheels;
 use core::sync::atomic::{AtomicU16, Ordering};
 use std::sync::LazyLock;
 
@@ -178,7 +179,7 @@ pub(super) fn place() -> Place {
 pub(super) fn axle_samples(tick: u32) -> axle::Samples {
     let moving = tick.saturating_sub(200);
     axle::Samples {
-        encoder: [Some(moving as i32 / 7), Some(moving as i32 / 5)],
+        encoder: [Some(moving as i32 / 7), Some(moving as i32 / 5)].into(),
         gyro_rad_s: Some(0.001 * moving as f32),
         acceleration_m_s2: None,
         conditions: Conditions::NONE,
@@ -266,7 +267,7 @@ fn a_front_board_behind_frames_does_what_it_does_without() {
             telemetry,
         };
         assert_eq!(bits(&reply), bits(&expected));
-        driven += u32::from(output.torque_nm != [0.0; 2]);
+        driven += u32::from(output.torque_nm != Wheels::both(0.0));
         assert_eq!(protocol::unpack(bus).collect::<Vec<_>>(), frames);
         if now % EPOCH == LEAD_PHASE {
             received.clear();

@@ -35,7 +35,7 @@ use crate::safety::{Conditions, Permit, ramp};
 use crate::time::{
     EPOCH, Micros, Stamped, TICK, epoch_start, is_epoch_start, seconds, sequence, share_of_epoch,
 };
-use crate::topology::{AxleId, Node};
+use crate::topology::{AxleId, Node, Wheels};
 
 /// Age from which a reference is late: the lead node and the bus have had two epochs for it.
 const LATE: Micros = 3 * EPOCH;
@@ -44,8 +44,8 @@ const LATE: Micros = 3 * EPOCH;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Samples {
-    /// Encoder counts (left, right); they wrap.
-    pub encoder: [Option<i32>; 2],
+    /// Encoder counts; they wrap.
+    pub encoder: Wheels<Option<i32>>,
     /// Yaw rate, rad/s.
     pub gyro_rad_s: Option<f32>,
     /// Acceleration along the heading, m/s².
@@ -57,8 +57,8 @@ pub struct Samples {
 /// Output of the node at a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Output {
-    /// Wheel torques (left, right), N m; positive drives forward.
-    pub torque_nm: [f32; 2],
+    /// Wheel torques, N m; positive drives forward.
+    pub torque_nm: Wheels<f32>,
     /// True if a reference is being followed; otherwise the motors are off.
     pub active: bool,
     /// Tracking error (e_X, e_Y, e_φ) in the axle's frame; zero when not active.
@@ -81,9 +81,8 @@ struct Stop {
 
 impl Stop {
     /// Bounds the torques, with their direction kept, once the frame is being let go.
-    fn let_go(&mut self, torque_nm: &mut [f32; 2]) {
-        let [left, right] = *torque_nm;
-        let largest = left.abs().max(right.abs());
+    fn let_go(&mut self, torque_nm: &mut Wheels<f32>) {
+        let largest = torque_nm.left.abs().max(torque_nm.right.abs());
         if self.hold >= 1.0 {
             self.held_nm = largest;
             return;
@@ -350,7 +349,11 @@ impl AxleNode {
         // A reference far off is a mistake, until it has lasted long enough to be a fault.
         let near = self.limits.near(command.error, 2.0);
         Output {
-            torque_nm: if near { command.torque_nm } else { [0.0; 2] },
+            torque_nm: if near {
+                command.torque_nm
+            } else {
+                Wheels::default()
+            },
             active: command.valid,
             error: command.error,
             invalid: !command.valid,
@@ -363,18 +366,18 @@ impl AxleNode {
         let state = &mut self.state;
         let mut speeds = [0.0; 2];
         let mut advance = [None; 2];
-        for i in 0..2 {
-            let wheel = self.observer.step(&state.wheels[i], samples.encoder[i]);
+        for (i, count) in samples.encoder.list().into_iter().enumerate() {
+            let wheel = self.observer.step(&state.wheels[i], count);
             let radius = self.wheel_radii[i];
             speeds[i] = radius * wheel.speed_rad_s;
             // A missing or impossible count is no measurement: the filter then predicts.
-            if samples.encoder[i].is_some() && !wheel.jumped {
+            if count.is_some() && !wheel.jumped {
                 advance[i] = Some(radius * wheel.increment_rad / self.period);
             }
             state.refused = state.refused.saturating_add(u8::from(wheel.jumped));
             state.wheels[i] = wheel;
         }
-        for (play, torque) in state.play.iter_mut().zip(state.output.torque_nm) {
+        for (play, torque) in state.play.iter_mut().zip(state.output.torque_nm.list()) {
             play.step(torque);
         }
         let (gyro, accelerometer) = (samples.gyro_rad_s, samples.acceleration_m_s2);

@@ -14,19 +14,19 @@
 //! ```
 //! use core_algos::bus::Message;
 //! use core_algos::node::board::{Board, Samples};
-//! use core_algos::topology::Role;
 //! use core_algos::node::robot::RobotConfig;
 //! use core_algos::node::{Outbox, axle};
 //! use core_algos::time::TICK;
+//! use core_algos::topology::{Role, Wheels};
 //!
 //! let mut board = Board::new(&RobotConfig::default(), Role::Rear)?;
 //! let mut outbox = Outbox::new();
 //! for tick in 0..11 {
 //!     outbox.clear();
-//!     let samples = axle::Samples { encoder: [Some(0); 2], ..axle::Samples::default() };
+//!     let samples = axle::Samples { encoder: Wheels::both(Some(0)), ..axle::Samples::default() };
 //!     // What arrived on the bus would go to board.receive before.
 //!     let output = board.step(tick * TICK, &Samples::Axle(samples), &mut outbox);
-//!     assert_eq!(output.torque_nm, [0.0; 2], "nobody asks it to drive");
+//!     assert_eq!(output.torque_nm, Wheels::both(0.0), "nobody asks it to drive");
 //! }
 //! // The eleventh tick begins an epoch: it tells where it is and how it is.
 //! assert!(outbox.iter().any(|message| matches!(message, Message::AxlePosture { .. })));
@@ -42,7 +42,7 @@ use super::robot::RobotConfig;
 use crate::bus::Message;
 use crate::config::ConfigError;
 use crate::time::{EPOCH, LEAD_PHASE, Micros, is_epoch_start};
-use crate::topology::{AxleId, Role};
+use crate::topology::{AxleId, Role, Wheels};
 
 /// Readings of a board's sensors at a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,8 +57,8 @@ pub enum Samples {
 /// Output of a board at a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Output {
-    /// Wheel torques (left, right), N m; zero on the beam board.
-    pub torque_nm: [f32; 2],
+    /// Wheel torques, N m; zero on the beam board.
+    pub torque_nm: Wheels<f32>,
     /// True if the axle follows a reference; otherwise its motors are off.
     pub active: bool,
     /// True if latched faults of the board's drivers are to be forgotten.
@@ -229,7 +229,7 @@ mod tests {
             let samples = match role {
                 Role::Beam => Samples::Beam([2048; MAX_GAUGES].into()),
                 _ => Samples::Axle(axle::Samples {
-                    encoder: [Some(0); 2],
+                    encoder: Wheels::both(Some(0)),
                     ..axle::Samples::default()
                 }),
             };
@@ -285,7 +285,7 @@ mod tests {
                 let samples = match role {
                     Role::Beam => Samples::Beam([2040 + (tick % 3) as i32; MAX_GAUGES].into()),
                     _ => Samples::Axle(axle::Samples {
-                        encoder: [Some(tick as i32), Some(2 * tick as i32)],
+                        encoder: [Some(tick as i32), Some(2 * tick as i32)].into(),
                         gyro_rad_s: Some(0.2),
                         acceleration_m_s2: Some(0.1),
                         ..axle::Samples::default()
@@ -345,7 +345,7 @@ mod tests {
             panic!("no lead node");
         };
         let samples = axle::Samples {
-            encoder: [Some(0); 2],
+            encoder: Wheels::both(Some(0)),
             ..axle::Samples::default()
         };
         let (mut works, mut own) = ([0; 3], Outbox::new());

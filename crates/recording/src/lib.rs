@@ -41,7 +41,7 @@ use core_algos::link::protocol::Place;
 use core_algos::node::board::Samples;
 use core_algos::node::lead::{self, Task};
 use core_algos::node::robot::RobotConfig;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Wheels};
 use entry::{AxleTick, BeamTick, Can, Exact, Hex, HostCommandEntry, Off, Start};
 use host_sim::base::error::Error;
 use host_sim::run::end::RunEnd;
@@ -285,19 +285,19 @@ impl Line {
         role: Role,
         (tick, samples): (u32, &Samples),
         received: Vec<Can>,
-        torque_nm: [f32; 2],
+        torque_nm: Wheels<f32>,
     ) -> Self {
         match *samples {
             Samples::Axle(samples) => Self::Axle(
                 role,
                 AxleTick {
                     tick,
-                    encoder: samples.encoder,
+                    encoder: samples.encoder.list(),
                     gyro_rad_s: samples.gyro_rad_s.map(Exact),
                     acceleration_m_s2: samples.acceleration_m_s2.map(Exact),
                     conditions: samples.conditions,
                     received,
-                    torque_nm: torque_nm.map(Exact),
+                    torque_nm: torque_nm.map(Exact).list(),
                 },
             ),
             Samples::Beam(samples) => Self::Beam(BeamTick {

@@ -15,7 +15,7 @@ use core_algos::node::board::Samples;
 use core_algos::node::path_task::{PATH_POINTS, TRAJECTORY_POINTS};
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Wheels};
 use host_sim::base::error::Error;
 use host_sim::targets::boards::fatal;
 use host_sim::targets::{
@@ -364,7 +364,7 @@ impl Target for Remote {
                 telemetry,
                 ..
             } => (torque_nm, bus, telemetry),
-            Reply::Beam { bus, .. } => ([0.0; 2], bus, [].as_slice()),
+            Reply::Beam { bus, .. } => (Wheels::default(), bus, [].as_slice()),
             other => return Err(refused(self.role, "tick", other)),
         };
         for frame in protocol::unpack(bus) {

@@ -6,6 +6,7 @@
 //! both channels are 38 µs apart: 25 and 12 times as much. Both channels are delayed alike.
 
 use core_algos::drive::count::Extended;
+use core_algos::topology::Wheels;
 use embassy_stm32::Peri;
 use embassy_stm32::gpio::Pull;
 use embassy_stm32::pac;
@@ -59,12 +60,12 @@ impl Encoders {
         }
     }
 
-    /// Counts (left, right), forward positive: the right encoder is mounted the other way round.
-    pub fn read(&mut self) -> [i32; 2] {
+    /// Counts, forward positive: the right encoder is mounted the other way round.
+    pub fn read(&mut self) -> Wheels<i32> {
         let [left, right] = &mut self.counts;
-        [
-            left.step(self.left.count()),
-            right.step(self.right.count()).wrapping_neg(),
-        ]
+        Wheels {
+            left: left.step(self.left.count()),
+            right: right.step(self.right.count()).wrapping_neg(),
+        }
     }
 }

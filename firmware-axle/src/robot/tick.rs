@@ -14,7 +14,7 @@ use core_algos::node::{Outbox, axle};
 use core_algos::params::Drive;
 use core_algos::safety::{Condition, Conditions};
 use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
-use core_algos::topology::{AxleId, Role};
+use core_algos::topology::{AxleId, Role, Wheels};
 use firmware_common::can::Arrived;
 use firmware_common::fault;
 use firmware_common::tick_loop::{self, BoardTick, Chip, Health, TickLoop};
@@ -86,7 +86,7 @@ pub struct Sampled {
     /// Common time; `None` when nothing may be driven.
     now: Option<Micros>,
     feedback: Feedback,
-    encoder: [i32; 2],
+    encoder: Wheels<i32>,
     inertial: Reading,
 }
 
@@ -111,9 +111,8 @@ impl BoardTick for AxleTick {
         let feedback = self.axle.motors.feedback();
         let encoder = self.axle.encoders.read();
         let inertial = self.axle.inertial.read(!feedback.on);
-        for i in 0..2 {
-            let observer = &self.axle.observer;
-            self.wheels[i] = observer.step(&self.wheels[i], Some(encoder[i]));
+        for (wheel, count) in self.wheels.iter_mut().zip(encoder.list()) {
+            *wheel = self.axle.observer.step(wheel, Some(count));
         }
         let now = self.common_time(local, feedback.on, common);
         if let Some(now) = now {

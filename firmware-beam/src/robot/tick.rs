@@ -15,7 +15,7 @@ use core_algos::node::tick_sync::Step;
 use core_algos::params::Disarmed;
 use core_algos::safety::{Condition, Conditions};
 use core_algos::time::{Micros, TICK};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Wheels};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use firmware_common::can::Arrived;
@@ -214,7 +214,7 @@ impl BeamTick {
         };
         let mut outbox = Outbox::new();
         self.beam.node.step(now, &samples, &mut outbox);
-        common.record_tick(now, &Samples::Beam(samples), [0.0; 2]);
+        common.record_tick(now, &Samples::Beam(samples), Wheels::default());
         for message in outbox.iter() {
             common.send_of_node(message);
         }

@@ -20,7 +20,7 @@ use core_algos::node::robot::RobotConfig;
 use core_algos::params::{Inertial, Settings};
 use core_algos::safety::Conditions;
 use core_algos::time::{EPOCH, Micros, TICK};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Wheels};
 
 /// Sensors, boards and bus of one robot.
 pub struct Rig {
@@ -163,7 +163,7 @@ impl Rig {
         if let Some(lead) = front.lead {
             self.lead = lead;
         }
-        let commanded = [front.torque_nm, rear.torque_nm];
+        let commanded = [front.torque_nm, rear.torque_nm].map(Wheels::list);
         let mut given = self.torque;
         if let Some(injector) = &self.injector {
             injector.torque(tick, &mut given);
@@ -201,7 +201,7 @@ impl Rig {
     fn read(&mut self, truth: &Truth) -> Readings {
         let samples = self.sensors.sample(truth);
         let axle = |i: usize| axle::Samples {
-            encoder: samples.encoder_counts[i].map(Some),
+            encoder: samples.encoder_counts[i].map(Some).into(),
             gyro_rad_s: samples.gyro[i].map(|rate| self.inertial[i].gyro_gain * rate),
             acceleration_m_s2: samples.accelerometer[i]
                 .map(|value| self.inertial[i].accelerometer_gain * value),

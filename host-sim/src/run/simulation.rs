@@ -146,7 +146,7 @@ impl Simulation {
             return;
         };
         if let Some(Wheel { axle, side }) = injector.lifts(tick) {
-            self.plant.lift_wheel(axle, side);
+            self.plant.lift_wheel(axle, side as usize);
         }
         if injector.snaps(tick) {
             self.plant.snap_frame();

@@ -7,7 +7,7 @@ use core_algos::link::record::{Entry, Reference};
 use core_algos::node::board::Samples;
 use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Wheels};
 
 /// Event at a board that is recorded. Times are ticks of the boards, ms.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,7 +32,7 @@ pub struct BoardTick {
     /// Samples.
     pub samples: Samples,
     /// Torques commanded (left, right), N m.
-    pub torque_nm: [f32; 2],
+    pub torque_nm: Wheels<f32>,
     /// Frames that the nodes got before it.
     pub received: Vec<CanFrame>,
     /// Frames that the board sent from it on.

@@ -21,7 +21,7 @@ use core_algos::link::protocol::Place;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::{Micros, TICK};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Wheels};
 
 /// A board that is to fail, and may be switched on again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -333,7 +333,9 @@ impl Boards {
     /// Notes when the motors of the others are off.
     fn watch(&mut self, tick: u32, outputs: &[Output; 3]) {
         // A board that has been lost has no motors that it could drive.
-        let off = outputs.iter().all(|output| output.torque_nm == [0.0; 2]);
+        let off = outputs
+            .iter()
+            .all(|output| output.torque_nm == Wheels::both(0.0));
         self.losses.watch(tick, off);
     }
 }

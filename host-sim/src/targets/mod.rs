@@ -22,14 +22,14 @@ use core_algos::node::board::Samples;
 use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::Micros;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Wheels};
 use serde::Serialize;
 
 /// Output of a board at a tick.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Output {
-    /// Wheel torques (left, right), N m.
-    pub torque_nm: [f32; 2],
+    /// Wheel torques, N m.
+    pub torque_nm: Wheels<f32>,
     /// Latest output of the lead node; known before the end of the epoch.
     pub lead: Option<lead::Output>,
 }

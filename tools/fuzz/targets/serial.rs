@@ -9,7 +9,7 @@ use core_algos::link::protocol::{
 };
 use core_algos::link::{Endpoint, Identity};
 use core_algos::node::robot::RobotConfig;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Wheels};
 use libfuzzer_sys::fuzz_target;
 use std::sync::LazyLock;
 
@@ -143,10 +143,10 @@ fn check(answer: &[u8], role: Role) -> Vec<u8> {
             assert_ne!(role, Role::Beam);
             let limit = RobotConfig::default().axle.controller.max_torque_nm;
             assert!(
-                torque_nm.iter().all(|torque| torque.abs() <= limit),
+                torque_nm.list().iter().all(|torque| torque.abs() <= limit),
                 "{torque_nm:?}"
             );
-            assert!(active || torque_nm == [0.0; 2]);
+            assert!(active || torque_nm == Wheels::both(0.0));
             assert!(telemetry.len() <= MAX_TELEMETRY);
             bus
         }

@@ -81,7 +81,7 @@ fn drive(dynamic: &Dynamic, axle: &mut Axle, twist: Twist, load: AxleLoad, time:
         };
         last = dynamic.step(&input);
         assert!(last.valid);
-        axle.tick(last.torque_nm);
+        axle.tick(last.torque_nm.list());
     }
     last
 }
@@ -140,7 +140,7 @@ properties! { cases 40;
     ) {
         let controller = Config { max_torque_nm: 50.0, ..Config::default() }.build().unwrap();
         let reference_load = AxleLoad { forward: -force, lateral: 0.0, moment: -moment };
-        let [left, right] = controller
+        let Wheels { left, right } = controller
             .step(&Input { reference_load, ..Input::default() })
             .torque_nm
             .map(f64::from);
@@ -159,7 +159,7 @@ properties! { cases 40;
         };
         let reference = AxleReference { acceleration: Twist::new(v, omega), ..Default::default() };
         let input = Input { reference, ..Input::default() };
-        let torque = config.build().unwrap().step(&input).torque_nm;
+        let torque = config.build().unwrap().step(&input).torque_nm.list();
         let mut axle = Axle::new([0.0; 3], 0.0, 0.0);
         axle.tick(torque);
         axle.tick(torque);
@@ -183,7 +183,7 @@ properties! { cases 40;
         let speed = square(input.twist);
         let xi = square(command.velocity) + speed + f64::from(v_r).powi(2) + speed * speed + 1.0;
         let xi = xi.min(most.into());
-        let [left, right] = command.torque_nm.map(f64::from);
+        let Wheels { left, right } = command.torque_nm.map(f64::from);
         let (force, moment) = ((left + right) / 0.073, (right - left) / 0.073 * 0.162);
         let [dv, dw] = [command.velocity.v - v, command.velocity.omega - omega].map(f64::from);
         prop_assert!((force - 200.0 * dv * xi).abs() < 2e-3, "{force}");
@@ -213,14 +213,13 @@ properties! { cases 40;
         let limited = config.build().unwrap().step(&input);
         let free = Config { max_torque_nm: 50.0, motor: None, ..config }.build().unwrap().step(&input);
         prop_assert_eq!(free.scale, 1.0);
-        prop_assert!(limited.torque_nm.iter().all(|t| t.abs() <= 2.0));
-        for i in 0..2 {
-            let gap = limited.torque_nm[i] - limited.scale * free.torque_nm[i];
-            prop_assert!(gap.abs() < 1e-5);
+        prop_assert!(limited.torque_nm.list().iter().all(|t| t.abs() <= 2.0));
+        for (torque, free) in limited.torque_nm.list().into_iter().zip(free.torque_nm.list()) {
+            prop_assert!((torque - limited.scale * free).abs() < 1e-5);
         }
         // What each wheel can give in the direction of its torque; one of two that ask for more gives all of it.
         let mut most = f64::INFINITY;
-        for (side, torque) in [-1.0, 1.0].into_iter().zip(free.torque_nm.map(f64::from)) {
+        for (side, torque) in [-1.0, 1.0].into_iter().zip(free.torque_nm.list().map(f64::from)) {
             let speed = (f64::from(input.twist.v) + side * 0.162 * f64::from(input.twist.omega)) / 0.073;
             let line = 2.5 * (1.0 - torque.signum() * speed / 20.0);
             let limit = if motor { line.clamp(0.0, 2.0) } else { 2.0 };
@@ -249,7 +248,7 @@ properties! { cases 40;
             let config = Config { frame_force, inertia_feedforward: 0.0, ..Config::default() };
             let command = config.build().unwrap().step(&input);
             prop_assert!(!command.valid);
-            prop_assert_eq!(command.torque_nm, [0.0; 2]);
+            prop_assert_eq!(command.torque_nm, Wheels::both(0.0));
         }
     }
 }
@@ -312,7 +311,7 @@ fn missing_beam_estimate_falls_back_on_the_reference_bend() {
         controller_with(frame_force).step(&input)
     };
     let reference = step(FrameForce::Reference, None);
-    assert!(reference.torque_nm[0] > 0.0 && reference.torque_nm[1] < 0.0);
+    assert!(reference.torque_nm.left > 0.0 && reference.torque_nm.right < 0.0);
     assert_eq!(step(FrameForce::Beam, None), reference);
     let broken = Some(turning(f32::NAN));
     assert_eq!(step(FrameForce::Beam, broken), reference);

@@ -1,5 +1,6 @@
 use super::*;
 use crate::fusion::testing::Random;
+use crate::topology::Wheels;
 
 const PERIOD: f32 = 1e-3;
 
@@ -188,7 +189,7 @@ const RIGHT: Option<i32> = Some(-7);
 const RESTING: Inputs = ([LEFT, RIGHT], false, Some(0.0));
 
 fn step(detector: &mut RestDetector, (counts, motors_on, gyro): Inputs, times: &RestTimes) -> Rest {
-    detector.step(counts, motors_on, gyro, times)
+    detector.step(counts.into(), motors_on, gyro, times)
 }
 
 /// A detector after 20 ticks of rest, which it reports from the fourth on: the first has nothing to compare with.
@@ -322,7 +323,7 @@ fn a_frame_that_swings_is_not_at_rest_whatever_the_encoders_say() {
                 settle: 0,
                 ..TIMES
             };
-            let rest = detector.step([count; 2], false, Some(rate as f32), &times);
+            let rest = detector.step(Wheels::both(count), false, Some(rate as f32), &times);
             longest += i32::from(rest.axle);
         }
         longest
@@ -345,7 +346,7 @@ fn noise_alone_does_not_end_rest() {
     let mut rests = 0;
     for _ in 0..100_000 {
         let reading = (0.004 + sigma * random.normal()) as f32;
-        let rest = detector.step([Some(1); 2], false, Some(reading), &times);
+        let rest = detector.step(Wheels::both(Some(1)), false, Some(reading), &times);
         rests += i32::from(rest.axle);
     }
     assert_eq!(rests, 100_000 - 3);

@@ -12,6 +12,7 @@ use crate::node::lead::Task;
 use crate::node::{axle, beam};
 use crate::safety::Conditions;
 use crate::time::TICK;
+use crate::topology::Wheels;
 
 mod report;
 
@@ -178,7 +179,7 @@ fn requests_are_granted_by_board_and_motors() {
     };
     let send = |packed| Request::Send { bus: packed };
     let axle = axle::Samples {
-        encoder: [None; 2],
+        encoder: Wheels::both(None),
         gyro_rad_s: None,
         acceleration_m_s2: None,
         conditions,

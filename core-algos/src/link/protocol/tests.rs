@@ -3,6 +3,7 @@ use crate::bus::layout::MESSAGES;
 use crate::control::path::{PathPoint, TrajectoryPoint};
 use crate::node::robot::RobotConfig;
 use crate::safety::{Condition, Conditions};
+use crate::topology::Wheels;
 use proptest::prelude::*;
 
 /// The encoded message.
@@ -41,7 +42,7 @@ fn encode_longest_messages_fits_frame() {
     let axle = Request::Axle {
         tick: u32::MAX,
         samples: axle::Samples {
-            encoder: [Some(i32::MIN); 2],
+            encoder: Wheels::both(Some(i32::MIN)),
             gyro_rad_s: Some(1.0),
             acceleration_m_s2: Some(1.0),
             conditions: Condition::ALL
@@ -60,7 +61,7 @@ fn encode_longest_messages_fits_frame() {
         assert!(encode(255, &request).is_some(), "{request:?}");
     }
     let reply = Reply::Axle {
-        torque_nm: [1.0; 2],
+        torque_nm: Wheels::both(1.0),
         active: true,
         refused: 255,
         bus: &full[..10 * MAX_SENT_FRAMES],
@@ -157,7 +158,7 @@ properties! {
     #[test]
     fn samples_keep_their_bits(bits: [u32; 2], encoder: [Option<i32>; 2]) {
         let samples = axle::Samples {
-            encoder,
+            encoder: encoder.into(),
             gyro_rad_s: Some(f32::from_bits(bits[0])),
             acceleration_m_s2: Some(f32::from_bits(bits[1])),
             conditions: Conditions::NONE,
@@ -166,7 +167,7 @@ properties! {
         let Some((7, Request::Axle { samples: back, .. })) = decode(&bytes) else {
             panic!("{bytes:?}");
         };
-        prop_assert_eq!(back.encoder, encoder);
+        prop_assert_eq!(back.encoder.list(), encoder);
         prop_assert_eq!(back.gyro_rad_s.map(f32::to_bits), Some(bits[0]));
         prop_assert_eq!(back.acceleration_m_s2.map(f32::to_bits), Some(bits[1]));
     }

@@ -2,6 +2,7 @@ use super::*;
 use crate::node::testing::{beat, lead_status, reference_posture};
 use crate::safety::{Condition, OperatingState};
 use crate::time::TICK;
+use crate::topology::Side;
 use core::f64::consts::TAU;
 
 const FRAME: FrameProperties = FrameProperties {
@@ -19,7 +20,9 @@ fn node(axle: AxleId) -> AxleNode {
 fn turned(angles: [f64; 2]) -> Samples {
     let per_turn = f64::from(Config::default().wheel.counts_per_revolution);
     Samples {
-        encoder: angles.map(|angle| Some((angle / TAU * per_turn).floor() as i32)),
+        encoder: angles
+            .map(|angle| Some((angle / TAU * per_turn).floor() as i32))
+            .into(),
         ..Samples::default()
     }
 }
@@ -122,7 +125,7 @@ fn a_long_way_is_counted_to_ten_micrometres_and_driven_on() {
         let output = node.step(now, &turned([angle; 2]), &mut outbox);
         if tick > 2000 {
             assert!((output.error.x.abs() - 0.01).abs() < 1e-3, "{output:?}");
-            assert_ne!(output.torque_nm, [0.0; 2]);
+            assert_ne!(output.torque_nm, Wheels::both(0.0));
         }
         let mut messages = outbox.iter();
         let Some(report) = messages.find(|m| matches!(m, Message::AxlePosture { .. })) else {
@@ -171,17 +174,17 @@ fn a_reference_that_cannot_be_meant_moves_nothing() {
         step(&mut node, 0, &samples);
         reference(&mut node, 20 * TICK, 0.1, Posture::ORIGIN);
         let before = step(&mut node, 21 * TICK, &samples);
-        assert!(before.active && before.torque_nm[0] > 0.0);
+        assert!(before.active && before.torque_nm.left > 0.0);
         reference(&mut node, 30 * TICK, v, posture);
         let after = step(&mut node, 31 * TICK, &samples);
         match posture == far {
-            true => assert_eq!(after.torque_nm, [0.0; 2]),
+            true => assert_eq!(after.torque_nm, Wheels::both(0.0)),
             // The one before it still holds.
-            false => assert!(after.active && after.torque_nm[0] < 2.0, "{after:?}"),
+            false => assert!(after.active && after.torque_nm.left < 2.0, "{after:?}"),
         }
         reference(&mut node, 40 * TICK, 0.1, Posture::ORIGIN);
         let good = step(&mut node, 41 * TICK, &samples);
-        assert!(good.active && good.torque_nm[0] > 0.0, "{good:?}");
+        assert!(good.active && good.torque_nm.left > 0.0, "{good:?}");
     }
 }
 
@@ -192,7 +195,7 @@ fn drives_toward_its_reference_and_stops_without_one() {
     assert!(!step(&mut node, 0, &samples).active, "no reference yet");
     reference(&mut node, 20 * TICK, 0.1, Posture::ORIGIN);
     let output = step(&mut node, 21 * TICK, &samples);
-    assert!(output.active && output.torque_nm[0] > 0.0 && output.torque_nm[1] > 0.0);
+    assert!(output.active && output.torque_nm.left > 0.0 && output.torque_nm.right > 0.0);
     // 60 ms after the epoch of the last reference it brakes by itself, and stays off. The other axle
     // is well throughout.
     let well = beat(Node::RearAxle, 50 * TICK, OperatingState::Active, 0);
@@ -307,7 +310,7 @@ fn refused_measurements_are_counted() {
         let mut seen = [false; 2];
         for counts in (0..4000).step_by(20) {
             let mut samples = still();
-            samples.encoder[side] = Some(counts);
+            samples.encoder[Side::BOTH[side]] = Some(counts);
             let (count, jumped) = refused(&samples);
             assert!(count <= 1 && !jumped[1 - side], "{counts} {count}");
             assert!(count == 1 || !jumped[side], "{counts}");
@@ -327,17 +330,18 @@ fn stop_bounds_torque_by_the_share_that_is_held() {
     };
     for (hold, expected) in [(1.0, [1.0, -2.0]), (0.25, [0.25, -0.5]), (0.0, [0.0; 2])] {
         stop.hold = hold;
-        let mut torque_nm = [1.0, -2.0];
+        let mut torque_nm = [1.0, -2.0].into();
         stop.let_go(&mut torque_nm);
-        assert_eq!(torque_nm, expected);
+        assert_eq!(torque_nm.list(), expected);
     }
     // Of both wheels the one that pushes harder counts, then and now.
     stop.hold = 1.0;
-    stop.let_go(&mut [0.5, -4.0]);
+    stop.let_go(&mut [0.5, -4.0].into());
     stop.hold = 0.5;
-    for (mut torque_nm, expected) in [([1.0, -8.0], [0.25, -2.0]), ([4.0, 0.0], [2.0, 0.0])] {
+    for (torque_nm, expected) in [([1.0, -8.0], [0.25, -2.0]), ([4.0, 0.0], [2.0, 0.0])] {
+        let mut torque_nm = torque_nm.into();
         stop.let_go(&mut torque_nm);
-        assert_eq!(torque_nm, expected);
+        assert_eq!(torque_nm.list(), expected);
     }
 }
 
@@ -626,7 +630,7 @@ fn nan_in_gives_zero_torque() {
     let mut node = node(AxleId::Front);
     reference(&mut node, 0, f32::NAN, Posture::ORIGIN);
     let output = step(&mut node, TICK, &Samples::default());
-    assert_eq!(output.torque_nm, [0.0; 2]);
+    assert_eq!(output.torque_nm, Wheels::both(0.0));
     // A gyro that reads NaN is refused and the odometry stays finite.
     for tick in 2..50 {
         let samples = Samples {

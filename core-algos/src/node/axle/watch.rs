@@ -37,7 +37,7 @@ use crate::bus::LeadMode;
 use crate::control::wheel_observer;
 use crate::safety::{Condition, Conditions, OperatingState, Permit, StateRequest};
 use crate::time::Micros;
-use crate::topology::{AxleId, Node};
+use crate::topology::{AxleId, Node, Side};
 
 impl AxleNode {
     /// Request to this axle by the lead node's mode.
@@ -86,11 +86,10 @@ impl AxleNode {
                 });
         let mut stalled = false;
         let mut blind = false;
-        for i in 0..2 {
-            let wheel = &state.wheels[i];
-            let pushes = state.output.torque_nm[i].abs() >= self.stall_torque;
+        for (wheel, side) in state.wheels.iter().zip(Side::BOTH) {
+            let pushes = state.output.torque_nm[side].abs() >= self.stall_torque;
             stalled |= pushes && wheel.speed_rad_s.abs() <= self.limits.stall_rad_s;
-            blind |= samples.encoder[i].is_none() || wheel.jumped;
+            blind |= samples.encoder[side].is_none() || wheel.jumped;
         }
         let by_wheels = self.wheel_radius * 0.5 / self.half_track
             * (state.wheels[1].speed_rad_s - state.wheels[0].speed_rad_s);

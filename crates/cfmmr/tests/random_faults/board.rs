@@ -9,7 +9,7 @@ use core_algos::node::lead::{LeadNode, Task};
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{Outbox, axle};
 use core_algos::time::{Micros, TICK};
-use core_algos::topology::{AxleId, Role};
+use core_algos::topology::{AxleId, Role, Wheels};
 use host_sim::base::error::Error;
 use host_sim::targets::{Fault, HostCommand, InProcess, Output, Posted, Report, Room, Target};
 use std::sync::{Arc, Mutex};
@@ -45,7 +45,7 @@ pub struct Watched {
     /// Frames on the way, by the tick at which they arrive.
     late: Vec<(u32, Message)>,
     begun: Option<(u32, Samples)>,
-    torque_nm: [f32; 2],
+    torque_nm: Wheels<f32>,
 }
 
 impl Watched {
@@ -58,7 +58,7 @@ impl Watched {
             distorted: Distorted::new(role, seed),
             late: Vec::new(),
             begun: None,
-            torque_nm: [0.0; 2],
+            torque_nm: Wheels::both(0.0),
         }
     }
 
@@ -157,7 +157,7 @@ impl Target for Watched {
 
     /// As at the link: a posture is refused while the motors are driven.
     fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
-        let driven = self.torque_nm != [0.0; 2];
+        let driven = self.torque_nm != Wheels::both(0.0);
         if driven && matches!(command, HostCommand::Place(_)) {
             return Ok(());
         }
@@ -229,7 +229,7 @@ impl Target for Watched {
             Output::default()
         });
         self.torque_nm = output.torque_nm;
-        findings.driven += u32::from(output.torque_nm != [0.0; 2]);
+        findings.driven += u32::from(output.torque_nm != Wheels::both(0.0));
         Ok(output)
     }
 

@@ -7,7 +7,7 @@ use core_algos::math::Posture;
 use core_algos::node::board::Samples;
 use core_algos::node::lead::{Place, Task};
 use core_algos::safety::Condition;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Side};
 use host_sim::scenario::Scenario;
 use host_sim::targets::HostCommand;
 use host_sim::world::faults::{Fault, Wheel};
@@ -30,9 +30,9 @@ impl Span {
 /// Fault of a sensor of an axle or of the strip.
 #[derive(Clone, Copy, Debug)]
 pub enum SensorFault {
-    EncoderMissing(usize),
-    EncoderFrozen(usize),
-    EncoderJumps(usize, i32),
+    EncoderMissing(Side),
+    EncoderFrozen(Side),
+    EncoderJumps(Side, i32),
     Gyro(f32),
     GyroMissing,
     Accelerometer(f32),
@@ -191,7 +191,7 @@ impl Draw {
     }
 
     fn sensor(&mut self) -> (Role, SensorFault, Span) {
-        let side = self.below(2);
+        let side = Side::BOTH[self.below(2)];
         let fault = match self.below(9) {
             0 => SensorFault::EncoderMissing(side),
             1 => SensorFault::EncoderFrozen(side),
@@ -199,7 +199,7 @@ impl Draw {
             3 => SensorFault::Gyro([f32::NAN, f32::INFINITY, 35.0, -35.0][self.below(4)]),
             4 => SensorFault::GyroMissing,
             5 => SensorFault::Accelerometer([f32::NAN, 157.0, -157.0][self.below(3)]),
-            6 => SensorFault::BridgeRail(1 + self.below(5), side == 0),
+            6 => SensorFault::BridgeRail(1 + self.below(5), side == Side::Left),
             7 => SensorFault::BridgesFrozen,
             _ => SensorFault::BridgeNoise(1 << self.below(14)),
         };
@@ -216,7 +216,7 @@ impl Draw {
         let at = self.0.random_range(300..RUN_MS - 1000);
         let wheel = Wheel {
             axle: self.below(2),
-            side: self.below(2),
+            side: Side::BOTH[self.below(2)],
         };
         let fault = match self.below(6) {
             0..=2 => Fault::Reset {

@@ -5,7 +5,7 @@ use core_algos::node::axle;
 use core_algos::node::lead;
 use core_algos::safety::OperatingState::{self, Active, Armed, Boot, Fault, Idle, SafeStop};
 use core_algos::safety::{Condition, supervisor};
-use core_algos::topology::{AxleId, Node};
+use core_algos::topology::{AxleId, Node, Wheels};
 use std::collections::BTreeMap;
 
 /// Conditions of class cut, and the time that each must hold, ms: the motors are off at the tick at which it counts.
@@ -206,7 +206,7 @@ impl AxleWatch {
         tick: u32,
         samples: &axle::Samples,
         supervisor: &supervisor::State,
-        torque_nm: [f32; 2],
+        torque_nm: Wheels<f32>,
     ) -> Result<bool, Violation> {
         let before = self.course.state;
         let mode = self.mode.filter(|(_, at)| tick - at <= COMMAND_MS);
@@ -216,10 +216,10 @@ impl AxleWatch {
         let state = self.course.state;
         // Also false for NaN.
         let allowed = |torque: &f32| torque.abs() <= self.limit_nm;
-        if !torque_nm.iter().all(allowed) {
+        if !torque_nm.list().iter().all(allowed) {
             return Err(format!("torques are within the limit: {torque_nm:?}"));
         }
-        if is_off(state) && torque_nm != [0.0; 2] {
+        if is_off(state) && torque_nm != Wheels::both(0.0) {
             return Err(format!("motors off is no torque: {torque_nm:?}"));
         }
         self.conditions(tick, samples, state)?;
@@ -255,7 +255,7 @@ impl AxleWatch {
                 return Err(format!("{condition:?} stops the axle: {state:?}"));
             }
         }
-        match samples.encoder.iter().any(Option::is_none) {
+        match samples.encoder.list().iter().any(Option::is_none) {
             true => _ = self.blind_since.get_or_insert(tick),
             false => self.blind_since = None,
         }

@@ -18,7 +18,7 @@ use core_algos::node::role_conflict::RoleConflict;
 use core_algos::node::tick_sync::TickSync;
 use core_algos::safety::{Condition, Conditions};
 use core_algos::time::{Micros, TICK, sequence};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Wheels};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;
 
@@ -187,7 +187,7 @@ impl<H: Hardware> Common<H> {
     }
 
     /// Records a tick of the nodes at `now`.
-    pub fn record_tick(&mut self, now: Micros, samples: &Samples, torque_nm: [f32; 2]) {
+    pub fn record_tick(&mut self, now: Micros, samples: &Samples, torque_nm: Wheels<f32>) {
         self.link.put(&self.reference.tick(now, samples, torque_nm));
     }
 

@@ -17,7 +17,7 @@ use core_algos::link::protocol::Place;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{axle, beam, lead};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Wheels};
 use host_sim::base::error::Error;
 use host_sim::bus::virtual_bus::is_of_nodes;
 use host_sim::targets::host_command::HostCommand;
@@ -79,7 +79,7 @@ pub struct Step {
     /// Frames that arrived.
     pub received: Vec<CanFrame>,
     /// Torques it commanded, N m.
-    pub torque_nm: [Exact; 2],
+    pub torque_nm: Wheels<Exact>,
     /// Frames it sent.
     pub sent: Vec<CanFrame>,
     /// The lead node's output, when it came with this tick's answer.
@@ -370,7 +370,7 @@ impl<'a> Reader<'a> {
                         conditions: entry.conditions,
                     }),
                     received: frames(entry.received),
-                    torque_nm: [Exact(0.0); 2],
+                    torque_nm: Wheels::both(Exact(0.0)),
                     sent: sent_at(&mut board.sent, entry.tick),
                     lead: None,
                 }))
@@ -380,13 +380,13 @@ impl<'a> Reader<'a> {
                 Event::Tick(Box::new(Step {
                     tick: entry.tick,
                     samples: Samples::Axle(axle::Samples {
-                        encoder: entry.encoder,
+                        encoder: entry.encoder.into(),
                         gyro_rad_s: entry.gyro_rad_s.map(|value| value.0),
                         acceleration_m_s2: entry.acceleration_m_s2.map(|value| value.0),
                         conditions: entry.conditions,
                     }),
                     received: frames(entry.received),
-                    torque_nm: entry.torque_nm,
+                    torque_nm: entry.torque_nm.into(),
                     sent: sent_at(&mut board.sent, entry.tick),
                     lead: None,
                 }))

@@ -14,7 +14,7 @@ use core_algos::fusion::robot;
 use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::{Micros, TICK};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Side, Wheels};
 use host_sim::base::error::Error;
 use host_sim::base::statistics::nees;
 use host_sim::base::statistics::square;
@@ -65,7 +65,7 @@ struct ReplayedBoard {
 
 /// Output of a board at a tick.
 struct TickResult {
-    torque_nm: [f32; 2],
+    torque_nm: Wheels<f32>,
     sent: Vec<CanFrame>,
 }
 
@@ -163,11 +163,11 @@ impl ReplayedBoard {
                 show(done.sent.get(i)),
             );
         }
-        for (k, side) in ["left", "right"].into_iter().enumerate() {
-            let (recorded, replayed) = (step.torque_nm[k], Exact(done.torque_nm[k]));
+        for (side, name) in [(Side::Left, "left"), (Side::Right, "right")] {
+            let (recorded, replayed) = (step.torque_nm[side], Exact(done.torque_nm[side]));
             if recorded != replayed {
                 return part(
-                    format!("{side} wheel torque"),
+                    format!("{name} wheel torque"),
                     format!("{:e} N m", recorded.0),
                     format!("{:e} N m", replayed.0),
                 );
@@ -542,7 +542,7 @@ pub(super) mod tests {
         assert_eq!(compare(&recording.boards).unwrap(), None);
 
         let mut other = recording.clone();
-        let torque = &mut step(&mut other, Role::Rear, 1400).torque_nm[1];
+        let torque = &mut step(&mut other, Role::Rear, 1400).torque_nm.right;
         assert!(torque.0 != 0.0, "under way");
         *torque = Exact(f32::from_bits(torque.0.to_bits() ^ 1));
         let found = compare(&other.boards).unwrap().unwrap();
@@ -554,7 +554,7 @@ pub(super) mod tests {
         if let core_algos::node::board::Samples::Axle(samples) =
             &mut step(&mut other, Role::Front, 1300).samples
         {
-            samples.encoder[0] = samples.encoder[0].map(|count| count + 1);
+            samples.encoder.left = samples.encoder.left.map(|count| count + 1);
         }
         let found = compare(&other.boards).unwrap().unwrap();
         assert_eq!((found.tick, found.board), (1300, "front"));

@@ -5,7 +5,7 @@ use core_algos::beam::MAX_GAUGES;
 use core_algos::node::axle;
 use core_algos::node::board::Samples;
 use core_algos::safety::Conditions;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Wheels};
 
 /// Ticks a board's slow clock has lost.
 pub type Drift = u32;
@@ -35,7 +35,7 @@ pub struct Injector {
     at: u32,
     full_scale: i32,
     held: [i32; MAX_GAUGES],
-    encoder: [[Option<i32>; 2]; 2],
+    encoder: [Wheels<Option<i32>>; 2],
 }
 
 impl Injector {
@@ -46,7 +46,7 @@ impl Injector {
             at,
             full_scale,
             held: [0; MAX_GAUGES],
-            encoder: [[None; 2]; 2],
+            encoder: [Wheels::default(); 2],
         }
     }
 
@@ -96,7 +96,10 @@ impl Injector {
                 let count = &mut axles[axle].encoder[side];
                 *count = count.map(|count| count.wrapping_add(by.wrapping_mul(jumps)));
             }
-            Fault::EncodersSwapped(axle) => axles[axle].encoder.reverse(),
+            Fault::EncodersSwapped(axle) => {
+                let Wheels { left, right } = &mut axles[axle].encoder;
+                std::mem::swap(left, right);
+            }
             Fault::EncoderMissing(Wheel { axle, side }) => axles[axle].encoder[side] = None,
             Fault::GyroNotANumber(axle) => axles[axle].gyro_rad_s = Some(f32::NAN),
             Fault::GyroBias { axle, bias_rad_s } => {
@@ -125,13 +128,13 @@ impl Injector {
             Fault::MotorWeak {
                 wheel: Wheel { axle, side },
                 share,
-            } => wanted[axle][side] *= share,
+            } => wanted[axle][side as usize] *= share,
             // A board that has switched off its bridges has both commands at exactly zero.
             Fault::MotorStuckOn {
                 wheel: Wheel { axle, side },
                 torque_n_m,
             } if wanted[axle] != [0.0; 2] => {
-                wanted[axle][side] = torque_n_m;
+                wanted[axle][side as usize] = torque_n_m;
             }
             _ => {}
         }

@@ -8,15 +8,15 @@ pub use inject::{Drift, Injector, Readings};
 
 use crate::bus::virtual_bus::BusConfig;
 use core_algos::safety::Condition;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Side};
 
 /// A wheel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wheel {
     /// 0 front, 1 rear.
     pub axle: usize,
-    /// 0 left, 1 right.
-    pub side: usize,
+    /// Side of the axle.
+    pub side: Side,
 }
 
 /// End of a converter's range.

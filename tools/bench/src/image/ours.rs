@@ -264,7 +264,7 @@ fn boards(counter: &mut Counter) {
                     Samples::Beam([2048 + 40 + wave; MAX_GAUGES].into())
                 }
                 _ => Samples::Axle(axle::Samples {
-                    encoder: [Some(tick as i32 / 4), Some(tick as i32 / 5)],
+                    encoder: [Some(tick as i32 / 4), Some(tick as i32 / 5)].into(),
                     gyro_rad_s: Some(0.01),
                     acceleration_m_s2: Some(0.02),
                     ..axle::Samples::default()

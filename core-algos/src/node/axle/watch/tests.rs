@@ -4,6 +4,7 @@ use crate::control::cascade::AxleReference;
 use crate::math::{Posture, Steering};
 use crate::node::testing::{Cause, assert_watched, beat, supervisor_in};
 use crate::time::Stamped;
+use crate::topology::{Side, Wheels};
 
 const FRAME: FrameProperties = FrameProperties {
     bending_stiffness_n_m2: 0.833,
@@ -51,7 +52,7 @@ impl Watched {
     /// A wheel that pushes with this share of the torque at this speed.
     fn pushes(&mut self, wheel: usize, share: f32, speed_rad_s: f32) {
         let most = Config::default().controller.max_torque_nm;
-        self.node.state.output.torque_nm[wheel] = share * most;
+        self.node.state.output.torque_nm[Side::BOTH[wheel]] = share * most;
         self.node.state.wheels[wheel].speed_rad_s = speed_rad_s;
     }
 }
@@ -64,7 +65,7 @@ fn driving() -> Watched {
 fn in_state(axle: AxleId, state: OperatingState) -> Watched {
     let node = Config::default().build(axle, FRAME).unwrap();
     let samples = Samples {
-        encoder: [Some(0); 2],
+        encoder: Wheels::both(Some(0)),
         gyro_rad_s: Some(0.0),
         acceleration_m_s2: Some(0.0),
         conditions: Conditions::NONE,
@@ -123,13 +124,13 @@ const WHILE_DRIVING: &[Cause<Watched>] = {
         ),
         (
             &[EncoderFault],
-            |w| w.samples.encoder[0] = None,
-            |w| w.samples.encoder[0] = Some(7),
+            |w| w.samples.encoder.left = None,
+            |w| w.samples.encoder.left = Some(7),
         ),
         (
             &[EncoderFault],
-            |w| w.samples.encoder[1] = None,
-            |w| w.samples.encoder[1] = Some(7),
+            |w| w.samples.encoder.right = None,
+            |w| w.samples.encoder.right = Some(7),
         ),
         (
             &[EncoderFault],
@@ -283,7 +284,7 @@ fn conditions_of_driving_and_of_power_hold_in_their_states_alone() {
             "{state:?}"
         );
         assert!(found(
-            |w| w.samples.encoder[0] = None,
+            |w| w.samples.encoder.left = None,
             Condition::EncoderFault
         ));
         let silent = |w: &mut Watched| w.heard(Node::RearAxle, 50_001, Active, 0);

@@ -10,7 +10,7 @@ use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::safety::Condition::{self, *};
 use core_algos::time::{Micros, TICK};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Side};
 use host_sim::base::error::Error;
 use host_sim::bus::virtual_bus::BusConfig;
 use host_sim::run::drive::{Errand, Progress, drive};
@@ -91,7 +91,7 @@ fn frames() -> Vec<Entry> {
     }
 }
 
-const fn wheel(axle: usize, side: usize) -> Wheel {
+const fn wheel(axle: usize, side: Side) -> Wheel {
     Wheel { axle, side }
 }
 
@@ -101,10 +101,10 @@ fn samples() -> Vec<Entry> {
         "all gauges dead", "samples", model(GaugeRail { count: 5, rail: Rail::Zero }).goes_on().stops(&[DegradedTooLong]).within(BEAM_S);
         "gauge stuck", "samples", model(GaugeStuck(2)).goes_on().stops(GAUGES).within(BEAM_S);
         "gauge drifts", "samples", model(GaugeDrift { gauge: 2, counts_per_s: 40.0 }).goes_on().stops(GAUGES).within(BEAM_S);
-        "encoder stuck", "samples", model(EncoderStuck(wheel(1, 0))).stops(WHEELS);
-        "encoder jumps", "samples", model(EncoderJumps { wheel: wheel(0, 0), counts: 500 }).goes_on().stops(WHEELS);
+        "encoder stuck", "samples", model(EncoderStuck(wheel(1, Side::Left))).stops(WHEELS);
+        "encoder jumps", "samples", model(EncoderJumps { wheel: wheel(0, Side::Left), counts: 500 }).goes_on().stops(WHEELS);
         "encoders swapped", "samples", model(EncodersSwapped(1)).goes_on().stops(WHEELS).within(SLOW_S);
-        "encoder missing", "samples", model(EncoderMissing(wheel(0, 1))).stops(WHEELS).within(1.5);
+        "encoder missing", "samples", model(EncoderMissing(wheel(0, Side::Right))).stops(WHEELS).within(1.5);
         "gyro not a number", "samples", model(GyroNotANumber(0)).goes_on().stops(&[NotANumber]).within(1.5);
         "gyro off by 0.3 rad/s", "samples", model(GyroBias { axle: 1, bias_rad_s: 0.3 }).goes_on().stops(WHEELS).within(10.0);
         "accelerometer missing", "samples", model(AccelerometerMissing(0)).goes_on();
@@ -114,10 +114,10 @@ fn samples() -> Vec<Entry> {
 
 fn plant() -> Vec<Entry> {
     entries! {
-        "motor without torque", "plant", model(MotorWeak { wheel: wheel(0, 0), share: 0.0 }).goes_on().stops(WHEELS).within(SLOW_S);
-        "motor weak", "plant", model(MotorWeak { wheel: wheel(1, 1), share: 0.3 }).goes_on().stops(WHEELS).within(SLOW_S);
-        "motor stuck on", "plant", model(MotorStuckOn { wheel: wheel(0, 1), torque_n_m: 1.5 }).stops(WHEELS).within(3.5);
-        "wheel lifted", "plant", model(WheelLifted(wheel(1, 0))).goes_on().stops(WHEELS).within(SLOW_S);
+        "motor without torque", "plant", model(MotorWeak { wheel: wheel(0, Side::Left), share: 0.0 }).goes_on().stops(WHEELS).within(SLOW_S);
+        "motor weak", "plant", model(MotorWeak { wheel: wheel(1, Side::Right), share: 0.3 }).goes_on().stops(WHEELS).within(SLOW_S);
+        "motor stuck on", "plant", model(MotorStuckOn { wheel: wheel(0, Side::Right), torque_n_m: 1.5 }).stops(WHEELS).within(3.5);
+        "wheel lifted", "plant", model(WheelLifted(wheel(1, Side::Left))).goes_on().stops(WHEELS).within(SLOW_S);
         "frame snapped", "plant", model(FrameSnapped).stops(SNAPPED).within(3.0);
     }
 }
