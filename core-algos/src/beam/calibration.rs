@@ -13,8 +13,6 @@ use crate::math::trig::sqrt;
 
 /// Largest converter range supported: 24 bits.
 const MAX_FULL_SCALE: f32 = 16_777_215.0;
-/// A relative gain outside this is a wrong calibration, not a tolerance.
-const GAIN_RANGE: (f32, f32) = (0.5, 2.0);
 
 declare! {
     /// Converter, amplifier and the stored calibration of each gauge.
@@ -31,7 +29,7 @@ declare! {
         /// Count of each gauge when the strip is straight.
         pub zero_counts: PerGauge = PerGauge::uniform(5, 2048.0), "counts": Range(0.0, MAX_FULL_SCALE);
         /// True strain over nominal strain of each gauge.
-        pub gain: PerGauge = PerGauge::uniform(5, 1.0), "": Range(GAIN_RANGE.0, GAIN_RANGE.1);
+        pub gain: PerGauge = PerGauge::uniform(5, 1.0), "": Range(0.5, 2.0);
         /// A strain larger than this in magnitude is no strain of this strip.
         pub max_strain: f32 = 5e-3, "strain": Range(1e-6, 0.1);
     }

@@ -35,7 +35,16 @@ pub enum Event {
 pub struct Procedure {
     limits: StandstillLimits,
     half_thickness: f32,
-    running: Option<(u8, Calibrate, Standstill)>,
+    running: Option<Running>,
+}
+
+/// A calibration under way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Running {
+    /// Of the request.
+    sequence: u8,
+    wanted: Calibrate,
+    standstill: Standstill,
 }
 
 impl Procedure {
@@ -50,7 +59,11 @@ impl Procedure {
 
     /// Begins a calibration and gives up a running one.
     pub fn request(&mut self, sequence: u8, calibrate: Calibrate) {
-        self.running = Some((sequence, calibrate, Standstill::default()));
+        self.running = Some(Running {
+            sequence,
+            wanted: calibrate,
+            standstill: Standstill::default(),
+        });
     }
 
     /// Takes in a conversion of every gauge; `config` is the calibration in use.
@@ -60,8 +73,11 @@ impl Procedure {
         counts: &[i32; MAX_GAUGES],
         motors_off: bool,
     ) -> Option<Event> {
-        let (sequence, calibrate, standstill) = self.running.as_mut()?;
-        let (sequence, calibrate) = (*sequence, *calibrate);
+        let Running {
+            sequence,
+            wanted,
+            ref mut standstill,
+        } = *self.running.as_mut()?;
         let refused = |result, gauge| Event::Refused {
             sequence,
             result,
@@ -95,7 +111,7 @@ impl Procedure {
                 }
             };
             let strain = |curvature: f32| [curvature * self.half_thickness; MAX_GAUGES];
-            let found = match calibrate {
+            let found = match wanted {
                 Calibrate::Zero(curvature) => config.zeroed(&average, &strain(curvature)),
                 Calibrate::Gain(curvature) => config.with_gain(&average, &strain(curvature)),
             };

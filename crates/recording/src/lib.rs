@@ -226,7 +226,11 @@ impl Observer for Session {
             }
             BoardEvent::Tick(tick) => {
                 if !tick.sent.is_empty() {
-                    self.note(Line::Frames(role, tick.tick, tick.sent.clone()));
+                    self.note(Line::Frames {
+                        role,
+                        tick: tick.tick,
+                        frames: tick.sent.clone(),
+                    });
                 }
                 let received = tick.received.iter().copied().map(Can).collect();
                 self.note(Line::of_tick(
@@ -240,7 +244,11 @@ impl Observer for Session {
     }
 
     fn frames(&mut self, role: Role, tick: u32, frames: Vec<CanFrame>) {
-        self.note(Line::Frames(role, self.common(tick), frames));
+        self.note(Line::Frames {
+            role,
+            tick: self.common(tick),
+            frames,
+        });
     }
 
     fn lead(&mut self, tick: u32, output: &lead::Output) {
@@ -268,7 +276,14 @@ enum Line {
     /// The host told the lead node something.
     Command(HostCommandEntry),
     /// A board put frames on the bus.
-    Frames(Role, u32, Vec<CanFrame>),
+    Frames {
+        /// The board.
+        role: Role,
+        /// Its tick, ms.
+        tick: u32,
+        /// The frames.
+        frames: Vec<CanFrame>,
+    },
     /// The lead node's output, at a tick.
     Lead(u32, Box<lead::Output>),
     /// Role of a board and its image.

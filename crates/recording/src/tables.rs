@@ -84,7 +84,7 @@ impl Tables {
                 let time = self.seconds(tick.tick);
                 self.beam.row(std::iter::once(time).chain(tick.cells()));
             }
-            Line::Frames(role, tick, frames) => {
+            Line::Frames { role, tick, frames } => {
                 frames
                     .iter()
                     .for_each(|frame| self.frame(*role, *tick, frame));

@@ -66,7 +66,11 @@ impl Tap {
         };
         if !self.sent.is_empty() {
             let sent = std::mem::take(&mut self.sent);
-            self.session.note(Line::Frames(self.role, tick, sent));
+            self.session.note(Line::Frames {
+                role: self.role,
+                tick,
+                frames: sent,
+            });
         }
         if let Some(lead) = &output.lead {
             self.session.note(Line::Lead(tick, Box::new(*lead)));

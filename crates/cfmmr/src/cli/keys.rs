@@ -96,12 +96,18 @@ fn allowed(kind: Kind) -> String {
     }
 }
 
-/// A default; of single precision as it was written.
+/// A number; one of single precision as it was written.
+fn written(number: f64) -> f64 {
+    match f64::from(number as f32) == number {
+        true => (number as f32).to_string().parse().unwrap_or(number),
+        false => number,
+    }
+}
+
+/// A default.
 fn shown(value: &toml::Value) -> String {
     match value {
-        toml::Value::Float(number) if f64::from(*number as f32) == *number => {
-            format!("`{:?}`", *number as f32)
-        }
+        toml::Value::Float(number) => format!("`{:?}`", written(*number)),
         toml::Value::Array(list) => {
             let entries: Vec<String> = list.iter().map(shown).collect();
             format!("`[{}]`", entries.join(", ").replace('`', ""))
@@ -146,17 +152,10 @@ pub fn markdown() -> Result<String, Error> {
     Ok(text)
 }
 
-/// A default as a JSON value; of single precision as it was written.
+/// A default as a JSON value.
 fn plain(value: &toml::Value) -> Value {
     match value {
-        toml::Value::Float(number) if f64::from(*number as f32) == *number => {
-            json!(
-                (*number as f32)
-                    .to_string()
-                    .parse::<f64>()
-                    .unwrap_or(*number)
-            )
-        }
+        toml::Value::Float(number) => written(*number).into(),
         toml::Value::Array(list) => list.iter().map(plain).collect(),
         value => serde_json::to_value(value).unwrap_or_default(),
     }

@@ -263,7 +263,7 @@ impl Mcap {
                 self.estimate = Some((held, output.fused.robot.posture));
             }
             Line::Board(role, what) => self.boards[*role as usize].clone_from(what),
-            Line::Frames(role, tick, frames) => self.frames(*role, *tick, frames),
+            Line::Frames { role, tick, frames } => self.frames(*role, *tick, frames),
             Line::Command(entry) => {
                 let time = at(entry.tick);
                 self.order.write(&mut self.room, time, entry);

@@ -6,10 +6,19 @@ use core_algos::time::{EPOCH, Micros, TICK};
 /// The common time.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Clock {
-    /// Number of the latest epoch, its beginning and the arrival of its message, µs.
-    epoch: Option<(u32, Micros, Micros)>,
+    epoch: Option<Epoch>,
     /// Time of validity of the lead node's latest estimates, µs.
     held: Option<Micros>,
+}
+
+/// The latest epoch.
+#[derive(Clone, Copy, Debug)]
+struct Epoch {
+    number: u32,
+    /// Its beginning, µs.
+    began: Micros,
+    /// Arrival of its message, µs.
+    heard: Micros,
 }
 
 impl Clock {
@@ -20,8 +29,9 @@ impl Clock {
 
     /// Common time at `at`, µs.
     pub fn common(&self, at: Micros) -> i64 {
-        let since = |(epoch, began, _)| i64::from(epoch) * EPOCH as i64 + at as i64 - began as i64;
-        self.epoch.map_or(0, since)
+        self.epoch.map_or(0, |epoch| {
+            i64::from(epoch.number) * EPOCH as i64 + at as i64 - epoch.began as i64
+        })
     }
 
     /// A message whose frame ended at `at`, µs.
@@ -32,15 +42,19 @@ impl Clock {
                 last_delay_us,
             } => {
                 let began = match (self.epoch, last_delay_us) {
-                    (Some((last, _, heard)), Some(delay)) if last + 1 == epoch => {
-                        heard + EPOCH - Micros::from(delay)
+                    (Some(last), Some(delay)) if last.number + 1 == epoch => {
+                        last.heard + EPOCH - Micros::from(delay)
                     }
                     // Until the first delay is told: the message leaves within a fraction of a tick.
                     _ => at.saturating_sub(TICK / 4),
                 };
-                self.epoch = Some((epoch, began, at));
+                self.epoch = Some(Epoch {
+                    number: epoch,
+                    began,
+                    heard: at,
+                });
             }
-            Message::LeadStatus { .. } => self.held = self.epoch.map(|(_, began, _)| began),
+            Message::LeadStatus { .. } => self.held = self.epoch.map(|epoch| epoch.began),
             _ => {}
         }
     }

@@ -31,7 +31,12 @@ pub(crate) enum Kind {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Effect {
     /// TRGO of a timer, which can start conversions, rises or falls.
-    Trigger(Kind, bool),
+    Trigger {
+        /// The timer.
+        timer: Kind,
+        /// True if it rises.
+        rises: bool,
+    },
     /// One transfer is wanted.
     Dma(Request),
     /// A peripheral begins to use a signal, which must be on a pin.
@@ -39,7 +44,12 @@ pub(crate) enum Effect {
     /// A peripheral drives its output in another way.
     Output(Signal, Drive),
     /// A pin has another level now.
-    Level(Pin, bool),
+    Level {
+        /// The pin.
+        pin: Pin,
+        /// True if it is high.
+        high: bool,
+    },
     /// The chip drives a pin in another way now.
     Driven(Pin, Drive),
     /// The core's clock runs at another frequency from now on, Hz.
@@ -47,11 +57,19 @@ pub(crate) enum Effect {
     /// The crystal failed and the clock security system saw it.
     ClockFailure,
     /// The voltage detector says whether the supply is low.
-    VoltageDetector(bool),
+    VoltageDetector {
+        /// True if the supply is low.
+        low: bool,
+    },
     /// The converter has sampled a pin for the first time since it was switched on.
     Sampled(Pin),
     /// The program resets a peripheral by the bit of this enable register that belongs to it.
-    ResetUnit(u32, u32),
+    ResetUnit {
+        /// Offset of the enable register.
+        register: u32,
+        /// The bit.
+        bit: u32,
+    },
     /// The chip is reset.
     Reset(Cause),
 }

@@ -290,7 +290,7 @@ impl Gpio {
         let level = !self.is_analogue(pin) && meet(chip, world).unwrap_or(false);
         if self.level[pin.index()] != level {
             self.level[pin.index()] = level;
-            shared.effect(Effect::Level(pin, level));
+            shared.effect(Effect::Level { pin, high: level });
         }
     }
 
@@ -327,7 +327,10 @@ impl Gpio {
             let setting = |port: &Port| (port.mode_of(number), port.alternate_of(number));
             if setting(before) != setting(now) && now.mode_of(number) == ALTERNATE_FUNCTION {
                 let pin = Pin::of(index, number);
-                shared.effect(Effect::Level(pin, self.level(pin)));
+                shared.effect(Effect::Level {
+                    pin,
+                    high: self.level(pin),
+                });
             }
         }
     }

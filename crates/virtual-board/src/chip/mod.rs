@@ -302,7 +302,7 @@ impl Chip {
         while let Some(effect) = self.shared.effects.pop_front() {
             let (units, shared) = (&mut self.units, &mut self.shared);
             match effect {
-                Effect::Trigger(timer, rises) => {
+                Effect::Trigger { timer, rises } => {
                     if !(rises && self.injected_faults.loses_trigger()) {
                         units.adc.trigger(timer, rises, shared);
                     }
@@ -314,7 +314,7 @@ impl Chip {
                     }
                 }
                 Effect::Output(signal, drive) => units.gpio.output(signal, drive, shared),
-                Effect::Level(pin, level) => self.level(pin, level),
+                Effect::Level { pin, high } => self.level(pin, high),
                 Effect::Driven(pin, drive) => {
                     let at = shared.time();
                     shared.world().pin(pin, drive, at);
@@ -338,8 +338,8 @@ impl Chip {
                         shared.note(Kind::Pin, format!("{pin} is converted and not analogue"));
                     }
                 }
-                Effect::VoltageDetector(low) => units.exti.level(low, shared),
-                Effect::ResetUnit(register, bit) => self.reset_unit(register, bit),
+                Effect::VoltageDetector { low } => units.exti.level(low, shared),
+                Effect::ResetUnit { register, bit } => self.reset_unit(register, bit),
                 Effect::Reset(cause) => {
                     self.reset = Some(cause);
                     self.shared.limit = 0;

@@ -116,7 +116,7 @@ impl Pwr {
         let low = self.cr & PVDE != 0 && threshold.is_low(shared.volts, self.low);
         if low != self.low {
             self.low = low;
-            shared.effect(Effect::VoltageDetector(low));
+            shared.effect(Effect::VoltageDetector { low });
         }
     }
 
@@ -197,8 +197,8 @@ mod tests {
         }
         assert_eq!(seen, [false, true, true, false]);
         let told = [
-            Effect::VoltageDetector(true),
-            Effect::VoltageDetector(false),
+            Effect::VoltageDetector { low: true },
+            Effect::VoltageDetector { low: false },
         ];
         assert!(shared.effects.iter().eq(&told));
     }
@@ -210,6 +210,9 @@ mod tests {
         pwr.detect(&mut shared);
         assert!(shared.effects.is_empty(), "it is off");
         pwr.write(0x00, VOS | PVDE, !0, &mut shared);
-        assert_eq!(shared.effects.back(), Some(&Effect::VoltageDetector(true)));
+        assert_eq!(
+            shared.effects.back(),
+            Some(&Effect::VoltageDetector { low: true })
+        );
     }
 }

@@ -152,7 +152,7 @@ impl Chip {
             Unit::Pwr => {
                 units.pwr = new.pwr;
                 // The detector is off.
-                self.shared.effect(Effect::VoltageDetector(false));
+                self.shared.effect(Effect::VoltageDetector { low: false });
             }
             Unit::Gpio => units.gpio.reset(bit as usize, &mut self.shared),
             _ => {}
@@ -163,7 +163,7 @@ impl Chip {
         for &signal in unit.inputs() {
             if let Some(pin) = self.units.gpio.pin_of(signal) {
                 let level = self.units.gpio.level(pin);
-                self.shared.effect(Effect::Level(pin, level));
+                self.shared.effect(Effect::Level { pin, high: level });
             }
         }
         self.gate();

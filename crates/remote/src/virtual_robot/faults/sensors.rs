@@ -97,13 +97,13 @@ fn analogue() -> Vec<Entry> {
             injected_faults(b, Role::Beam, |d| d.dma_error = true);
         }).goes_on().notices(ConversionsLost).check(degraded).finds(&["overrun", "bus error"]);
         "excitation lost", "strip", drive(|b| { b.beam(|beam, now| beam.excite(now, 0.0)); }).goes_on();
-        "a bridge open, up", "strip", drive(|b| { bridge(b, BridgeFault::Open(true)) })
+        "a bridge open, up", "strip", drive(|b| { bridge(b, BridgeFault::Open { up: true }) })
             .goes_on().stops(STRAINS);
-        "a bridge open, down", "strip", drive(|b| { bridge(b, BridgeFault::Open(false)) })
+        "a bridge open, down", "strip", drive(|b| { bridge(b, BridgeFault::Open { up: false }) })
             .goes_on().stops(STRAINS);
-        "an amplifier saturated, up", "strip", drive(|b| { bridge(b, BridgeFault::Saturated(true)); })
+        "an amplifier saturated, up", "strip", drive(|b| { bridge(b, BridgeFault::Saturated { up: true }); })
             .goes_on().stops(STRAINS);
-        "an amplifier saturated, down", "strip", drive(|b| { bridge(b, BridgeFault::Saturated(false)); })
+        "an amplifier saturated, down", "strip", drive(|b| { bridge(b, BridgeFault::Saturated { up: false }); })
             .goes_on().stops(STRAINS);
         "one injected conversion missing", "ADC1 of an axle", drive(|b| {
             let role = b.wheel().0;

@@ -14,7 +14,16 @@ fn an_output_drives_its_pin_and_the_world_hears_of_it() {
     gpio.write(PORT_B, 0x280 | 1 << 26, !0, &mut shared);
     let effects: Vec<_> = shared.effects.drain(..).collect();
     let driven = Effect::Driven(PB13, Drive::High);
-    assert_eq!(effects, [driven, Effect::Level(PB13, true)]);
+    assert_eq!(
+        effects,
+        [
+            driven,
+            Effect::Level {
+                pin: PB13,
+                high: true
+            }
+        ]
+    );
     // The half that resets.
     gpio.write(PORT_B + 0x18, 1 << 29, 0xffff_0000, &mut shared);
     assert_eq!(gpio.read(PORT_B + 0x10, &mut shared) >> 13 & 1, 0);
@@ -80,7 +89,10 @@ fn an_analogue_pin_reads_low_whatever_is_soldered_to_it() {
     shared.effects.clear();
     gpio.write(PORT_B, 0x280 | 3 << 26, !0, &mut shared);
     assert_eq!(gpio.read(PORT_B + 0x10, &mut shared) >> 13 & 1, 0);
-    assert!(shared.effects.iter().eq(&[Effect::Level(PB13, false)]));
+    assert!(shared.effects.iter().eq(&[Effect::Level {
+        pin: PB13,
+        high: false
+    }]));
     assert!(gpio.is_analogue(PB13) && !gpio.floats(PB13));
 }
 
@@ -109,7 +121,12 @@ fn a_peripheral_hears_the_level_of_the_pin_that_it_is_given() {
     shared.effects.clear();
     gpio.write(PORT_B, 0x280 | 2 << 24, !0, &mut shared);
     assert_eq!(gpio.signal_at(pin), Some(Signal::Tim1Bkin));
-    assert!(shared.effects.iter().eq(&[Effect::Level(pin, true)]));
+    assert!(
+        shared
+            .effects
+            .iter()
+            .eq(&[Effect::Level { pin, high: true }])
+    );
 }
 
 #[test]

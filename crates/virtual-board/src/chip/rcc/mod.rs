@@ -433,7 +433,10 @@ impl Rcc {
     fn write_reset(&mut self, offset: u32, value: u32, shared: &mut Shared) {
         let old = std::mem::replace(self.reg_mut(offset), value);
         for bit in (0..32).filter(|bit| value & !old & 1 << bit != 0) {
-            shared.effect(Effect::ResetUnit(offset + RESET_TO_ENABLE, bit));
+            shared.effect(Effect::ResetUnit {
+                register: offset + RESET_TO_ENABLE,
+                bit,
+            });
         }
     }
 

@@ -101,7 +101,16 @@ fn a_reset_bit_resets_at_its_edge() {
     let (mut rcc, mut shared) = (Rcc::default(), shared());
     rcc.write(0x20, 1 << 25, !0, &mut shared);
     rcc.write(0x20, 1 << 25 | 1, !0, &mut shared);
-    let told = [Effect::ResetUnit(0x40, 25), Effect::ResetUnit(0x40, 0)];
+    let told = [
+        Effect::ResetUnit {
+            register: 0x40,
+            bit: 25,
+        },
+        Effect::ResetUnit {
+            register: 0x40,
+            bit: 0,
+        },
+    ];
     assert!(shared.effects.iter().eq(&told));
     assert!(rcc.is_in_reset(0x40, 25) && !rcc.is_in_reset(0x40, 1));
 }

@@ -257,7 +257,10 @@ impl Timer {
 
     /// An edge of TRGO.
     fn trgo(&self, rises: bool, shared: &mut Shared) {
-        shared.effect(Effect::Trigger(self.kind, rises));
+        shared.effect(Effect::Trigger {
+            timer: self.kind,
+            rises,
+        });
     }
 
     /// Compares for pulses with the counter at `count`.

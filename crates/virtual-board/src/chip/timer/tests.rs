@@ -99,7 +99,10 @@ fn centred(cms: u32, repetition: u32) -> Bench {
     bench
 }
 
-const TRGO1: Effect = Effect::Trigger(Kind::Tim1, true);
+const TRGO1: Effect = Effect::Trigger {
+    timer: Kind::Tim1,
+    rises: true,
+};
 
 #[test]
 fn an_edge_aligned_timer_updates_every_reload_plus_one() {
@@ -107,7 +110,10 @@ fn an_edge_aligned_timer_updates_every_reload_plus_one() {
     bench.write(&[(ARR, 874), (CR2, 2 << 4), (EGR, 1)]);
     bench.seen.clear();
     bench.write(&[(CR1, CEN)]).pass(2701);
-    let trgo = Effect::Trigger(Kind::Tim2, true);
+    let trgo = Effect::Trigger {
+        timer: Kind::Tim2,
+        rises: true,
+    };
     assert_eq!(bench.times(trgo), [876, 1751, 2626]);
     assert_eq!(bench.read(CNT), 75);
     assert_eq!(bench.read(SR) & UPDATE, UPDATE);
@@ -341,14 +347,20 @@ fn the_reference_of_channel_4_is_a_trigger_once_a_period() {
     bench.pass(START + 700);
     // At once, since nothing was loaded yet; then at 90 on the way up, with the outputs off.
     assert_eq!(bench.times(TRGO1), [0, 291, 491, 691]);
-    let falls = Effect::Trigger(Kind::Tim1, false);
+    let falls = Effect::Trigger {
+        timer: Kind::Tim1,
+        rises: false,
+    };
     assert_eq!(bench.times(falls), [111, 311, 511]);
 }
 
 #[test]
 fn trigger_outputs_of_software_enable_and_compare() {
     let mut bench = Bench::new(Kind::Tim4);
-    let trgo = Effect::Trigger(Kind::Tim4, true);
+    let trgo = Effect::Trigger {
+        timer: Kind::Tim4,
+        rises: true,
+    };
     bench.pass(5).write(&[(ARR, 9), (CCR1, 3), (EGR, 1)]);
     assert_eq!(bench.times(trgo), [5]);
     bench.pass(7).write(&[(CR2, 1 << 4), (CR1, CEN)]);

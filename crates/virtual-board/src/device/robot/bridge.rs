@@ -36,11 +36,16 @@ pub enum BridgeFault {
     /// Nothing.
     #[default]
     None,
-    /// An arm or a lead of the bridge is open: the amplifier sees half the excitation, in the
-    /// direction of more counts if true.
-    Open(bool),
-    /// The amplifier stands at its upper rail if true, else at its lower one.
-    Saturated(bool),
+    /// An arm or a lead of the bridge is open: the amplifier sees half the excitation.
+    Open {
+        /// True if the counts rise.
+        up: bool,
+    },
+    /// The amplifier stands at a rail.
+    Saturated {
+        /// True for the upper rail.
+        up: bool,
+    },
 }
 
 /// A bridge with its amplifier.
@@ -127,8 +132,8 @@ impl Bridge {
         let high = (self.supply_v - c.rail_v).max(low);
         let ideal = match self.fault {
             BridgeFault::None => middle + slope * (self.strain + c.offset_strain),
-            BridgeFault::Open(up) => middle * (1.0 + if up { c.gain } else { -c.gain }),
-            BridgeFault::Saturated(up) => f64::from(u8::from(up)) * self.supply_v,
+            BridgeFault::Open { up } => middle * (1.0 + if up { c.gain } else { -c.gain }),
+            BridgeFault::Saturated { up } => f64::from(u8::from(up)) * self.supply_v,
         };
         self.input_v = ideal.clamp(low, high);
         let moves = self.fault == BridgeFault::None && self.input_v == ideal;
@@ -228,11 +233,11 @@ mod tests {
     fn broken_bridges() {
         let late = |k: u64| Time(k * 100_000 * US);
         let mut bridge = silent();
-        bridge.set_fault(late(0), BridgeFault::Open(true));
+        bridge.set_fault(late(0), BridgeFault::Open { up: true });
         assert!((bridge.sample(late(1)) - 3.25).abs() < 1e-9);
-        bridge.set_fault(late(1), BridgeFault::Open(false));
+        bridge.set_fault(late(1), BridgeFault::Open { up: false });
         assert!((bridge.sample(late(2)) - 0.05).abs() < 1e-9);
-        bridge.set_fault(late(2), BridgeFault::Saturated(true));
+        bridge.set_fault(late(2), BridgeFault::Saturated { up: true });
         assert!((bridge.sample(late(3)) - 3.25).abs() < 1e-9);
         bridge.set_fault(late(3), BridgeFault::None);
         bridge.feed(late(3), 0.0, 3.3);
