@@ -97,7 +97,7 @@ pub fn on_scenario(error: Error, file: Option<&Path>, defaults: &Table) -> Error
         _ => String::new(),
     };
     Error::input(format!(
-        "{}\n{elsewhere}`cfmmr config` prints all keys with their defaults",
+        "{}\n{elsewhere}`cfmmr keys` prints all keys with their defaults",
         text.trim_end()
     ))
 }
@@ -218,7 +218,7 @@ mod tests {
         assert_eq!(meant("plant.gravity"), "");
         let text = advice("scenario: plant.gravity: unknown key");
         assert!(
-            !text.contains("mean") && text.contains("cfmmr config"),
+            !text.contains("mean") && text.contains("cfmmr keys"),
             "{text}"
         );
         let text = advice("own.toml: bus: unknown key");

@@ -7,14 +7,17 @@ use crate::base::error::Error;
 use crate::base::input;
 use crate::base::spelling;
 use crate::base::spelling::UNKNOWN;
+use plant::{Brush, Creep, Tyre};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_path_to_error::{Path, Segment};
 use toml::de::{DeTable, DeValue};
 use toml::{Table, Value};
 
-/// Keys whose value is one of several tables: the table given last stands alone.
-const ONE_OF: [&str; 1] = ["tyre"];
+/// Key of the table of which one of several tables stands, [`LAWS`].
+const TYRE: &str = "tyre";
+/// Tables of which one stands.
+const LAWS: [&str; 2] = ["creep", "brush"];
 /// Keys of version 0.1 in the table `plant`, and the keys in their place.
 const RENAMED: [(&str, &str); 3] = [
     ("creep_velocity_m_s", "tyre.creep.velocity_m_s"),
@@ -52,10 +55,8 @@ where
 {
     let given = toml::from_str(text);
     let mut given: Table = given.map_err(|error| refusal(name, text, &error))?;
-    for change in changes {
-        apply(&mut given, change)?;
-    }
-    refuse_renamed(&given, name)?;
+    check_tyre(&given, name)?;
+    lay_over(&mut given, self::changes(changes)?);
     let mut table = Table::try_from(below).map_err(|error| Error::Failure(error.to_string()))?;
     let written = given.clone();
     lay_over(&mut table, given);
@@ -70,7 +71,7 @@ where
         match message.starts_with("unknown field") {
             true => {
                 let key = whole_key(path, &written);
-                let meant = Table::try_from(below).map(|known| spelling::unknown_key(&key, &known));
+                let meant = known_keys(below).map(|known| spelling::unknown_key(&key, &known));
                 let meant = meant.unwrap_or_default();
                 Error::input(format!("{name}: {line}{key}{UNKNOWN}{meant}"))
             }
@@ -89,24 +90,56 @@ where
     }
 }
 
-/// Refuses keys of version 0.1, with the keys in their place.
-fn refuse_renamed(given: &Table, name: &str) -> Result<(), Error> {
+/// Refuses keys of version 0.1, with the keys in their place, and anything but one law for the tyre.
+fn check_tyre(given: &Table, name: &str) -> Result<(), Error> {
     let Some(plant) = given.get("plant").and_then(Value::as_table) else {
         return Ok(());
     };
-    let no_law = |tyre: &&Value| tyre.as_table().is_none_or(|laws| laws.len() > 1);
-    let law = plant.get("tyre").filter(no_law).map(|tyre| {
-        let law = tyre.as_str().filter(|law| ["creep", "brush"].contains(law));
-        let law = law.unwrap_or("brush");
-        format!("plant.tyre = {tyre}: must be one table, for example plant.tyre.{law} = {{}}")
-    });
+    let form = match plant.get(TYRE) {
+        None => None,
+        Some(Value::Table(laws)) => {
+            let mut laws = laws.iter();
+            match (laws.next(), laws.next()) {
+                (Some((first, _)), Some((second, _))) => Some(format!(
+                    "plant.tyre has {first} and {second}: must have one of them"
+                )),
+                (Some((law, value)), None) if LAWS.contains(&law.as_str()) && !value.is_table() => {
+                    Some(format!("plant.tyre.{law} = {value}: must be a table"))
+                }
+                (Some((law, _)), None) if !LAWS.contains(&law.as_str()) => Some(format!(
+                    "plant.tyre.{law}: unknown key; must be creep or brush"
+                )),
+                _ => None,
+            }
+        }
+        Some(Value::String(law)) if LAWS.contains(&law.as_str()) => Some(format!(
+            "plant.tyre = \"{law}\" is now plant.tyre.{law} = {{}}"
+        )),
+        Some(other) => Some(format!(
+            "plant.tyre = {other}: must be a table with creep or brush"
+        )),
+    };
     let renamed = RENAMED.iter().filter(|(old, _)| plant.contains_key(*old));
     let renamed = renamed.map(|(old, new)| format!("plant.{old} is now plant.{new}"));
-    let texts: Vec<String> = law.into_iter().chain(renamed).collect();
+    let texts: Vec<String> = form.into_iter().chain(renamed).collect();
     match texts.is_empty() {
         true => Ok(()),
         false => Err(shown(format!("{name}: {}", texts.join("; ")))),
     }
+}
+
+/// Every key that `T` may have, with a value: those of the tyre's other law too.
+pub fn known_keys<T: Serialize>(whole: &T) -> Result<Table, toml::ser::Error> {
+    let mut table = Table::try_from(whole)?;
+    let plant = table.get_mut("plant").and_then(Value::as_table_mut);
+    if let Some(Value::Table(laws)) = plant.and_then(|plant| plant.get_mut(TYRE)) {
+        for other in [Tyre::Creep(Creep::default()), Tyre::Brush(Brush::default())] {
+            for (law, values) in Table::try_from(other)? {
+                laws.entry(law).or_insert(values);
+            }
+        }
+    }
+    Ok(table)
 }
 
 /// The key of an entry whose path ends at an unknown table: with what was written below.
@@ -129,7 +162,8 @@ fn line(text: &str, path: &Path) -> Option<usize> {
         let inner = match segment {
             Segment::Map { key } => value.get(key),
             Segment::Seq { index } => value.get(*index),
-            Segment::Enum { .. } | Segment::Unknown => None,
+            Segment::Enum { variant } => value.get(variant.as_str()),
+            Segment::Unknown => None,
         };
         let Some(inner) = inner else { break };
         (value, start) = (inner.get_ref(), Some(inner.span().start));
@@ -194,12 +228,12 @@ fn not_finite(value: &Value) -> Option<(String, f64)> {
     }
 }
 
-/// Replaces entries of `table` by those of `given`, table by table.
+/// Replaces entries of `table` by those of `given`, table by table. Another law replaces that of the tyre below.
 pub fn lay_over(table: &mut Table, given: Table) {
     for (key, value) in given {
         match (table.get_mut(&key), value) {
             (Some(Value::Table(below)), Value::Table(above)) => {
-                if ONE_OF.contains(&key.as_str()) && !above.is_empty() {
+                if key == TYRE && !above.is_empty() {
                     below.retain(|other, _| above.contains_key(other));
                 }
                 lay_over(below, above);
@@ -211,11 +245,12 @@ pub fn lay_over(table: &mut Table, given: Table) {
     }
 }
 
-/// Table of `KEY=VALUE` changes.
+/// Table of `KEY=VALUE` changes; of one key the last counts.
 pub fn changes(changes: &[String]) -> Result<Table, Error> {
     let mut table = Table::new();
     for change in changes {
         apply(&mut table, change)?;
+        check_tyre(&table, "--set")?;
     }
     Ok(table)
 }
@@ -239,24 +274,29 @@ fn apply(table: &mut Table, change: &str) -> Result<(), Error> {
         )));
     }
     let last = keys.pop().unwrap_or_default();
-    let (mut place, mut above) = (table, "");
-    let others = |place: &mut Table, above: &str, part: &str| {
-        if ONE_OF.contains(&above) {
-            place.retain(|other, _| other == part);
-        }
-    };
+    let mut place = table;
     for part in keys {
-        others(place, above, part);
-        above = part;
         place = place
             .entry(part)
             .or_insert_with(|| Value::Table(Table::new()))
             .as_table_mut()
             .ok_or_else(|| Error::input(format!("--set {change}: {part} is not a table")))?;
     }
-    others(place, above, last);
-    place.insert(last.to_owned(), value);
+    match (place.get_mut(last), value) {
+        (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),
+        (_, value) => _ = place.insert(last.to_owned(), value),
+    }
     Ok(())
+}
+
+/// Replaces entries of `table` by those of `above`, table by table.
+fn merge(table: &mut Table, above: Table) {
+    for (key, value) in above {
+        match (table.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),
+            (_, value) => _ = table.insert(key, value),
+        }
+    }
 }
 
 #[cfg(test)]

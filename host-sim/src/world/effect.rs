@@ -19,9 +19,9 @@ pub type Rules<Condition> = &'static [(&'static str, Condition, &'static str)];
 
 /// Rules within a world.
 const WORLD: Rules<fn(&World) -> bool> = rules! {
-    "plant.tyre.creep": |world| matches!(world.plant.tyre, Tyre::Brush(_)) => "with plant.tyre.brush";
+    "plant.tyre.creep": |world| matches!(world.plant.tyre, Tyre::Brush(_)) => "with plant.tyre.brush; give plant.tyre.creep alone";
     "plant.tyre.brush spread.slip_stiffness":
-        |world| matches!(world.plant.tyre, Tyre::Creep(_)) => "with plant.tyre.creep";
+        |world| matches!(world.plant.tyre, Tyre::Creep(_)) => "with plant.tyre.creep; give plant.tyre.brush";
     "plant.static_decay_m_s": |world| world.plant.static_excess == 0.0 => "with plant.static_excess = 0";
     "plant.load_transfer_time_s":
         |world| world.plant.center_of_mass_height_m == 0.0 => "with plant.center_of_mass_height_m = 0";

@@ -3,7 +3,7 @@
 //! The comment above an entry of the world's file is its reason. It applies until the next comment.
 
 use super::effect::leaves;
-use super::{BASE, FIELDS, World, text};
+use super::{BASE, DEFAULT, FIELDS, World, text};
 use crate::base::error::Error;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -28,7 +28,11 @@ pub struct Figure {
 pub fn figures(name: &str) -> Result<Vec<Figure>, Error> {
     let world = World::load(name)?;
     let table = Table::try_from(&world).map_err(|error| Error::Failure(error.to_string()))?;
-    let (own, base) = (reasons(&text(name)?), reasons(BASE));
+    // Base.toml has one of the tyres, the default world the other.
+    let mut base = reasons(&text(DEFAULT)?);
+    base.retain(|key, _| key.starts_with("plant.tyre."));
+    base.extend(reasons(BASE));
+    let own = reasons(&text(name)?);
     let mut figures = Vec::new();
     leaves("", &table, &mut |key, value| {
         let reason = own.get(key).or_else(|| base.get(key));

@@ -4,7 +4,8 @@
 //! [`RobotConfig`](core_algos::node::robot::RobotConfig). Nothing connects the two but the draw and what
 //! sensors and motors do. A world is a TOML file with the tables `plant`, `spread`, `sensors`, `bus` and
 //! `told`;
-//! what it leaves out has its base value (`worlds/base.toml`). Four are built in ([`NAMES`]).
+//! what it leaves out has its base value (`worlds/base.toml`; of a brush tyre [`plant::Brush`]). Four are built in
+//! ([`NAMES`]).
 
 pub mod body;
 pub mod drawn;
@@ -266,7 +267,7 @@ mod tests {
     use crate::run::simulation::Simulation;
     use crate::scenario::Scenario;
     use core_algos::node::robot::RobotConfig;
-    use plant::{Creep, Tyre};
+    use plant::{Brush, Creep, Tyre};
 
     #[test]
     fn built_in_worlds_are_valid_and_bear_their_names() {
@@ -344,7 +345,7 @@ mod tests {
         };
         assert_eq!(
             refusal("[plant]\ntyre = 'brush'\nslip_stiffness = [[9.0, 9.0], [9.0, 9.0]]"),
-            "old.toml: plant.tyre = \"brush\": must be one table, for example plant.tyre.brush = {}; \
+            "old.toml: plant.tyre = \"brush\" is now plant.tyre.brush = {}; \
              plant.slip_stiffness is now plant.tyre.brush.slip_stiffness"
         );
         assert_eq!(
@@ -352,32 +353,63 @@ mod tests {
             "old.toml: plant.creep_velocity_m_s is now plant.tyre.creep.velocity_m_s; \
              plant.rest_creep_velocity_m_s is now plant.tyre.brush.rest_velocity_m_s"
         );
-        let two = "[plant.tyre]\ncreep = {}\nbrush = {}";
-        assert!(
-            refusal(two).contains("plant.tyre = { brush = {}, creep = {} }: must be one table")
-        );
-        assert!(refusal("plant.tyre = 3").contains("plant.tyre = 3: must be one table"));
+        for (text, why) in [
+            (
+                "[plant.tyre]\ncreep = {}\nbrush = {}",
+                "has brush and creep: must have one of them",
+            ),
+            (
+                "plant.tyre = 3",
+                "plant.tyre = 3: must be a table with creep or brush",
+            ),
+            (
+                "plant.tyre.brush = [20]",
+                "plant.tyre.brush = [20]: must be a table",
+            ),
+            (
+                "plant.tyre.wood = {}",
+                "plant.tyre.wood: unknown key; must be creep or brush",
+            ),
+        ] {
+            assert!(refusal(text).contains(why), "{}", refusal(text));
+        }
     }
 
-    /// The tyre given last stands, with the defaults of its own table.
+    /// A tyre laid over another replaces it; laid over the same, it keeps what it does not name.
     #[test]
     fn another_tyre_replaces_that_below() {
         let tyre = |changes: &[&str]| {
             let changes: Vec<String> = changes.iter().map(|&c| c.to_owned()).collect();
             let text = "[plant.tyre.creep]\nvelocity_m_s = 0.02";
-            let world: World = toml_file::parse(text, "own.toml", &changes).unwrap();
-            world.plant.tyre
+            let world: Result<World, _> = toml_file::parse(text, "own.toml", &changes);
+            world.map(|world| world.plant.tyre)
         };
         let creep = |velocity_m_s| Tyre::Creep(Creep { velocity_m_s });
-        assert_eq!(tyre(&[]), creep(0.02));
-        assert_eq!(tyre(&["plant.tyre.creep={}"]), creep(0.01));
-        assert_eq!(tyre(&["plant.tyre.brush={}"]), Tyre::brush(20.0));
+        let velocity = "plant.tyre.creep.velocity_m_s=0.5";
         let rest = "plant.tyre.brush.rest_velocity_m_s=1e-3";
-        assert_eq!(tyre(&[rest, "plant.tyre.creep={}"]), creep(0.01));
-        let Tyre::Brush(brush) = tyre(&["plant.tyre.creep.velocity_m_s=0.5", rest]) else {
-            panic!("creep");
-        };
-        assert_eq!(brush.rest_velocity_m_s, 1e-3);
+        for (changes, expected) in [
+            (&[][..], creep(0.02)),
+            (&["plant.tyre.creep={}"], creep(0.02)),
+            (&["plant.tyre={creep={}}"], creep(0.02)),
+            (&[velocity, "plant.tyre.creep={}"], creep(0.5)),
+            (&["plant.tyre.brush={}"], Tyre::brush(20.0)),
+            (
+                &[rest],
+                Tyre::Brush(Brush {
+                    rest_velocity_m_s: 1e-3,
+                    ..Brush::default()
+                }),
+            ),
+        ] {
+            assert_eq!(tyre(changes).unwrap(), expected, "{changes:?}");
+        }
+        for both in [[velocity, rest], [rest, "plant.tyre.creep={}"]] {
+            let why = tyre(&both).unwrap_err().to_string();
+            assert_eq!(
+                why,
+                "--set: plant.tyre has brush and creep: must have one of them"
+            );
+        }
     }
 
     /// Visits the table with each of its numbers by itself a tenth larger.

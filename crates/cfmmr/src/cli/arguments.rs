@@ -22,7 +22,6 @@ use remote::images::Images;
 use remote::virtual_robot::Options;
 use std::net::SocketAddr;
 use std::path::PathBuf;
-use toml::Table;
 
 /// The world that an experiment is in.
 #[derive(Clone, Debug, Default, Args)]
@@ -51,8 +50,8 @@ impl ScenarioArgs {
     pub fn load(&self) -> Result<Scenario, Error> {
         let file = self.scenario.as_deref();
         Scenario::load(self.choice.world.as_deref(), file, &self.set).map_err(|error| {
-            let defaults = Table::try_from(Scenario::default()).unwrap_or_default();
-            spelling::on_scenario(error, file, &defaults)
+            let known = toml_file::known_keys(&Scenario::default()).unwrap_or_default();
+            spelling::on_scenario(error, file, &known)
         })
     }
 

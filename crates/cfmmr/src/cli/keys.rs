@@ -3,9 +3,9 @@
 use clap::Args;
 use declare::{Allowed, Field, Kind};
 use host_sim::base::error::Error;
+use host_sim::base::toml_file;
 use host_sim::scenario::{FIELDS, Scenario};
 use output::terminal;
-use plant::Brush;
 use serde_json::{Value, json};
 use std::fmt::Write;
 
@@ -27,15 +27,7 @@ struct Key {
 /// Every key, tables before the tables in them.
 fn keys() -> Result<Vec<Key>, Error> {
     let failed = |error: toml::ser::Error| Error::Failure(error.to_string());
-    let mut defaults = toml::Table::try_from(Scenario::default()).map_err(failed)?;
-    // The default scenario has the other tyre.
-    let brush = toml::Value::try_from(Brush::default()).map_err(failed)?;
-    if let Some(tyre) = defaults["plant"]
-        .get_mut("tyre")
-        .and_then(toml::Value::as_table_mut)
-    {
-        tyre.insert("brush".to_owned(), brush);
-    }
+    let defaults = toml_file::known_keys(&Scenario::default()).map_err(failed)?;
     let mut keys = Vec::new();
     collect("", FIELDS, Some(&defaults), &mut keys);
     Ok(keys)
@@ -124,7 +116,8 @@ pub fn markdown() -> Result<String, Error> {
          the table's name, a dot and the name in the row. Defaults of `plant`, `spread`, `sensors` and `bus`\n\
          are those of no world: a [world](worlds.md) replaces them, and `cfmmr config` prints the values of\n\
          one. A key without a default is not set. Bounds of a list are those of each entry. A scenario has one\n\
-         of the tables `plant.tyre.creep` and `plant.tyre.brush`; a key of one replaces the other. Further keys:\n\
+         of the tables `plant.tyre.creep`, without a world, and `plant.tyre.brush`: a key of one replaces the other.\n\
+         Further keys:\n\
          `world`, the name of a world, and `boards.front`, `boards.rear` and `boards.beam` with the\n\
          [parameters](parameters.md) of one board.\n",
     );

@@ -6,6 +6,7 @@ use host_sim::base::toml_file;
 use host_sim::scenario::Scenario;
 use host_sim::scenario::effect;
 use host_sim::scenario::effect::Use;
+use host_sim::world::effect::within as is_part;
 use host_sim::world::random::{BOUND, bounded};
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -222,8 +223,16 @@ impl Study {
         }
         for (i, vary) in self.vary.iter().enumerate() {
             vary.kind()?;
-            if self.vary[..i].iter().any(|other| other.key == vary.key) {
-                return Err(Error::input(format!("vary {}: stands twice", vary.key)));
+            for other in &self.vary[..i] {
+                let (key, other) = (&vary.key, &other.key);
+                if key == other {
+                    return Err(Error::input(format!("vary {key}: stands twice")));
+                }
+                if is_part(key, other) || is_part(other, key) {
+                    let text =
+                        format!("vary {key}: sets a part of what vary {other} sets, or the whole");
+                    return Err(Error::input(text));
+                }
             }
         }
         let cells = self.cells().unwrap_or(u64::MAX);

@@ -78,6 +78,7 @@ fn a_study_is_refused_by_the_name_of_what_is_wrong() {
         values = [true, false] => values = [true, 3] => mission.rps
         mission.rps => mission.rsp => rsp
         mission.rps => plant.tyre.creep.velocity_m_s => twice
+        mission.rps => plant.tyre => vary plant.tyre: sets a part of what vary plant.tyre.creep.velocity_m_s
         [-0.5, 0.1, 0.0] => [-0.5, 0.1] => start
         seed = 3 => sede = 3 => sede"#;
     for change in changes.trim().lines() {
@@ -462,6 +463,6 @@ fn a_varied_key_that_the_tyre_ignores_is_refused() {
         "key = \"plant.tyre.brush.rest_velocity_m_s\"\nvalues = [1e-4]",
     );
     let error = Study::parse(&text, "test").unwrap_err();
-    let words = "vary plant.tyre.creep.velocity_m_s: no effect with plant.tyre.brush";
+    let words = "plant.tyre has brush and creep: must have one of them";
     assert!(error.to_string().contains(words), "{error}");
 }
