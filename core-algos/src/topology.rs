@@ -1,28 +1,43 @@
-//! Boards, nodes, axles and wheels of the robot.
+//! Axles, frames, boards, nodes and wheels of the robot.
+//!
+//! Axles count from 0 at the front. A frame joins two neighbouring axles: frame 0 has axle 0 at its tip and axle 1 at its
+//! root. Each axle has a board, and so has each frame. The lead node runs on the board of axle 0.
+
+#[cfg(feature = "serde")]
+mod names;
 
 use core::ops::{Index, IndexMut};
 
-/// One of the two axles.
+/// Most axles of a robot.
+pub const MAX_AXLES: usize = 5;
+/// Most frames of a robot.
+pub const MAX_FRAMES: usize = MAX_AXLES - 1;
+
+/// Number of an axle, 0 at the front.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
-pub enum AxleId {
-    /// Axle 1, at the tip of the frame.
-    Front,
-    /// Axle 2, at the root of the frame.
-    Rear,
-}
+pub struct AxleId(pub u8);
 
 impl AxleId {
-    /// Both axles, front first.
-    pub const BOTH: [Self; 2] = [Self::Front, Self::Rear];
-
-    /// 0 for the front axle, 1 for the rear.
+    /// The number as an index.
     pub const fn index(self) -> usize {
-        match self {
-            Self::Front => 0,
-            Self::Rear => 1,
-        }
+        self.0 as usize
+    }
+}
+
+/// Number of a frame, 0 at the front.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct FrameId(pub u8);
+
+impl FrameId {
+    /// True for the frame behind the first axle, the only one of a robot of two axles.
+    pub const fn is_first(&self) -> bool {
+        self.0 == 0
+    }
+
+    /// The number as an index.
+    pub const fn index(self) -> usize {
+        self.0 as usize
     }
 }
 
@@ -105,55 +120,190 @@ impl<T> From<[T; 2]> for Wheels<T> {
 
 /// A board of the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Role {
-    /// Front axle and lead node.
-    Front,
-    /// Rear axle.
-    Rear,
-    /// Instrumented frame.
-    Beam,
+    /// Board of an axle.
+    Axle(AxleId),
+    /// Board of an instrumented frame.
+    Beam(FrameId),
 }
 
 impl Role {
-    /// All boards of a robot, in the order their messages enter the simulated bus.
-    pub const ALL: [Self; 3] = [Self::Front, Self::Rear, Self::Beam];
+    /// The board with the lead node.
+    pub const LEAD: Self = Self::axle(0);
 
-    /// Name in lower case.
-    pub const fn name(self) -> &'static str {
+    /// The boards of a robot of two axles, in the order of [`Topology::boards`].
+    pub const PAIR: [Self; 3] = [Self::axle(0), Self::axle(1), Self::beam(0)];
+
+    /// Board of the axle with this number.
+    pub const fn axle(number: u8) -> Self {
+        Self::Axle(AxleId(number))
+    }
+
+    /// Board of the frame with this number.
+    pub const fn beam(number: u8) -> Self {
+        Self::Beam(FrameId(number))
+    }
+
+    /// True for the board of a frame.
+    pub const fn is_beam(self) -> bool {
+        matches!(self, Self::Beam(_))
+    }
+}
+
+/// A node of the robot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Node {
+    /// Central node, on the board of axle 0.
+    Lead,
+    /// Node of an axle.
+    Axle(AxleId),
+    /// Node of a frame.
+    Beam(FrameId),
+    /// A person's tool on the bus; not part of a running robot.
+    Service,
+}
+
+impl Node {
+    /// Node of the axle with this number.
+    pub const fn axle(number: u8) -> Self {
+        Self::Axle(AxleId(number))
+    }
+
+    /// Node of the frame with this number.
+    pub const fn beam(number: u8) -> Self {
+        Self::Beam(FrameId(number))
+    }
+
+    /// Board of the node; a service tool has none.
+    pub const fn board(self) -> Option<Role> {
         match self {
-            Self::Front => "front",
-            Self::Rear => "rear",
-            Self::Beam => "beam",
+            Self::Lead => Some(Role::LEAD),
+            Self::Axle(axle) => Some(Role::Axle(axle)),
+            Self::Beam(frame) => Some(Role::Beam(frame)),
+            Self::Service => None,
         }
     }
 }
 
-enumeration! {
-    /// A node of the robot. The bus description has the names.
-    Node {
-        /// Central node, on the front board.
-        Lead,
-        /// Front axle board.
-        FrontAxle,
-        /// Rear axle board.
-        RearAxle,
-        /// Beam board.
-        Beam,
-        /// A person's tool on the bus; not part of a running robot.
-        Service,
-    }
+/// Axles of a robot, and what follows from their number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Topology {
+    axles: u8,
 }
 
-impl Node {
-    /// Board of the node; a service tool has none.
-    pub const fn board(self) -> Option<Role> {
-        match self {
-            Self::Lead | Self::FrontAxle => Some(Role::Front),
-            Self::RearAxle => Some(Role::Rear),
-            Self::Beam => Some(Role::Beam),
-            Self::Service => None,
+impl Topology {
+    /// Two axles, joined by one frame.
+    pub const PAIR: Self = Self { axles: 2 };
+
+    /// A robot of so many axles, 2 to [`MAX_AXLES`].
+    pub const fn new(axles: usize) -> Option<Self> {
+        match axles {
+            2..=MAX_AXLES => Some(Self { axles: axles as u8 }),
+            _ => None,
+        }
+    }
+
+    /// Number of boards.
+    pub const fn board_count(self) -> usize {
+        2 * self.axles as usize - 1
+    }
+
+    /// Number of nodes.
+    pub const fn node_count(self) -> usize {
+        1 + self.board_count()
+    }
+
+    /// The axles, front first.
+    pub fn axles(self) -> impl Iterator<Item = AxleId> + Clone {
+        (0..self.axles).map(AxleId)
+    }
+
+    /// The frames, front first.
+    pub fn frames(self) -> impl Iterator<Item = FrameId> + Clone {
+        (0..self.axles - 1).map(FrameId)
+    }
+
+    /// The boards in the order in which their messages enter the simulated bus: those of the axles, then those of the
+    /// frames.
+    pub fn boards(self) -> impl Iterator<Item = Role> + Clone {
+        let frames = self.frames().map(Role::Beam);
+        self.axles().map(Role::Axle).chain(frames)
+    }
+
+    /// The nodes: the lead node, those of the axles, then those of the frames.
+    pub fn nodes(self) -> impl Iterator<Item = Node> + Clone {
+        let frames = self.frames().map(Node::Beam);
+        let axles = self.axles().map(Node::Axle);
+        core::iter::once(Node::Lead).chain(axles).chain(frames)
+    }
+
+    /// The frame ahead of an axle, which has the axle at its root; the first axle has none.
+    pub const fn ahead(self, axle: AxleId) -> Option<FrameId> {
+        match axle.0 {
+            0 => None,
+            number => Some(FrameId(number - 1)),
+        }
+    }
+
+    /// The frame behind an axle, which has the axle at its tip; the last axle has none.
+    pub const fn behind(self, axle: AxleId) -> Option<FrameId> {
+        match axle.0 + 1 < self.axles {
+            true => Some(FrameId(axle.0)),
+            false => None,
+        }
+    }
+
+    /// Place of a board among [`Self::boards`].
+    pub const fn place(self, board: Role) -> usize {
+        match board {
+            Role::Axle(axle) => axle.index(),
+            Role::Beam(frame) => self.axles as usize + frame.index(),
+        }
+    }
+
+    /// Place of a node among [`Self::nodes`]; a service tool comes after the last.
+    pub const fn place_of_node(self, node: Node) -> usize {
+        match node {
+            Node::Lead => 0,
+            Node::Axle(axle) => 1 + axle.index(),
+            Node::Beam(frame) => 1 + self.axles as usize + frame.index(),
+            Node::Service => self.node_count(),
+        }
+    }
+
+    /// Name of a board: `front`, `axle-2` …, `rear`; `beam`, or `beam-1` … from the front.
+    pub const fn name(self, board: Role) -> &'static str {
+        match board {
+            Role::Axle(AxleId(0)) => "front",
+            Role::Axle(AxleId(axle)) if axle + 1 == self.axles => "rear",
+            Role::Axle(AxleId(1)) => "axle-2",
+            Role::Axle(AxleId(2)) => "axle-3",
+            Role::Axle(AxleId(3)) => "axle-4",
+            Role::Axle(_) => "axle-5",
+            Role::Beam(FrameId(0)) if self.axles == 2 => "beam",
+            Role::Beam(FrameId(0)) => "beam-1",
+            Role::Beam(FrameId(1)) => "beam-2",
+            Role::Beam(FrameId(2)) => "beam-3",
+            Role::Beam(_) => "beam-4",
+        }
+    }
+
+    /// Name of a node in the bus description.
+    pub const fn node_name(self, node: Node) -> &'static str {
+        match node {
+            Node::Lead => "Lead",
+            Node::Axle(AxleId(0)) => "FrontAxle",
+            Node::Axle(AxleId(axle)) if axle + 1 == self.axles => "RearAxle",
+            Node::Axle(AxleId(1)) => "Axle2",
+            Node::Axle(AxleId(2)) => "Axle3",
+            Node::Axle(AxleId(3)) => "Axle4",
+            Node::Axle(_) => "Axle5",
+            Node::Beam(FrameId(0)) if self.axles == 2 => "Beam",
+            Node::Beam(FrameId(0)) => "Beam1",
+            Node::Beam(FrameId(1)) => "Beam2",
+            Node::Beam(FrameId(2)) => "Beam3",
+            Node::Beam(_) => "Beam4",
+            Node::Service => "Service",
         }
     }
 }

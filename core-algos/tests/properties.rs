@@ -27,7 +27,7 @@ use core_algos::node::lead::Task;
 use core_algos::node::robot::{RobotConfig, Told};
 use core_algos::node::{Outbox, axle};
 use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
-use core_algos::topology::{AxleId, Role, Wheels};
+use core_algos::topology::{AxleId, FrameId, Role, Topology, Wheels};
 use proptest::prelude::*;
 
 /// Numbers of which some are none.
@@ -56,7 +56,7 @@ fn numbers<const N: usize>() -> impl Strategy<Value = [f32; N]> {
 
 /// Messages of any content.
 fn message() -> impl Strategy<Value = Message> {
-    let axle = prop_oneof![Just(AxleId::Front), Just(AxleId::Rear)];
+    let axle = prop_oneof![Just(AxleId(0)), Just(AxleId(1))];
     let mode = prop::sample::select(&[LeadMode::Idle, LeadMode::Active, LeadMode::Hold]);
     (0..8u8, numbers::<9>(), any::<u8>(), any::<u8>(), axle, mode).prop_map(
         |(kind, n, sequence, byte, axle, mode)| {
@@ -103,11 +103,13 @@ fn message() -> impl Strategy<Value = Message> {
                     covariance,
                 },
                 6 => Message::BeamPosture {
+                    frame: FrameId(0),
                     sequence,
                     posture,
                     gauges: byte % 6,
                 },
                 _ => Message::BeamWrench {
+                    frame: FrameId(0),
                     sequence,
                     wrench: Wrench {
                         force_x: n[0],
@@ -176,7 +178,7 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
     let config = RobotConfig::default();
     let torque = config.axle.controller.max_torque_nm;
     let (speed, steering) = (config.limits.max_speed_m_s, config.limits.max_steering_rad);
-    for role in Role::ALL {
+    for role in Topology::PAIR.boards() {
         let mut board = Board::new(&config, role).unwrap();
         if let Some(lead) = board.lead() {
             lead.initialize(&config.put_down(Posture::ORIGIN, &Told::default()));
@@ -204,7 +206,7 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
                 board.receive(at, message);
             }
             let samples = match role {
-                Role::Beam => Samples::Beam(tick.counts.into()),
+                Role::Beam(_) => Samples::Beam(tick.counts.into()),
                 _ => Samples::Axle(axle::Samples {
                     encoder: tick.encoder.into(),
                     gyro_rad_s: tick.inertial[0],

@@ -21,7 +21,7 @@ use core_algos::node::board::Ready;
 use core_algos::node::robot::Told;
 use core_algos::node::tick_sync::TickSync;
 use core_algos::params::Settings;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use embassy_executor::Spawner;
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{GPIOC, RCC};
@@ -80,7 +80,7 @@ fn start(
     static COUNTS: [AtomicU32; watchdog::TASKS.len()] =
         [const { AtomicU32::new(0) }; watchdog::TASKS.len()];
 
-    let role = tick::role(board_id::axle(p.PC13));
+    let role = Role::Axle(board_id::axle(p.PC13));
     let parameters = Parameters::load(p.FLASH, role);
     let link = Link::open(p.USART3, p.PB11, p.PB10, role, env!("BUILD"));
     let (tick_end, link_end) = link::ends();
@@ -122,7 +122,7 @@ fn start(
     let motors = Motors::start(parts, &settings.drive)?;
 
     let spawners = executors::start();
-    defmt::info!("{} axle", role.name());
+    defmt::info!("{} axle", Topology::PAIR.name(role));
     // Each of these tasks is spawned once, and has room for one.
     spawners
         .bus
@@ -160,7 +160,7 @@ fn button(pin: Peri<'static, PA0>, settings: &Settings) -> Button {
 /// Clock of a board: the front one's is the common time.
 fn clock(role: Role) -> TickSync {
     match role {
-        Role::Front => TickSync::leading(),
+        Role::LEAD => TickSync::leading(),
         _ => TickSync::following(),
     }
 }

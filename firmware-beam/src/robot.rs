@@ -55,8 +55,8 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
         done: Signal::new(),
     };
 
-    let parameters = Parameters::load(p.FLASH, Role::Beam);
-    let link = Link::open(p.USART3, p.PB11, p.PB10, Role::Beam, env!("BUILD"));
+    let parameters = Parameters::load(p.FLASH, Role::beam(0));
+    let link = Link::open(p.USART3, p.PB11, p.PB10, Role::beam(0), env!("BUILD"));
     let (tick_end, link_end) = link::ends();
     if let Some(route) = link::requested_session() {
         let start = || can::start(p.CAN1, p.PB8, p.PB9, tick_end.recorder());
@@ -99,7 +99,13 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     );
     let identity = Identity::new(&uid::uid(), env!("BUILD"));
     let chip = Chip::new(Led::new(p.PC12), bus.sender, bus.receiver, of_tick);
-    let common = Common::new(Role::Beam, chip, tick_end, TickSync::following(), identity);
+    let common = Common::new(
+        Role::beam(0),
+        chip,
+        tick_end,
+        TickSync::following(),
+        identity,
+    );
     let tick = BeamTick::new(Beam {
         bridges,
         config: settings.robot,

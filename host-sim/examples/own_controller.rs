@@ -14,8 +14,10 @@ use host_sim::targets::InProcess;
 fn main() -> Result<(), Error> {
     let scenario = Scenario::default();
     for seed in 1..=5 {
-        let boards =
-            Role::ALL.map(|role| Box::new(InProcess::with_controller(role, &law::Polar)) as _);
+        let boards = Role::PAIR
+            .into_iter()
+            .map(|role| Box::new(InProcess::with_controller(role, &law::Polar)) as _)
+            .collect();
         let mut robot = Simulation::on(boards, &scenario, seed, 0)?;
         let outcome = regulate_on(&mut robot, &scenario, |_| ())?;
         let [x, y, phi] = outcome.midpoint.map(|value| 100.0 * value);

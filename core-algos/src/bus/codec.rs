@@ -115,7 +115,8 @@ impl core::error::Error for DecodeError {}
 /// [`POSITION_SPAN_M`](super::field::POSITION_SPAN_M).
 pub fn encode(message: &Message) -> Result<CanFrame, EncodeError> {
     let (id, values) = message.to_values();
-    let Some(layout) = id.and_then(layout::find) else {
+    let found = id.and_then(|id| Some((id, layout::find(id)?)));
+    let Some((id, layout)) = found else {
         // The one message without an identifier: the service tool has no status.
         return Err(EncodeError {
             message: "NodeStatus",
@@ -136,7 +137,7 @@ pub fn encode(message: &Message) -> Result<CanFrame, EncodeError> {
         position += u32::from(signal.bits);
     }
     Ok(CanFrame {
-        id: layout.id,
+        id,
         length: layout.bytes(),
         data: bits.to_le_bytes(),
     })
@@ -165,7 +166,8 @@ pub fn decode(frame: &CanFrame) -> Result<Message, DecodeError> {
         };
         *value = signal.physical(raw);
     }
-    Message::from_values(frame.id, &values).ok_or(DecodeError::Value { id: frame.id })
+    Message::from_values(layout.id, frame.id - layout.id, &values)
+        .ok_or(DecodeError::Value { id: frame.id })
 }
 
 /// Nearest raw value; `None` for NaN and out of range.

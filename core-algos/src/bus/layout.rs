@@ -5,12 +5,89 @@
 //! from [`timeout_s`].
 
 pub use super::message::{MESSAGES, id};
-pub use super::signal::{Layout, Signal, frame_bits};
+pub use super::signal::{Layout, Of, Sender, Signal, frame_bits};
+
+use super::message::Placed;
+use crate::topology::{AxleId, FrameId, Node, Role, Topology};
+use core::fmt;
 
 /// Bit rate of the bus, bit/s.
 pub const BIT_RATE: u32 = 1_000_000;
 
-/// Check number of the table (FNV-1a): identifiers, widths, scales and offsets.
+/// A message of one robot's bus.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OnBus {
+    /// CAN identifier (11 bits).
+    pub id: u16,
+    /// Its row of the table.
+    pub layout: &'static Layout,
+    /// Who sends it.
+    pub sender: Node,
+    /// What the name says of whose it is.
+    suffix: &'static str,
+}
+
+impl fmt::Display for OnBus {
+    /// Writes the name in the bus description.
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{}{}", self.layout.name, self.suffix)
+    }
+}
+
+/// Node whose message has this place after the first identifier of its row.
+fn owner(of: Of, offset: u16) -> Option<Node> {
+    match of {
+        Of::Robot => None,
+        Of::Axle => AxleId::at(offset).map(Node::Axle),
+        Of::Frame => FrameId::at(offset).map(Node::Beam),
+        Of::Board => Some(match Role::at(offset)? {
+            Role::Axle(axle) => Node::Axle(axle),
+            Role::Beam(frame) => Node::Beam(frame),
+        }),
+        Of::Node => Node::at(offset),
+    }
+}
+
+/// The messages on the bus of a robot, by identifier.
+pub fn messages(topology: Topology) -> impl Iterator<Item = OnBus> {
+    MESSAGES.iter().flat_map(move |layout| {
+        // No row has more identifiers than the frames of the last board need.
+        (0..0x20).filter_map(move |offset| on_bus(topology, layout, offset))
+    })
+}
+
+/// The message of a place of a row; `None` if the robot has none.
+fn on_bus(topology: Topology, layout: &'static Layout, offset: u16) -> Option<OnBus> {
+    let owner = match layout.of {
+        Of::Robot if offset > 0 => return None,
+        Of::Robot => None,
+        of => Some(owner(of, offset)?),
+    };
+    if owner.is_some_and(|owner| topology.nodes().all(|node| node != owner)) {
+        return None;
+    }
+    Some(OnBus {
+        id: layout.id + offset,
+        layout,
+        sender: match (layout.sender, owner) {
+            (Sender::Node(node), _) => node,
+            (Sender::Own, owner) => owner?,
+        },
+        suffix: owner.map_or("", |owner| suffix(topology, layout.of, owner)),
+    })
+}
+
+/// What a name says of whose the message is.
+fn suffix(topology: Topology, of: Of, owner: Node) -> &'static str {
+    let name = topology.node_name(owner);
+    match (of, owner) {
+        (Of::Frame, _) => name.strip_prefix("Beam").unwrap_or_default(),
+        (Of::Axle | Of::Board, Node::Axle(_)) => name.strip_suffix("Axle").unwrap_or(name),
+        _ => name,
+    }
+}
+
+/// Check number of the table (FNV-1a): identifiers, widths, scales and offsets of the messages of two axles.
 pub fn schema() -> u8 {
     let mut sum = 0x811c_9dc5_u32;
     let mut add = |word: u32| {
@@ -18,8 +95,8 @@ pub fn schema() -> u8 {
             sum = (sum ^ u32::from(byte)).wrapping_mul(0x0100_0193);
         }
     };
-    for layout in &MESSAGES {
-        add(layout.id.into());
+    for OnBus { id, layout, .. } in messages(Topology::PAIR) {
+        add(id.into());
         for signal in layout.signals {
             add(u32::from(signal.bits) << 1 | u32::from(signal.signed));
             add(signal.scale.to_bits());
@@ -29,19 +106,53 @@ pub fn schema() -> u8 {
     (sum ^ sum >> 8 ^ sum >> 16 ^ sum >> 24) as u8
 }
 
-/// The entry of the table for an identifier.
+/// The row of the table for an identifier.
 pub fn find(id: u16) -> Option<&'static Layout> {
-    MESSAGES.iter().find(|layout| layout.id == id)
+    MESSAGES.iter().find(|layout| {
+        id.checked_sub(layout.id)
+            .is_some_and(|offset| match layout.of {
+                Of::Robot => offset == 0,
+                of => owner(of, offset).is_some(),
+            })
+    })
 }
 
-/// Age at which a message no longer counts, s; 0 for one that does not age or is unknown.
-pub fn timeout_s(id: u16) -> f32 {
-    find(id).map_or(0.0, |layout| f32::from(layout.timeout_ms) / 1000.0)
+/// Who sends the message of an identifier.
+pub fn sender(id: u16) -> Option<Node> {
+    let layout = find(id)?;
+    match layout.sender {
+        Sender::Node(node) => Some(node),
+        Sender::Own => owner(layout.of, id - layout.id),
+    }
 }
 
-/// Worst-case share of the bus all periodic messages of the table take, 0 to 1.
-pub fn load(bit_rate: f32) -> f32 {
-    MESSAGES.iter().map(Layout::bits_per_second).sum::<f32>() / bit_rate
+/// Name of the message of an identifier in the bus description of a robot.
+pub fn name(topology: Topology, id: u16) -> Option<OnBus> {
+    let layout = find(id)?;
+    on_bus(topology, layout, id - layout.id)
+}
+
+/// Age at which a message with this first identifier no longer counts, ms; 0 for one that does not age or is unknown.
+pub const fn timeout_ms(id: u16) -> u16 {
+    let mut i = 0;
+    while i < MESSAGES.len() {
+        if MESSAGES[i].id == id {
+            return MESSAGES[i].timeout_ms;
+        }
+        i += 1;
+    }
+    0
+}
+
+/// The same in seconds.
+pub const fn timeout_s(id: u16) -> f32 {
+    timeout_ms(id) as f32 / 1000.0
+}
+
+/// Worst-case share of the bus that all periodic messages of a robot take, 0 to 1.
+pub fn load(topology: Topology, bit_rate: f32) -> f32 {
+    let bits = messages(topology).map(|message| message.layout.bits_per_second());
+    bits.sum::<f32>() / bit_rate
 }
 
 #[cfg(test)]
@@ -62,9 +173,34 @@ mod tests {
 
     #[test]
     fn identifiers_are_unique_and_rise() {
-        for pair in MESSAGES.windows(2) {
-            assert!(pair[0].id < pair[1].id);
+        for axles in 2..=5 {
+            let robot = Topology::new(axles).unwrap();
+            let ids: Vec<u16> = messages(robot).map(|message| message.id).collect();
+            assert!(ids.is_sorted_by(|a, b| a < b), "{ids:x?}");
+            for OnBus {
+                id,
+                layout,
+                sender: node,
+                ..
+            } in messages(robot)
+            {
+                assert_eq!((find(id), sender(id)), (Some(layout), Some(node)));
+            }
         }
+        // Three axles: a message for each, two frames, five boards, six nodes.
+        let names: Vec<String> = messages(Topology::new(3).unwrap())
+            .map(|message| message.to_string())
+            .collect();
+        for name in [
+            "AxleMotionAxle2",
+            "BeamWrench2",
+            "BoardHealthRear",
+            "BoardHealthBeam1",
+            "NodeStatusLead",
+        ] {
+            assert!(names.iter().any(|found| found == name), "{name}: {names:?}");
+        }
+        assert_eq!(names.len(), 2 + 5 * 3 + 5 * 2 + 2 * 5 + 6);
     }
 
     #[test]
@@ -77,13 +213,7 @@ mod tests {
         }
         assert_eq!(timeout_s(id::AXLE_POSTURE), 0.05);
         // One limit stands for mode and reference in the axle node.
-        for id in [
-            id::LEAD_STATUS,
-            id::REFERENCE_POSTURE,
-            id::REFERENCE_POSTURE + 1,
-            id::REFERENCE_MOTION,
-            id::REFERENCE_MOTION + 1,
-        ] {
+        for id in [id::LEAD_STATUS, id::REFERENCE_POSTURE, id::REFERENCE_MOTION] {
             assert_eq!(timeout_s(id), 0.06);
         }
     }
@@ -92,8 +222,8 @@ mod tests {
     #[test]
     fn schema_is_the_hash_of_the_table() {
         let mut bytes = Vec::new();
-        for layout in &MESSAGES {
-            bytes.extend(u32::from(layout.id).to_le_bytes());
+        for OnBus { id, layout, .. } in messages(Topology::PAIR) {
+            bytes.extend(u32::from(id).to_le_bytes());
             for signal in layout.signals {
                 let form = 2 * u32::from(signal.bits) + u32::from(signal.signed);
                 bytes.extend(form.to_le_bytes());
@@ -117,7 +247,7 @@ mod tests {
         ] {
             assert_eq!(find(id).unwrap().bits_per_second(), bits);
         }
-        let load = load(BIT_RATE as f32);
+        let load = load(Topology::PAIR, BIT_RATE as f32);
         assert!(load > 0.1 && load < 0.5, "{load}");
     }
 }

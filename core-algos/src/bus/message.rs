@@ -5,19 +5,19 @@
 //! postures are cumulative, so a lost message delays information and loses none; their positions are sent modulo
 //! [`POSITION_SPAN_M`](super::field::POSITION_SPAN_M), and only differences are used.
 //!
-//! An identifier is a function times 16, plus a number that counts the axles; the beam has functions of its own. So there
-//! is room for more axles.
+//! An identifier is a function times 16, plus the number of the axle or frame. Of a message that every board sends, those of
+//! the frames come 16 later.
 
 use super::field::{
     Calibrate, CalibrationResult, Field, Hash24, LeadMode, Odometric, POSITION_BITS,
     POSITION_STEP_M, Values,
 };
-use super::signal::{Layout, Signal};
+use super::signal::{Layout, Of, Sender, Signal};
 use crate::math::Posture;
 use crate::math::matrix::Mat3;
 use crate::math::wrench::Wrench;
 use crate::safety::{Conditions, OperatingState};
-use crate::topology::{AxleId, Node, Role};
+use crate::topology::{AxleId, FrameId, MAX_AXLES, MAX_FRAMES, Node, Role};
 
 /// A reference is two frames of one epoch, and one of them is lost twice as often as a message of one
 /// frame: it may miss one epoch more. The mode shares its limit.
@@ -42,14 +42,14 @@ const UNCERTAINTY: [Signal; 6] = [
     Signal::signed("correlation_yphi", 8, 1.0 / 127.0, ""),
 ];
 
-/// Rows: meaning and name; identifiers, each with what it adds to the name and its sender; period and age at which the
-/// content no longer counts, ms, 0 if there is none; fields with meaning, type and signals.
+/// Rows: meaning and name; whose it is, if there is one for each axle, frame, board or node; first identifier and
+/// sender; period and age at which the content no longer counts, ms, 0 if there is none; fields with meaning, type and
+/// signals.
 macro_rules! messages {
     ($(
         $(#[doc = $meaning:literal])+
-        $constant:ident = $name:ident $(of $which:ident: $kind:ident in $all:ident)? at {
-            $($id:literal $suffix:literal from $sender:ident),+
-        } every $period:literal counts $timeout:expr;
+        $constant:ident = $name:ident $(of $(#[$whose:meta])* $which:ident: $kind:ident)? at $id:literal from $sender:expr,
+            every $period:literal counts $timeout:expr;
         {$(
             $(#[doc = $note:literal])+
             $field:ident: $type:ty $(as $wire:ident)? = $signals:expr,
@@ -64,6 +64,7 @@ macro_rules! messages {
             $name {
                 $(
                     /// Whose it is.
+                    $(#[$whose])*
                     $which: $kind,
                 )?
                 $($(#[doc = $note])+ $field: $type,)+
@@ -73,12 +74,8 @@ macro_rules! messages {
         /// First identifier of each message.
         pub mod id {$(
             $(#[doc = $meaning])+
-            pub const $constant: u16 = super::ids::$constant[0];
+            pub const $constant: u16 = $id;
         )+}
-
-        mod ids {$(pub const $constant: &[u16] = &[$($id),+];)+}
-
-        mod meanings {$(pub const $constant: &str = concat!($($meaning),+);)+}
 
         mod signals {
             use super::*;
@@ -89,16 +86,17 @@ macro_rules! messages {
             };)+
         }
 
-        /// Every message of the bus, by identifier.
-        pub const MESSAGES: [Layout; [$($($id),+),+].len()] = [$($(Layout {
+        /// Every message of the bus, by its first identifier.
+        pub const MESSAGES: [Layout; [$($id),+].len()] = [$(Layout {
             id: $id,
-            name: concat!(stringify!($name), $suffix),
-            meaning: meanings::$constant,
-            sender: Node::$sender,
+            name: stringify!($name),
+            meaning: concat!($($meaning),+),
+            of: of!($($kind)?),
+            sender: $sender,
             period_ms: $period,
             timeout_ms: $timeout,
             signals: signals::$constant,
-        }),+),+];
+        }),+];
 
         impl Message {
             /// Identifier, none of a node that has no such message, and values of the signals.
@@ -108,24 +106,114 @@ macro_rules! messages {
                 let id = match self {$(
                     Self::$name { $($which,)? $($field),+ } => {
                         $($(let $field = $wire($field);)? $field.write(&mut to);)+
-                        ids::$constant.get(0 $(+ $which as usize)?).copied()
+                        let _offset = Some(0);
+                        $(let _offset = $which.offset();)?
+                        _offset.map(|offset| $id + offset)
                     }
                 )+};
                 (id, values)
             }
 
-            /// The message of an identifier; `None` if there is none or a value is undefined.
-            pub(super) fn from_values(identifier: u16, values: &Values) -> Option<Self> {
+            /// The message with a first identifier and a place after it; `None` if there is none or a value is undefined.
+            pub(super) fn from_values(first: u16, _offset: u16, values: &Values) -> Option<Self> {
                 let mut from = values.iter();
-                $(if let Some(_place) = ids::$constant.iter().position(|&id| id == identifier) {
-                    $(let $which = *$kind::$all.get(_place)?;)?
-                    $(let $field = Field::read(&mut from)?; $(let $wire($field) = $field;)?)+
-                    return Some(Self::$name { $($which,)? $($field),+ });
-                })+
-                None
+                Some(match first {
+                    $($id => {
+                        $(let $which = $kind::at(_offset)?;)?
+                        $(let $field = Field::read(&mut from)?; $(let $wire($field) = $field;)?)+
+                        Self::$name { $($which,)? $($field),+ }
+                    })+
+                    _ => return None,
+                })
             }
         }
     };
+}
+
+/// Kind of a message.
+macro_rules! of {
+    () => {
+        Of::Robot
+    };
+    (AxleId) => {
+        Of::Axle
+    };
+    (FrameId) => {
+        Of::Frame
+    };
+    (Role) => {
+        Of::Board
+    };
+    (Node) => {
+        Of::Node
+    };
+}
+
+/// What there is one message for: its place among the identifiers.
+pub(super) trait Placed: Sized {
+    /// Place after the first identifier; `None` for a node without such a message.
+    fn offset(self) -> Option<u16>;
+
+    /// Whose message has this place.
+    fn at(offset: u16) -> Option<Self>;
+}
+
+/// Place of the first frame after that of the first axle.
+const FRAMES: u16 = 0x10;
+
+impl Placed for AxleId {
+    fn offset(self) -> Option<u16> {
+        Some(self.0.into())
+    }
+
+    fn at(offset: u16) -> Option<Self> {
+        (offset < MAX_AXLES as u16).then_some(Self(offset as u8))
+    }
+}
+
+impl Placed for FrameId {
+    fn offset(self) -> Option<u16> {
+        Some(self.0.into())
+    }
+
+    fn at(offset: u16) -> Option<Self> {
+        (offset < MAX_FRAMES as u16).then_some(Self(offset as u8))
+    }
+}
+
+impl Placed for Role {
+    fn offset(self) -> Option<u16> {
+        match self {
+            Self::Axle(axle) => axle.offset(),
+            Self::Beam(frame) => Some(FRAMES + frame.offset()?),
+        }
+    }
+
+    fn at(offset: u16) -> Option<Self> {
+        match offset.checked_sub(FRAMES) {
+            Some(offset) => FrameId::at(offset).map(Self::Beam),
+            None => AxleId::at(offset).map(Self::Axle),
+        }
+    }
+}
+
+impl Placed for Node {
+    fn offset(self) -> Option<u16> {
+        match self {
+            Self::Lead => Some(0),
+            Self::Axle(axle) => Some(1 + axle.offset()?),
+            Self::Beam(frame) => Role::Beam(frame).offset(),
+            Self::Service => None,
+        }
+    }
+
+    fn at(offset: u16) -> Option<Self> {
+        match offset {
+            0 => Some(Self::Lead),
+            1..FRAMES => AxleId::at(offset - 1).map(Self::Axle),
+            _ => FrameId::at(offset - FRAMES).map(Self::Beam),
+        }
+    }
 }
 
 /// Number of signals of all fields.
@@ -156,7 +244,7 @@ const fn flat<const N: usize>(fields: &[&[Signal]], notes: &[&'static str]) -> [
 
 messages! {
     /// Common time, sent by the front board at the beginning of every epoch.
-    TIME_SYNC = TimeSync at { 0x010 "" from FrontAxle } every 10 counts 50;
+    TIME_SYNC = TimeSync at 0x010 from Sender::Node(Node::axle(0)), every 10 counts 50;
     {
         /// Number of the epoch that begins.
         epoch: u32 = [Signal::unsigned("sequence", 8), Signal::unsigned("epoch_high", 24)],
@@ -165,10 +253,7 @@ messages! {
         last_delay_us: Option<u16> = [Signal::unsigned("last_delay", 16).in_unit("us")],
     }
     /// Operating state of a node: its heartbeat.
-    NODE_STATUS = NodeStatus of node: Node in ALL at {
-        0x040 "Lead" from Lead, 0x041 "FrontAxle" from FrontAxle,
-        0x042 "RearAxle" from RearAxle, 0x050 "Beam" from Beam
-    } every 10 counts 50;
+    NODE_STATUS = NodeStatus of node: Node at 0x040 from Sender::Own, every 10 counts 50;
     {
         /// Epoch modulo 256.
         sequence: u8 = SEQUENCE,
@@ -182,7 +267,7 @@ messages! {
         notices: Conditions = [Signal::unsigned("notices", 24), Signal::unsigned("notices_high", 20)],
     }
     /// Mode and progress of the lead node.
-    LEAD_STATUS = LeadStatus at { 0x070 "" from Lead } every 10 counts COMMAND_MS;
+    LEAD_STATUS = LeadStatus at 0x070 from Sender::Node(Node::Lead), every 10 counts COMMAND_MS;
     {
         /// Epoch modulo 256.
         sequence: u8 = SEQUENCE,
@@ -194,9 +279,7 @@ messages! {
         velocity_m_s: f32 = [Signal::signed("velocity", 16, 1e-4, "m/s")],
     }
     /// Reference posture of an axle in that axle's odometric frame.
-    REFERENCE_POSTURE = ReferencePosture of axle: AxleId in BOTH at {
-        0x080 "Front" from Lead, 0x081 "Rear" from Lead
-    } every 10 counts COMMAND_MS;
+    REFERENCE_POSTURE = ReferencePosture of axle: AxleId at 0x080 from Sender::Node(Node::Lead), every 10 counts COMMAND_MS;
     {
         /// Epoch modulo 256 at whose beginning the reference holds.
         sequence: u8 = SEQUENCE,
@@ -204,9 +287,7 @@ messages! {
         posture: Posture as Odometric = POSTURE,
     }
     /// Reference velocities and accelerations of an axle.
-    REFERENCE_MOTION = ReferenceMotion of axle: AxleId in BOTH at {
-        0x090 "Front" from Lead, 0x091 "Rear" from Lead
-    } every 10 counts COMMAND_MS;
+    REFERENCE_MOTION = ReferenceMotion of axle: AxleId at 0x090 from Sender::Node(Node::Lead), every 10 counts COMMAND_MS;
     {
         /// Epoch modulo 256 at whose beginning the reference holds.
         sequence: u8 = SEQUENCE,
@@ -220,9 +301,7 @@ messages! {
         yaw_acceleration_rad_s2: f32 = [Signal::signed("yaw_acceleration", 14, 0.02, "rad/s2")],
     }
     /// Odometric posture of an axle since it was started, in its own frame.
-    AXLE_POSTURE = AxlePosture of axle: AxleId in BOTH at {
-        0x100 "Front" from FrontAxle, 0x101 "Rear" from RearAxle
-    } every 10 counts 50;
+    AXLE_POSTURE = AxlePosture of axle: AxleId at 0x100 from Sender::Own, every 10 counts 50;
     {
         /// Epoch modulo 256 at whose beginning the posture holds.
         sequence: u8 = SEQUENCE,
@@ -230,9 +309,7 @@ messages! {
         posture: Posture as Odometric = POSTURE,
     }
     /// Velocity of an axle.
-    AXLE_MOTION = AxleMotion of axle: AxleId in BOTH at {
-        0x110 "Front" from FrontAxle, 0x111 "Rear" from RearAxle
-    } every 10 counts 50;
+    AXLE_MOTION = AxleMotion of axle: AxleId at 0x110 from Sender::Own, every 10 counts 50;
     {
         /// Epoch modulo 256.
         sequence: u8 = SEQUENCE,
@@ -251,9 +328,7 @@ messages! {
     }
     /// Covariance of the odometric increment of an axle over the last epoch, in the axle's frame
     /// at the beginning of that epoch.
-    AXLE_UNCERTAINTY = AxleUncertainty of axle: AxleId in BOTH at {
-        0x120 "Front" from FrontAxle, 0x121 "Rear" from RearAxle
-    } every 10 counts 50;
+    AXLE_UNCERTAINTY = AxleUncertainty of axle: AxleId at 0x120 from Sender::Own, every 10 counts 50;
     {
         /// Epoch modulo 256.
         sequence: u8 = SEQUENCE,
@@ -261,7 +336,8 @@ messages! {
         covariance: Mat3 = UNCERTAINTY,
     }
     /// Posture of the front axle in the rear axle's frame, from the strains of the strip.
-    BEAM_POSTURE = BeamPosture at { 0x200 "" from Beam } every 10 counts 50;
+    BEAM_POSTURE = BeamPosture of
+        #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "FrameId::is_first"))] frame: FrameId at 0x200 from Sender::Own, every 10 counts 50;
     {
         /// Epoch modulo 256 at whose beginning the posture holds.
         sequence: u8 = SEQUENCE,
@@ -275,7 +351,8 @@ messages! {
         gauges: u8 = [Signal::unsigned("gauges", 4)],
     }
     /// Covariance of the beam's posture.
-    BEAM_UNCERTAINTY = BeamUncertainty at { 0x210 "" from Beam } every 10 counts 50;
+    BEAM_UNCERTAINTY = BeamUncertainty of
+        #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "FrameId::is_first"))] frame: FrameId at 0x210 from Sender::Own, every 10 counts 50;
     {
         /// Epoch modulo 256.
         sequence: u8 = SEQUENCE,
@@ -283,7 +360,8 @@ messages! {
         covariance: Mat3 = UNCERTAINTY,
     }
     /// Wrench of the frame, from the strains.
-    BEAM_WRENCH = BeamWrench at { 0x220 "" from Beam } every 10 counts 50;
+    BEAM_WRENCH = BeamWrench of
+        #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "FrameId::is_first"))] frame: FrameId at 0x220 from Sender::Own, every 10 counts 50;
     {
         /// Epoch modulo 256.
         sequence: u8 = SEQUENCE,
@@ -296,9 +374,7 @@ messages! {
         ],
     }
     /// Health of a board.
-    BOARD_HEALTH = BoardHealth of board: Role in ALL at {
-        0x300 "Front" from FrontAxle, 0x301 "Rear" from RearAxle, 0x310 "Beam" from Beam
-    } every 100 counts 500;
+    BOARD_HEALTH = BoardHealth of board: Role at 0x300 from Sender::Own, every 100 counts 500;
     {
         /// Epoch modulo 256.
         sequence: u8 = SEQUENCE,
@@ -314,7 +390,8 @@ messages! {
         temperature_c: f32 = [Signal::signed("temperature", 8, 1.0, "degC")],
     }
     /// Request for a calibration of the beam board.
-    BEAM_CALIBRATION = BeamCalibration at { 0x600 "" from Service } every 0 counts 0;
+    BEAM_CALIBRATION = BeamCalibration of
+        #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "FrameId::is_first"))] frame: FrameId at 0x600 from Sender::Node(Node::Service), every 0 counts 0;
     {
         /// Comes back in the answer.
         sequence: u8 = SEQUENCE,
@@ -325,7 +402,8 @@ messages! {
         ],
     }
     /// Result of a calibration of the beam board.
-    BEAM_CALIBRATED = BeamCalibrated at { 0x610 "" from Beam } every 0 counts 0;
+    BEAM_CALIBRATED = BeamCalibrated of
+        #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "FrameId::is_first"))] frame: FrameId at 0x610 from Sender::Own, every 0 counts 0;
     {
         /// Of the request.
         sequence: u8 = SEQUENCE,
@@ -335,9 +413,7 @@ messages! {
         gauge: u8 = [Signal::unsigned("gauge", 4)],
     }
     /// Identity of a board.
-    BOARD_IDENTITY = BoardIdentity of board: Role in ALL at {
-        0x720 "Front" from FrontAxle, 0x721 "Rear" from RearAxle, 0x730 "Beam" from Beam
-    } every 1000 counts 5000;
+    BOARD_IDENTITY = BoardIdentity of board: Role at 0x720 from Sender::Own, every 1000 counts 5000;
     {
         /// Epoch modulo 256.
         sequence: u8 = SEQUENCE,

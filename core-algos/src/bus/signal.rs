@@ -96,17 +96,43 @@ impl Signal {
     }
 }
 
-/// One message of the bus.
+/// What there is one message for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Of {
+    /// The robot.
+    Robot,
+    /// Each axle.
+    Axle,
+    /// Each frame.
+    Frame,
+    /// Each board.
+    Board,
+    /// Each node that has a status.
+    Node,
+}
+
+/// Sender of a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sender {
+    /// This node.
+    Node(Node),
+    /// Whose message it is: the node of the axle, of the frame or of the board, or the node itself.
+    Own,
+}
+
+/// One message of the bus, or one for each axle, frame, board or node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layout {
-    /// CAN identifier (11 bits); a lower one wins arbitration.
+    /// First CAN identifier (11 bits); a lower one wins arbitration.
     pub id: u16,
-    /// Name, as in the bus description.
+    /// Name; the bus description adds whose it is.
     pub name: &'static str,
     /// Meaning, one sentence.
     pub meaning: &'static str,
+    /// What there is one for.
+    pub of: Of,
     /// Who sends it.
-    pub sender: Node,
+    pub sender: Sender,
     /// Time between two of them, ms; 0 if it is sent on request only.
     pub period_ms: u16,
     /// Age at which the content no longer counts, ms; 0 if it does not age.

@@ -379,11 +379,11 @@ impl RobotFusion {
     ) -> Output {
         let whole = self.beam_track(beam).estimate();
         let (base, chain) = match known {
-            AxleId::Front => (
+            AxleId(0) => (
                 &last.front,
                 Chain::midpoint_from_front(last.front.posture, beam.posture),
             ),
-            AxleId::Rear => (
+            _ => (
                 &last.rear,
                 Chain::midpoint_from_rear(last.rear.posture, beam.posture),
             ),

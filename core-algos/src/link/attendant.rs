@@ -100,7 +100,7 @@ impl Station {
             return Err(Refusal::Armed);
         }
         match role {
-            Role::Front => {}
+            Role::LEAD => {}
             _ if begins => return Ok(()),
             _ => return Err(Refusal::OtherBoard { role }),
         }
@@ -163,13 +163,13 @@ fn answer<'a>(
 /// The frame, if it is one that a service tool may send.
 fn service(packed: &[u8]) -> Option<CanFrame> {
     let frame = protocol::unpack(packed).next()?;
-    let sender = layout::find(frame.id)?.sender;
+    let sender = layout::sender(frame.id)?;
     (sender == Node::Service && bus::decode(&frame).is_ok()).then_some(frame)
 }
 
 /// True if the board `role` relays this request to the board `to`.
 fn relays(role: Role, to: Role, payload: &[u8]) -> bool {
-    role == Role::Front && to != role && !payload.is_empty()
+    role == Role::LEAD && to != role && !payload.is_empty()
 }
 
 /// The part of an encoded configuration that begins at `offset`.
@@ -284,7 +284,7 @@ impl Attendant {
                 request => {
                     let admitted = match request {
                         // Meant for the board before its restart.
-                        Some(Request::Order { .. }) if !self.greeted && role == Role::Front => {
+                        Some(Request::Order { .. }) if !self.greeted && role == Role::LEAD => {
                             Err(Refusal::NoSession)
                         }
                         Some(request) => station.admit(role, &request),

@@ -388,7 +388,7 @@ impl Session {
         sent: &mut Packed,
     ) -> Result<(Output, u8), Refusal<'a>> {
         let role = self.identity.role;
-        if matches!(samples, Samples::Beam(_)) != (role == Role::Beam) {
+        if matches!(samples, Samples::Beam(_)) != role.is_beam() {
             return Err(Refusal::OtherBoard { role });
         }
         let board = self.board.as_mut().ok_or(Refusal::NotStarted)?;

@@ -4,8 +4,8 @@
 //! |---|---|
 //! | 0x700 + axle | requests to the board of an axle |
 //! | 0x710 + axle | its replies |
-//! | 0x740 | requests to the beam board |
-//! | 0x750 | its replies |
+//! | 0x740 + frame | requests to the board of a frame |
+//! | 0x750 + frame | its replies |
 //!
 //! | condition | reaction | reason |
 //! |---|---|---|
@@ -17,7 +17,7 @@
 //! the payload ([`super::framing`]), and the host repeats its request.
 
 use crate::bus::CanFrame;
-use crate::topology::Role;
+use crate::topology::{MAX_AXLES, MAX_FRAMES, Role};
 
 /// Direction of bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,29 +28,28 @@ pub enum Direction {
     From,
 }
 
-const ADDRESSES: [(u16, Role, Direction); 6] = [
-    (0x700, Role::Front, Direction::To),
-    (0x701, Role::Rear, Direction::To),
-    (0x710, Role::Front, Direction::From),
-    (0x711, Role::Rear, Direction::From),
-    (0x740, Role::Beam, Direction::To),
-    (0x750, Role::Beam, Direction::From),
-];
-
 /// Board and direction of an identifier; `None` for messages.
 pub fn address(id: u16) -> Option<(Role, Direction)> {
-    // Messages, which are nearly all of the frames, need no search.
-    let mut addresses = ADDRESSES.iter().filter(|_| id >= 0x700);
-    let found = addresses.find(|address| address.0 == id);
-    found.map(|&(_, role, direction)| (role, direction))
+    let number = (id & 0xf) as u8;
+    let axle = (usize::from(number) < MAX_AXLES).then_some(Role::axle(number));
+    let frame = (usize::from(number) < MAX_FRAMES).then_some(Role::beam(number));
+    match id & !0xf {
+        0x700 => Some((axle?, Direction::To)),
+        0x710 => Some((axle?, Direction::From)),
+        0x740 => Some((frame?, Direction::To)),
+        0x750 => Some((frame?, Direction::From)),
+        _ => None,
+    }
 }
 
 /// Frames of bytes to or from a board.
 pub fn frames(role: Role, direction: Direction, bytes: &[u8]) -> impl Iterator<Item = CanFrame> {
-    let found = ADDRESSES
-        .iter()
-        .find(|address| (address.1, address.2) == (role, direction));
-    let id = found.map_or(0x7ff, |address| address.0);
+    let id = match (role, direction) {
+        (Role::Axle(axle), Direction::To) => 0x700 + u16::from(axle.0),
+        (Role::Axle(axle), Direction::From) => 0x710 + u16::from(axle.0),
+        (Role::Beam(frame), Direction::To) => 0x740 + u16::from(frame.0),
+        (Role::Beam(frame), Direction::From) => 0x750 + u16::from(frame.0),
+    };
     bytes.chunks(8).map(move |chunk| {
         let mut data = [0; 8];
         for (slot, &byte) in data.iter_mut().zip(chunk) {
@@ -69,11 +68,12 @@ mod tests {
     use super::*;
     use crate::bus::layout::MESSAGES;
     use crate::link::framing::{Decoder, MAX_PAYLOAD, SerialFrame};
+    use crate::topology::Topology;
     use std::vec::Vec;
 
     #[test]
     fn payloads_of_every_length_pass_the_bus() {
-        for role in Role::ALL {
+        for role in Topology::PAIR.boards() {
             for direction in [Direction::To, Direction::From] {
                 for length in 1..=MAX_PAYLOAD {
                     let payload: Vec<u8> = (0..length).map(|i| (i * 7) as u8).collect();
@@ -96,12 +96,10 @@ mod tests {
     fn each_identifier_names_its_board_and_direction() {
         for id in 0..0x800u16 {
             let expected = match id {
-                0x700 => Some((Role::Front, Direction::To)),
-                0x701 => Some((Role::Rear, Direction::To)),
-                0x710 => Some((Role::Front, Direction::From)),
-                0x711 => Some((Role::Rear, Direction::From)),
-                0x740 => Some((Role::Beam, Direction::To)),
-                0x750 => Some((Role::Beam, Direction::From)),
+                0x700..0x705 => Some((Role::axle((id - 0x700) as u8), Direction::To)),
+                0x710..0x715 => Some((Role::axle((id - 0x710) as u8), Direction::From)),
+                0x740..0x744 => Some((Role::beam((id - 0x740) as u8), Direction::To)),
+                0x750..0x754 => Some((Role::beam((id - 0x750) as u8), Direction::From)),
                 _ => None,
             };
             assert_eq!(address(id), expected, "{id:#x}");
@@ -120,8 +118,8 @@ mod tests {
                 assert_eq!(frames, [full, full, rest]);
             }
         }
-        assert_eq!(frames(Role::Rear, Direction::To, &[]).count(), 0);
-        assert_eq!(frames(Role::Rear, Direction::To, &[1; 8]).count(), 1);
+        assert_eq!(frames(Role::axle(1), Direction::To, &[]).count(), 0);
+        assert_eq!(frames(Role::axle(1), Direction::To, &[1; 8]).count(), 1);
     }
 
     #[test]

@@ -20,8 +20,8 @@ use crate::node::robot::RobotConfig;
 use crate::params::Contents;
 use crate::safety::Conditions;
 use crate::time::{EPOCH, LEAD_PHASE, TICK};
-use crate::topology::Role;
 use crate::topology::Wheels;
+use crate::topology::{Role, Topology};
 use core::sync::atomic::{AtomicU16, Ordering};
 use std::sync::LazyLock;
 
@@ -227,8 +227,8 @@ fn bits(sent: &impl serde::Serialize) -> Vec<u8> {
 #[test]
 fn a_front_board_behind_frames_does_what_it_does_without() {
     let config = RobotConfig::default();
-    let mut host = Host::started(Role::Front, &config, Some(place()));
-    let mut board = Board::new(&config, Role::Front).unwrap();
+    let mut host = Host::started(Role::LEAD, &config, Some(place()));
+    let mut board = Board::new(&config, Role::LEAD).unwrap();
     let lead = board.lead().unwrap();
     lead.initialize(&place());
     let goal = Posture::ORIGIN;
@@ -294,7 +294,7 @@ fn a_front_board_behind_frames_does_what_it_does_without() {
 
 #[test]
 fn a_repeated_request_is_answered_and_not_carried_out_again() {
-    let mut host = Host::started(Role::Rear, &RobotConfig::default(), None);
+    let mut host = Host::started(Role::axle(1), &RobotConfig::default(), None);
     for tick in 0..300 {
         let request = axle(tick, &[]);
         let first = host.ask(&request);
@@ -309,7 +309,7 @@ fn a_repeated_request_is_answered_and_not_carried_out_again() {
 
 #[test]
 fn a_damaged_request_gets_no_answer_and_its_repetition_does() {
-    let mut host = Host::started(Role::Rear, &RobotConfig::default(), None);
+    let mut host = Host::started(Role::axle(1), &RobotConfig::default(), None);
     let request = axle(0, &[]);
     let frame = protocol::encode(200, &request).unwrap();
     for cut in 1..frame.bytes().len() {
@@ -328,12 +328,12 @@ fn a_damaged_request_gets_no_answer_and_its_repetition_does() {
 #[test]
 fn either_side_may_start_again() {
     let config = RobotConfig::default();
-    let mut host = Host::started(Role::Rear, &config, None);
+    let mut host = Host::started(Role::axle(1), &config, None);
     for k in 0..20 {
         host.ask(&axle(k, &[]));
     }
     // The board: whatever the host goes on to say, it is told to say hello.
-    host.reset(Role::Rear);
+    host.reset(Role::axle(1));
     host.refused(&axle(20, &[]), Refusal::NoSession);
     host.hello();
     host.refused(&axle(20, &[]), Refusal::NotStarted);
@@ -350,7 +350,7 @@ fn either_side_may_start_again() {
 
 #[test]
 fn the_stack_is_told_in_a_session() {
-    let mut host = Host::new(Role::Beam);
+    let mut host = Host::new(Role::beam(0));
     host.refused(&Request::Stack, Refusal::NoSession);
     host.hello();
     host.expect(&Request::Stack, Reply::Stack(STACK));
@@ -396,7 +396,7 @@ pub(super) fn damage(random: &mut Random, bytes: &mut Vec<u8>) {
 fn a_million_damaged_streams_pass_no_wrong_frame_and_do_no_harm() {
     const STREAMS: u32 = 1_000_000;
     let mut random = Random::new(11);
-    let mut host = Host::started(Role::Front, &RobotConfig::default(), Some(place()));
+    let mut host = Host::started(Role::LEAD, &RobotConfig::default(), Some(place()));
     let mut originals: Vec<Vec<u8>> = Vec::new();
     let frames: Vec<SerialFrame> = (0..16)
         .map(|k| {
@@ -472,7 +472,7 @@ fn a_million_damaged_streams_pass_no_wrong_frame_and_do_no_harm() {
 #[test]
 fn no_request_does_harm_whatever_it_holds() {
     let mut random = Random::new(12);
-    for role in Role::ALL {
+    for role in Topology::PAIR.boards() {
         let mut host = Host::started(role, &RobotConfig::default(), Some(place()));
         let mut answered = 0;
         for round in 0..60_000 {
@@ -510,7 +510,7 @@ pub(super) fn payloads(bytes: &[u8]) -> Vec<Vec<u8>> {
 
 #[test]
 fn a_session_ends_when_the_host_leaves_and_not_before() {
-    let mut host = Host::new(Role::Rear);
+    let mut host = Host::new(Role::axle(1));
     host.hello();
     host.expect(&Request::Rig, Reply::Done);
     assert!(!host.board.has_left());

@@ -40,6 +40,16 @@ pub struct AxleLoad {
 }
 
 impl AxleLoad {
+    /// The load of two frames.
+    #[must_use]
+    pub fn plus(self, other: Self) -> Self {
+        Self {
+            forward: self.forward + other.forward,
+            lateral: self.lateral + other.lateral,
+            moment: self.moment + other.moment,
+        }
+    }
+
     /// True if all components are finite.
     pub fn is_finite(&self) -> bool {
         self.forward.is_finite() && self.lateral.is_finite() && self.moment.is_finite()

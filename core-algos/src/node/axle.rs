@@ -35,7 +35,7 @@ use crate::safety::{Conditions, Permit, ramp};
 use crate::time::{
     EPOCH, Micros, Stamped, TICK, epoch_start, is_epoch_start, seconds, sequence, share_of_epoch,
 };
-use crate::topology::{AxleId, Node, Wheels};
+use crate::topology::{AxleId, FrameId, Node, Topology, Wheels};
 
 /// Age from which a reference is late: the lead node and the bus have had two epochs for it.
 const LATE: Micros = 3 * EPOCH;
@@ -129,14 +129,30 @@ pub struct State {
     pending_posture: Option<Stamped<Posture>>,
     pending_motion: Option<Stamped<[Twist; 2]>>,
     reference: Option<Stamped<AxleReference>>,
+    behind: Frame,
+    ahead: Frame,
+}
+
+/// What was heard of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Frame {
     wrench: Option<Stamped<Wrench>>,
     relative: Option<Stamped<Posture>>,
+}
+
+/// The frames at an axle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Neighbours {
+    behind: Option<FrameId>,
+    ahead: Option<FrameId>,
 }
 
 /// The node of one axle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxleNode {
     axle: AxleId,
+    topology: Topology,
+    frames: Neighbours,
     frame: FrameProperties,
     reference_timeout: Micros,
     wrench_timeout: Micros,
@@ -232,15 +248,24 @@ impl AxleNode {
                     state.pair_reference();
                 }
             }
-            Message::BeamWrench { sequence, wrench } => {
-                state.wrench = Some(Stamped::new(wrench, epoch_start(now, sequence)));
+            Message::BeamWrench {
+                frame,
+                sequence,
+                wrench,
+            } => {
+                if let Some(bent) = state.frame(frame, &self.frames) {
+                    bent.wrench = Some(Stamped::new(wrench, epoch_start(now, sequence)));
+                }
             }
             Message::BeamPosture {
+                frame,
                 sequence,
                 posture,
                 gauges,
             } if gauges > 0 => {
-                state.relative = Some(Stamped::new(posture, epoch_start(now, sequence)));
+                if let Some(bent) = state.frame(frame, &self.frames) {
+                    bent.relative = Some(Stamped::new(posture, epoch_start(now, sequence)));
+                }
             }
             _ => {}
         }
@@ -275,10 +300,7 @@ impl AxleNode {
 
     /// Identity of this node.
     fn node(&self) -> Node {
-        match self.axle {
-            AxleId::Front => Node::FrontAxle,
-            AxleId::Rear => Node::RearAxle,
-        }
+        Node::Axle(self.axle)
     }
 
     /// Permit of the motors at this tick; sends the heartbeat.
@@ -498,39 +520,53 @@ impl AxleNode {
         })
     }
 
-    /// Load of the frame in pure bending by the commanded steering angle.
+    /// Load of the frames in pure bending by the commanded steering angle.
     fn reference_load(&self) -> AxleLoad {
         let psi = self.state.steering;
         let wrench =
             Wrench::pure_bending(self.frame.bending_stiffness_n_m2, self.frame.length_m, psi);
-        self.load(&wrench, Posture::new(0.0, 0.0, psi.relative_heading().0))
+        let relative = Posture::new(0.0, 0.0, psi.relative_heading().0);
+        let bent = |_: &Frame| Some((wrench, relative));
+        self.load(bent).unwrap_or_default()
     }
 
-    /// Load of the frame as the beam measured it, if that is fresh.
+    /// Load of the frames as their boards measured it, if all of that is fresh.
     fn beam_load(&self, now: Micros) -> Option<AxleLoad> {
-        let wrench = self
-            .state
-            .wrench
-            .as_ref()?
-            .fresh(now, self.wrench_timeout)?;
-        let relative = self
-            .state
-            .relative
-            .as_ref()?
-            .fresh(now, self.wrench_timeout)?;
-        Some(self.load(wrench, *relative))
+        self.load(|frame| {
+            let wrench = frame.wrench.as_ref()?.fresh(now, self.wrench_timeout)?;
+            let relative = frame.relative.as_ref()?.fresh(now, self.wrench_timeout)?;
+            Some((*wrench, *relative))
+        })
     }
 
-    fn load(&self, wrench: &Wrench, relative: Posture) -> AxleLoad {
+    /// Load of the frame behind, whose tip is at the axle, and of the frame ahead, whose root is there. `bent` gives wrench
+    /// and posture of each.
+    fn load(&self, bent: impl Fn(&Frame) -> Option<(Wrench, Posture)>) -> Option<AxleLoad> {
         // Moments are about the axles' midpoints already, rigid ends included.
-        match self.axle {
-            AxleId::Front => wrench.on_front(relative, 0.0),
-            AxleId::Rear => wrench.on_rear(0.0),
+        let behind = || {
+            let (wrench, relative) = bent(&self.state.behind)?;
+            Some(wrench.on_front(relative, 0.0))
+        };
+        let ahead = || Some(bent(&self.state.ahead)?.0.on_rear(0.0));
+        match (self.frames.behind, self.frames.ahead) {
+            (Some(_), None) => behind(),
+            (None, Some(_)) => ahead(),
+            (Some(_), Some(_)) => Some(behind()?.plus(ahead()?)),
+            (None, None) => None,
         }
     }
 }
 
 impl State {
+    /// What was heard of a frame at this axle; `None` for one that is elsewhere.
+    fn frame(&mut self, frame: FrameId, at: &Neighbours) -> Option<&mut Frame> {
+        match Some(frame) {
+            frame if frame == at.behind => Some(&mut self.behind),
+            frame if frame == at.ahead => Some(&mut self.ahead),
+            _ => None,
+        }
+    }
+
     /// A posture and a motion of one epoch make a reference. Their times are compared: sequence numbers repeat after 2.56 s.
     fn pair_reference(&mut self) {
         if let (Some(posture), Some(motion)) = (self.pending_posture, self.pending_motion)

@@ -13,7 +13,7 @@ use crate::math::{Posture, Wrench};
 use crate::safety::supervisor::{self, Supervisor};
 use crate::safety::{Condition, Conditions, OperatingState, StateRequest};
 use crate::time::{Micros, is_epoch_start, sequence};
-use crate::topology::Node;
+use crate::topology::{FrameId, Node};
 
 /// Readings of the beam board's sensors at a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -38,6 +38,7 @@ impl From<[i32; MAX_GAUGES]> for Samples {
 /// The node of the instrumented frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BeamNode {
+    frame: FrameId,
     sensor: RelativePositionSensor,
     supervisor: Supervisor,
     state: State,
@@ -56,13 +57,19 @@ struct State {
 }
 
 impl BeamNode {
-    /// A node around a sensor.
-    pub fn new(sensor: RelativePositionSensor, supervisor: Supervisor) -> Self {
+    /// The node of a frame around its sensor.
+    pub fn new(frame: FrameId, sensor: RelativePositionSensor, supervisor: Supervisor) -> Self {
         Self {
+            frame,
             sensor,
             supervisor,
             state: State::default(),
         }
+    }
+
+    /// Frame of this node.
+    pub fn frame(&self) -> FrameId {
+        self.frame
     }
 
     /// Begins anew, as it was built.
@@ -110,7 +117,11 @@ impl BeamNode {
             ..supervisor::Input::default()
         };
         self.supervisor.step(&mut state.supervision, now, &input);
-        outbox.push(peers::heartbeat(Node::Beam, now, &mut state.supervision));
+        outbox.push(peers::heartbeat(
+            Node::Beam(self.frame),
+            now,
+            &mut state.supervision,
+        ));
     }
 
     /// One tick. At the beginning of an epoch the posture of that instant goes to `outbox`.
@@ -123,9 +134,10 @@ impl BeamNode {
         let estimate = self.sensor.estimate(&mut self.state.sensor);
         self.state.latest = Some(estimate);
         self.supervise(now, &estimate, outbox);
-        let sequence = sequence(now);
+        let (frame, sequence) = (self.frame, sequence(now));
         let Some(relative) = estimate.relative else {
             outbox.push(Message::BeamPosture {
+                frame,
                 sequence,
                 posture: Posture::ORIGIN,
                 gauges: 0,
@@ -134,10 +146,12 @@ impl BeamNode {
         };
         // The covariance goes first: who has the posture of an epoch then has its covariance too.
         outbox.push(Message::BeamUncertainty {
+            frame,
             sequence,
             covariance: relative.noise,
         });
         outbox.push(Message::BeamPosture {
+            frame,
             sequence,
             posture: relative.posture,
             gauges: estimate.used.count() as u8,
@@ -145,6 +159,7 @@ impl BeamNode {
         if let Some(wrench) = estimate.wrench {
             let wrench = wrench.vouched(relative.posture);
             outbox.push(Message::BeamWrench {
+                frame,
                 sequence,
                 wrench: Wrench {
                     force_x: wrench.fx,
@@ -166,6 +181,7 @@ mod tests {
 
     fn node() -> BeamNode {
         BeamNode::new(
+            FrameId(0),
             Config::default().build().unwrap(),
             supervisor::Config::default().build().unwrap(),
         )

@@ -19,7 +19,7 @@
 //! use core_algos::time::TICK;
 //! use core_algos::topology::{Role, Wheels};
 //!
-//! let mut board = Board::new(&RobotConfig::default(), Role::Rear)?;
+//! let mut board = Board::new(&RobotConfig::default(), Role::axle(1))?;
 //! let mut outbox = Outbox::new();
 //! for tick in 0..11 {
 //!     outbox.clear();
@@ -42,7 +42,7 @@ use super::robot::RobotConfig;
 use crate::bus::Message;
 use crate::config::ConfigError;
 use crate::time::{EPOCH, LEAD_PHASE, Micros, is_epoch_start};
-use crate::topology::{AxleId, Role, Wheels};
+use crate::topology::{Role, Wheels};
 
 /// Readings of a board's sensors at a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -68,18 +68,18 @@ pub struct Output {
 }
 
 /// The nodes of one board.
+// There is no heap to put the larger variant on.
+#[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Board {
-    /// Front axle and lead node.
-    Front {
+    /// Board of an axle.
+    Axle {
         /// The axle.
         axle: AxleNode,
-        /// The lead node.
-        lead: LeadNode,
+        /// The lead node, on one board of a robot.
+        lead: Option<LeadNode>,
     },
-    /// Rear axle.
-    Rear(AxleNode),
-    /// Instrumented frame.
+    /// Board of an instrumented frame.
     Beam(BeamNode),
 }
 
@@ -89,15 +89,13 @@ pub enum Board {
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Ready {
-    /// For [`Board::Front`].
-    Front {
+    /// For [`Board::Axle`].
+    Axle {
         /// The axle.
         axle: AxleNode,
-        /// Algorithms of the lead node.
-        lead: lead::Algorithms,
+        /// Algorithms of the lead node, if the board has it.
+        lead: Option<lead::Algorithms>,
     },
-    /// For [`Board::Rear`].
-    Rear(AxleNode),
     /// For [`Board::Beam`].
     Beam(BeamNode),
 }
@@ -106,23 +104,28 @@ impl Ready {
     /// Checks a configuration; the error names the parameter that is wrong.
     pub fn new(config: &RobotConfig, role: Role) -> Result<Self, ConfigError> {
         Ok(match role {
-            Role::Front => Self::Front {
-                axle: config.build_axle(AxleId::Front)?,
-                lead: config.build_lead()?,
+            Role::Axle(axle) => Self::Axle {
+                axle: config.build_axle(axle)?,
+                lead: match role {
+                    Role::LEAD => Some(config.build_lead()?),
+                    _ => None,
+                },
             },
-            Role::Rear => Self::Rear(config.build_axle(AxleId::Rear)?),
-            Role::Beam => Self::Beam(config.build_beam()?),
+            Role::Beam(frame) => Self::Beam(config.build_beam(frame)?),
         })
     }
 
     /// The nodes at rest.
     pub fn begin(self) -> Board {
         match self {
-            Self::Front { axle, lead } => Board::Front {
+            Self::Axle {
                 axle,
-                lead: LeadNode::new(lead),
+                lead: Some(lead),
+            } => Board::Axle {
+                axle,
+                lead: Some(LeadNode::new(lead)),
             },
-            Self::Rear(axle) => Board::Rear(axle),
+            Self::Axle { axle, lead: None } => Board::Axle { axle, lead: None },
             Self::Beam(beam) => Board::Beam(beam),
         }
     }
@@ -137,11 +140,12 @@ impl Board {
     /// Begins anew: as [`Self::new`] with the same configuration.
     pub fn restart(&mut self) {
         match self {
-            Self::Front { axle, lead } => {
+            Self::Axle { axle, lead } => {
                 axle.restart();
-                lead.restart();
+                if let Some(lead) = lead {
+                    lead.restart();
+                }
             }
-            Self::Rear(axle) => axle.restart(),
             Self::Beam(beam) => beam.restart(),
         }
     }
@@ -149,28 +153,28 @@ impl Board {
     /// Role of this board.
     pub fn role(&self) -> Role {
         match self {
-            Self::Front { .. } => Role::Front,
-            Self::Rear(_) => Role::Rear,
-            Self::Beam(_) => Role::Beam,
+            Self::Axle { axle, .. } => Role::Axle(axle.axle()),
+            Self::Beam(beam) => Role::Beam(beam.frame()),
         }
     }
 
-    /// The lead node, on the front board.
+    /// The lead node, if the board has it.
     pub fn lead(&mut self) -> Option<&mut LeadNode> {
         match self {
-            Self::Front { lead, .. } => Some(lead),
-            _ => None,
+            Self::Axle { lead, .. } => lead.as_mut(),
+            Self::Beam(_) => None,
         }
     }
 
     /// Takes in a message that arrived at `now`.
     pub fn receive(&mut self, now: Micros, message: &Message) {
         match self {
-            Self::Front { axle, lead } => {
+            Self::Axle { axle, lead } => {
                 axle.receive(now, message);
-                lead.receive(now, message);
+                if let Some(lead) = lead {
+                    lead.receive(now, message);
+                }
             }
-            Self::Rear(axle) => axle.receive(now, message),
             Self::Beam(beam) => beam.receive(message),
         }
     }
@@ -179,7 +183,11 @@ impl Board {
     /// board are taken as none.
     pub fn step(&mut self, now: Micros, samples: &Samples, outbox: &mut Outbox) -> Output {
         match self {
-            Self::Front { axle, lead } => {
+            Self::Axle { axle, lead: None } => step_axle(axle, now, samples, outbox),
+            Self::Axle {
+                axle,
+                lead: Some(lead),
+            } => {
                 let mut output = step_axle(axle, now, samples, outbox);
                 if now % EPOCH == LEAD_PHASE {
                     output.lead = Some(lead.step(now, outbox));
@@ -188,7 +196,6 @@ impl Board {
                 }
                 output
             }
-            Self::Rear(axle) => step_axle(axle, now, samples, outbox),
             Self::Beam(beam) => {
                 if let Samples::Beam(samples) = samples {
                     beam.step(now, samples, outbox);
@@ -219,15 +226,16 @@ mod tests {
     use super::*;
     use crate::beam::MAX_GAUGES;
     use crate::time::TICK;
+    use crate::topology::{AxleId, Topology};
 
     #[test]
     fn each_role_sends_its_own_messages_and_only_the_front_board_leads() {
-        for role in Role::ALL {
+        for role in Topology::PAIR.boards() {
             let mut board = Board::new(&RobotConfig::default(), role).unwrap();
             assert_eq!(board.role(), role);
-            assert_eq!(board.lead().is_some(), role == Role::Front);
+            assert_eq!(board.lead().is_some(), role == Role::LEAD);
             let samples = match role {
-                Role::Beam => Samples::Beam([2048; MAX_GAUGES].into()),
+                Role::Beam(_) => Samples::Beam([2048; MAX_GAUGES].into()),
                 _ => Samples::Axle(axle::Samples {
                     encoder: Wheels::both(Some(0)),
                     ..axle::Samples::default()
@@ -242,17 +250,16 @@ mod tests {
                         .is_some(),
                 );
             }
-            assert_eq!(led, u32::from(role == Role::Front));
+            assert_eq!(led, u32::from(role == Role::LEAD));
             let from = |message: &Message| match message {
                 Message::AxlePosture {
-                    axle: AxleId::Front,
-                    ..
+                    axle: AxleId(0), ..
                 }
-                | Message::LeadStatus { .. } => Some(Role::Front),
+                | Message::LeadStatus { .. } => Some(Role::LEAD),
                 Message::AxlePosture {
-                    axle: AxleId::Rear, ..
-                } => Some(Role::Rear),
-                Message::BeamPosture { .. } => Some(Role::Beam),
+                    axle: AxleId(1), ..
+                } => Some(Role::axle(1)),
+                Message::BeamPosture { .. } => Some(Role::beam(0)),
                 _ => None,
             };
             let senders = outbox.iter().filter_map(from).collect::<Vec<_>>();
@@ -266,7 +273,7 @@ mod tests {
         use crate::control::path::PathPoint;
         use crate::math::Posture;
         use crate::node::robot::Told;
-        for role in Role::ALL {
+        for role in Topology::PAIR.boards() {
             let new = Board::new(&RobotConfig::default(), role).unwrap();
             let mut board = new.clone();
             if let Some(lead) = board.lead() {
@@ -283,7 +290,7 @@ mod tests {
                     board.receive(tick * TICK, message);
                 }
                 let samples = match role {
-                    Role::Beam => Samples::Beam([2040 + (tick % 3) as i32; MAX_GAUGES].into()),
+                    Role::Beam(_) => Samples::Beam([2040 + (tick % 3) as i32; MAX_GAUGES].into()),
                     _ => Samples::Axle(axle::Samples {
                         encoder: [Some(tick as i32), Some(2 * tick as i32)].into(),
                         gyro_rad_s: Some(0.2),
@@ -305,13 +312,13 @@ mod tests {
         use crate::node::testing::beat;
         use crate::safety::OperatingState;
         use crate::topology::Node;
-        for role in Role::ALL {
+        for role in Topology::PAIR.boards() {
             let new = Board::new(&RobotConfig::default(), role).unwrap();
             let mut board = new.clone();
             let message = match role {
-                Role::Front => beat(Node::RearAxle, 0, OperatingState::Idle, 0),
-                Role::Rear => beat(Node::Lead, 0, OperatingState::Idle, 0),
-                Role::Beam => Message::LeadStatus {
+                Role::LEAD => beat(Node::axle(1), 0, OperatingState::Idle, 0),
+                Role::Axle(_) => beat(Node::Lead, 0, OperatingState::Idle, 0),
+                Role::Beam(_) => Message::LeadStatus {
                     sequence: 0,
                     mode: LeadMode::Clear,
                     steering_rad: 0.0,
@@ -321,9 +328,8 @@ mod tests {
             board.receive(0, &message);
             assert!(board != new, "{role:?}");
             // Both nodes of the front board.
-            if let (Board::Front { axle, lead }, Board::Front { axle: a, lead: l }) = (&board, &new)
-            {
-                assert!(axle != a && lead != l);
+            if let (Board::Axle { axle, lead }, Board::Axle { axle: a, lead: l }) = (&board, &new) {
+                assert!(axle != a && (lead != l || role != Role::LEAD));
             }
         }
     }
@@ -337,11 +343,15 @@ mod tests {
         use crate::safety::OperatingState;
         use crate::topology::Node;
         let config = RobotConfig::default();
-        let mut board = Board::new(&config, Role::Front).unwrap();
+        let mut board = Board::new(&config, Role::LEAD).unwrap();
         let lead = board.lead().unwrap();
         lead.initialize(&config.put_down(Posture::ORIGIN, &Told::default()));
         lead.command(lead::Task::regulate(Posture::new(-1.0, 0.5, 0.0)));
-        let Board::Front { mut axle, mut lead } = board.clone() else {
+        let Board::Axle {
+            mut axle,
+            lead: Some(mut lead),
+        } = board.clone()
+        else {
             panic!("no lead node");
         };
         let samples = axle::Samples {
@@ -354,9 +364,9 @@ mod tests {
             let mut messages: Vec<Message> = core::mem::take(&mut own).iter().copied().collect();
             if is_epoch_start(now) {
                 let uptime = (now / EPOCH).min(255) as u8;
-                let report = axle_report(AxleId::Rear, now, Posture::ORIGIN, uptime, None);
+                let report = axle_report(AxleId(1), now, Posture::ORIGIN, uptime, None);
                 messages.extend(report);
-                messages.push(beat(Node::RearAxle, now, OperatingState::Active, 0));
+                messages.push(beat(Node::axle(1), now, OperatingState::Active, 0));
             }
             for message in &messages {
                 board.receive(now, message);
@@ -378,7 +388,11 @@ mod tests {
                     works[if phase < 3 { 1 } else { 2 }] += u32::from(lead != before);
                 }
             }
-            let Board::Front { axle: a, lead: l } = &board else {
+            let Board::Axle {
+                axle: a,
+                lead: Some(l),
+            } = &board
+            else {
                 panic!("another board");
             };
             assert!(a == &axle && l == &lead, "{tick}");
@@ -388,7 +402,7 @@ mod tests {
 
     #[test]
     fn samples_of_another_board_are_none() {
-        let mut board = Board::new(&RobotConfig::default(), Role::Rear).unwrap();
+        let mut board = Board::new(&RobotConfig::default(), Role::axle(1)).unwrap();
         let mut same = board.clone();
         let mut outbox = Outbox::new();
         let beam = Samples::Beam([1; MAX_GAUGES].into());

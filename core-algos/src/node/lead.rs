@@ -42,7 +42,7 @@ use crate::math::{Posture, Transform, Twist, Wrench};
 use crate::safety::supervisor;
 use crate::safety::{Condition, OperatingState, Permit, ramp};
 use crate::time::{EPOCH, Micros, Stamped, TICK, epoch_start, seconds, sequence};
-use crate::topology::Node;
+use crate::topology::{Node, Topology};
 
 /// Age from which a report is late: the bus has had a whole epoch for it.
 const LATE: Micros = 2 * EPOCH;
@@ -265,7 +265,7 @@ impl LeadNode {
     pub fn activity(&self, now: Micros) -> Activity {
         let failed = |node| self.state.peers.failed(node, now);
         let faulted = self.state.supervisor.operating() == OperatingState::Fault
-            || [Node::FrontAxle, Node::RearAxle].into_iter().any(failed);
+            || Topology::PAIR.axles().map(Node::Axle).any(failed);
         let idle = matches!(self.state.task, Task::Idle | Task::Stop | Task::Clear);
         match idle || self.state.is_over() || self.state.released {
             _ if faulted => Activity::Faulted,

@@ -122,11 +122,11 @@ mod tests {
     #[test]
     fn a_fault_blinks_its_code_digit_by_digit() {
         let (on, off) = ((true, 0.2), (false, 0.2));
-        let short = led(Node::RearAxle, OperatingState::Fault, 0x21);
+        let short = led(Node::axle(1), OperatingState::Fault, 0x21);
         // Two blinks, a gap, one blink, the pause, and the first again.
         let expected = [on, off, on, (false, 1.0), on, (false, 2.2), on];
         assert_eq!(stretches(short, 4_200), expected);
-        let zero = led(Node::Beam, OperatingState::Fault, 0x10);
+        let zero = led(Node::beam(0), OperatingState::Fault, 0x10);
         let expected = [on, (false, 1.0), (true, 0.6), (false, 2.0)];
         assert_eq!(stretches(zero, 3_800), expected);
     }
@@ -140,7 +140,7 @@ mod tests {
         assert!(fault.ends_with("of 600 ms"), "{fault}");
         for (i, state) in OperatingState::ALL.into_iter().enumerate() {
             assert!(!texts[..i].contains(&texts[i]), "{}", texts[i]);
-            let led = led(Node::FrontAxle, state, 0);
+            let led = led(Node::axle(0), state, 0);
             let on = (0..2000).filter(|&ms| led.is_lit(ms)).count();
             let [lit, period] = match texts[i].split(' ').collect::<Vec<_>>()[..] {
                 ["on", "for", lit, "of", period, "ms"] => [lit, period].map(|t| t.parse().unwrap()),

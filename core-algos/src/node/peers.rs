@@ -4,22 +4,42 @@ use crate::bus::Message;
 use crate::bus::layout;
 use crate::safety::{OperatingState, supervisor};
 use crate::time::{Micros, Stamped, sequence};
-use crate::topology::Node;
+use crate::topology::{AxleId, MAX_AXLES, Node, Topology};
 
-/// Nodes of a robot that send heartbeats.
-const COUNT: usize = 4;
+/// Most nodes that drive: lead node and axles. Nobody waits for a heartbeat of a frame.
+const MOST: usize = 1 + MAX_AXLES;
+
+/// Age at which a heartbeat no longer counts, µs.
+const TIMEOUT: Micros = layout::timeout_ms(layout::id::NODE_STATUS) as Micros * 1000;
+
+/// Place of a node's heartbeat.
+const fn place(node: Node) -> usize {
+    match node {
+        Node::Lead => 0,
+        Node::Axle(axle) => 1 + axle.index(),
+        Node::Beam(_) | Node::Service => MOST,
+    }
+}
 
 /// The latest heartbeat of one node.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Heartbeat {
+pub struct Heartbeat {
     state: OperatingState,
     reason: u8,
 }
 
-/// The latest heartbeat of every node.
+impl Heartbeat {
+    /// True if the node says that it is stopping or has stopped because something is wrong.
+    pub fn failed(&self) -> bool {
+        let stopped = matches!(self.state, OperatingState::SafeStop | OperatingState::Fault);
+        stopped && self.reason != 0
+    }
+}
+
+/// The latest heartbeat of every node that drives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Peers {
-    heard: [Option<Stamped<Heartbeat>>; COUNT],
+    heard: [Option<Stamped<Heartbeat>>; MOST],
 }
 
 impl Peers {
@@ -31,34 +51,46 @@ impl Peers {
             reason,
             ..
         } = *message
-            && let Some(slot) = self.heard.get_mut(node as usize)
+            && let Some(slot) = self.heard.get_mut(place(node))
         {
             *slot = Some(Stamped::new(Heartbeat { state, reason }, now));
         }
     }
 
-    fn fresh(&self, node: Node, now: Micros) -> Option<&Heartbeat> {
-        let timeout = (layout::timeout_s(layout::id::NODE_STATUS) * 1e6) as Micros;
-        self.heard.get(node as usize)?.as_ref()?.fresh(now, timeout)
+    /// The latest heartbeat of a node; `None` if it has not been heard for the time of its heartbeat, or never.
+    pub fn heard(&self, node: Node, now: Micros) -> Option<&Heartbeat> {
+        self.heard.get(place(node))?.as_ref()?.fresh(now, TIMEOUT)
+    }
+
+    /// Whether any axle but this one is lost, and whether any has failed.
+    pub fn others(&self, own: AxleId, topology: Topology, now: Micros) -> (bool, bool) {
+        let (mut lost, mut failed) = (false, false);
+        let axles = self.heard.iter().skip(1).zip(topology.axles());
+        for (heard, axle) in axles {
+            if axle != own {
+                match heard.as_ref().and_then(|heard| heard.fresh(now, TIMEOUT)) {
+                    Some(beat) => failed |= beat.failed(),
+                    None => lost = true,
+                }
+            }
+        }
+        (lost, failed)
     }
 
     /// True if the node has not been heard for the time of its heartbeat, or never.
     pub fn lost(&self, node: Node, now: Micros) -> bool {
-        self.fresh(node, now).is_none()
+        self.heard(node, now).is_none()
     }
 
     /// True if the node says that its motors are off and that it is not to drive.
     pub fn rests(&self, node: Node, now: Micros) -> bool {
         let rests = |state| matches!(state, OperatingState::Boot | OperatingState::Idle);
-        self.fresh(node, now).is_some_and(|beat| rests(beat.state))
+        self.heard(node, now).is_some_and(|beat| rests(beat.state))
     }
 
     /// True if the node says that it is stopping or has stopped because something is wrong.
     pub fn failed(&self, node: Node, now: Micros) -> bool {
-        self.fresh(node, now).is_some_and(|beat| {
-            let stopped = matches!(beat.state, OperatingState::SafeStop | OperatingState::Fault);
-            stopped && beat.reason != 0
-        })
+        self.heard(node, now).is_some_and(Heartbeat::failed)
     }
 }
 
@@ -82,17 +114,17 @@ mod tests {
     #[test]
     fn a_silent_node_is_lost_and_a_speaking_one_is_not() {
         let mut peers = Peers::default();
-        assert!(peers.lost(Node::RearAxle, 0), "never heard");
-        peers.receive(1_000_000, &beat(Node::RearAxle, 0, OperatingState::Idle, 0));
-        assert!(!peers.lost(Node::RearAxle, 1_050_000));
-        assert!(peers.lost(Node::RearAxle, 1_050_001));
-        assert!(peers.lost(Node::FrontAxle, 1_000_000));
+        assert!(peers.lost(Node::axle(1), 0), "never heard");
+        peers.receive(1_000_000, &beat(Node::axle(1), 0, OperatingState::Idle, 0));
+        assert!(!peers.lost(Node::axle(1), 1_050_000));
+        assert!(peers.lost(Node::axle(1), 1_050_001));
+        assert!(peers.lost(Node::axle(0), 1_000_000));
     }
 
     #[test]
     fn a_node_rests_that_is_heard_and_does_not_drive() {
         let mut peers = Peers::default();
-        assert!(!peers.rests(Node::RearAxle, 0), "never heard");
+        assert!(!peers.rests(Node::axle(1), 0), "never heard");
         for (state, rests) in [
             (OperatingState::Boot, true),
             (OperatingState::Idle, true),
@@ -100,11 +132,11 @@ mod tests {
             (OperatingState::Active, false),
             (OperatingState::SafeStop, false),
         ] {
-            peers.receive(0, &beat(Node::RearAxle, 0, state, 0));
-            assert_eq!(peers.rests(Node::RearAxle, 10), rests, "{state:?}");
+            peers.receive(0, &beat(Node::axle(1), 0, state, 0));
+            assert_eq!(peers.rests(Node::axle(1), 10), rests, "{state:?}");
         }
-        peers.receive(0, &beat(Node::RearAxle, 0, OperatingState::Idle, 0));
-        assert!(!peers.rests(Node::RearAxle, 50_001), "lost");
+        peers.receive(0, &beat(Node::axle(1), 0, OperatingState::Idle, 0));
+        assert!(!peers.rests(Node::axle(1), 50_001), "lost");
     }
 
     #[test]

@@ -12,7 +12,7 @@ use crate::fusion::Estimate;
 use crate::math::Posture;
 use crate::math::trig::sin_cos;
 use crate::safety::supervisor;
-use crate::topology::AxleId;
+use crate::topology::{AxleId, FrameId, Topology};
 
 declare! {
     /// Dimensions and stiffness of the robot as its software believes them.
@@ -201,14 +201,16 @@ impl RobotConfig {
         Ok(())
     }
 
+    /// Axles of the robot.
+    pub const fn topology(&self) -> Topology {
+        Topology::PAIR
+    }
+
     /// The nodes; the error names the parameter that is wrong.
     pub fn build(&self) -> Result<Robot, ConfigError> {
         Ok(Robot {
-            axles: [
-                self.build_axle(AxleId::Front)?,
-                self.build_axle(AxleId::Rear)?,
-            ],
-            beam: self.build_beam()?,
+            axles: [self.build_axle(AxleId(0))?, self.build_axle(AxleId(1))?],
+            beam: self.build_beam(FrameId(0))?,
             lead: lead::LeadNode::new(self.build_lead()?),
         })
     }
@@ -220,15 +222,16 @@ impl RobotConfig {
             bending_stiffness_n_m2: self.geometry.bending_stiffness_n_m2,
             length_m: self.geometry.frame_length_m,
         };
-        self.completed().axle.build(axle, frame)
+        self.completed().axle.build(axle, self.topology(), frame)
     }
 
-    /// The beam node, for a board that runs no other.
-    pub fn build_beam(&self) -> Result<beam::BeamNode, ConfigError> {
+    /// The node of one frame, for a board that runs no other.
+    pub fn build_beam(&self, frame: FrameId) -> Result<beam::BeamNode, ConfigError> {
         self.check()?;
         // Its board has no motors, so no parameter of its supervisor matters.
         let supervisor = supervisor::Config::default().build()?;
         Ok(beam::BeamNode::new(
+            frame,
             self.completed().beam.build()?,
             supervisor,
         ))
@@ -283,7 +286,7 @@ mod tests {
         config.geometry.frame_length_m = 0.4;
         config.limits.max_speed_m_s = 0.15;
         let robot = config.build().unwrap();
-        assert_eq!(robot.axles.map(|axle| axle.axle()), AxleId::BOTH);
+        assert_eq!(robot.axles.map(|axle| axle.axle()), [AxleId(0), AxleId(1)]);
         let completed = config.completed();
         near(completed.beam.strip.rigid_root_m, 0.05);
         near(completed.beam.strip.rigid_tip_m, 0.05);

@@ -53,7 +53,7 @@ mod tests {
     use super::*;
     use crate::bus::field::Hash24;
     use crate::safety::{Conditions, OperatingState};
-    use crate::topology::Node;
+    use crate::topology::{Node, Topology};
 
     fn status(node: Node) -> Message {
         Message::NodeStatus {
@@ -79,12 +79,12 @@ mod tests {
     #[test]
     fn only_messages_in_the_name_of_the_own_role_are_a_conflict() {
         let nodes = [
-            (Node::Lead, Role::Front),
-            (Node::FrontAxle, Role::Front),
-            (Node::RearAxle, Role::Rear),
-            (Node::Beam, Role::Beam),
+            (Node::Lead, Role::LEAD),
+            (Node::axle(0), Role::LEAD),
+            (Node::axle(1), Role::axle(1)),
+            (Node::beam(0), Role::beam(0)),
         ];
-        for own in Role::ALL {
+        for own in Topology::PAIR.boards() {
             for (node, role) in nodes {
                 let mut conflict = RoleConflict::new(own);
                 conflict.receive(5, &status(node));
@@ -97,9 +97,9 @@ mod tests {
 
     #[test]
     fn a_conflict_ends_a_second_after_the_last_message() {
-        let mut conflict = RoleConflict::new(Role::Rear);
+        let mut conflict = RoleConflict::new(Role::axle(1));
         assert!(!conflict.is_present(0));
-        conflict.receive(7, &status(Node::RearAxle));
+        conflict.receive(7, &status(Node::axle(1)));
         let seen = [7, 1_000_006, 1_000_007].map(|local| conflict.is_present(local));
         assert_eq!(seen, [true, true, false]);
     }

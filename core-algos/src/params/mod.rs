@@ -20,7 +20,7 @@
 //! let radius = find("robot.geometry.wheel_radius_m").expect("a parameter");
 //! radius.set(&mut settings, 0.0731)?;
 //! assert_eq!(settings.robot.geometry.wheel_radius_m, 0.0731);
-//! settings.check(Role::Front)?;
+//! settings.check(Role::LEAD)?;
 //! // Millimetres are refused, and nothing is changed.
 //! assert_eq!(radius.set(&mut settings, 73.1).unwrap_err().field, radius.name);
 //! assert_eq!(radius.get(&settings), 0.0731);
@@ -42,7 +42,7 @@ use crate::math::Posture;
 use crate::node::board::Board;
 use crate::node::robot::{RobotConfig, START};
 use crate::safety::{OperatingState, Permit};
-use crate::topology::{AxleId, Role};
+use crate::topology::{AxleId, FrameId, Role};
 use declare::{Declared, Field, Kind};
 
 ::declare::declare! {
@@ -136,7 +136,7 @@ impl Settings {
     /// [`SCANS`] conversions.
     pub fn of(role: Role) -> Self {
         let mut robot = RobotConfig::default();
-        if role == Role::Beam {
+        if role.is_beam() {
             let calibration = &mut robot.beam.calibration;
             calibration.full_scale_counts = FULL_SCALE;
             calibration.rail_margin_counts *= SCANS as i32;
@@ -154,16 +154,18 @@ impl Settings {
     /// Checks that the nodes of a board can be built from them; the error names the field.
     pub fn check(&self, role: Role) -> Result<(), ConfigError> {
         self.inertial.check_ranges()?;
-        if role != Role::Beam {
+        if !role.is_beam() {
             self.drive.check()?;
         }
         match role {
-            Role::Front => {
-                check_axle(&self.robot, AxleId::Front)?;
-                check_lead(&self.robot)
+            Role::Axle(axle) => {
+                check_axle(&self.robot, axle)?;
+                match role {
+                    Role::LEAD => check_lead(&self.robot),
+                    _ => Ok(()),
+                }
             }
-            Role::Rear => check_axle(&self.robot, AxleId::Rear),
-            Role::Beam => check_beam(&self.robot),
+            Role::Beam(frame) => check_beam(&self.robot, frame),
         }
     }
 }
@@ -182,8 +184,8 @@ fn check_lead(robot: &RobotConfig) -> Result<(), ConfigError> {
 }
 
 #[inline(never)]
-fn check_beam(robot: &RobotConfig) -> Result<(), ConfigError> {
-    robot.build_beam().map(|_| ())
+fn check_beam(robot: &RobotConfig, frame: FrameId) -> Result<(), ConfigError> {
+    robot.build_beam(frame).map(|_| ())
 }
 
 /// Proof that the motors are off: writing a flash holds the core, an erase for half a second.
@@ -205,9 +207,7 @@ impl Disarmed {
     pub fn of(board: Option<&Board>) -> Option<Self> {
         match board {
             None => Some(Self(())),
-            Some(Board::Front { axle, .. } | Board::Rear(axle)) => {
-                Self::by(axle.supervision().operating())
-            }
+            Some(Board::Axle { axle, .. }) => Self::by(axle.supervision().operating()),
             Some(Board::Beam(_)) => None,
         }
     }
@@ -221,12 +221,13 @@ impl Disarmed {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::topology::Topology;
 
     /// A sum of conversions is as much strain, and as near to the rails, as one of them.
     #[test]
     fn beam_board_scales_its_calibration_to_sums_of_conversions() {
-        assert_eq!(Settings::of(Role::Front), Settings::default());
-        let [one, sum] = [Settings::default(), Settings::of(Role::Beam)]
+        assert_eq!(Settings::of(Role::LEAD), Settings::default());
+        let [one, sum] = [Settings::default(), Settings::of(Role::beam(0))]
             .map(|settings| settings.robot.beam.calibration);
         let many = SCANS as i32;
         assert_eq!(sum.full_scale_counts, many * one.full_scale_counts);
@@ -263,7 +264,7 @@ mod tests {
         }
         let mut refused = 0;
         for settings in &wrong {
-            for role in Role::ALL {
+            for role in Topology::PAIR.boards() {
                 let built = Board::new(&settings.robot, role).map(|_| ());
                 assert_eq!(settings.check(role), built);
                 refused += usize::from(built.is_err());

@@ -102,7 +102,7 @@ fn radius_and_ratio_are_found_and_odometry_less_creep_comes_back() {
 #[test]
 fn runs_on_virtual_boards_are_those_of_boards_in_this_process() {
     let images = Images::open(None, None).unwrap();
-    let boards = Role::ALL.map(|role| -> Box<dyn Target> {
+    let boards = Role::PAIR.map(|role| -> Box<dyn Target> {
         let log = BoardLog::default();
         let board = VirtualLink::start(&images, role, &log, None);
         Box::new(Remote::new(role, Box::new(board.unwrap())))
@@ -110,8 +110,8 @@ fn runs_on_virtual_boards_are_those_of_boards_in_this_process() {
     let nominal = Scenario::in_world(Some("ideal")).unwrap();
     let mut found = nominal.clone();
     let ratio = find("robot.geometry.wheel_ratio").unwrap();
-    found.boards.put(Role::Rear, &[(ratio, 0.995)]);
-    let mut on_boards = Bench::new(&nominal, 1, Some(boards));
+    found.boards.put(Role::axle(1), &[(ratio, 0.995)]);
+    let mut on_boards = Bench::new(&nominal, 1, Some(boards.into()));
     let mut here = Bench::new(&nominal, 1, None);
     let line = host_sim::paths::Path::line(0.3).unwrap();
     let [before, after] = [&nominal, &found].map(|scenario| {

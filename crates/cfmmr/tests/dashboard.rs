@@ -309,7 +309,7 @@ fn simulation_is_paused_stepped_and_sped_up_by_keys() {
 fn front_board(damaged: usize) -> String {
     let (master, path) = pseudo_terminal();
     let identity = Identity {
-        role: Role::Front,
+        role: Role::LEAD,
         build: "test",
     };
     let mut port = File::from(master);

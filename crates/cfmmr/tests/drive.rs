@@ -209,7 +209,7 @@ fn robot_stops_whenever_its_cable_is_pulled_and_its_host_comes_back() {
     );
     let mut robot = VirtualRobot::new(&scenario, &images, 1, 0, &options, &logs).unwrap();
     let boot = (robot.boot_s() * 1e6).round() as u64;
-    let mut link = BoardLink::new(Role::Front, 7);
+    let mut link = BoardLink::new(Role::LEAD, 7);
     link.open();
     let place = scenario
         .robot
@@ -218,10 +218,10 @@ fn robot_stops_whenever_its_cable_is_pulled_and_its_host_comes_back() {
     let mut tick = |link: &mut BoardLink, plugged: bool| {
         let now = boot + robot.now();
         let sent = plugged.then(|| link.to_send(now).unwrap()).flatten();
-        let port = robot.serial(Role::Front).unwrap();
+        let port = robot.serial(Role::LEAD).unwrap();
         port.send(sent.unwrap_or_default(), Time::from_micros(now));
         robot.step().unwrap();
-        let answer = std::mem::take(&mut robot.serial(Role::Front).unwrap().sent);
+        let answer = std::mem::take(&mut robot.serial(Role::LEAD).unwrap().sent);
         if plugged {
             link.take(&answer).unwrap();
             link.take_frames();
@@ -250,8 +250,9 @@ fn robot_stops_whenever_its_cable_is_pulled_and_its_host_comes_back() {
 #[test]
 fn own_controller_takes_the_place_of_the_regulator() {
     let scenario = Scenario::default();
-    let boards = Role::ALL.map(|role| Box::new(InProcess::with_controller(role, &law::Polar)) as _);
-    let mut robot = Simulation::on(boards, &scenario, 1, 0).unwrap();
+    let boards =
+        Role::PAIR.map(|role| Box::new(InProcess::with_controller(role, &law::Polar)) as _);
+    let mut robot = Simulation::on(boards.into(), &scenario, 1, 0).unwrap();
     let outcome = regulate_on(&mut robot, &scenario, |_| ()).unwrap();
     assert!(outcome.end.is_success() && outcome.plans == 0);
     let [x, y, _] = outcome.midpoint;

@@ -3,7 +3,7 @@
 use cfmmr::experiments::faults;
 use cfmmr::experiments::faults::scenario;
 use core_algos::safety::Condition;
-use core_algos::topology::{Node, Role};
+use core_algos::topology::{Role, Topology};
 use host_sim::bus::virtual_bus::BusConfig;
 use host_sim::run::regulate::regulate_on;
 use host_sim::run::robot::Robot;
@@ -96,7 +96,7 @@ fn runs() -> Vec<(&'static str, Fault)> {
         ),
         (
             "robot.lead.supervisor.degraded_time_s=1.0",
-            Fault::Loss(Role::Beam),
+            Fault::Loss(Role::beam(0)),
         ),
         (
             "bus.loss=0.0",
@@ -167,8 +167,8 @@ fn raised(change: &str, fault: Fault, tick: u32) -> Vec<Condition> {
     regulate_on(&mut simulation, &scenario, |_| {}).unwrap();
     let monitor = simulation.monitor();
     let reasons = monitor.changes().iter().filter_map(|status| status.reason);
-    let notices = Node::ALL
-        .into_iter()
+    let notices = Topology::PAIR
+        .nodes()
         .flat_map(|node| monitor.noticed(node).iter());
     reasons.chain(notices).collect()
 }

@@ -18,7 +18,7 @@ posture --seed -1 | --seed | -1 | whole number of at least 0
 posture --rows both | --rows | both | all, pair
 posture --json | --json | <FILE>
 posture --scenario none.toml | --scenario none.toml | TOML | cfmmr config > FILE
-posture --scenario key.toml | key.toml | line 2 | frictoin | did you mean plant.friction? | cfmmr config
+posture --scenario key.toml | key.toml | line 2 | frictoin | did you mean plant.friction? | cfmmr keys
 posture --scenario unit.toml | unit.toml | line 2: plant.strip_length_m | expected a number
 posture --scenario range.toml | bus.loss | 1.5 | 0 | 1
 posture --set friction=1 | friction | did you mean plant.friction?

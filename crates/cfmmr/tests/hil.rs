@@ -4,7 +4,7 @@ use crate::terminal::pseudo_terminal;
 use cfmmr::experiments::posture::Variant;
 use core_algos::link::Identity;
 use core_algos::safety::{Condition, OperatingState};
-use core_algos::topology::{Node, Role};
+use core_algos::topology::{Node, Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::paths::Path;
 use host_sim::run::bit_compare::Trace;
@@ -45,7 +45,7 @@ fn framed(role: Role) -> Box<dyn Target> {
 }
 
 /// A run that is recorded.
-fn run(targets: [Box<dyn Target>; 3], scenario: &Scenario, seed: u64) -> (Outcome, Trace) {
+fn run(targets: Vec<Box<dyn Target>>, scenario: &Scenario, seed: u64) -> (Outcome, Trace) {
     let mut simulation = Simulation::on(targets, scenario, seed, 0).unwrap();
     simulation.record_trace();
     let outcome = regulate_on(&mut simulation, scenario, |_| {}).unwrap();
@@ -72,7 +72,7 @@ fn short() -> Scenario {
 fn the_papers_experiment_is_the_same_behind_frames_with_and_without_the_sensor() {
     for variant in Variant::PAIR {
         let scenario = variant.apply(&Scenario::default());
-        let (outcome, framed) = run(Role::ALL.map(framed), &scenario, 1);
+        let (outcome, framed) = run(Role::PAIR.map(framed).into(), &scenario, 1);
         let (reference, direct) = run(targets::in_process(), &scenario, 1);
         assert_same(&framed, &direct);
         assert!(
@@ -88,12 +88,12 @@ fn the_papers_experiment_is_the_same_behind_frames_with_and_without_the_sensor()
 fn every_mixture_of_boards_is_the_same() {
     let scenario = short();
     let (_, direct) = run(targets::in_process(), &scenario, 2);
-    for remote in Role::ALL {
-        let targets = Role::ALL.map(|role| match role == remote {
+    for remote in Role::PAIR {
+        let targets = Role::PAIR.map(|role| match role == remote {
             true => framed(role),
             false => Box::new(InProcess::new(role)) as Box<dyn Target>,
         });
-        assert_same(&run(targets, &scenario, 2).1, &direct);
+        assert_same(&run(targets.into(), &scenario, 2).1, &direct);
     }
 }
 
@@ -103,7 +103,7 @@ fn paths_longer_than_the_boards_buffer_are_the_same_behind_frames() {
     let route = Route::new(&Path::line(3.5).unwrap(), 1, &scenario).unwrap();
     scenario.mission.start = route.start();
     for path_mode in [PathMode::Follow, PathMode::Track] {
-        let traces = [Role::ALL.map(framed), targets::in_process()].map(|targets| {
+        let traces = [Role::PAIR.map(framed).into(), targets::in_process()].map(|targets| {
             let mut simulation = Simulation::on(targets, &scenario, 3, 0).unwrap();
             simulation.record_trace();
             let outcome =
@@ -120,7 +120,7 @@ fn sensors_and_losses_on_the_bus_change_nothing_in_that() {
     let mut scenario = Variant::ALL[6].apply(&short());
     scenario.world.bus.loss = 0.05;
     scenario.world.bus.latency_ms = 4;
-    let (_, framed) = run(Role::ALL.map(framed), &scenario, 4);
+    let (_, framed) = run(Role::PAIR.map(framed).into(), &scenario, 4);
     let (_, direct) = run(targets::in_process(), &scenario, 4);
     assert_same(&framed, &direct);
 }
@@ -181,16 +181,16 @@ impl Link for Unreliable {
 #[test]
 fn loss_and_damage_on_the_serial_link_cost_repetitions_and_nothing_else() {
     let scenario = short();
-    let targets = Role::ALL.map(|role| {
+    let targets = Role::PAIR.map(|role| {
         let link = Unreliable {
             link: loopback(role),
-            random: Pcg64::seed_from_u64(role as u64),
+            random: Pcg64::seed_from_u64(Topology::PAIR.place(role) as u64),
             loss: 0.05,
             damage: 0.05,
         };
         Box::new(Remote::new(role, Box::new(link))) as Box<dyn Target>
     });
-    let mut simulation = Simulation::on(targets, &scenario, 5, 0).unwrap();
+    let mut simulation = Simulation::on(targets.into(), &scenario, 5, 0).unwrap();
     simulation.record_trace();
     regulate_on(&mut simulation, &scenario, |_| {}).unwrap();
     let trace = simulation.take_trace().unwrap();
@@ -206,7 +206,7 @@ fn loss_and_damage_on_the_serial_link_cost_repetitions_and_nothing_else() {
 /// Events of a mission in which a board is switched off after 3 s, and what came of it; with
 /// `clear` the host clears faults a second after a restart.
 fn with_failure(
-    targets: [Box<dyn Target>; 3],
+    targets: Vec<Box<dyn Target>>,
     role: Role,
     restart_after: Option<u32>,
     clear: bool,
@@ -253,16 +253,17 @@ const STOP_MS: RangeInclusive<u32> = 35 + 950..=60 + 1100;
 
 #[test]
 fn a_robot_that_stopped_for_a_restart_stays_at_rest_until_it_is_cleared() {
-    let (outcome, simulation) = with_failure(targets::in_process(), Role::Rear, Some(100), false);
+    let (outcome, simulation) =
+        with_failure(targets::in_process(), Role::axle(1), Some(100), false);
     assert!(!outcome.end.is_success());
     assert_torques_zero(&simulation);
     assert!(simulation.failure().unwrap().contains("neighbour lost"));
     let monitor = simulation.monitor();
     for (node, state) in [
         (Node::Lead, OperatingState::Fault),
-        (Node::FrontAxle, OperatingState::Fault),
+        (Node::axle(0), OperatingState::Fault),
         // It has come up anew, and waits.
-        (Node::RearAxle, OperatingState::Idle),
+        (Node::axle(1), OperatingState::Idle),
     ] {
         assert_eq!(monitor.latest(node).unwrap().state, state, "{node:?}");
     }
@@ -270,8 +271,8 @@ fn a_robot_that_stopped_for_a_restart_stays_at_rest_until_it_is_cleared() {
 
 #[test]
 fn a_rear_board_that_restarts_stops_the_robot_which_then_drives_on() {
-    for targets in [Role::ALL.map(framed), targets::in_process()] {
-        let (outcome, mut simulation) = with_failure(targets, Role::Rear, Some(500), true);
+    for targets in [Role::PAIR.map(framed).into(), targets::in_process()] {
+        let (outcome, mut simulation) = with_failure(targets, Role::axle(1), Some(500), true);
         let off = motors_off(&mut simulation).unwrap();
         assert!(STOP_MS.contains(&off), "{off} ms");
         let restarted = |event: &targets::Event| event.what == What::Restarted;
@@ -287,8 +288,8 @@ fn a_rear_board_that_restarts_stops_the_robot_which_then_drives_on() {
 
 #[test]
 fn a_front_board_that_restarts_ends_the_run_with_motors_off() {
-    for targets in [Role::ALL.map(framed), targets::in_process()] {
-        let (outcome, mut simulation) = with_failure(targets, Role::Front, Some(500), true);
+    for targets in [Role::PAIR.map(framed).into(), targets::in_process()] {
+        let (outcome, mut simulation) = with_failure(targets, Role::LEAD, Some(500), true);
         let off = motors_off(&mut simulation).unwrap();
         assert!(STOP_MS.contains(&off), "{off} ms");
         assert!(!outcome.end.is_success());
@@ -300,7 +301,8 @@ fn a_front_board_that_restarts_ends_the_run_with_motors_off() {
 
 #[test]
 fn an_axle_lost_for_good_ends_the_run_with_motors_off_and_a_lost_beam_does_not() {
-    let (outcome, mut simulation) = with_failure(Role::ALL.map(framed), Role::Rear, None, true);
+    let (outcome, mut simulation) =
+        with_failure(Role::PAIR.map(framed).into(), Role::axle(1), None, true);
     let off = motors_off(&mut simulation).unwrap();
     assert!(STOP_MS.contains(&off), "{off} ms");
     let fault = simulation.monitor().first_fault().unwrap();
@@ -315,15 +317,15 @@ fn an_axle_lost_for_good_ends_the_run_with_motors_off_and_a_lost_beam_does_not()
     assert_torques_zero(&simulation);
 
     for restart_after in [None, Some(500)] {
-        let targets = Role::ALL.map(framed);
-        let (outcome, simulation) = with_failure(targets, Role::Beam, restart_after, true);
+        let targets = Role::PAIR.map(framed).into();
+        let (outcome, simulation) = with_failure(targets, Role::beam(0), restart_after, true);
         assert!(outcome.end.is_success() && simulation.failure().is_none());
     }
 }
 
 /// A run with a fault, recorded.
 fn faulty(
-    targets: [Box<dyn Target>; 3],
+    targets: Vec<Box<dyn Target>>,
     case: &Case,
     unannounced: Option<(Role, FailureMode)>,
 ) -> (faults::Outcome, Trace) {
@@ -353,8 +355,8 @@ fn faults_of_boards_and_bus_are_the_same_behind_frames() {
         ("rear clock slow by 0.2 %, no common time", None),
         ("bus corrupts 5 %", None),
         ("encoder missing", None),
-        ("rear board lost", Some((Role::Rear, crash))),
-        ("front board lost", Some((Role::Front, hang))),
+        ("rear board lost", Some((Role::axle(1), crash))),
+        ("front board lost", Some((Role::LEAD, hang))),
     ] {
         let entry = all.iter().find(|entry| entry.name == name).unwrap();
         // Not at the beginning of an epoch.
@@ -364,7 +366,7 @@ fn faults_of_boards_and_bus_are_the_same_behind_frames() {
             after_ms,
             seed,
         };
-        let (outcome, trace) = faulty(Role::ALL.map(framed), &case, unannounced);
+        let (outcome, trace) = faulty(Role::PAIR.map(framed).into(), &case, unannounced);
         let (reference, expected) = faulty(targets::in_process(), &case, None);
         assert_same(&trace, &expected);
         assert_eq!(outcome, reference, "{name}");
@@ -406,9 +408,9 @@ fn boards_on_serial_ports_are_the_same() {
     scenario.mission.time_limit_s = 1.5;
     let images = Images::open(None, None).unwrap();
     let mut boards = Vec::new();
-    let targets = Role::ALL.map(|role| {
+    let targets = Role::PAIR.map(|role| {
         let (path, board) = match role {
-            Role::Rear => {
+            Role::Axle(_) => {
                 let log = BoardLog::default();
                 terminal(VirtualLink::start(&images, role, &log, None).unwrap())
             }
@@ -418,7 +420,7 @@ fn boards_on_serial_ports_are_the_same() {
         let port = Serial::open(&path, 921_600).unwrap();
         Box::new(Remote::new(role, Box::new(port))) as Box<dyn Target>
     });
-    let (_, serial) = run(targets, &scenario, 6);
+    let (_, serial) = run(targets.into(), &scenario, 6);
     let (_, direct) = run(targets::in_process(), &scenario, 6);
     assert_eq!(serial.ticks(), 2000);
     assert_same(&serial, &direct);
@@ -438,8 +440,8 @@ fn a_port_that_is_none_is_named() {
 
 #[test]
 fn the_wrong_board_at_the_end_is_named() {
-    let swapped = [Role::Rear, Role::Front, Role::Beam].map(framed_as);
-    let error = Simulation::on(swapped, &Scenario::default(), 1, 0)
+    let swapped = [Role::axle(1), Role::LEAD, Role::beam(0)].map(framed_as);
+    let error = Simulation::on(swapped.into(), &Scenario::default(), 1, 0)
         .err()
         .unwrap();
     assert_eq!(error.exit_code(), 2);
@@ -453,9 +455,9 @@ fn the_wrong_board_at_the_end_is_named() {
 /// A board that is another one than the host takes it for.
 fn framed_as(actual: Role) -> Box<dyn Target> {
     let expected = match actual {
-        Role::Front => Role::Rear,
-        Role::Rear => Role::Front,
-        Role::Beam => Role::Beam,
+        Role::LEAD => Role::axle(1),
+        Role::Axle(_) => Role::LEAD,
+        Role::Beam(_) => Role::beam(0),
     };
     Box::new(Remote::new(expected, Box::new(loopback(actual))))
 }

@@ -4,7 +4,7 @@
 //! is refused, the run must stay the same to the bit.
 
 use core_algos::params::TABLE;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::paths::Path;
 use host_sim::run::path_run;
@@ -478,11 +478,11 @@ fn each_key_changes_a_run_or_is_refused() {
         let key = path.join(".");
         (key, Box::new(move |scenario| changed(scenario, &path, 7)))
     });
-    let boards = Role::ALL
+    let boards = Role::PAIR
         .into_iter()
         .flat_map(|role| TABLE.iter().map(move |p| (role, p.name)));
     let of_boards = boards.map(|(role, name)| -> (String, Change) {
-        let key = format!("boards.{}.{name}", role.name());
+        let key = format!("boards.{}.{name}", Topology::PAIR.name(role));
         let change = move |scenario: &_| with_parameter(scenario, role, name);
         (key, Box::new(change))
     });

@@ -3,7 +3,7 @@
 use crate::program::{assert_refused, json_file, succeed};
 use core_algos::link::Identity;
 use core_algos::params::{Source, find};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::targets::Target;
 use remote::Remote;
 use remote::board_log::BoardLog;
@@ -67,8 +67,8 @@ fn set_save_and_reset(link: Box<dyn Link>, role: Role) {
 #[test]
 fn what_was_saved_is_there_after_a_reset() {
     let folder = tempfile::tempdir().unwrap();
-    for role in Role::ALL {
-        let file = folder.path().join(role.name());
+    for role in Role::PAIR {
+        let file = folder.path().join(Topology::PAIR.name(role));
         set_save_and_reset(loopback(role, &file), role);
         // And in another process, so to speak.
         let mut board = Remote::new(role, loopback(role, &file));
@@ -82,15 +82,17 @@ fn what_was_saved_is_there_after_a_reset() {
 fn what_was_saved_is_there_after_a_reset_of_a_virtual_board() {
     let images = Images::open(None, None).unwrap();
     let folder = tempfile::tempdir().unwrap();
-    for role in Role::ALL {
-        let file = folder.path().join(format!("a, b {}", role.name()));
+    for role in Role::PAIR {
+        let file = folder
+            .path()
+            .join(format!("a, b {}", Topology::PAIR.name(role)));
         let log = BoardLog::default();
         let board = VirtualLink::start(&images, role, &log, Some(&file)).unwrap();
         set_save_and_reset(Box::new(board), role);
     }
     // Both read each other's files: a board in this process finds what the virtual one wrote.
     let file = folder.path().join("a, b rear");
-    let mut board = Remote::new(Role::Rear, loopback(Role::Rear, &file));
+    let mut board = Remote::new(Role::axle(1), loopback(Role::axle(1), &file));
     board.greet().unwrap();
     assert_eq!(kept(&mut board, RADIUS).value, 0.0731);
 }

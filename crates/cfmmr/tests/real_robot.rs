@@ -10,7 +10,7 @@ mod program;
 mod terminal;
 
 use core_algos::safety::Condition;
-use core_algos::topology::{Node, Role};
+use core_algos::topology::{Node, Role, Topology};
 use host_sim::run::keyboard::Keyboard;
 use host_sim::run::real_time::RealTimeLimiter;
 use host_sim::run::robot::Robot;
@@ -83,8 +83,8 @@ impl Bench {
     /// One whose boards fail on the way.
     fn with(scenario: &Scenario, loose: bool, failures: Vec<Failure>) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let mut ports = Role::ALL.map(|role| Port {
-            name: folder.path().join(role.name()),
+        let mut ports = Role::PAIR.map(|role| Port {
+            name: folder.path().join(Topology::PAIR.name(role)),
             wire: None,
         });
         ports.iter_mut().for_each(|port| port.plug(true));
@@ -117,7 +117,7 @@ impl Bench {
                 let since = moved.map_or(0, |moved| robot.now() - moved);
                 ports[0].plug(!loose || since / 500_000 % 4 != 1);
                 let now = Time::from_micros((robot.boot_s() * 1e6).round() as u64 + robot.now());
-                for (role, port) in Role::ALL.into_iter().zip(&mut ports) {
+                for (role, port) in Role::PAIR.into_iter().zip(&mut ports) {
                     // Nobody has opened the other end yet, or any more.
                     let count = port
                         .wire
@@ -151,14 +151,14 @@ impl Bench {
     }
 
     fn command(&self, folder: &Path, arguments: &str) -> Command {
-        let front = self.port(Role::Front);
+        let front = self.port(Role::LEAD);
         program::command(folder, &format!("{arguments} --on serial:{front}"))
     }
 
     /// Port of a board, as `--on serial:` takes it.
     fn port(&self, role: Role) -> String {
-        let port = self.folder.path().join(role.name());
-        format!("{}={}", role.name(), port.display())
+        let port = self.folder.path().join(Topology::PAIR.name(role));
+        format!("{}={}", Topology::PAIR.name(role), port.display())
     }
 
     fn run(&self, folder: &Path, arguments: &str) -> Run {
@@ -297,7 +297,7 @@ fn script_drives_a_robot_at_a_serial_port() {
 fn record_at_serial_ports_replays_identically() {
     let folder = tempfile::tempdir().unwrap();
     let bench = Bench::at_origin(false);
-    let [front, rear, beam] = Role::ALL.map(|role| bench.port(role));
+    let [front, rear, beam] = Role::PAIR.map(|role| bench.port(role));
     for (task, ports, boards) in [
         (
             "goto 0.3 0.1 0.2 --from 0,0,0",
@@ -330,7 +330,7 @@ fn record_at_serial_ports_replays_identically() {
 #[test]
 fn record_is_refused_while_a_node_is_in_fault() {
     let folder = tempfile::tempdir().unwrap();
-    let (role, at, mode) = (Role::Rear, 2500, FailureMode::Off);
+    let (role, at, mode) = (Role::axle(1), 2500, FailureMode::Off);
     let mut scenario = Scenario::default();
     scenario.mission.start = [0.0; 3];
     let bench = Bench::with(&scenario, false, vec![Failure { role, at, mode }]);
@@ -372,7 +372,7 @@ fn python_client_drives_a_robot_to_its_goal() {
     let bench = Bench::at_origin(false);
     let client = Command::new(tools.out.trim())
         .arg(root.join("tools/client/drive.py"))
-        .arg(bench.folder.path().join(Role::Front.name()))
+        .arg(bench.folder.path().join(Topology::PAIR.name(Role::LEAD)))
         .args(["0.3", "-0.1", "-0.2"])
         .output();
     let run = Run::from(client.unwrap()).ends_with(0);

@@ -44,7 +44,7 @@ impl Run {
     }
 
     fn without_beam(scenario: &Scenario) -> Self {
-        Self::new(scenario, Fault::Loss(Role::Beam), AT)
+        Self::new(scenario, Fault::Loss(Role::beam(0)), AT)
     }
 
     /// The first change of a node to a state.
@@ -121,7 +121,7 @@ fn without_the_beam_the_robot_drives_no_longer_than_it_may() {
     let way = run.way_from(counts);
     assert!((0.38..0.47).contains(&way), "{way} m");
     run.assert_stopped(stop.time_s);
-    for axle in [Node::FrontAxle, Node::RearAxle] {
+    for axle in [Node::axle(0), Node::axle(1)] {
         let latest = run.simulation.monitor().latest(axle).unwrap();
         assert_eq!(latest.state.permit(), core_algos::safety::Permit::Off);
     }

@@ -49,7 +49,7 @@ fn stored_parameters_of_version_0_1_are_read() {
     let bytes = [1, 7, 0, 0, 0, 0x74, 0xb5, 0x95, 0x3d];
     let mut contents = Contents::default();
     contents.take(1, &bytes);
-    let own = Settings::of(Role::Front);
-    let (settings, _) = contents.settle(&own, |settings| settings.check(Role::Front));
+    let own = Settings::of(Role::LEAD);
+    let (settings, _) = contents.settle(&own, |settings| settings.check(Role::LEAD));
     assert_eq!(settings.robot.geometry.wheel_radius_m, 0.0731);
 }

@@ -10,7 +10,7 @@ use core_algos::link::protocol::{self, Reply, Request};
 use core_algos::link::{Order, Stamp};
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::run::robot::Robot;
 use host_sim::scenario::Scenario;
 use host_sim::targets::HostCommand;
@@ -177,12 +177,15 @@ fn beam_board_at_rest_logs_noise_of_its_bridges() {
 fn reply_of_rear(robot: &mut VirtualRobot, number: u8, request: &Request) -> String {
     let frame = protocol::encode(number, request).unwrap();
     let now = Time::from_micros(((robot.boot_s() * 1e6).round() as u64) + robot.now());
-    robot.serial(Role::Rear).unwrap().send(frame.bytes(), now);
+    robot
+        .serial(Role::axle(1))
+        .unwrap()
+        .send(frame.bytes(), now);
     for _ in 0..20 {
         robot.step().unwrap();
     }
     let mut decoder = Decoder::new();
-    let sent = std::mem::take(&mut robot.serial(Role::Rear).unwrap().sent);
+    let sent = std::mem::take(&mut robot.serial(Role::axle(1)).unwrap().sent);
     let mut replies = sent.iter().filter_map(|&byte| {
         let (answered, reply) = protocol::decode::<Reply>(decoder.take_byte(byte)?)?;
         (answered == number).then(|| format!("{reply:?}"))
@@ -288,7 +291,7 @@ fn record_of_virtual_boards_replays_identically() {
         let bytes = fs::read(folder.path().join("run.mcap")).unwrap();
         let recording = read::read(&bytes, "run.mcap").unwrap();
         let count = |role: Role| {
-            let events = recording.boards[role as usize].iter();
+            let events = recording.boards[Topology::PAIR.place(role)].iter();
             events.fold([0; 2], |[starts, ticks], event| match event {
                 Event::Start { .. } => [starts + 1, ticks],
                 Event::Tick(_) => [starts, ticks + 1],
@@ -297,16 +300,20 @@ fn record_of_virtual_boards_replays_identically() {
         };
         let restarted = usize::from(task.contains("--kill"));
         for (role, starts) in [
-            (Role::Front, 1),
-            (Role::Rear, 1 + restarted),
-            (Role::Beam, 1),
+            (Role::LEAD, 1),
+            (Role::axle(1), 1 + restarted),
+            (Role::beam(0), 1),
         ] {
             let [begun, ticks] = count(role);
-            assert_eq!(begun, starts, "{} board", role.name());
+            assert_eq!(begun, starts, "{} board", Topology::PAIR.name(role));
             // The boards begin one after the other; a board without power has no ticks.
             let least =
-                recording.ticks() - 150 - 1000 * restarted * usize::from(role == Role::Rear);
-            assert!(ticks >= least, "{} board: {ticks}", role.name());
+                recording.ticks() - 150 - 1000 * restarted * usize::from(role == Role::axle(1));
+            assert!(
+                ticks >= least,
+                "{} board: {ticks}",
+                Topology::PAIR.name(role)
+            );
         }
         let outputs = report["recorded"]["count"].as_u64().unwrap() as usize;
         assert!(outputs * 10 + 170 > recording.ticks(), "{outputs}");

@@ -11,8 +11,8 @@ pub fn axle(pin: Peri<'static, PC13>) -> AxleId {
     // The pull-up of 40 kΩ charges the pin's few picofarads within a microsecond.
     cortex_m::asm::delay(crate::clock::CORE_HZ / 100_000);
     if strap.is_high() {
-        AxleId::Front
+        AxleId(0)
     } else {
-        AxleId::Rear
+        AxleId(1)
     }
 }

@@ -1,30 +1,33 @@
 //! Bus description (DBC), from the table of messages.
 
 use core_algos::bus::field::POSITION_SPAN_M;
-use core_algos::bus::layout::{BIT_RATE, Layout, MESSAGES, Signal};
-use core_algos::topology::Node;
+use core_algos::bus::layout::{BIT_RATE, OnBus, Signal, messages};
+use core_algos::topology::{Node, Topology};
+
+/// The robot that is described.
+const ROBOT: Topology = Topology::PAIR;
 
 /// The bus description of all messages, as text.
 pub fn description() -> String {
     let mut text = String::from("VERSION \"\"\n\nNS_ :\n\nBS_:\n\nBU_:");
-    for node in Node::ALL {
-        text += &format!(" {}", node.name());
+    for node in nodes() {
+        text += &format!(" {node}");
     }
     text += "\n\n";
-    for layout in &MESSAGES {
-        text += &message(layout);
+    for sent in messages(ROBOT) {
+        text += &message(&sent);
     }
     text += &format!(
         "CM_ \"Positions of odometric and reference postures are sent modulo {POSITION_SPAN_M} m; \
          ln_sigma_* is the natural logarithm of a standard deviation.\";\n"
     );
-    for Layout { id, meaning, .. } in &MESSAGES {
-        text += &format!("CM_ BO_ {id} \"{}\";\n", plain(meaning));
+    for OnBus { id, layout, .. } in messages(ROBOT) {
+        text += &format!("CM_ BO_ {id} \"{}\";\n", plain(layout.meaning));
     }
-    for layout in &MESSAGES {
+    for OnBus { id, layout, .. } in messages(ROBOT) {
         for signal in layout.signals {
             let (name, meaning) = (signal.name, plain(signal.meaning));
-            text += &format!("CM_ SG_ {} {name} \"{meaning}\";\n", layout.id);
+            text += &format!("CM_ SG_ {id} {name} \"{meaning}\";\n");
         }
     }
     text += "BA_DEF_ \"Baudrate\" INT 1 1000000;\n";
@@ -37,13 +40,13 @@ pub fn description() -> String {
     }
     text += &format!("BA_ \"Baudrate\" {BIT_RATE};\n");
     for (attribute, time) in TIMES {
-        for layout in &MESSAGES {
-            text += &format!("BA_ \"{attribute}\" BO_ {} {};\n", layout.id, time(layout));
+        for sent in messages(ROBOT) {
+            text += &format!("BA_ \"{attribute}\" BO_ {} {};\n", sent.id, time(&sent));
         }
     }
-    for layout in &MESSAGES {
+    for OnBus { id, layout, .. } in messages(ROBOT) {
         for signal in layout.signals.iter().filter(|s| !s.labels.is_empty()) {
-            text += &format!("VAL_ {} {}", layout.id, signal.name);
+            text += &format!("VAL_ {id} {}", signal.name);
             for (number, label) in signal.labels.iter().enumerate() {
                 text += &format!(" {number} \"{label}\"");
             }
@@ -53,27 +56,24 @@ pub fn description() -> String {
     text
 }
 
-type Time = fn(&Layout) -> u16;
+/// Names of the nodes, the service tool last.
+fn nodes() -> impl Iterator<Item = &'static str> {
+    let all = ROBOT.nodes().chain([Node::Service]);
+    all.map(|node| ROBOT.node_name(node))
+}
+
+type Time = fn(&OnBus) -> u16;
 
 /// Attributes of a message, ms; 0 means "on request" and "does not age".
 const TIMES: [(&str, Time); 2] = [
-    ("GenMsgCycleTime", |layout| layout.period_ms),
-    ("MsgTimeout", |layout| layout.timeout_ms),
+    ("GenMsgCycleTime", |sent| sent.layout.period_ms),
+    ("MsgTimeout", |sent| sent.layout.timeout_ms),
 ];
 
-fn message(layout: &Layout) -> String {
-    let mut text = format!(
-        "BO_ {} {}: {} {}\n",
-        layout.id,
-        layout.name,
-        layout.bytes(),
-        layout.sender.name()
-    );
-    let receivers: Vec<&str> = Node::ALL
-        .into_iter()
-        .filter(|&node| node != layout.sender)
-        .map(Node::name)
-        .collect();
+fn message(sent: &OnBus) -> String {
+    let (layout, sender) = (sent.layout, ROBOT.node_name(sent.sender));
+    let mut text = format!("BO_ {} {sent}: {} {sender}\n", sent.id, layout.bytes());
+    let receivers: Vec<&str> = nodes().filter(|&node| node != sender).collect();
     let mut start = 0;
     for signal in layout.signals {
         text += &self::signal(signal, start, &receivers.join(","));
@@ -120,8 +120,8 @@ mod tests {
     #[test]
     fn each_message_and_signal_stands_once() {
         let text = description();
-        assert_eq!(lines(&text, "BO_ ").count(), MESSAGES.len());
-        let signals: usize = MESSAGES.iter().map(|layout| layout.signals.len()).sum();
+        assert_eq!(lines(&text, "BO_ ").count(), messages(ROBOT).count());
+        let signals: usize = messages(ROBOT).map(|sent| sent.layout.signals.len()).sum();
         assert_eq!(lines(&text, " SG_ ").count(), signals);
         assert!(text.contains(
             "BO_ 544 BeamWrench: 8 Beam\n \

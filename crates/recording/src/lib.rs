@@ -149,13 +149,14 @@ impl Session {
     }
 
     /// Listens to these boards, which run in this scenario.
-    pub fn tap(&self, targets: [Box<dyn Target>; 3], scenario: &Scenario) -> [Box<dyn Target>; 3] {
+    pub fn tap(&self, targets: Vec<Box<dyn Target>>, scenario: &Scenario) -> Vec<Box<dyn Target>> {
         let encoded = scenario.world.bus.quantise;
-        let mut roles = Role::ALL.into_iter();
-        targets.map(|target| {
-            let role = roles.next().unwrap_or(Role::Beam);
+        let mut roles = Role::PAIR.into_iter();
+        let tapped = targets.into_iter().map(|target| {
+            let role = roles.next().unwrap_or(Role::beam(0));
             Box::new(tap::Tap::new(role, target, self.clone(), encoded)) as Box<dyn Target>
-        })
+        });
+        tapped.collect()
     }
 
     /// Goal and path of the run.

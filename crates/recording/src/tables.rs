@@ -4,9 +4,10 @@ use super::Line;
 use super::entry::{AxleTick, BeamTick};
 use crate::csv;
 use crate::schema::Schema;
-use core_algos::bus::{CanFrame, layout};
-use core_algos::topology::Role;
+use core_algos::bus::CanFrame;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
+use host_sim::bus::virtual_bus::name_of;
 use host_sim::run::end::RunEnd;
 use host_sim::run::robot::Record;
 use output::files::{Cell, Csv, OutputDir, try_file, write_file};
@@ -103,17 +104,17 @@ impl Tables {
     }
 
     fn axle(&mut self, role: Role, tick: &AxleTick) {
-        let own = [self.seconds(tick.tick), role.name().into()];
+        let own = [self.seconds(tick.tick), Topology::PAIR.name(role).into()];
         self.axles.row(own.into_iter().chain(tick.cells()));
     }
 
     fn frame(&mut self, role: Role, tick: u32, frame: &CanFrame) {
         let data = frame.data.iter().take(usize::from(frame.length));
-        let name = layout::find(frame.id).map_or("unknown", |layout| layout.name);
+        let name = name_of(frame.id).unwrap_or("unknown");
         let time = self.seconds(tick);
         self.bus.row::<Cell>([
             time,
-            role.name().into(),
+            Topology::PAIR.name(role).into(),
             Cell::Text(format!("{:#05x}", frame.id)),
             name.into(),
             match frame.length {

@@ -15,7 +15,7 @@ use core_algos::node::board::Samples;
 use core_algos::node::path_task::{PATH_POINTS, TRAJECTORY_POINTS};
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
-use core_algos::topology::{Role, Wheels};
+use core_algos::topology::{Role, Topology, Wheels};
 use host_sim::base::error::Error;
 use host_sim::targets::boards::fatal;
 use host_sim::targets::{
@@ -197,7 +197,7 @@ impl Remote {
         if found != hash {
             return Err(Fault::Fatal(Error::Failure(format!(
                 "{} board: checksum of the parameters is {found:08x} on the board, {hash:08x} in this program",
-                self.role.name()
+                Topology::PAIR.name(self.role)
             ))));
         }
         Ok(hash)
@@ -223,7 +223,7 @@ pub(super) fn greeted(
     (wanted, role): (Role, Role),
     build: &str,
 ) -> Result<(), Error> {
-    let name = wanted.name();
+    let name = Topology::PAIR.name(wanted);
     if protocol != PROTOCOL {
         return Err(Error::input(format!(
             "{name} board: its image ({build}) has protocol version {protocol}, this program version {PROTOCOL}: \
@@ -233,7 +233,7 @@ pub(super) fn greeted(
     if role != wanted {
         return Err(Error::input(format!(
             "--on serial:{name}: the {name} board's port leads to the {} board: check ports and strap",
-            role.name()
+            Topology::PAIR.name(role)
         )));
     }
     Ok(())
@@ -242,7 +242,7 @@ pub(super) fn greeted(
 fn unexpected(role: Role, what: &str) -> Fault {
     Fault::Fatal(Error::Failure(format!(
         "{} board: {what}: unexpected answer",
-        role.name()
+        Topology::PAIR.name(role)
     )))
 }
 
@@ -256,7 +256,7 @@ pub(super) fn refused(role: Role, what: &str, reply: Reply) -> Fault {
         Reply::Refused(Refusal::Armed) => {
             return Fault::Fatal(Error::input(format!(
                 "{} board refuses {what}: its motors may be on; stop the robot first",
-                role.name()
+                Topology::PAIR.name(role)
             )));
         }
         Reply::Refused(Refusal::Leased) => {
@@ -271,7 +271,7 @@ pub(super) fn refused(role: Role, what: &str, reply: Reply) -> Fault {
     };
     Fault::Fatal(Error::Failure(format!(
         "{} board refuses {what}: {reason}",
-        role.name()
+        Topology::PAIR.name(role)
     )))
 }
 
@@ -329,7 +329,7 @@ impl Target for Remote {
 
     fn receive(&mut self, _now: Micros, frame: &CanFrame, _message: &Message) {
         // The beam board has nothing to hear.
-        if self.role != Role::Beam {
+        if self.role != Role::beam(0) {
             self.overflow |= !self.bus.push(frame);
         }
     }
@@ -339,7 +339,7 @@ impl Target for Remote {
         if std::mem::take(&mut self.overflow) {
             return Err(Fault::Fatal(Error::Failure(format!(
                 "{} board: more bus frames at tick {tick} than one request holds",
-                self.role.name()
+                Topology::PAIR.name(self.role)
             ))));
         }
         self.tick = tick;
@@ -430,7 +430,7 @@ impl Target for Remote {
         let traffic = self.traffic().unwrap_or_default();
         let ticks = self.latencies.len().max(1) as f64;
         Report {
-            role: self.role.name(),
+            role: Topology::PAIR.name(self.role),
             target: self.conversation.link.name(),
             build: self.build.clone(),
             frames: traffic.frames,
@@ -618,7 +618,7 @@ mod tests {
 
     #[test]
     fn port_that_echoes_is_named() {
-        let mut remote = Remote::new(Role::Front, Box::new(Loop(VecDeque::new())));
+        let mut remote = Remote::new(Role::LEAD, Box::new(Loop(VecDeque::new())));
         let Err(error) = remote.crash_record() else {
             panic!("an echo answers");
         };

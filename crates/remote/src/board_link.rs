@@ -15,7 +15,7 @@ use core_algos::link::record::{self, Entry};
 use core_algos::link::{Order, Stamp};
 use core_algos::node::lead::Task;
 use core_algos::time::Micros;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::targets::board_record::{BoardEvent, BoardRecord};
 use host_sim::targets::{Fault, HostCommand, Room};
@@ -200,7 +200,7 @@ impl BoardLink {
         let config = postcard::from_bytes(&self.config).map_err(|error| {
             Error::Failure(format!(
                 "{} board: configuration: {error}",
-                self.role.name()
+                Topology::PAIR.name(self.role)
             ))
         })?;
         self.record = Some(BoardRecord::new(self.role, config));
@@ -440,7 +440,7 @@ impl BoardLink {
         if now - *pending.since.get_or_insert(now) >= SILENCE {
             return Err(Error::Failure(format!(
                 "{} board: {}: no answer at its serial port in {} s",
-                self.role.name(),
+                Topology::PAIR.name(self.role),
                 pending.what.name(),
                 SILENCE / 1_000_000
             )));
@@ -509,7 +509,7 @@ impl BoardLink {
             } => {
                 self.build = build.to_owned();
                 greeted(protocol, (self.role, role), build)?;
-                let name = role.name();
+                let name = Topology::PAIR.name(role);
                 if session {
                     return Err(Error::Failure(format!(
                         "{name} board: it is in a session of another program, which ends after 60 s of silence"
@@ -550,7 +550,7 @@ impl BoardLink {
 }
 
 fn failure(role: Role, what: &str, reply: Reply) -> Error {
-    let name = role.name();
+    let name = Topology::PAIR.name(role);
     match refused(role, what, reply) {
         Fault::Fatal(error) => error,
         Fault::Silent(why) => Error::Failure(format!("{name} board: {what}: {why}")),
@@ -561,7 +561,7 @@ fn failure(role: Role, what: &str, reply: Reply) -> Error {
 fn restarted(role: Role) -> Error {
     Error::Failure(format!(
         "{} board: it was restarted, and its place and its task are lost: start the run again",
-        role.name()
+        Topology::PAIR.name(role)
     ))
 }
 
@@ -583,7 +583,7 @@ mod tests {
     #[test]
     fn orders_over_a_lossy_line_are_carried_out_once_in_order() {
         let mut random = generator(5, 0, Stream::Other(0));
-        let (role, build) = (Role::Front, "test");
+        let (role, build) = (Role::LEAD, "test");
         let identity = Identity { build, role };
         let mut board = Attendant::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
         let mut station = Station::default();
@@ -617,7 +617,7 @@ mod tests {
     /// Reports still come, but nothing that is sent arrives: a speed that is given again and again ends with an error.
     #[test]
     fn speeds_that_stay_without_an_answer_end_with_an_error() {
-        let mut link = BoardLink::new(Role::Front, 7);
+        let mut link = BoardLink::new(Role::LEAD, 7);
         let speed = HostCommand::Task(Task::Drive {
             speed_m_s: 0.1,
             curvature: 0.0,

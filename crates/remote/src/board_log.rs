@@ -1,6 +1,6 @@
 //! Log of a virtual board: defmt frames, decoded line by line.
 
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 #[cfg(feature = "board-logs")]
 use defmt_decoder::{DecodeError, Table};
 #[cfg(feature = "board-logs")]
@@ -68,7 +68,7 @@ impl BoardLog {
                             let line = frame.display(false).to_string();
                             if !log.quiet && frame.level().is_some_and(|level| level >= Level::Warn)
                             {
-                                note(format!("{} board: {line}", role.name()));
+                                note(format!("{} board: {line}", Topology::PAIR.name(role)));
                             }
                             log.append(&line);
                         }
@@ -126,7 +126,12 @@ pub fn kept<T>(
 
 /// The boards' logs that are not empty: names of files, and their content.
 pub fn files(logs: &[BoardLog; 3]) -> Vec<(String, String)> {
-    let named = Role::ALL.into_iter().zip(logs);
-    let named = named.map(|(role, log)| (format!("board-{}.log", role.name()), log.text()));
+    let named = Role::PAIR.into_iter().zip(logs);
+    let named = named.map(|(role, log)| {
+        (
+            format!("board-{}.log", Topology::PAIR.name(role)),
+            log.text(),
+        )
+    });
     named.filter(|(_, text)| !text.is_empty()).collect()
 }

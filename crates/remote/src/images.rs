@@ -150,8 +150,8 @@ impl Images {
     /// The image of a board.
     pub fn of(&self, role: Role) -> &Image {
         match role {
-            Role::Front | Role::Rear => &self.axle,
-            Role::Beam => &self.beam,
+            Role::Axle(_) => &self.axle,
+            Role::Beam(_) => &self.beam,
         }
     }
 }

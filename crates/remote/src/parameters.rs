@@ -4,6 +4,7 @@ use crate::board::Remote;
 use crate::board::refused;
 use core_algos::link::protocol::{Refusal, Reply, Request};
 use core_algos::params::{COUNT, Parameter, Source, TABLE, fingerprint};
+use core_algos::topology::Topology;
 use host_sim::base::error::Error;
 use host_sim::scenario::board_parameters::Values;
 use host_sim::targets::Fault;
@@ -71,9 +72,12 @@ impl Remote {
         match self.conversation.answer()? {
             Reply::Saved { values } => Ok(values),
             // Values that are each in range and together make no node: the user's input.
-            Reply::Refused(Refusal::Parameter { text }) => Err(Fault::Fatal(Error::input(
-                format!("{} board: not saved: {text}", self.role.name()),
-            ))),
+            Reply::Refused(Refusal::Parameter { text }) => {
+                Err(Fault::Fatal(Error::input(format!(
+                    "{} board: not saved: {text}",
+                    Topology::PAIR.name(self.role)
+                ))))
+            }
             other => Err(refused(self.role, "to save", other)),
         }
     }
@@ -93,14 +97,14 @@ impl Remote {
             return Err(Fault::Fatal(Error::Failure(format!(
                 "{} board: its table of parameters ({count}, hash {table:08x}) differs from this program \
                  ({COUNT}, hash {:08x}): flash the image of this version",
-                role.name(),
+                Topology::PAIR.name(role),
                 fingerprint()
             ))));
         }
         if unusable {
             note(format!(
                 "{} board: the stored parameters form no valid configuration; the board uses the defaults",
-                role.name()
+                Topology::PAIR.name(role)
             ));
         }
         let mut all = Vec::with_capacity(COUNT);

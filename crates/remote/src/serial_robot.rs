@@ -13,7 +13,7 @@ use core_algos::link::protocol::Place;
 use core_algos::node::lead::{self, Task};
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::time::{Micros, TICK};
-use core_algos::topology::{Node, Role};
+use core_algos::topology::{Node, Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::bus::virtual_bus::{BusStatistics, sender};
 use host_sim::run::recovery::{Monitor, NODES};
@@ -138,7 +138,7 @@ impl SerialRobot {
         let mut robot = Self {
             port: Some(connect()?),
             connect,
-            link: BoardLink::new(Role::Front, owner()),
+            link: BoardLink::new(Role::LEAD, owner()),
             others: Vec::new(),
             zero: None,
             began: Instant::now(),
@@ -270,7 +270,7 @@ impl SerialRobot {
                 .map(|other| &other.link)
                 .chain([&self.link]);
             if let Some(link) = links.find(|link| link.is_denied()) {
-                let name = link.role().name();
+                let name = Topology::PAIR.name(link.role());
                 return Err(Error::Failure(format!(
                     "{name} board: its motors may be on: stop the robot before the run is recorded"
                 )));
@@ -432,9 +432,9 @@ impl SerialRobot {
             self.monitor.see(tick, frame);
         }
         self.frames += frames.len() as u64;
-        for role in Role::ALL {
+        for role in Role::PAIR {
             let recorded = match role {
-                Role::Front => self.link.is_recorded(),
+                Role::LEAD => self.link.is_recorded(),
                 _ => self
                     .others
                     .iter()
@@ -575,20 +575,20 @@ impl Robot for SerialRobot {
     }
 
     fn builds(&self) -> Vec<(Role, String)> {
-        vec![(Role::Front, self.link.build().to_owned())]
+        vec![(Role::LEAD, self.link.build().to_owned())]
     }
 
     fn traffic(&self) -> Vec<BoardTraffic> {
         let of = |role: Role| BoardTraffic {
             role,
             on: true,
-            traffic: (role == Role::Front).then(|| Traffic {
+            traffic: (role == Role::LEAD).then(|| Traffic {
                 frames: self.frames,
                 lost: self.link.lost().into(),
                 damaged: self.link.damaged().into(),
             }),
         };
-        Role::ALL.map(of).to_vec()
+        Role::PAIR.map(of).to_vec()
     }
 
     fn bus(&self) -> BusStatistics {

@@ -166,7 +166,7 @@ impl VirtualLink {
         flash: Option<&Path>,
     ) -> Result<Self, Error> {
         let port = Port {
-            rear: role == Role::Rear,
+            rear: role == Role::axle(1),
             told: false,
             line: SerialLine::default(),
             woken: false,

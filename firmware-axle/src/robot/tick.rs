@@ -14,7 +14,7 @@ use core_algos::node::{Outbox, axle};
 use core_algos::params::Drive;
 use core_algos::safety::{Condition, Conditions};
 use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
-use core_algos::topology::{AxleId, Role, Wheels};
+use core_algos::topology::Wheels;
 use firmware_common::can::Arrived;
 use firmware_common::fault;
 use firmware_common::tick_loop::{self, BoardTick, Chip, Health, TickLoop};
@@ -257,13 +257,5 @@ impl AxleTick {
         let parts = (&self.axle.drive, &self.axle.winding);
         let feedback = &sampled.feedback;
         Command::limited(&output, feedback, &self.wheels, parts, &mut self.windings)
-    }
-}
-
-/// The role of an axle's board.
-pub fn role(axle: AxleId) -> Role {
-    match axle {
-        AxleId::Front => Role::Front,
-        AxleId::Rear => Role::Rear,
     }
 }

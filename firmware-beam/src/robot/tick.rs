@@ -15,7 +15,7 @@ use core_algos::node::tick_sync::Step;
 use core_algos::params::Disarmed;
 use core_algos::safety::{Condition, Conditions};
 use core_algos::time::{Micros, TICK};
-use core_algos::topology::{Role, Wheels};
+use core_algos::topology::{FrameId, Role, Wheels};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use firmware_common::can::Arrived;
@@ -91,7 +91,7 @@ pub struct BeamTick {
 
 /// The node of a configuration.
 pub fn node(config: &RobotConfig) -> Result<BeamNode, ConfigError> {
-    config.build_beam()
+    config.build_beam(FrameId(0))
 }
 
 /// Runs the tick for ever.
@@ -137,6 +137,7 @@ impl BoardTick for BeamTick {
         self.beam.node.receive(&arrived.message);
         self.motors.receive(block.local, &arrived.message);
         if let Message::BeamCalibration {
+            frame: FrameId(0),
             sequence,
             calibrate,
         } = arrived.message
@@ -166,9 +167,9 @@ impl BoardTick for BeamTick {
 
     fn report(&mut self, block: &Block, health: Health, common: &mut Common) -> Report {
         let temperature_c = self.beam.bridges.temperature();
-        common.send_identity(Role::Beam, &health);
+        common.send_identity(Role::beam(0), &health);
         let supply_v = block.excitation * SUPPLY_V;
-        common.send(&health.message(Role::Beam, supply_v, temperature_c.unwrap_or(-128.0)));
+        common.send(&health.message(Role::beam(0), supply_v, temperature_c.unwrap_or(-128.0)));
         let latest = self.beam.node.latest();
         let gauges = latest.map_or(0, |latest| latest.used.count());
         Report {
@@ -267,6 +268,7 @@ impl BeamTick {
 /// Sends the result of a calibration.
 fn reply(sequence: u8, result: CalibrationResult, gauge: u8, common: &mut Common) {
     common.send(&Message::BeamCalibrated {
+        frame: FrameId(0),
         sequence,
         result,
         gauge,

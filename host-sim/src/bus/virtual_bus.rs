@@ -3,11 +3,12 @@
 use crate::base::table::table;
 use core_algos::bus::{self, CanFrame, Message, layout};
 use core_algos::time::Micros;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::Serialize;
 use std::collections::VecDeque;
+use std::sync::LazyLock;
 
 table! {
     /// Properties of the virtual bus.
@@ -111,9 +112,9 @@ impl VirtualBus {
         }
         let origin = sender(frame);
         let mut received = [true; 3];
-        for board in Role::ALL {
+        for board in Topology::PAIR.boards() {
             if Some(board) != origin && self.drawn(self.config.loss) {
-                received[board as usize] = false;
+                received[Topology::PAIR.place(board)] = false;
                 self.statistics.lost += 1;
             }
         }
@@ -141,12 +142,12 @@ impl VirtualBus {
     fn carry(&mut self, mut transit: Transit, origin: Option<Role>) {
         // What stays on its own board is not disturbed.
         let mut own = transit.clone();
-        for board in Role::ALL {
-            own.received[board as usize] &= Some(board) == origin;
-            transit.received[board as usize] &= Some(board) != origin;
+        for board in Topology::PAIR.boards() {
+            own.received[Topology::PAIR.place(board)] &= Some(board) == origin;
+            transit.received[Topology::PAIR.place(board)] &= Some(board) != origin;
         }
         self.queue(own);
-        let mut late = origin.map_or(0, |board| self.config.late_ms[board as usize]);
+        let mut late = origin.map_or(0, |board| self.config.late_ms[Topology::PAIR.place(board)]);
         if self.config.jitter_ms > 0 {
             late += self.rng.random_range(0..=self.config.jitter_ms);
         }
@@ -186,8 +187,8 @@ impl VirtualBus {
     pub fn deliver(&mut self, now: Micros, mut receive: impl FnMut(Role, &CanFrame, &Message)) {
         while self.transit.front().is_some_and(|first| first.due <= now) {
             if let Some(transit) = self.transit.pop_front() {
-                for board in Role::ALL {
-                    if transit.received[board as usize] {
+                for board in Topology::PAIR.boards() {
+                    if transit.received[Topology::PAIR.place(board)] {
                         receive(board, &transit.frame, &transit.message);
                     }
                 }
@@ -209,7 +210,17 @@ impl VirtualBus {
 
 /// The board that sends a frame; a service tool is none.
 pub fn sender(frame: &CanFrame) -> Option<Role> {
-    layout::find(frame.id)?.sender.board()
+    layout::sender(frame.id)?.board()
+}
+
+/// Name of a frame's message in the bus description; nothing for a frame that is none.
+pub fn name_of(id: u16) -> Option<&'static str> {
+    static NAMES: LazyLock<Vec<(u16, String)>> = LazyLock::new(|| {
+        let messages = layout::messages(Topology::PAIR);
+        messages.map(|of| (of.id, of.to_string())).collect()
+    });
+    let place = NAMES.binary_search_by_key(&id, |(of, _)| *of).ok()?;
+    Some(&NAMES[place].1)
 }
 
 /// True for a frame of the nodes; the others are those of drivers and clock.
@@ -259,8 +270,8 @@ mod tests {
         for now in (0..10).map(|ms| ms * 1_000) {
             bus.deliver(now, |board, _, _| arrivals.push((now, board)));
         }
-        let late = [Role::Rear, Role::Beam].map(|board| (5_000, board));
-        assert_eq!(arrivals, [(1_000, Role::Front), late[0], late[1]]);
+        let late = [Role::axle(1), Role::beam(0)].map(|board| (5_000, board));
+        assert_eq!(arrivals, [(1_000, Role::LEAD), late[0], late[1]]);
     }
 
     #[test]
@@ -283,7 +294,7 @@ mod tests {
             bus.send_frame(sent, identity.as_ref().unwrap());
             for ms in 0..6 {
                 bus.deliver(sent + ms * 1_000, |board, _, _| {
-                    seen[ms as usize] += u32::from(board == Role::Rear);
+                    seen[ms as usize] += u32::from(board == Role::axle(1));
                 });
             }
         }
@@ -307,8 +318,8 @@ mod tests {
             seen.push((board, *message));
         });
         assert_eq!(seen.len(), 6);
-        assert_eq!(seen[0], (Role::Front, status(1)));
-        assert_eq!(seen[5], (Role::Beam, status(2)));
+        assert_eq!(seen[0], (Role::LEAD, status(1)));
+        assert_eq!(seen[5], (Role::beam(0), status(2)));
     }
 
     #[test]
@@ -324,17 +335,17 @@ mod tests {
             bus.send(
                 i,
                 &Message::AxlePosture {
-                    axle: AxleId::Rear,
+                    axle: AxleId(1),
                     sequence: 0,
                     posture: Posture::ORIGIN,
                 },
             );
-            bus.deliver(i, |board, _, _| count[board as usize] += 1);
+            bus.deliver(i, |board, _, _| count[Topology::PAIR.place(board)] += 1);
         }
-        assert_eq!(count[Role::Rear as usize], 10_000);
-        for board in [Role::Front, Role::Beam] {
+        assert_eq!(count[Topology::PAIR.place(Role::axle(1))], 10_000);
+        for board in [Role::LEAD, Role::beam(0)] {
             // Five standard deviations of a binomial count.
-            assert!((count[board as usize] - 7_000i32).abs() < 230);
+            assert!((count[Topology::PAIR.place(board)] - 7_000i32).abs() < 230);
         }
     }
 
@@ -350,7 +361,7 @@ mod tests {
             bus.send(
                 0,
                 &Message::AxlePosture {
-                    axle: AxleId::Front,
+                    axle: AxleId(0),
                     sequence: 0,
                     posture: sent,
                 },

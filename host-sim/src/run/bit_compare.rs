@@ -1,9 +1,10 @@
 //! What the boards of a run did, bit by bit, and where two runs part.
 
-use core_algos::bus::{CanFrame, layout};
+use crate::bus::virtual_bus::name_of;
+use core_algos::bus::CanFrame;
 use core_algos::node::lead;
 use core_algos::time::{EPOCH, TICK};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use serde_json::Value;
 use std::fmt;
 
@@ -84,12 +85,15 @@ impl Trace {
     fn in_torques(&self, other: &Self) -> Option<Difference> {
         let pairs = self.torques.iter().zip(&other.torques).enumerate();
         for (tick, (a, b)) in pairs {
-            for (i, axle) in [Role::Front, Role::Rear].into_iter().enumerate() {
+            for (i, axle) in [Role::LEAD, Role::axle(1)].into_iter().enumerate() {
                 for (k, side) in ["left", "right"].into_iter().enumerate() {
                     if a[i][k].to_bits() != b[i][k].to_bits() {
                         return Some(Difference {
                             tick,
-                            signal: format!("{} axle, {side} wheel torque", axle.name()),
+                            signal: format!(
+                                "{} axle, {side} wheel torque",
+                                Topology::PAIR.name(axle)
+                            ),
                             first: format!("{:e} N m", a[i][k]),
                             second: format!("{:e} N m", b[i][k]),
                         });
@@ -142,7 +146,7 @@ impl Trace {
 
 /// A frame in words.
 pub fn show_frame(frame: &CanFrame) -> String {
-    let name = layout::find(frame.id).map_or("unknown", |layout| layout.name);
+    let name = name_of(frame.id).unwrap_or("unknown");
     let data = frame.data.get(..usize::from(frame.length));
     format!("{name} {:02x?}", data.unwrap_or(&frame.data))
 }

@@ -5,12 +5,12 @@ use crate::targets::What;
 use core_algos::bus::field::CalibrationResult;
 use core_algos::bus::{self, CanFrame, Message, layout};
 use core_algos::safety::{Condition, Conditions, OperatingState};
-use core_algos::topology::Node;
+use core_algos::topology::{Node, Topology};
 use serde::{Serialize, Serializer};
 use std::fmt;
 
 /// Nodes that send heartbeats.
-pub const NODES: [Node; 4] = [Node::Lead, Node::FrontAxle, Node::RearAxle, Node::Beam];
+pub const NODES: [Node; 4] = [Node::Lead, Node::axle(0), Node::axle(1), Node::beam(0)];
 
 /// Notices that name a faulty sensor.
 pub const SENSORS: [Condition; 6] = [
@@ -64,7 +64,7 @@ impl Status {
 
 impl fmt::Display for Status {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (node, state) = (self.node.name(), self.state.name());
+        let (node, state) = (Topology::PAIR.node_name(self.node), self.state.name());
         write!(f, "{:.3} s: {node}: {state}", self.time_s)?;
         match self.reason {
             Some(condition) => {
@@ -101,8 +101,8 @@ pub struct Monitor {
 
 /// True for a message that the monitor decodes; most frames on the bus hold others.
 fn is_monitored(frame: &CanFrame) -> bool {
-    let name = layout::find(frame.id).map_or("", |layout| layout.name);
-    name.starts_with("NodeStatus") || frame.id == layout::id::BEAM_CALIBRATED
+    let first = layout::find(frame.id).map(|layout| layout.id);
+    first.is_some_and(|id| [layout::id::NODE_STATUS, layout::id::BEAM_CALIBRATED].contains(&id))
 }
 
 impl Monitor {
@@ -118,7 +118,10 @@ impl Monitor {
         let Some(status) = message.ok().and_then(|message| Status::of(tick, &message)) else {
             return;
         };
-        let place = status.node as usize;
+        let place = Topology::PAIR.place_of_node(status.node);
+        if place >= NODES.len() {
+            return;
+        }
         if !std::mem::take(&mut self.stale[place]) {
             let noticed = &mut self.noticed[place];
             *noticed = noticed.union(status.notices);
@@ -132,7 +135,9 @@ impl Monitor {
 
     /// The latest heartbeat of a node.
     pub fn latest(&self, node: Node) -> Option<&Status> {
-        self.latest.get(node as usize)?.as_ref()
+        self.latest
+            .get(Topology::PAIR.place_of_node(node))?
+            .as_ref()
     }
 
     /// The first heartbeat of each node, and those in which a state or reason changed.
@@ -176,7 +181,10 @@ impl Monitor {
 
     /// Every notice and degradation of a node since the task began.
     pub fn noticed(&self, node: Node) -> Conditions {
-        let noticed = self.noticed.get(node as usize).copied();
+        let noticed = self
+            .noticed
+            .get(Topology::PAIR.place_of_node(node))
+            .copied();
         noticed.unwrap_or_default()
     }
 
@@ -233,7 +241,7 @@ impl Recovery {
             self.next = restart.map(|at| (at + PAUSE, 0));
         }
         let (_, attempts) = self.next.filter(|(at, _)| *at == tick)?;
-        let ready = [Node::Lead, Node::FrontAxle, Node::RearAxle]
+        let ready = [Node::Lead, Node::axle(0), Node::axle(1)]
             .iter()
             .all(|&node| {
                 let status = monitor.latest(node);
@@ -278,21 +286,21 @@ mod tests {
                 _ => (OperatingState::Fault, low),
             };
             let notices = if tick == 5 { lost } else { Conditions::NONE };
-            monitor.see(tick, &frame(Node::RearAxle, state, reason, notices));
+            monitor.see(tick, &frame(Node::axle(1), state, reason, notices));
         }
         let times: Vec<f64> = monitor.changes().iter().map(|c| c.time_s).collect();
         assert_eq!(times, [0.0, 0.0, 0.01, 0.02]);
         let first = monitor.first_fault().unwrap();
-        assert_eq!((first.node, first.time_s), (Node::RearAxle, 0.01));
+        assert_eq!((first.node, first.time_s), (Node::axle(1), 0.01));
         assert_eq!(first.reason, Some(Condition::SupplyLow));
         assert!(first.to_string().contains("SafeStop, supply low (0x8a)"));
-        let latest = monitor.latest(Node::RearAxle).unwrap();
+        let latest = monitor.latest(Node::axle(1)).unwrap();
         assert_eq!(latest.state, OperatingState::Fault);
         assert!(
             monitor
-                .noticed(Node::RearAxle)
+                .noticed(Node::axle(1))
                 .contains(Condition::MessageLost)
         );
-        assert_eq!(monitor.latest(Node::Beam), None);
+        assert_eq!(monitor.latest(Node::beam(0)), None);
     }
 }

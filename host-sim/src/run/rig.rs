@@ -20,7 +20,7 @@ use core_algos::node::robot::RobotConfig;
 use core_algos::params::{Inertial, Settings};
 use core_algos::safety::Conditions;
 use core_algos::time::{EPOCH, Micros, TICK};
-use core_algos::topology::{Role, Wheels};
+use core_algos::topology::{Topology, Wheels};
 
 /// Sensors, boards and bus of one robot.
 pub struct Rig {
@@ -57,12 +57,13 @@ pub struct Rig {
 impl Rig {
     /// A robot at rest on its start with these imperfections. Random draws depend on `seed` and `trial` alone.
     pub fn new(
-        targets: [Box<dyn Target>; 3],
+        targets: Vec<Box<dyn Target>>,
         scenario: &Scenario,
         imperfections: &Drawn,
         (seed, trial): (u64, u64),
     ) -> Result<Self, Error> {
         let settings = settings_of(scenario, imperfections)?;
+        let configs = settings.iter().map(|board| board.robot).collect();
         let [front, rear, beam] = &settings;
         let start = Posture::from(scenario.mission.start.map(|value| value as f32));
         let config = board_config(scenario, imperfections);
@@ -75,7 +76,7 @@ impl Rig {
         Ok(Self {
             sensors: Sensors::new(&scenario.world.sensors, imperfections, seed, trial)?,
             inertial: [front.inertial, rear.inertial],
-            boards: Boards::start(targets, settings.map(|board| board.robot), &place, rps)?,
+            boards: Boards::start(targets, configs, &place, rps)?,
             bus: VirtualBus::new(
                 &scenario.world.bus,
                 seed ^ trial.wrapping_mul(0x9e37_79b9_7f4a_7c15),
@@ -185,7 +186,7 @@ impl Rig {
             return Ok(());
         };
         injector.readings(tick, readings);
-        for role in Role::ALL {
+        for role in Topology::PAIR.boards() {
             let frozen = injector.frozen(role, tick);
             let behind = injector.behind(role, tick);
             self.boards.hold(role, frozen, behind)?;
@@ -261,8 +262,10 @@ pub fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
 /// inertial sensors.
 pub fn settings_of(scenario: &Scenario, imperfections: &Drawn) -> Result<[Settings; 3], Error> {
     let mut settings = [Settings::new(board_config(scenario, imperfections)); 3];
-    for role in Role::ALL {
-        scenario.boards.apply(role, &mut settings[role as usize])?;
+    for role in Topology::PAIR.boards() {
+        scenario
+            .boards
+            .apply(role, &mut settings[Topology::PAIR.place(role)])?;
     }
     Ok(settings)
 }

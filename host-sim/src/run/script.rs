@@ -22,7 +22,7 @@ use core_algos::math::Posture;
 use core_algos::node::lead::{DEAD_MAN, Task};
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::time::Micros;
-use core_algos::topology::Node;
+use core_algos::topology::{FrameId, Node};
 use serde::Serialize;
 
 /// Time between speed commands, µs: four of them before the robot stops.
@@ -468,6 +468,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
                 self.asked = true;
                 robot.monitor_mut().calibrated = None;
                 let request = Message::BeamCalibration {
+                    frame: FrameId(0),
                     sequence: 0,
                     calibrate: Calibrate::Zero(0.0),
                 };

@@ -42,7 +42,7 @@ impl Simulation {
 
     /// Creates the trial with the given targets.
     pub fn on(
-        targets: [Box<dyn Target>; 3],
+        targets: Vec<Box<dyn Target>>,
         scenario: &Scenario,
         seed: u64,
         trial: u64,
@@ -53,7 +53,7 @@ impl Simulation {
 
     /// Creates the trial of a robot with these imperfections.
     pub fn with(
-        targets: [Box<dyn Target>; 3],
+        targets: Vec<Box<dyn Target>>,
         scenario: &Scenario,
         imperfections: &Drawn,
         seed: u64,
@@ -97,7 +97,7 @@ impl Simulation {
     }
 
     /// Gives the boards back, for another simulation.
-    pub fn release(self) -> [Box<dyn Target>; 3] {
+    pub fn release(self) -> Vec<Box<dyn Target>> {
         self.rig.boards.release()
     }
 

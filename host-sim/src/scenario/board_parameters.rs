@@ -11,7 +11,7 @@
 use crate::base::error::Error;
 use crate::base::toml_file;
 use core_algos::params::{Parameter, Settings, TABLE, find};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 use toml::{Table, Value};
@@ -41,7 +41,7 @@ impl Overlays {
         }
         let file: File =
             toml::from_str(text).map_err(|error| toml_file::refusal(name, text, &error))?;
-        for role in Role::ALL {
+        for role in Topology::PAIR.boards() {
             file.boards.values(role)?;
         }
         Ok(file.boards)
@@ -50,9 +50,9 @@ impl Overlays {
     /// Those of a board; the error names the entry.
     pub fn values(&self, role: Role) -> Result<Values, Error> {
         let table = match role {
-            Role::Front => &self.front,
-            Role::Rear => &self.rear,
-            Role::Beam => &self.beam,
+            Role::LEAD => &self.front,
+            Role::Axle(_) => &self.rear,
+            Role::Beam(_) => &self.beam,
         };
         let mut values = Vec::new();
         for (key, value) in table {
@@ -73,9 +73,9 @@ impl Overlays {
     /// Adds values of a board, or replaces them.
     pub fn put(&mut self, role: Role, values: &[(&'static Parameter, f32)]) {
         let table = match role {
-            Role::Front => &mut self.front,
-            Role::Rear => &mut self.rear,
-            Role::Beam => &mut self.beam,
+            Role::LEAD => &mut self.front,
+            Role::Axle(_) => &mut self.rear,
+            Role::Beam(_) => &mut self.beam,
         };
         for (parameter, value) in values {
             let mut keys: Vec<&str> = parameter.name.split('.').collect();
@@ -99,14 +99,14 @@ impl Overlays {
     /// The file, with units and ranges.
     pub fn to_toml(&self) -> Result<String, Error> {
         let mut text = String::new();
-        for role in Role::ALL {
+        for role in Topology::PAIR.boards() {
             let values = self.values(role)?;
             if values.is_empty() {
                 continue;
             }
             let gap = if text.is_empty() { "" } else { "\n" };
             // Writing to a string does not fail.
-            let _ = writeln!(text, "{gap}[boards.{}]", role.name());
+            let _ = writeln!(text, "{gap}[boards.{}]", Topology::PAIR.name(role));
             for (parameter, value) in values {
                 let (low, high) = parameter.range;
                 let name = match parameter.name.rsplit_once('.') {
@@ -148,7 +148,7 @@ fn shortest(value: f32) -> f64 {
 }
 
 fn named(role: Role, text: &str) -> Error {
-    Error::input(format!("boards.{}: {text}", role.name()))
+    Error::input(format!("boards.{}: {text}", Topology::PAIR.name(role)))
 }
 
 fn flatten(role: Role, name: &str, value: &Value, values: &mut Values) -> Result<(), Error> {
@@ -180,11 +180,12 @@ fn flatten(role: Role, name: &str, value: &Value, values: &mut Values) -> Result
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core_algos::topology::Topology;
 
     #[test]
     fn what_is_written_is_read_again_bit_by_bit() {
         let mut overlays = Overlays::default();
-        for (i, role) in Role::ALL.into_iter().enumerate() {
+        for (i, role) in Topology::PAIR.boards().enumerate() {
             let some = TABLE.iter().skip(i).step_by(3);
             let values: Values = some
                 .map(|p| {
@@ -197,7 +198,7 @@ mod tests {
         }
         let text = overlays.to_toml().unwrap();
         let read = Overlays::parse(&text, "file").unwrap();
-        for role in Role::ALL {
+        for role in Topology::PAIR.boards() {
             let bits = |overlays: &Overlays| -> Vec<(u8, u32)> {
                 let mut all: Vec<_> = overlays.values(role).unwrap();
                 all.sort_by_key(|(p, _)| p.id);
@@ -212,14 +213,14 @@ mod tests {
     fn lists_and_single_entries_are_the_same_and_the_later_counts() {
         let list = "[boards.beam]\nrobot.beam.calibration.gain = [1.0, 1.5, 1, 1.0, 1.0]\n";
         let mut overlays = Overlays::parse(list, "file").unwrap();
-        let mut settings = Settings::of(Role::Beam);
-        overlays.apply(Role::Beam, &mut settings).unwrap();
+        let mut settings = Settings::of(Role::beam(0));
+        overlays.apply(Role::beam(0), &mut settings).unwrap();
         assert_eq!(settings.robot.beam.calibration.gain.padded()[1], 1.5);
         overlays.put(
-            Role::Beam,
+            Role::beam(0),
             &[(find("robot.beam.calibration.gain[1]").unwrap(), 1.25)],
         );
-        overlays.apply(Role::Beam, &mut settings).unwrap();
+        overlays.apply(Role::beam(0), &mut settings).unwrap();
         assert_eq!(settings.robot.beam.calibration.gain.padded()[1], 1.25);
     }
 

@@ -24,7 +24,7 @@ use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::node::robot::{RobotConfig, Told};
 use core_algos::params::Settings;
-use core_algos::topology::Role;
+use core_algos::topology::Topology;
 use declare::{Declared, Field};
 use plant::PlantConfig;
 use serde::{Deserialize, Serialize};
@@ -216,15 +216,15 @@ impl Scenario {
         self.robot
             .build()
             .map_err(|error| Error::input(self.placed(&error)))?;
-        for role in Role::ALL {
+        for role in Topology::PAIR.boards() {
             let mut settings = Settings::new(self.robot);
             self.boards.apply(role, &mut settings)?;
             // The zeros of the gauges are counts of another converter than that of the default.
             let calibration = &mut settings.robot.beam.calibration;
             calibration.zero_counts = self.robot.beam.calibration.zero_counts;
-            settings
-                .check(role)
-                .map_err(|error| Error::input(format!("boards.{}: {error}", role.name())))?;
+            settings.check(role).map_err(|error| {
+                Error::input(format!("boards.{}: {error}", Topology::PAIR.name(role)))
+            })?;
         }
         self.world.check()
     }

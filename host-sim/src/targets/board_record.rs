@@ -116,7 +116,7 @@ impl BoardRecord {
             // The beam node does not read what it sends.
             let own = tick.sent.iter().filter(|frame| is_of_nodes(frame)).copied();
             nodes.own = match self.role {
-                Role::Beam => Vec::new(),
+                Role::Beam(_) => Vec::new(),
                 _ => own.collect(),
             };
             nodes.next = tick.tick.wrapping_add(1);

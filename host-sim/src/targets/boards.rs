@@ -21,7 +21,7 @@ use core_algos::link::protocol::Place;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::{Micros, TICK};
-use core_algos::topology::{Role, Wheels};
+use core_algos::topology::{Role, Topology, Wheels};
 
 /// A board that is to fail, and may be switched on again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,41 +76,39 @@ impl Slot {
 
 /// The boards.
 pub struct Boards {
-    slots: [Slot; 3],
-    configs: [RobotConfig; 3],
+    slots: Vec<Slot>,
+    configs: Vec<RobotConfig>,
     failures: Vec<Failure>,
     restart_after: Option<u32>,
     losses: Losses,
 }
 
+/// Place of the board with the lead node.
+const LEAD: usize = Topology::PAIR.place(Role::LEAD);
+
 impl Boards {
     /// Starts the boards; without the relative position sensor there is no beam board.
     pub fn start(
-        targets: [Box<dyn Target>; 3],
-        configs: [RobotConfig; 3],
+        targets: Vec<Box<dyn Target>>,
+        configs: Vec<RobotConfig>,
         place: &Place,
         rps: bool,
     ) -> Result<Self, Error> {
-        let [front, rear, beam] = targets;
-        let slot = |role, target| Slot {
+        let slot = |(role, target): (Role, _)| Slot {
             role,
             target,
-            on: role != Role::Beam || rps,
+            on: !role.is_beam() || rps,
             revival: None,
             held: false,
             behind: 0,
             next: 0,
             last: Output::default(),
         };
-        let mut slots = [
-            slot(Role::Front, front),
-            slot(Role::Rear, rear),
-            slot(Role::Beam, beam),
-        ];
+        let mut slots: Vec<_> = Topology::PAIR.boards().zip(targets).map(slot).collect();
         for slot in slots.iter_mut().filter(|slot| slot.on) {
-            let place = (slot.role == Role::Front).then_some(place);
+            let place = (slot.role == Role::LEAD).then_some(place);
             slot.target
-                .start(&configs[slot.role as usize], 0, place)
+                .start(&configs[Topology::PAIR.place(slot.role)], 0, place)
                 .map_err(|fault| fatal(slot.role, fault))?;
         }
         Ok(Self {
@@ -123,8 +121,8 @@ impl Boards {
     }
 
     /// Gives the boards back as they are.
-    pub fn release(self) -> [Box<dyn Target>; 3] {
-        self.slots.map(|slot| slot.target)
+    pub fn release(self) -> Vec<Box<dyn Target>> {
+        self.slots.into_iter().map(|slot| slot.target).collect()
     }
 
     /// Boards to be switched off on the way; any board that is lost is switched on again
@@ -136,7 +134,7 @@ impl Boards {
 
     /// Has a board stand still, with its outputs as they are, or its clock be some ticks behind.
     pub fn hold(&mut self, role: Role, held: bool, behind: u32) -> Result<(), Error> {
-        let slot = &mut self.slots[role as usize];
+        let slot = &mut self.slots[Topology::PAIR.place(role)];
         if slot.held != held && slot.on {
             slot.target.halt(held)?;
         }
@@ -193,7 +191,7 @@ impl Boards {
 
     /// Tells the lead node something; a front board that is off does not hear it.
     pub fn command(&mut self, command: &HostCommand) -> Result<(), Error> {
-        let [front, ..] = &mut self.slots;
+        let front = &mut self.slots[LEAD];
         if !front.on {
             return Ok(());
         }
@@ -206,7 +204,7 @@ impl Boards {
 
     /// Room in the lead node's buffers.
     pub fn room(&mut self) -> Room {
-        let [front, ..] = &mut self.slots;
+        let front = &mut self.slots[LEAD];
         match front.on {
             true => front.target.room(),
             false => Room {
@@ -218,7 +216,7 @@ impl Boards {
 
     /// A message that reaches a board at `now`.
     pub fn receive(&mut self, role: Role, now: Micros, frame: &CanFrame, message: &Message) {
-        let slot = &mut self.slots[role as usize];
+        let slot = &mut self.slots[Topology::PAIR.place(role)];
         if slot.on && !slot.held {
             let behind = Micros::from(slot.behind) * TICK;
             slot.target
@@ -226,7 +224,7 @@ impl Boards {
         }
     }
 
-    /// One tick of all boards, in the order of [`Role::ALL`].
+    /// One tick of all boards, in the order of [`Topology::boards`].
     pub fn tick(
         &mut self,
         tick: u32,
@@ -319,12 +317,12 @@ impl Boards {
         let role = slot.role;
         slot.revival = None;
         slot.target
-            .start(&self.configs[role as usize], tick, None)
+            .start(&self.configs[Topology::PAIR.place(role)], tick, None)
             .map_err(|fault| fatal(role, fault))?;
         slot.on = true;
         slot.next = tick;
         self.losses.restarted(tick, role);
-        if role == Role::Front {
+        if role == Role::LEAD {
             self.losses.lost_estimate(tick);
         }
         Ok(())
@@ -344,9 +342,10 @@ impl Boards {
 pub fn fatal(role: Role, fault: Fault) -> Error {
     match fault {
         Fault::Fatal(error) => error,
-        Fault::Silent(why) => Error::Failure(format!("{} board: {why}", role.name())),
-        Fault::Restarted => {
-            Error::Failure(format!("{} board: restarted during its start", role.name()))
-        }
+        Fault::Silent(why) => Error::Failure(format!("{} board: {why}", Topology::PAIR.name(role))),
+        Fault::Restarted => Error::Failure(format!(
+            "{} board: restarted during its start",
+            Topology::PAIR.name(role)
+        )),
     }
 }

@@ -10,7 +10,7 @@ use core_algos::node::board::{Board, Samples};
 use core_algos::node::lead::LeadNode;
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::{Micros, TICK};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 
 /// A board in this process.
 pub struct InProcess {
@@ -43,7 +43,7 @@ impl InProcess {
 
     /// Answer of a board that is off.
     fn off(role: Role) -> Fault {
-        Fault::Silent(format!("{} board is off", role.name()))
+        Fault::Silent(format!("{} board is off", Topology::PAIR.name(role)))
     }
 
     fn lead(&mut self) -> Option<&mut LeadNode> {
@@ -126,7 +126,7 @@ impl Target for InProcess {
 
     fn report(&self) -> Report {
         Report {
-            role: self.role.name(),
+            role: Topology::PAIR.name(self.role),
             target: "in process",
             build: env!("CARGO_PKG_VERSION").to_owned(),
             frames: 0,

@@ -1,6 +1,6 @@
 //! What happened to boards that were lost or came back, and what follows from it for the run.
 
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use serde::Serialize;
 use std::fmt;
 
@@ -71,7 +71,9 @@ impl Losses {
 
     /// True if there is an event of the board.
     pub fn has(&self, role: Role) -> bool {
-        self.events.iter().any(|event| event.role == role.name())
+        self.events
+            .iter()
+            .any(|event| event.role == Topology::PAIR.name(role))
     }
 
     /// Latest restart of an axle board, ms.
@@ -92,23 +94,23 @@ impl Losses {
 
     /// A board has gone off, to come back or not.
     pub fn lost(&mut self, tick: u32, role: Role, why: String, comes_back: bool) {
-        self.record(tick, role.name(), What::Lost(why));
-        if role == Role::Beam {
+        self.record(tick, Topology::PAIR.name(role), What::Lost(why));
+        if role == Role::beam(0) {
             return;
         }
         self.watched = Some((role, tick));
         if !comes_back {
-            let why = format!("the {} board was lost", role.name());
+            let why = format!("the {} board was lost", Topology::PAIR.name(role));
             self.end.get_or_insert((why, tick + GRACE));
         }
     }
 
     /// A board was started again.
     pub fn restarted(&mut self, tick: u32, role: Role) {
-        if role != Role::Beam {
+        if role != Role::beam(0) {
             self.restarted = Some(tick);
         }
-        self.record(tick, role.name(), What::Restarted);
+        self.record(tick, Topology::PAIR.name(role), What::Restarted);
     }
 
     /// The run cannot go on, because the estimate of the posture is lost.
@@ -121,7 +123,11 @@ impl Losses {
     /// Notes when the motors of the others are off; a board that is lost has none.
     pub fn watch(&mut self, tick: u32, off: bool) {
         if let (Some((role, since)), true) = (self.watched, off) {
-            self.record(tick, role.name(), What::MotorsOff(tick - since));
+            self.record(
+                tick,
+                Topology::PAIR.name(role),
+                What::MotorsOff(tick - since),
+            );
             self.watched = None;
         }
     }

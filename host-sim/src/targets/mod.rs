@@ -22,7 +22,7 @@ use core_algos::node::board::Samples;
 use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::Micros;
-use core_algos::topology::{Role, Wheels};
+use core_algos::topology::{Role, Topology, Wheels};
 use serde::Serialize;
 
 /// Output of a board at a tick.
@@ -220,6 +220,7 @@ pub trait Target: Send {
 }
 
 /// The boards of a robot: all in this process.
-pub fn in_process() -> [Box<dyn Target>; 3] {
-    Role::ALL.map(|role| Box::new(InProcess::new(role)) as Box<dyn Target>)
+pub fn in_process() -> Vec<Box<dyn Target>> {
+    let target = |role| Box::new(InProcess::new(role)) as Box<dyn Target>;
+    Topology::PAIR.boards().map(target).collect()
 }

@@ -204,7 +204,7 @@ impl Attendants {
             }));
         }
         if let Some(Request::Relay { role: to, payload }) = request
-            && role == Role::Front
+            && role == Role::LEAD
             && to != role
             && let Some(frame) = SerialFrame::new(payload)
         {
@@ -244,9 +244,9 @@ impl Attendants {
                 refused(Refusal::Armed)
             }
             Some(Request::Rig) => done(Demand::Session),
-            Some(Request::Record(_)) if role != Role::Front => done(Demand::Record),
+            Some(Request::Record(_)) if role != Role::LEAD => done(Demand::Record),
             Some(Request::Keep(_) | Request::Release(_) | Request::Order { .. })
-                if role != Role::Front =>
+                if role != Role::LEAD =>
             {
                 other()
             }

@@ -14,7 +14,7 @@ use core_algos::link::{Attendant, Identity, MotorState, Order, Stamp};
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::node::robot::{RobotConfig, Told};
-use core_algos::topology::Role;
+use core_algos::topology::{FrameId, Role};
 use libfuzzer_sys::fuzz_target;
 use std::sync::LazyLock;
 
@@ -133,6 +133,7 @@ impl Bench {
         };
         let packed = service(&match kind & 0x20 {
             0 => Message::BeamCalibration {
+                frame: FrameId(0),
                 sequence: kind,
                 calibrate: Calibrate::Zero(0.0),
             },
@@ -166,7 +167,7 @@ impl Bench {
                 },
             },
             12 => Request::Relay {
-                role: Role::ALL[usize::from(kind >> 6) % 3],
+                role: Role::PAIR[usize::from(kind >> 6) % 3],
                 payload: &inner[..usize::from(kind >> 4 & 3)],
             },
             13 => [
@@ -221,7 +222,10 @@ impl Bench {
     /// Another board replies.
     fn relayed(&mut self, bytes: &mut Bytes) {
         let head = bytes.byte();
-        let (port, from) = (usize::from(head & 1), Role::ALL[usize::from(head >> 1) % 3]);
+        let (port, from) = (
+            usize::from(head & 1),
+            Role::PAIR[usize::from(head >> 1) % 3],
+        );
         let length = usize::from(bytes.byte());
         let payload = [bytes.take(3), &vec![head; length]].concat();
         let payload = &payload[..payload.len().min(248)];
@@ -288,7 +292,7 @@ fn payload_of(frame: &[u8]) -> Option<Vec<u8>> {
 
 fuzz_target!(|data: &[u8]| {
     let mut bytes = Bytes(data);
-    let mut bench = Bench::new(Role::ALL[usize::from(bytes.byte()) % 3]);
+    let mut bench = Bench::new(Role::PAIR[usize::from(bytes.byte()) % 3]);
     while !bytes.is_empty() {
         match bytes.byte() {
             0..=31 => {

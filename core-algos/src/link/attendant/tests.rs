@@ -12,7 +12,7 @@ use crate::node::lead::Task;
 use crate::node::{axle, beam};
 use crate::safety::Conditions;
 use crate::time::TICK;
-use crate::topology::Wheels;
+use crate::topology::{FrameId, Topology, Wheels};
 
 mod report;
 
@@ -94,7 +94,7 @@ fn assert_answered(answers: &[Vec<u8>], number: u8, reply: Reply) {
 /// A demand is carried out before the next: what follows it in one lot of bytes is repeated by the host.
 #[test]
 fn the_first_demand_of_one_lot_of_bytes_is_answered_alone() {
-    let mut board = Driving::greeted(Role::Rear);
+    let mut board = Driving::greeted(Role::axle(1));
     board.station.motors = MotorState::Off;
     let requests = [Request::Record(stamp(7, 1)), Request::Watch, Request::Stack];
     let mut bytes = Vec::new();
@@ -111,7 +111,7 @@ fn the_first_demand_of_one_lot_of_bytes_is_answered_alone() {
 
 #[test]
 fn configuration_of_a_board_that_drives_is_read_in_parts() {
-    let mut board = Driving::new(Role::Rear);
+    let mut board = Driving::new(Role::axle(1));
     let mut read = Vec::new();
     for number in 1.. {
         let offset = read.len() as u16;
@@ -150,6 +150,7 @@ fn packed(message: &Message) -> (CanFrame, Packed) {
 fn requests_are_granted_by_board_and_motors() {
     let calibrate = bus::field::Calibrate::Zero(0.0);
     let (service, of_service) = packed(&Message::BeamCalibration {
+        frame: FrameId(0),
         sequence: 7,
         calibrate,
     });
@@ -257,12 +258,12 @@ fn requests_are_granted_by_board_and_motors() {
     );
     for ((request, replies, only_front, demand), role) in rows
         .iter()
-        .flat_map(|row| Role::ALL.map(|role| (row, role)))
+        .flat_map(|row| Topology::PAIR.boards().map(move |role| (row, role)))
     {
         for (i, motors) in MOTORS.into_iter().enumerate() {
             let mut board = Driving::greeted(role);
             let other = refused(Refusal::OtherBoard { role });
-            let foreign = *only_front && role != Role::Front;
+            let foreign = *only_front && role != Role::LEAD;
             let expected = if foreign { other } else { replies[i] };
             let answers = board.ask(1, request, motors);
             let granted = expected.is_none() || expected == done;
@@ -290,7 +291,7 @@ fn requests_are_granted_by_board_and_motors() {
 
 #[test]
 fn request_that_cannot_be_decoded_is_malformed() {
-    let mut board = Driving::new(Role::Rear);
+    let mut board = Driving::new(Role::axle(1));
     for (number, payload) in [(7, &[7, 99][..]), (8, &[8])] {
         let frame = SerialFrame::new(payload).unwrap();
         let mut sent = Vec::new();
@@ -307,8 +308,8 @@ fn request_that_cannot_be_decoded_is_malformed() {
 /// A hello is answered in every state and every version; after it no number is that of a repetition.
 #[test]
 fn hello_names_the_board_and_ends_repetition() {
-    for (role, motors, version) in Role::ALL
-        .into_iter()
+    for (role, motors, version) in Topology::PAIR
+        .boards()
         .flat_map(|role| MOTORS.map(|motors| (role, motors)))
         .flat_map(|(role, motors)| [0, PROTOCOL, PROTOCOL + 1].map(|it| (role, motors, it)))
     {
@@ -347,7 +348,7 @@ fn front_board_takes_orders_from_the_first_hello_on() {
         stamp: stamp(owner, 1),
         order: Order::Task(Task::Stop),
     };
-    let mut board = Driving::new(Role::Front);
+    let mut board = Driving::new(Role::LEAD);
     let no_session = Reply::Refused(Refusal::NoSession);
     board.expect(1, &stop(1), MotorState::Off, no_session);
     assert_eq!(board.demand, None);
@@ -364,7 +365,7 @@ fn front_board_takes_orders_from_the_first_hello_on() {
     assert!(board.ask(6, &stop(1), MotorState::Off).is_empty());
     assert!(board.order().is_some());
     // The rear board says so with its role, greeted or not.
-    let role = Role::Rear;
+    let role = Role::axle(1);
     let other = Reply::Refused(Refusal::OtherBoard { role });
     Driving::new(role).expect(1, &stop(1), MotorState::Off, other);
 }
@@ -372,7 +373,7 @@ fn front_board_takes_orders_from_the_first_hello_on() {
 /// A request without a demand is answered before what follows it.
 #[test]
 fn requests_in_one_lot_are_answered_in_turn() {
-    let mut board = Driving::greeted(Role::Front);
+    let mut board = Driving::greeted(Role::LEAD);
     let frames = [Request::Stack, Request::Watch].map(|it| protocol::encode(9, &it));
     let [stack, watch] = frames.map(Option::unwrap);
     let hello = Request::Hello {
@@ -401,11 +402,11 @@ fn requests_in_one_lot_are_answered_in_turn() {
 /// A request for another board is handed on as often as it comes, and one reply of that board is handed back.
 #[test]
 fn request_for_another_board_is_relayed_and_its_reply_returned() {
-    let mut board = Driving::new(Role::Front);
+    let mut board = Driving::new(Role::LEAD);
     let mut room = [[0; 32]; 2];
     let [request, reply] = &mut room;
     let inner = postcard::to_slice(&(9u8, Request::Stack), request).unwrap();
-    let role = Role::Beam;
+    let role = Role::beam(0);
     let relay = Request::Relay {
         role,
         payload: inner,
@@ -422,14 +423,14 @@ fn request_for_another_board_is_relayed_and_its_reply_returned() {
         board.attendant.relayed(from, reply, &mut send);
         payloads(&sent)
     };
-    assert!(relayed(Role::Rear).is_empty());
+    assert!(relayed(Role::axle(1)).is_empty());
     assert_answered(&relayed(role), 9, Reply::Relayed { payload: reply });
     assert!(relayed(role).is_empty());
     // The identifiers on the bus do not name the relay: there is one. No board relays to itself.
-    for (from, to) in Role::ALL
-        .into_iter()
-        .flat_map(|from| Role::ALL.map(|to| (from, to)))
-        .filter(|&(from, to)| from != Role::Front || to == from)
+    for (from, to) in Topology::PAIR
+        .boards()
+        .flat_map(|from| Topology::PAIR.boards().map(move |to| (from, to)))
+        .filter(|&(from, to)| from != Role::LEAD || to == from)
     {
         let mut board = Driving::new(from);
         let relay = Request::Relay {
@@ -445,7 +446,7 @@ fn request_for_another_board_is_relayed_and_its_reply_returned() {
 /// Repeated requests are answered again and carried out once; an order is answered when it is done.
 #[test]
 fn an_order_is_carried_out_once_and_answered_when_it_is_done() {
-    let mut board = Driving::greeted(Role::Front);
+    let mut board = Driving::greeted(Role::LEAD);
     let goal = Posture::new(1.0, -0.5, 0.25);
     let drive = Order::Task(Task::regulate(goal));
     let request = order(drive);
@@ -478,7 +479,7 @@ fn an_order_is_carried_out_once_and_answered_when_it_is_done() {
 /// A frame of another host, or one that was late, does not reach the lead node.
 #[test]
 fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
-    let mut board = Driving::greeted(Role::Front);
+    let mut board = Driving::greeted(Role::LEAD);
     let stop = Order::Task(Task::Stop);
     let of = |owner, sequence| Request::Order {
         stamp: stamp(owner, sequence),
@@ -527,7 +528,7 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     board.station.now = 3_000_002;
     board.expect(16, &keep, MotorState::Driven, Reply::Done);
     // Boards without the lead node have no lease.
-    let mut board = Driving::greeted(Role::Rear);
+    let mut board = Driving::greeted(Role::axle(1));
     for owner in [1, 2] {
         let record = Request::Record(stamp(owner, 1));
         board.expect(owner as u8, &record, MotorState::Off, Reply::Done);
@@ -540,7 +541,7 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
 fn late_foreign_and_damaged_orders_do_not_reach_the_lead_node() {
     const FRAMES: u32 = 1_000_000;
     let mut random = Random::new(17);
-    let mut board = Driving::greeted(Role::Front);
+    let mut board = Driving::greeted(Role::LEAD);
     let (mut sequence, mut sent, mut carried) = (0u16, 0, 0);
     for k in 0..FRAMES {
         board.station.now += TICK;
@@ -584,8 +585,8 @@ fn late_foreign_and_damaged_orders_do_not_reach_the_lead_node() {
 
 #[test]
 fn relay_without_a_request_is_malformed() {
-    let mut board = Driving::new(Role::Front);
-    let (role, payload) = (Role::Beam, &[][..]);
+    let mut board = Driving::new(Role::LEAD);
+    let (role, payload) = (Role::beam(0), &[][..]);
     let malformed = Reply::Refused(Refusal::Malformed);
     let relay = Request::Relay { role, payload };
     board.expect(9, &relay, MotorState::Driven, malformed);

@@ -13,9 +13,9 @@ fn what_does_not_fit_is_refused_with_its_reason() {
         samples: [0; MAX_GAUGES].into(),
     };
 
-    let mut host = Host::new(Role::Front);
+    let mut host = Host::new(Role::LEAD);
     host.refused(&axle(0, &[]), Refusal::NoSession);
-    assert_eq!(host.greet(PROTOCOL + 1), Role::Front);
+    assert_eq!(host.greet(PROTOCOL + 1), Role::LEAD);
     host.refused(&axle(0, &[]), Refusal::NoSession);
     host.hello();
     let unknown = [
@@ -28,7 +28,7 @@ fn what_does_not_fit_is_refused_with_its_reason() {
         assert_eq!(protocol::decode(&payload), Some((number, malformed)));
     }
     host.refused(&axle(0, &[]), Refusal::NotStarted);
-    let role = Role::Front;
+    let role = Role::LEAD;
     host.refused(&beam, Refusal::OtherBoard { role });
 
     // Parameters: out of order, of another sum, not decodable, out of range.
@@ -57,7 +57,7 @@ fn what_does_not_fit_is_refused_with_its_reason() {
     assert!(text.contains("wheel_radius_m"));
     host.refused(&axle(0, &[]), Refusal::NotStarted);
 
-    let mut host = Host::started(Role::Front, &config, None);
+    let mut host = Host::started(Role::LEAD, &config, None);
     host.refused(&axle(1, &[]), Refusal::Tick { expected: 0 });
     host.ask(&axle(0, &[]));
     host.refused(&axle(0, &[]), Refusal::Tick { expected: 1 });
@@ -67,23 +67,23 @@ fn what_does_not_fit_is_refused_with_its_reason() {
     host.refused(&order(Order::Path { points, end: true }), refusal);
 
     let stop = order(Order::Task(Task::Stop));
-    for (role, request) in [(Role::Rear, stop), (Role::Beam, axle(0, &[]))] {
+    for (role, request) in [(Role::axle(1), stop), (Role::beam(0), axle(0, &[]))] {
         let mut host = Host::started(role, &config, None);
         host.refused(&request, Refusal::OtherBoard { role });
     }
-    let payload = Host::started(Role::Beam, &config, None).ask(&beam);
+    let payload = Host::started(Role::beam(0), &config, None).ask(&beam);
     let reply = protocol::decode::<Reply>(&payload);
     assert!(matches!(reply, Some((_, Reply::Beam { .. }))), "{reply:?}");
 }
 
 #[test]
 fn a_board_that_stood_still_goes_on_with_the_tick_it_is_told() {
-    let mut host = Host::new(Role::Rear);
+    let mut host = Host::new(Role::axle(1));
     host.hello();
     host.refused(&Request::Resume { tick: 7 }, Refusal::NotStarted);
     let config = RobotConfig::default();
-    let mut host = Host::started(Role::Rear, &config, None);
-    let mut board = Board::new(&config, Role::Rear).unwrap();
+    let mut host = Host::started(Role::axle(1), &config, None);
+    let mut board = Board::new(&config, Role::axle(1)).unwrap();
     let mut outbox = Outbox::new();
     for tick in (0..300).chain(600..900) {
         if tick == 600 {
@@ -108,7 +108,7 @@ fn a_board_that_stood_still_goes_on_with_the_tick_it_is_told() {
 #[test]
 fn build_is_cut_between_characters_to_64_bytes() {
     let sixty_three = "123456789 123456789 123456789 123456789 123456789 123456789 123";
-    let role = Role::Rear;
+    let role = Role::axle(1);
     for (rest, kept) in [("", 63), ("4", 64), ("45", 64), ("µ", 63), ("4µ", 64)] {
         let text = std::format!("{sixty_three}{rest}").leak();
         let identity = Identity { build: text, role };
@@ -120,7 +120,7 @@ fn build_is_cut_between_characters_to_64_bytes() {
 fn hello_closes_or_opens_the_session_and_forgets_nodes_configuration_and_leave() {
     let config = RobotConfig::default();
     for version in [PROTOCOL, PROTOCOL - 1, PROTOCOL + 1] {
-        let mut host = Host::started(Role::Rear, &config, None);
+        let mut host = Host::started(Role::axle(1), &config, None);
         host.expect(&Request::Leave, Reply::Done);
         let received = host.board.counters().received;
         let hello = Request::Hello {
@@ -130,7 +130,7 @@ fn hello_closes_or_opens_the_session_and_forgets_nodes_configuration_and_leave()
         let reply = Reply::Hello {
             protocol: PROTOCOL,
             nonce: 5,
-            role: Role::Rear,
+            role: Role::axle(1),
             build: "test build",
             counters: Counters {
                 received: received + 1,
@@ -159,7 +159,7 @@ fn hello_closes_or_opens_the_session_and_forgets_nodes_configuration_and_leave()
 #[test]
 fn start_that_is_refused_ends_the_nodes_and_one_of_a_part_is_refused() {
     let config = RobotConfig::default();
-    let mut host = Host::started(Role::Rear, &config, None);
+    let mut host = Host::started(Role::axle(1), &config, None);
     let part = Request::Configure {
         total: 300,
         offset: 0,
@@ -175,7 +175,7 @@ fn start_that_is_refused_ends_the_nodes_and_one_of_a_part_is_refused() {
 #[test]
 fn nodes_that_are_started_anew_send_nothing_of_those_before() {
     let config = RobotConfig::default();
-    let mut host = Host::started(Role::Front, &config, Some(place()));
+    let mut host = Host::started(Role::LEAD, &config, Some(place()));
     let part = |payload: &[u8]| match protocol::decode(payload) {
         Some((_, Reply::Axle { telemetry, .. })) => telemetry.len(),
         other => panic!("{other:?}"),
@@ -193,7 +193,7 @@ fn nodes_that_are_started_anew_send_nothing_of_those_before() {
 
 #[test]
 fn repeated_answer_begins_with_a_0() {
-    let mut board = board(Role::Rear, &Contents::EMPTY);
+    let mut board = board(Role::axle(1), &Contents::EMPTY);
     let request = protocol::encode(7, &Request::Stack).unwrap();
     let mut answer = |bytes: &[u8]| {
         let mut sent = Vec::new();
@@ -206,7 +206,7 @@ fn repeated_answer_begins_with_a_0() {
 
 #[test]
 fn save_is_asked_for_once_and_other_requests_wait_for_it() {
-    let mut board = board(Role::Rear, &Contents::EMPTY);
+    let mut board = board(Role::axle(1), &Contents::EMPTY);
     let send = |board: &mut Endpoint, number, request: &Request| {
         let mut sent = Vec::new();
         let frame = protocol::encode(number, request).unwrap();
@@ -238,7 +238,7 @@ fn save_is_asked_for_once_and_other_requests_wait_for_it() {
 
 #[test]
 fn resume_takes_the_next_tick_or_a_later_one() {
-    let mut host = Host::started(Role::Rear, &RobotConfig::default(), None);
+    let mut host = Host::started(Role::axle(1), &RobotConfig::default(), None);
     host.ask(&axle(0, &[]));
     host.refused(&Request::Resume { tick: 0 }, Refusal::Tick { expected: 1 });
     for tick in [1, 1, 2, 70] {
@@ -257,7 +257,7 @@ fn bus_frames_that_cannot_be_decoded_are_counted() {
         data: [0; 8],
     };
     for count in [0u8, 1, 2, 21] {
-        let mut host = Host::started(Role::Rear, &RobotConfig::default(), None);
+        let mut host = Host::started(Role::axle(1), &RobotConfig::default(), None);
         let mut packed = Packed::new();
         for _ in 0..count {
             assert!(packed.push(&unknown));

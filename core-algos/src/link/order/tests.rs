@@ -7,7 +7,7 @@ use crate::topology::Role;
 
 fn front() -> Board {
     let config = RobotConfig::default();
-    Ready::new(&config, Role::Front).unwrap().begin()
+    Ready::new(&config, Role::LEAD).unwrap().begin()
 }
 
 fn point(s: f32, kappa: f32) -> PathPoint {

@@ -30,7 +30,7 @@ fn parameters_are_kept_from_set_to_reset_and_from_save_for_good() {
     let radius = index("robot.geometry.wheel_radius_m");
     let get = Request::Parameter { index: radius };
     let set = |value| set(radius, value);
-    let mut host = Host::new(Role::Rear);
+    let mut host = Host::new(Role::axle(1));
     host.refused(&get, Refusal::NoSession);
     host.refused(&Request::SaveParameters, Refusal::NoSession);
     host.hello();
@@ -46,7 +46,7 @@ fn parameters_are_kept_from_set_to_reset_and_from_save_for_good() {
     // Another session finds it, a reset does not.
     host.hello();
     host.expect(&get, kept(0.0735, Source::Default, false));
-    host.reset(Role::Rear);
+    host.reset(Role::axle(1));
     host.hello();
     host.expect(&get, kept(0.073, Source::Default, true));
     host.expect(&set(0.0735), Reply::Done);
@@ -59,11 +59,11 @@ fn parameters_are_kept_from_set_to_reset_and_from_save_for_good() {
     let reply = Reply::Saved { values: 0 };
     assert_eq!(protocol::decode(&answer), Some((host.number, reply)));
     assert_eq!(host.saves, 2);
-    host.reset(Role::Rear);
+    host.reset(Role::axle(1));
     host.hello();
     host.expect(&get, kept(0.0735, Source::Stored, true));
     // What the host sends counts for the nodes, whatever is kept.
-    let started = Host::started(Role::Rear, &RobotConfig::default(), None);
+    let started = Host::started(Role::axle(1), &RobotConfig::default(), None);
     let hash = host.configure(&RobotConfig::default());
     host.expect(&start(hash, 0, None), Reply::Done);
     assert_eq!(host.board.board(), started.board.board());
@@ -75,14 +75,14 @@ fn parameters_are_kept_from_set_to_reset_and_from_save_for_good() {
 
 #[test]
 fn parameters_out_of_range_or_of_no_node_are_refused_by_name() {
-    let mut host = Host::new(Role::Beam);
+    let mut host = Host::new(Role::beam(0));
     host.hello();
     let count = COUNT as u8;
     for request in [Request::Parameter { index: count }, set(255, 1.0)] {
         host.refused(&request, Refusal::Index { count });
     }
     for (i, parameter) in TABLE.iter().enumerate() {
-        let value = parameter.get(&Settings::of(Role::Beam));
+        let value = parameter.get(&Settings::of(Role::beam(0)));
         let (_, high) = parameter.range;
         for bad in [f32::NAN, f32::NEG_INFINITY, 1.01 * high + 1.0] {
             let index = i as u8;
@@ -108,7 +108,7 @@ fn parameters_out_of_range_or_of_no_node_are_refused_by_name() {
 #[test]
 fn parameters_are_neither_set_nor_saved_while_motors_may_be_on() {
     let set = set(0, 0.08);
-    let mut host = Host::started(Role::Front, &RobotConfig::default(), Some(place()));
+    let mut host = Host::started(Role::LEAD, &RobotConfig::default(), Some(place()));
     host.expect(&set, Reply::Done);
     let mut waiting = Vec::<bus::CanFrame>::new();
     let mut drives = false;
@@ -136,7 +136,7 @@ fn parameters_are_neither_set_nor_saved_while_motors_may_be_on() {
     host.hello();
     host.expect(&Request::SaveParameters, Reply::Saved { values: 1 });
     // A beam board behind a link cannot know.
-    let mut host = Host::started(Role::Beam, &RobotConfig::default(), None);
+    let mut host = Host::started(Role::beam(0), &RobotConfig::default(), None);
     host.refused(&set, Refusal::Armed);
     host.hello();
     host.expect(&set, Reply::Done);
@@ -163,15 +163,15 @@ fn contents(role: Role, values: &[(u8, f32)]) -> Contents {
 fn source_and_saved_are_those_of_each_value() {
     let off = Disarmed::of(None).unwrap();
     let (radius, gap) = (index("robot.geometry.wheel_radius_m"), COUNT as u8 - 1);
-    let default = |index: u8| parameter(index).unwrap().get(&Settings::of(Role::Rear));
+    let default = |index: u8| parameter(index).unwrap().get(&Settings::of(Role::axle(1)));
     let (_, high) = parameter(gap).unwrap().range;
     let other = if default(gap) < high {
         high
     } else {
         parameter(gap).unwrap().range.0
     };
-    let mut stored = StoredParameters::new(Role::Rear);
-    stored.load(&contents(Role::Rear, &[(gap, other)]));
+    let mut stored = StoredParameters::new(Role::axle(1));
+    stored.load(&contents(Role::axle(1), &[(gap, other)]));
     let is = |stored: &StoredParameters, index, value, source, saved| {
         assert_eq!(stored.get(index), Ok(kept(value, source, saved)), "{index}");
     };
@@ -181,15 +181,15 @@ fn source_and_saved_are_those_of_each_value() {
     is(&stored, radius, 0.074, Source::Default, false);
     is(&stored, gap, other, Source::Stored, true);
     // The store is read back: it has not taken the one, and has lost the other.
-    stored.saved(&contents(Role::Rear, &[(radius, 0.0735)]));
+    stored.saved(&contents(Role::axle(1), &[(radius, 0.0735)]));
     is(&stored, radius, 0.074, Source::Stored, false);
     is(&stored, gap, other, Source::Default, false);
     let save = stored.save(off);
     assert_eq!(
         (save.settings, save.base),
-        (*stored.settings(), Settings::of(Role::Rear))
+        (*stored.settings(), Settings::of(Role::axle(1)))
     );
-    stored.load(&contents(Role::Rear, &[(radius, 0.0735)]));
+    stored.load(&contents(Role::axle(1), &[(radius, 0.0735)]));
     is(&stored, radius, 0.0735, Source::Stored, true);
     is(&stored, gap, default(gap), Source::Default, true);
 }
@@ -198,11 +198,11 @@ fn source_and_saved_are_those_of_each_value() {
 fn saved_is_compared_to_the_bit() {
     let off = Disarmed::of(None).unwrap();
     let zero = TABLE.iter().position(|parameter| {
-        let value = parameter.get(&Settings::of(Role::Beam));
+        let value = parameter.get(&Settings::of(Role::beam(0)));
         value.to_bits() == 0 && parameter.validate(-0.0).is_ok()
     });
     let zero = zero.unwrap() as u8;
-    let mut stored = StoredParameters::new(Role::Beam);
+    let mut stored = StoredParameters::new(Role::beam(0));
     for (value, saved) in [(0.0, true), (-0.0, false), (0.0, true)] {
         assert_eq!(stored.set(zero, value, off), Ok(()));
         assert_eq!(stored.get(zero), Ok(kept(value, Source::Default, saved)));
@@ -213,9 +213,9 @@ fn saved_is_compared_to_the_bit() {
 fn store_of_which_no_node_can_be_built_is_unusable() {
     let gauge = index("robot.beam.strip.gauges_m[0]");
     for (role, unusable) in [
-        (Role::Beam, true),
-        (Role::Rear, false),
-        (Role::Front, false),
+        (Role::beam(0), true),
+        (Role::axle(1), false),
+        (Role::LEAD, false),
     ] {
         // Behind the gauge after it.
         let behind = contents(role, &[(gauge, 0.2)]);

@@ -1,6 +1,6 @@
 //! Configuration of the axle node.
 
-use super::{AxleNode, State};
+use super::{AxleNode, Neighbours, State};
 use crate::bus::layout;
 use crate::config::{ConfigError, declare, positive};
 use crate::control::{dynamic, wheel_observer};
@@ -9,7 +9,7 @@ use crate::fusion::standstill::{self, RestTimes};
 use crate::math::{Posture, Twist};
 use crate::safety::{ramp, supervisor};
 use crate::time::Micros;
-use crate::topology::AxleId;
+use crate::topology::{AxleId, Topology};
 
 declare! {
     /// Speed the controller uses.
@@ -103,7 +103,12 @@ pub struct FrameProperties {
 
 impl Config {
     /// The node of one axle; the error names the parameter that is wrong.
-    pub fn build(&self, axle: AxleId, frame: FrameProperties) -> Result<AxleNode, ConfigError> {
+    pub fn build(
+        &self,
+        axle: AxleId,
+        topology: Topology,
+        frame: FrameProperties,
+    ) -> Result<AxleNode, ConfigError> {
         self.check_ranges()?;
         positive("bending_stiffness_n_m2", frame.bending_stiffness_n_m2)?;
         positive("frame_length_m", frame.length_m)?;
@@ -118,6 +123,11 @@ impl Config {
         let left = 2.0 * wheel_radius / (1.0 + ratio);
         Ok(AxleNode {
             axle,
+            topology,
+            frames: Neighbours {
+                behind: topology.behind(axle),
+                ahead: topology.ahead(axle),
+            },
             frame,
             reference_timeout: to_micros(self.reference_timeout_s),
             wrench_timeout: to_micros(self.wrench_timeout_s),

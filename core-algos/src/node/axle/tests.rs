@@ -11,7 +11,9 @@ const FRAME: FrameProperties = FrameProperties {
 };
 
 fn node(axle: AxleId) -> AxleNode {
-    let mut node = Config::default().build(axle, FRAME).unwrap();
+    let mut node = Config::default()
+        .build(axle, Topology::PAIR, FRAME)
+        .unwrap();
     lead(&mut node, 0, LeadMode::Idle);
     node
 }
@@ -29,8 +31,8 @@ fn turned(angles: [f64; 2]) -> Samples {
 
 fn reference(node: &mut AxleNode, now: Micros, v: f32, posture: Posture) {
     let other = match node.axle() {
-        AxleId::Front => Node::RearAxle,
-        AxleId::Rear => Node::FrontAxle,
+        AxleId(0) => Node::axle(1),
+        _ => Node::axle(0),
     };
     for message in [
         beat(other, now, OperatingState::Active, 0),
@@ -73,8 +75,8 @@ fn operating(node: &AxleNode) -> OperatingState {
 
 #[test]
 fn references_of_the_other_axle_are_passed_over() {
-    let mut node = node(AxleId::Front);
-    let (before, axle) = (*node.state(), AxleId::Rear);
+    let mut node = node(AxleId(0));
+    let (before, axle) = (*node.state(), AxleId(1));
     let motion = Message::ReferenceMotion {
         axle,
         sequence: sequence(EPOCH),
@@ -91,7 +93,7 @@ fn references_of_the_other_axle_are_passed_over() {
 
 #[test]
 fn odometry_follows_an_arc() {
-    let mut node = node(AxleId::Rear);
+    let mut node = node(AxleId(1));
     for tick in 0..=4500u64 {
         // Speed rises for one second, then stays.
         let t = tick as f64 * 1e-3;
@@ -114,7 +116,7 @@ fn odometry_follows_an_arc() {
 #[test]
 fn a_long_way_is_counted_to_ten_micrometres_and_driven_on() {
     use crate::bus::{decode, encode, field::wrap_position};
-    let (mut node, mut outbox) = (node(AxleId::Rear), Outbox::new());
+    let (mut node, mut outbox) = (node(AxleId(1)), Outbox::new());
     let (mut sum, mut last, mut spans, mut own) = (0.0f64, 0.0, 0, 0.0f64);
     for tick in 0..=100_000u64 {
         let now = tick * TICK;
@@ -149,7 +151,7 @@ fn a_long_way_is_counted_to_ten_micrometres_and_driven_on() {
 
 #[test]
 fn reports_once_an_epoch() {
-    let mut node = node(AxleId::Front);
+    let mut node = node(AxleId(0));
     let mut reports = 0;
     for tick in 0..100u64 {
         let mut outbox = Outbox::new();
@@ -170,7 +172,7 @@ fn a_reference_that_cannot_be_meant_moves_nothing() {
         (f32::NAN, Posture::ORIGIN),
         (0.1, far),
     ] {
-        let mut node = node(AxleId::Front);
+        let mut node = node(AxleId(0));
         step(&mut node, 0, &samples);
         reference(&mut node, 20 * TICK, 0.1, Posture::ORIGIN);
         let before = step(&mut node, 21 * TICK, &samples);
@@ -190,7 +192,7 @@ fn a_reference_that_cannot_be_meant_moves_nothing() {
 
 #[test]
 fn drives_toward_its_reference_and_stops_without_one() {
-    let mut node = node(AxleId::Front);
+    let mut node = node(AxleId(0));
     let samples = still();
     assert!(!step(&mut node, 0, &samples).active, "no reference yet");
     reference(&mut node, 20 * TICK, 0.1, Posture::ORIGIN);
@@ -198,7 +200,7 @@ fn drives_toward_its_reference_and_stops_without_one() {
     assert!(output.active && output.torque_nm.left > 0.0 && output.torque_nm.right > 0.0);
     // 60 ms after the epoch of the last reference it brakes by itself, and stays off. The other axle
     // is well throughout.
-    let well = beat(Node::RearAxle, 50 * TICK, OperatingState::Active, 0);
+    let well = beat(Node::axle(1), 50 * TICK, OperatingState::Active, 0);
     node.receive(50 * TICK, &well);
     assert!(step(&mut node, 20 * TICK + 60_000, &samples).active);
     assert_eq!(operating(&node), OperatingState::Active);
@@ -220,7 +222,7 @@ fn drives_toward_its_reference_and_stops_without_one() {
 #[test]
 fn axle_brakes_without_mode_or_without_references() {
     for without_mode in [false, true] {
-        let mut node = node(AxleId::Front);
+        let mut node = node(AxleId(0));
         for tick in 0..=151u64 {
             let kept = node.state;
             let now = referred(&mut node, tick, 0.0, Posture::ORIGIN);
@@ -239,23 +241,26 @@ fn axle_brakes_without_mode_or_without_references() {
 
 #[test]
 fn load_measured_by_the_beam_holds_for_its_timeout() {
-    let mut node = node(AxleId::Rear);
+    let mut node = node(AxleId(1));
     let (old, now, timeout) = (40 * EPOCH, 43 * EPOCH, node.wrench_timeout);
     for (wrench, posture) in [(old, now), (now, old)] {
         let (sequences, wrench) = ([wrench, posture, now].map(sequence), Wrench::ZERO);
         let posture = Posture::ORIGIN;
         for message in [
             Message::BeamWrench {
+                frame: FrameId(0),
                 sequence: sequences[0],
                 wrench,
             },
             Message::BeamPosture {
+                frame: FrameId(0),
                 sequence: sequences[1],
                 posture,
                 gauges: 5,
             },
             // No gauge is valid.
             Message::BeamPosture {
+                frame: FrameId(0),
                 sequence: sequences[2],
                 posture,
                 gauges: 0,
@@ -271,7 +276,7 @@ fn load_measured_by_the_beam_holds_for_its_timeout() {
 /// Each sensor's refusal counts once, until it is reported.
 #[test]
 fn refused_measurements_are_counted() {
-    let mut settled = node(AxleId::Front);
+    let mut settled = node(AxleId(0));
     (1..=55).for_each(|tick| {
         step(&mut settled, tick * TICK, &still());
     });
@@ -322,7 +327,7 @@ fn refused_measurements_are_counted() {
 
 #[test]
 fn stop_bounds_torque_by_the_share_that_is_held() {
-    let ramp = node(AxleId::Front).ramp;
+    let ramp = node(AxleId(0)).ramp;
     let mut stop = Stop {
         ramp: ramp.begin(Posture::ORIGIN, 0.0, Steering::STRAIGHT, 0.37),
         hold: 1.0,
@@ -349,7 +354,7 @@ fn stop_bounds_torque_by_the_share_that_is_held() {
 #[test]
 fn reference_twist_and_load_follow_from_mechanics() {
     let near = |found: f32, expected: f32| assert!((found - expected).abs() < 2e-6, "{found}");
-    let [mut rear, mut front] = [AxleId::Rear, AxleId::Front].map(node);
+    let [mut rear, mut front] = [AxleId(1), AxleId(0)].map(node);
     reference(&mut rear, 4 * EPOCH, 0.2, Posture::ORIGIN);
     let now = &mut rear.state.reference.as_mut().unwrap().value;
     (now.twist, now.acceleration) = (Twist::new(0.2, 0.5), Twist::new(0.4, -1.0));
@@ -369,7 +374,7 @@ fn reference_twist_and_load_follow_from_mechanics() {
 /// A stop goes v²/(2a) of the midpoint, on an axle over cos ψ.
 #[test]
 fn a_stop_brakes_on_the_path_of_a_bent_frame() {
-    let mut node = node(AxleId::Front);
+    let mut node = node(AxleId(0));
     (node.state.velocity, node.state.steering) = (0.2, Steering(0.3));
     node.state.followed = Some(AxleReference::default());
     let mut reference = AxleReference::default();
@@ -391,7 +396,7 @@ fn a_stop_brakes_on_the_path_of_a_bent_frame() {
 /// The axle is near an end of the span in both directions, its reference beyond.
 #[test]
 fn a_reference_across_the_end_of_the_span_is_near() {
-    let mut node = node(AxleId::Front);
+    let mut node = node(AxleId(0));
     node.state.filter.shift([5.24, -5.24]);
     let reference = AxleReference {
         posture: Posture::new(5.25 - 10.485_76, 10.485_76 - 5.26, 0.0),
@@ -405,7 +410,7 @@ fn a_reference_across_the_end_of_the_span_is_near() {
 #[test]
 fn play_of_the_gears_counts_in_the_heading_that_the_wheels_tell() {
     let variance = |gyro_samples, ticks| {
-        let mut node = node(AxleId::Front);
+        let mut node = node(AxleId(0));
         (0..ticks).for_each(|_| node.state.play[0].step(0.1));
         node.state.gyro_samples = gyro_samples;
         let mut outbox = Outbox::new();
@@ -431,7 +436,7 @@ fn lead(node: &mut AxleNode, now: Micros, mode: LeadMode) {
 /// A lead node that wants nothing more is no fault: the axle brakes, lets go and is idle.
 #[test]
 fn a_dismissed_axle_comes_to_rest_without_a_fault() {
-    let mut node = node(AxleId::Front);
+    let mut node = node(AxleId(0));
     let samples = still();
     let mut braked = 0;
     for tick in 20..1500u64 {
@@ -455,7 +460,7 @@ fn a_dismissed_axle_comes_to_rest_without_a_fault() {
 #[test]
 fn an_axle_that_starts_while_the_robot_drives_waits_for_it_to_stop() {
     for pause in [LeadMode::Idle, LeadMode::Clear] {
-        let mut node = node(AxleId::Rear);
+        let mut node = node(AxleId(1));
         node.state = State::default();
         for tick in 0..200u64 {
             let now = referred(&mut node, tick, 0.1, Posture::ORIGIN);
@@ -471,7 +476,7 @@ fn an_axle_that_starts_while_the_robot_drives_waits_for_it_to_stop() {
 /// A stop takes as long as the one before.
 #[test]
 fn each_stop_has_its_whole_ramp() {
-    let mut node = node(AxleId::Front);
+    let mut node = node(AxleId(0));
     let mut tick = 20;
     let mut stops = [0; 2];
     // The first is asked for, the second comes from a condition.
@@ -518,12 +523,15 @@ fn references_beyond_the_speed_of_a_wheel_are_not_taken() {
         assert_eq!(found, allowed, "{v} {omega}");
     }
     // 0.1 s of rest, 60 s after the motors, in ticks; a stop has to end within 2 s.
-    let node = node(AxleId::Front);
+    let node = node(AxleId(0));
     assert_eq!((node.rest.hold, node.rest.settle / 10), (100, 5_999));
     let mut config = Config::default();
     config.stop.release_s = 1.75;
     assert_eq!(
-        config.build(AxleId::Front, FRAME).unwrap_err().field,
+        config
+            .build(AxleId(0), Topology::PAIR, FRAME)
+            .unwrap_err()
+            .field,
         "release_s"
     );
 }
@@ -546,7 +554,7 @@ fn stops_for_every_reason_and_drives_again_once_cleared() {
         (Condition::TrackingLost, still()),
     ];
     for (condition, samples) in cases {
-        let mut node = node(AxleId::Rear);
+        let mut node = node(AxleId(1));
         let ahead = match condition {
             Condition::TrackingLost => 0.2,
             _ => 0.0,
@@ -582,7 +590,7 @@ fn a_neighbour_that_stops_or_falls_silent_stops_this_axle() {
         (true, Condition::NeighbourLost),
         (false, Condition::NeighbourFault),
     ] {
-        let mut node = node(AxleId::Front);
+        let mut node = node(AxleId(0));
         let samples = still();
         for tick in 0..300u64 {
             let heard = node.state.peers;
@@ -591,7 +599,7 @@ fn a_neighbour_that_stops_or_falls_silent_stops_this_axle() {
                 node.state.peers = heard;
             } else if tick >= 100 {
                 let reason = Condition::SupplyLow.code();
-                let stop = beat(Node::RearAxle, now, OperatingState::SafeStop, reason);
+                let stop = beat(Node::axle(1), now, OperatingState::SafeStop, reason);
                 node.receive(now, &stop);
             }
             step(&mut node, now, &samples);
@@ -604,7 +612,7 @@ fn a_neighbour_that_stops_or_falls_silent_stops_this_axle() {
 /// Not even 256 epochs later, when the sequence number is the same.
 #[test]
 fn halves_of_different_epochs_make_no_reference() {
-    let axle = AxleId::Front;
+    let axle = AxleId(0);
     for now in [5 * EPOCH, 256 * EPOCH] {
         let motion = Message::ReferenceMotion {
             axle,
@@ -627,7 +635,7 @@ fn halves_of_different_epochs_make_no_reference() {
 
 #[test]
 fn nan_in_gives_zero_torque() {
-    let mut node = node(AxleId::Front);
+    let mut node = node(AxleId(0));
     reference(&mut node, 0, f32::NAN, Posture::ORIGIN);
     let output = step(&mut node, TICK, &Samples::default());
     assert_eq!(output.torque_nm, Wheels::both(0.0));
@@ -646,7 +654,7 @@ fn nan_in_gives_zero_torque() {
 #[test]
 fn a_turn_that_quickens_is_told_without_the_delay_of_the_gyro() {
     const QUICKENS_RAD_S2: f64 = 1.0;
-    let mut node = node(AxleId::Rear);
+    let mut node = node(AxleId(1));
     let config = Config::default();
     let geometry = &config.filter;
     let mut heading = 0.0;
@@ -669,7 +677,10 @@ fn a_turn_that_quickens_is_told_without_the_delay_of_the_gyro() {
 #[test]
 fn limits_are_checked_by_name_and_hold_in_each_direction() {
     let limits = Limits::default();
-    crate::config::refusal_of(Config::default(), |c| c.build(AxleId::Front, FRAME)).names(&[
+    crate::config::refusal_of(Config::default(), |c| {
+        c.build(AxleId(0), Topology::PAIR, FRAME)
+    })
+    .names(&[
         ("tracking_m", |c| c.limits.tracking_m = 0.0),
         ("tracking_rad", |c| c.limits.tracking_rad = -1.0),
         ("stall_share", |c| c.limits.stall_share = 1.1),

@@ -37,7 +37,7 @@ use crate::bus::LeadMode;
 use crate::control::wheel_observer;
 use crate::safety::{Condition, Conditions, OperatingState, Permit, StateRequest};
 use crate::time::Micros;
-use crate::topology::{AxleId, Node, Side};
+use crate::topology::{Node, Side};
 
 impl AxleNode {
     /// Request to this axle by the lead node's mode.
@@ -65,10 +65,6 @@ impl AxleNode {
     /// Conditions present at this tick.
     pub(super) fn watch(&self, now: Micros, samples: &Samples) -> Conditions {
         let state = &self.state;
-        let other = match self.axle {
-            AxleId::Front => Node::RearAxle,
-            AxleId::Rear => Node::FrontAxle,
-        };
         let operating = state.supervisor.operating();
         let powered = operating.permit() != Permit::Off;
         let active = operating == OperatingState::Active;
@@ -104,14 +100,15 @@ impl AxleNode {
         let dismissed = state
             .mode
             .is_some_and(|mode| matches!(mode.value, LeadMode::Idle | LeadMode::Clear));
-        let failed = state.peers.failed(other, now) || state.peers.failed(Node::Lead, now);
+        let (lost, failed) = state.peers.others(self.axle, self.topology, now);
+        let failed = failed || state.peers.failed(Node::Lead, now);
         samples
             .conditions
             .with(
                 Condition::CommandTimeout,
                 active && !dismissed && self.reference(now).is_none(),
             )
-            .with(Condition::NeighbourLost, state.peers.lost(other, now))
+            .with(Condition::NeighbourLost, lost)
             .with(Condition::NeighbourFault, powered && failed)
             .with(Condition::NotANumber, state.output.invalid || unsound)
             .with(Condition::EncoderFault, blind)

@@ -1,6 +1,6 @@
 //! Reports of the other nodes, and the estimate of the latest epoch of which both axles have told.
 
-use super::track::{AxleTrack, EPOCHS, SETTLING};
+use super::track::{AxleReport, AxleTrack, EPOCHS, SETTLING};
 use super::{LeadNode, NIS_MOST, NIS_SHARE, State};
 use crate::bus::Message;
 use crate::fusion::Estimate;
@@ -10,7 +10,7 @@ use crate::math::Twist;
 use crate::math::matrix::propagate;
 use crate::math::trig::sin_cos;
 use crate::time::{EPOCH, Micros, Stamped, epoch_start, sequence, share_of_epoch};
-use crate::topology::AxleId;
+use crate::topology::{AxleId, FrameId};
 
 /// Age in epochs up to which a measurement of the beam is used.
 const BEAM_EPOCHS: Micros = 3;
@@ -22,7 +22,11 @@ impl LeadNode {
     pub fn receive(&mut self, now: Micros, message: &Message) {
         self.state.peers.receive(now, message);
         match *message {
-            Message::BeamWrench { sequence, wrench } => {
+            Message::BeamWrench {
+                frame: FrameId(0),
+                sequence,
+                wrench,
+            } => {
                 self.state.wrench = Some(Stamped::new(wrench, epoch_start(now, sequence)));
             }
             Message::AxlePosture {
@@ -30,7 +34,9 @@ impl LeadNode {
                 sequence,
                 posture,
             } => {
-                let report = &mut self.state.tracks[axle.index()].report;
+                let Some(report) = self.state.report(axle) else {
+                    return;
+                };
                 report.posture = Some(Stamped::new(posture, epoch_start(now, sequence)));
                 report.pair();
             }
@@ -44,7 +50,9 @@ impl LeadNode {
                 uptime,
                 ..
             } => {
-                let report = &mut self.state.tracks[axle.index()].report;
+                let Some(report) = self.state.report(axle) else {
+                    return;
+                };
                 let uptime = Micros::from(uptime) * EPOCH;
                 report.uptime = Some(Stamped::new(uptime, epoch_start(now, sequence)));
                 report.twist = Twist::new(velocity_m_s, yaw_rate_rad_s);
@@ -57,10 +65,13 @@ impl LeadNode {
                 sequence,
                 covariance,
             } => {
-                let report = &mut self.state.tracks[axle.index()].report;
+                let Some(report) = self.state.report(axle) else {
+                    return;
+                };
                 report.uncertainty = Some(Stamped::new(covariance, epoch_start(now, sequence)));
             }
             Message::BeamPosture {
+                frame: FrameId(0),
                 sequence,
                 posture,
                 gauges,
@@ -69,6 +80,7 @@ impl LeadNode {
                 self.state.pair_beam();
             }
             Message::BeamUncertainty {
+                frame: FrameId(0),
                 sequence,
                 covariance,
             } => {
@@ -108,8 +120,8 @@ impl LeadNode {
         }
         let [front, rear] = state.tracks.each_mut().map(|track| track.advance(at));
         let known = match restarted {
-            [None, Some(_)] => Some(AxleId::Front),
-            [Some(_), None] => Some(AxleId::Rear),
+            [None, Some(_)] => Some(AxleId(0)),
+            [Some(_), None] => Some(AxleId(1)),
             _ => None,
         };
         let lost = restarted != [None; 2];
@@ -138,6 +150,11 @@ impl LeadNode {
 }
 
 impl State {
+    /// Reports of an axle; `None` of one that the robot does not have.
+    fn report(&mut self, axle: AxleId) -> Option<&mut AxleReport> {
+        Some(&mut self.tracks.get_mut(axle.index())?.report)
+    }
+
     /// Posture and covariance of one epoch make a measurement.
     fn pair_beam(&mut self) {
         if let (Some(posture), Some(covariance)) = (self.beam_posture, self.beam_uncertainty)

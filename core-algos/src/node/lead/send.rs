@@ -9,7 +9,7 @@ use crate::math::Twist;
 use crate::node::Outbox;
 use crate::safety::{Permit, supervisor};
 use crate::time::{Micros, epoch_start, seconds, sequence};
-use crate::topology::AxleId;
+use crate::topology::Topology;
 
 impl LeadNode {
     /// A step without a drive: the motion comes to rest, and the status is sent.
@@ -63,13 +63,14 @@ impl LeadNode {
         });
         let epoch = epoch_start(now, sequence);
         let axles = [fused.front.posture, fused.rear.posture];
-        for axle in AxleId::BOTH {
-            let reference = references[axle.index()];
-            let Some(odometry) = self.state.tracks[axle.index()].odometry else {
+        let axles = Topology::PAIR.axles().zip(axles);
+        let known = self.state.tracks.iter().zip(references);
+        for ((axle, estimate), (track, reference)) in axles.zip(known) {
+            let Some(odometry) = track.odometry else {
                 continue;
             };
             // The same posture relative to the axle, in the axle's own odometric frame.
-            let mut relative = reference.posture.relative_to(axles[axle.index()]);
+            let mut relative = reference.posture.relative_to(estimate);
             // The estimate is of the latest epoch of which the axles have told.
             let age = epoch.saturating_sub(odometry.time);
             if age > 0 {

@@ -6,7 +6,7 @@ use crate::node::robot::RobotConfig;
 use crate::node::testing::{axle_report, beat, supervisor_in};
 use crate::safety::{Class, Condition};
 use crate::time::LEAD_PHASE;
-use crate::topology::AxleId;
+use crate::topology::{AxleId, FrameId};
 
 mod drives;
 
@@ -20,7 +20,7 @@ fn epoch(node: &mut LeadNode, number: u64, axles: Axles) -> Output {
 
 fn epoch_to(node: &mut LeadNode, number: u64, axles: Axles, outbox: &mut Outbox) -> Output {
     let now = number * EPOCH;
-    for axle in AxleId::BOTH {
+    for axle in [AxleId(0), AxleId(1)] {
         let (posture, uptime) = axles[axle.index()];
         for message in axle_report(axle, now, posture, uptime, None) {
             node.receive(now, &message);
@@ -34,10 +34,12 @@ fn beam(now: Micros, posture: Posture) -> [Message; 2] {
     let sequence = sequence(now);
     [
         Message::BeamUncertainty {
+            frame: FrameId(0),
             sequence,
             covariance: diagonal([1e-9, 1e-9, 1e-8]),
         },
         Message::BeamPosture {
+            frame: FrameId(0),
             sequence,
             posture,
             gauges: 5,
@@ -110,8 +112,8 @@ fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
     let mut known = |number: u64, zeroed: [bool; 2]| {
         let now = number * EPOCH;
         let sequence = sequence(now);
-        for axle in AxleId::BOTH {
-            let front = if axle == AxleId::Front { 1.0 } else { 0.0 };
+        for axle in [AxleId(0), AxleId(1)] {
+            let front = if axle == AxleId(0) { 1.0 } else { 0.0 };
             let turned = front * rate * 0.01 * number as f32;
             let posture = Posture::new(0.0, 0.0, turned);
             let (uptime, zeroed) = (number.min(255) as u8, Some(zeroed[axle.index()]));
@@ -224,11 +226,11 @@ fn place_within_its_ranges_is_sound() {
 /// The estimate is of the latest epoch of which both axles have told.
 #[test]
 fn an_axle_that_is_late_by_an_epoch_holds_the_estimate_back() {
-    for late in AxleId::BOTH {
+    for late in [AxleId(0), AxleId(1)] {
         let mut node = node();
         for number in 1..=5 {
             let now = number * EPOCH;
-            for axle in AxleId::BOTH {
+            for axle in [AxleId(0), AxleId(1)] {
                 if axle == late && number == 5 {
                     continue;
                 }
@@ -302,12 +304,12 @@ fn posture_and_covariance_of_one_epoch_make_a_measurement() {
 
 #[test]
 fn fault_of_either_axle_or_of_the_lead_node_is_one_of_the_robot() {
-    for sender in [Node::FrontAxle, Node::RearAxle, Node::Beam] {
+    for sender in [Node::axle(0), Node::axle(1), Node::beam(0)] {
         let mut node = node();
         let reason = Condition::SupplyLow.code();
         node.receive(0, &beat(sender, 0, OperatingState::Fault, reason));
         let faulted = node.activity(0) == Activity::Faulted;
-        assert_eq!(faulted, sender != Node::Beam, "{sender:?}");
+        assert_eq!(faulted, sender != Node::beam(0), "{sender:?}");
     }
     let mut node = node();
     node.state.supervisor = supervisor_in(OperatingState::Fault);
@@ -419,6 +421,7 @@ fn beam_posture_without_gauges_is_passed_over() {
     let before = node.clone();
     let sequence = sequence(EPOCH);
     let message = Message::BeamPosture {
+        frame: FrameId(0),
         sequence,
         posture: Posture::ORIGIN,
         gauges: 0,

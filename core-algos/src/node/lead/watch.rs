@@ -46,7 +46,7 @@ use crate::math::trig::sqrt;
 use crate::math::{RelativeHeading, Twist};
 use crate::safety::{Condition, Conditions, OperatingState, Permit, StateRequest};
 use crate::time::Micros;
-use crate::topology::Node;
+use crate::topology::{Node, Topology};
 use track::AxleTrack;
 
 /// Relative heading up to which the strip shows no force.
@@ -108,12 +108,12 @@ impl LeadNode {
     /// Conditions present at this step; `fused` is `None` without the axles' reports.
     pub(super) fn watch(&self, now: Micros, fused: Option<&robot::Output>) -> Conditions {
         let state = &self.state;
-        let axles = [Node::FrontAxle, Node::RearAxle];
+        let axles = Topology::PAIR.axles().map(Node::Axle);
         let powered = state.supervisor.operating().permit() != Permit::Off;
-        let lost = axles.iter().any(|&node| state.peers.lost(node, now));
-        let stopped = axles.iter().any(|&node| state.peers.failed(node, now));
-        let unarmed =
-            state.armed > ARMING && axles.iter().any(|&node| state.peers.rests(node, now));
+        let lost = axles.clone().any(|node| state.peers.lost(node, now));
+        let stopped = axles.clone().any(|node| state.peers.failed(node, now));
+        let mut axles = axles;
+        let unarmed = state.armed > ARMING && axles.any(|node| state.peers.rests(node, now));
         let fresh = |time: Micros| now.saturating_sub(time) <= self.with.report_timeout;
         let reports = state.tracks.iter().map(|track| track.report.whole);
         let late = powered

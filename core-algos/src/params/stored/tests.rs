@@ -1,9 +1,11 @@
 use super::*;
-use crate::topology::Role;
+use crate::topology::Topology;
 use proptest::prelude::*;
 
 fn check(settings: &Settings) -> Result<(), ConfigError> {
-    Role::ALL.iter().try_for_each(|&role| settings.check(role))
+    Topology::PAIR
+        .boards()
+        .try_for_each(|role| settings.check(role))
 }
 
 /// Writes what a save would.

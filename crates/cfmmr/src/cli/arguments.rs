@@ -9,7 +9,7 @@ use crate::experiments::run::stage::Watch;
 use crate::experiments::{Context, Inputs};
 use clap::{Args, ValueEnum};
 use core_algos::time::Micros;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::base::numbers::{number, posture, whole};
 use host_sim::base::{spelling, toml_file};
@@ -261,7 +261,9 @@ fn seconds(name: &str, value: f64, least: f64) -> Result<f64, Error> {
 /// A failure from `BOARD@S`.
 fn failure(text: &str) -> Result<Failure, Error> {
     let parts = text.split_once('@').and_then(|(board, time)| {
-        let role = Role::ALL.into_iter().find(|role| role.name() == board)?;
+        let role = Role::PAIR
+            .into_iter()
+            .find(|&role| Topology::PAIR.name(role) == board)?;
         Some((role, time.parse::<f64>().ok()?))
     });
     let Some((role, time)) = parts else {
@@ -420,9 +422,9 @@ pub enum BoardName {
 impl From<BoardName> for Role {
     fn from(name: BoardName) -> Self {
         match name {
-            BoardName::Front => Self::Front,
-            BoardName::Rear => Self::Rear,
-            BoardName::Beam => Self::Beam,
+            BoardName::Front => Self::LEAD,
+            BoardName::Rear => Self::axle(1),
+            BoardName::Beam => Self::beam(0),
         }
     }
 }
@@ -464,7 +466,7 @@ mod tests {
     #[test]
     fn failures_name_a_board_and_a_time() {
         let found = failure("front@8.0").unwrap();
-        assert_eq!((found.role, found.at), (Role::Front, 8000));
+        assert_eq!((found.role, found.at), (Role::LEAD, 8000));
         for bad in [
             "front", "middle@1", "rear@", "rear@nan", "beam@-1", "beam@1e9",
         ] {

@@ -1,7 +1,8 @@
 //! `cfmmr dbc`: the bus description, and the load of the bus.
 
 use clap::Args;
-use core_algos::bus::layout::{self, BIT_RATE, MESSAGES};
+use core_algos::bus::layout::{self, BIT_RATE};
+use core_algos::topology::Topology;
 use host_sim::base::error::Error;
 use output::files;
 use output::table::Table;
@@ -9,6 +10,9 @@ use output::terminal;
 use recording::dbc;
 use std::fmt::Write;
 use std::path::PathBuf;
+
+/// The robot whose bus is described.
+const ROBOT: Topology = Topology::PAIR;
 
 /// Arguments of `dbc`.
 #[derive(Clone, Debug, Args)]
@@ -53,12 +57,13 @@ fn page() -> String {
             ms.to_string()
         }
     };
-    for layout in &MESSAGES {
+    for sent in layout::messages(ROBOT) {
+        let layout = sent.layout;
         text += &format!(
             "| {:#05x} | `{}` | {} | {} | {} | {} |\n",
-            layout.id,
-            layout.name,
-            layout.sender.name(),
+            sent.id,
+            sent,
+            ROBOT.node_name(sent.sender),
             time(layout.period_ms),
             time(layout.timeout_ms),
             dbc::plain(layout.meaning),
@@ -71,7 +76,8 @@ fn page() -> String {
 fn load() -> String {
     let mut table = Table::new(["id", "message", "sender", "bytes", "bits", "period", "load"]);
     let rate = BIT_RATE as f32;
-    for layout in &MESSAGES {
+    for sent in layout::messages(ROBOT) {
+        let layout = sent.layout;
         let (period, share) = if layout.period_ms == 0 {
             (String::from("on request"), String::new())
         } else {
@@ -81,9 +87,9 @@ fn load() -> String {
             )
         };
         table.row([
-            format!("{:#05x}", layout.id),
-            layout.name.into(),
-            layout.sender.name().into(),
+            format!("{:#05x}", sent.id),
+            sent.to_string(),
+            ROBOT.node_name(sent.sender).into(),
             layout.bytes().to_string(),
             layout::frame_bits(layout.bytes()).to_string(),
             period,
@@ -95,7 +101,7 @@ fn load() -> String {
         text,
         "\nWorst-case load with stuff bits at {} kbit/s: {:.1} %",
         BIT_RATE / 1000,
-        100.0 * layout::load(rate)
+        100.0 * layout::load(ROBOT, rate)
     );
     text
 }

@@ -4,7 +4,7 @@ use super::arguments::BoardArgs;
 use crate::experiments::result::{Json, Provenance};
 use crate::experiments::run::links::Links;
 use crate::experiments::run::place::Place;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::targets::Target;
 use output::table::Table;
@@ -48,13 +48,13 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
     let mut boards = Vec::new();
     // The port of a board that does not answer reaches no other board either.
     let mut dead = Vec::new();
-    for role in Role::ALL {
+    for role in Role::PAIR {
         let port = links.port_of(role);
         let row = match port.filter(|port| dead.contains(port)) {
             Some(port) => Err(Error::NoAnswer(format!(
                 "{} board: not asked: it is behind the port of the {} board",
-                role.name(),
-                port.name()
+                Topology::PAIR.name(role),
+                Topology::PAIR.name(port)
             ))),
             None => of_board(&links, role),
         };
@@ -69,7 +69,7 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
                 }
             }
         };
-        let board = role.name();
+        let board = Topology::PAIR.name(role);
         boards.push(Row { board, ..row });
     }
     let sound = |row: &Row| {

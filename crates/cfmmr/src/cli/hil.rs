@@ -72,7 +72,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
         stored: args.stored,
         flash: args.flash.clone(),
     };
-    let logs = Role::ALL.map(|_| BoardLog::default());
+    let logs = Role::PAIR.map(|_| BoardLog::default());
     let place = (&args.boards.on, args.boards.baud());
     let targets = in_the_loop::connect(place, &boards, &mut context.scenario, &logs);
     let targets = board_log::kept(targets, &logs, || context.output())?;
@@ -95,7 +95,7 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Mission, Error> {
     }
     let scenario = &mut context.scenario;
     args.drive.sensors.apply(scenario);
-    if !scenario.mission.rps && args.boards.on.port(Role::Beam).is_some() {
+    if !scenario.mission.rps && args.boards.on.port(Role::beam(0)).is_some() {
         return Err(Error::input(
             "--on serial:beam: no beam board without the relative position sensor",
         ));

@@ -6,7 +6,7 @@ use crate::experiments::run::links::{Links, flash_of};
 use clap::{Args, Subcommand, ValueEnum};
 use core_algos::link::Identity;
 use core_algos::params::{Parameter, Settings, Source, TABLE};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::base::input;
 use host_sim::scenario::board_parameters;
@@ -165,7 +165,7 @@ fn at_each(
         target.boards.baud(),
         Some(target.flash.clone()),
     )?;
-    for role in Role::ALL {
+    for role in Role::PAIR {
         let named = target.board.iter().any(|name| Role::from(*name) == role);
         if !target.board.is_empty() && !named {
             continue;
@@ -211,7 +211,7 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
             } = kept;
             if wanted.iter().any(|other| other.id == parameter.id) {
                 rows.push(Row {
-                    board: role.name(),
+                    board: Topology::PAIR.name(role),
                     name: parameter.name,
                     unit: parameter.unit,
                     value,
@@ -373,7 +373,7 @@ fn change(
             let old = before.iter().find(|kept| kept.parameter.id == parameter.id);
             remote.set_parameter(parameter, value)?;
             changes.push(Change {
-                board: role.name(),
+                board: Topology::PAIR.name(role),
                 name: parameter.name,
                 unit: parameter.unit,
                 before: old.map_or(f32::NAN, |kept| kept.value),

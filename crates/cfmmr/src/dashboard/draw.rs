@@ -5,6 +5,7 @@
 use super::map;
 use super::view::View;
 use core_algos::safety::{Condition, Conditions, OperatingState};
+use core_algos::topology::Topology;
 use host_sim::base::statistics::NIS_EXPECTED;
 use host_sim::run::final_error::FinalError;
 use host_sim::run::keyboard::Hand;
@@ -192,7 +193,7 @@ fn node_lines(view: &View) -> Vec<Line<'static>> {
     let heading = format!("{:<10}{:<9}{:>7}  {}", "", "state", "age ms", "code");
     let mut lines = vec![Line::styled(heading, DIM)];
     for (node, status) in NODES.iter().zip(&view.nodes) {
-        let name = Span::raw(format!("{:<10}", node.name()));
+        let name = Span::raw(format!("{:<10}", Topology::PAIR.node_name(*node)));
         let Some(status) = status else {
             lines.push(Line::from(vec![name, Span::styled("not heard", DIM)]));
             continue;
@@ -228,7 +229,7 @@ fn link_lines(view: &View) -> Vec<Line<'static>> {
     let mut lines = vec![Line::styled(heading, DIM)];
     let bad = |count: u64| if count == 0 { Style::new() } else { CAUTION };
     for BoardTraffic { role, on, traffic } in &view.boards {
-        let name = Span::raw(format!("{:<6}", role.name()));
+        let name = Span::raw(format!("{:<6}", Topology::PAIR.name(*role)));
         lines.push(match (on, traffic) {
             (false, _) => Line::from(vec![name, Span::styled("      off", DIM)]),
             (true, None) => Line::from(vec![name, Span::styled("  without a port", DIM)]),
@@ -354,7 +355,7 @@ fn fault(view: &View, status: &Status) -> (String, Style) {
         "{:#04x} {} ({}, {:.3} s{note}): {}",
         entry.code,
         entry.name,
-        status.node.name(),
+        Topology::PAIR.node_name(status.node),
         status.time_s,
         entry.remedy
     );
@@ -374,7 +375,7 @@ fn notices(view: &View) -> Vec<(String, Style)> {
         let noticed = NODES.iter().zip(&view.noticed);
         let nodes: Vec<_> = noticed
             .filter(|(_, noticed)| noticed.contains(condition))
-            .map(|(node, _)| node.name())
+            .map(|(node, _)| Topology::PAIR.node_name(*node))
             .collect();
         let entry = condition.entry();
         let (code, name, nodes) = (entry.code, entry.name, nodes.join(", "));
@@ -446,11 +447,11 @@ mod tests {
             most_late_s: 0.012,
             truth: [-1.0, 0.5, 0.1],
             goal: [0.0, 0.5, 0.0],
-            boards: Role::ALL
+            boards: Role::PAIR
                 .map(|role| BoardTraffic {
                     role,
-                    on: role != Role::Beam,
-                    traffic: (role == Role::Front).then_some(Traffic {
+                    on: role != Role::beam(0),
+                    traffic: (role == Role::LEAD).then_some(Traffic {
                         frames: 123_456,
                         lost: 12,
                         damaged: 345,
@@ -465,8 +466,8 @@ mod tests {
         view.bus.lost = 43;
         view.nodes = [
             Some(status(Node::Lead, OperatingState::Active, None)),
-            Some(status(Node::FrontAxle, OperatingState::Armed, None)),
-            Some(status(Node::RearAxle, OperatingState::Idle, None)),
+            Some(status(Node::axle(0), OperatingState::Armed, None)),
+            Some(status(Node::axle(1), OperatingState::Idle, None)),
             None,
         ];
         // As every node says before the others are up.
@@ -486,7 +487,7 @@ mod tests {
         let mut view = view();
         let fault = |node, reason| status(node, OperatingState::Fault, Some(reason));
         view.faults = vec![
-            fault(Node::RearAxle, Condition::SupplyLow),
+            fault(Node::axle(1), Condition::SupplyLow),
             fault(Node::Lead, Condition::NeighbourFault),
         ];
         view.nodes[2] = Some(view.faults[0]);

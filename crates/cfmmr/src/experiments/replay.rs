@@ -2,7 +2,7 @@
 
 use crate::BUILD;
 use core_algos::node::robot::RobotConfig;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::base::input;
 use host_sim::base::statistics::NIS_EXPECTED;
@@ -51,7 +51,7 @@ pub struct Recorded {
 impl Recorded {
     fn new(role: Role) -> Self {
         Self {
-            board: role.name(),
+            board: Topology::PAIR.name(role),
             ticks: 0,
             ends: Vec::new(),
         }
@@ -86,17 +86,17 @@ pub struct Report {
 /// Replays a log: the result, and its table.
 pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
     let name = wanted.log.display().to_string();
-    let mut boards = Role::ALL.map(Recorded::new);
+    let mut boards = Role::PAIR.map(Recorded::new);
     let mut recorded = RecordedEstimates::default();
     let mut comparison = Comparison::default();
     let mut events = Events::default();
     let run = read_log(wanted, &name, &mut |role, event| {
-        boards[role as usize].take(&event);
+        boards[Topology::PAIR.place(role)].take(&event);
         recorded.take(role, &event);
         match &wanted.with {
             None => comparison.take(role, &event),
             // A frame that was sent changes what arrives on other boards.
-            Some(_) => events[role as usize].push(event),
+            Some(_) => events[Topology::PAIR.place(role)].push(event),
         }
     })?;
     let scenario = recorded_scenario(&run, &name)?;

@@ -9,7 +9,7 @@ use core_algos::node::lead::{LeadNode, Task};
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{Outbox, axle};
 use core_algos::time::{Micros, TICK};
-use core_algos::topology::{AxleId, Role, Wheels};
+use core_algos::topology::{AxleId, Role, Topology, Wheels};
 use host_sim::base::error::Error;
 use host_sim::targets::{Fault, HostCommand, InProcess, Output, Posted, Report, Room, Target};
 use std::sync::{Arc, Mutex};
@@ -117,7 +117,13 @@ impl Watched {
             }
         }
         match (&*board, watch) {
-            (Board::Front { axle, lead }, Watch::Front(watch, of_lead)) => {
+            (
+                Board::Axle {
+                    axle,
+                    lead: Some(lead),
+                },
+                Watch::Front(watch, of_lead),
+            ) => {
                 let armed = watch.step(tick, readings, axle.supervision(), torque_nm)?;
                 let mut findings = self.findings.lock().unwrap();
                 findings.armed[0] = armed;
@@ -125,7 +131,7 @@ impl Watched {
                     findings.began = of_lead.step(tick, lead.supervision(), output)?;
                 }
             }
-            (Board::Rear(axle), Watch::Rear(watch)) => {
+            (Board::Axle { axle, .. }, Watch::Rear(watch)) => {
                 let armed = watch.step(tick, readings, axle.supervision(), torque_nm)?;
                 self.findings.lock().unwrap().armed[1] = armed;
             }
@@ -144,9 +150,9 @@ impl Target for Watched {
         let board = Board::new(config, self.role).map_err(Error::from)?;
         let axle = |of| AxleWatch::new(of, config.axle.controller.max_torque_nm);
         let watch = match self.role {
-            Role::Front => Watch::Front(axle(AxleId::Front), LeadWatch::new()),
-            Role::Rear => Watch::Rear(axle(AxleId::Rear)),
-            Role::Beam => Watch::Beam(BeamWatch::new()),
+            Role::LEAD => Watch::Front(axle(AxleId(0)), LeadWatch::new()),
+            Role::Axle(_) => Watch::Rear(axle(AxleId(1))),
+            Role::Beam(_) => Watch::Beam(BeamWatch::new()),
         };
         self.nodes = Some((board, watch));
         if let (Some(lead), Some(place)) = (self.lead(), place) {
@@ -224,7 +230,7 @@ impl Target for Watched {
         }
         let mut findings = self.findings.lock().unwrap();
         let output = output.unwrap_or_else(|violation| {
-            let what = format!("{} board: {violation}", self.role.name());
+            let what = format!("{} board: {violation}", Topology::PAIR.name(self.role));
             findings.violation.get_or_insert((tick, what));
             Output::default()
         });

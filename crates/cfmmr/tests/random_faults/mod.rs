@@ -43,9 +43,9 @@ struct Figures {
 fn run(seed: u64, figures: &mut Figures) -> Result<(), String> {
     let plan = Arc::new(Plan::draw(seed));
     let findings = Arc::new(Mutex::new(Findings::default()));
-    let targets = Role::ALL
+    let targets = Role::PAIR
         .map(|role| Box::new(Watched::new(role, &plan, seed, &findings)) as Box<dyn Target>);
-    let mut simulation = Simulation::on(targets, &plan.scenario(), seed, 0).unwrap();
+    let mut simulation = Simulation::on(targets.into(), &plan.scenario(), seed, 0).unwrap();
     if let Some((fault, at)) = plan.injected {
         simulation.inject(fault, at);
     }

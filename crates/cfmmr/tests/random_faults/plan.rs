@@ -7,7 +7,7 @@ use core_algos::math::Posture;
 use core_algos::node::board::Samples;
 use core_algos::node::lead::{Place, Task};
 use core_algos::safety::Condition;
-use core_algos::topology::{Role, Side};
+use core_algos::topology::{Role, Side, Topology};
 use host_sim::scenario::Scenario;
 use host_sim::targets::HostCommand;
 use host_sim::world::faults::{Fault, Wheel};
@@ -165,7 +165,7 @@ impl Draw {
     }
 
     fn role(&mut self) -> Role {
-        Role::ALL[self.below(3)]
+        Role::PAIR[self.below(3)]
     }
 
     /// Some long, most short.
@@ -185,7 +185,7 @@ impl Draw {
             _ => (BusFault::Late(self.0.random_range(1..70)), self.span(2000)),
         };
         match self.happens(0.3) {
-            true => Role::ALL.map(|role| (role, fault, span)).to_vec(),
+            true => Role::PAIR.map(|role| (role, fault, span)).to_vec(),
             false => vec![(self.role(), fault, span)],
         }
     }
@@ -206,8 +206,8 @@ impl Draw {
         let role = match fault {
             SensorFault::BridgeRail(..)
             | SensorFault::BridgesFrozen
-            | SensorFault::BridgeNoise(_) => Role::Beam,
-            _ => [Role::Front, Role::Rear][self.below(2)],
+            | SensorFault::BridgeNoise(_) => Role::beam(0),
+            _ => [Role::LEAD, Role::axle(1)][self.below(2)],
         };
         (role, fault, self.span(1500))
     }
@@ -390,7 +390,7 @@ impl Distorted {
     pub fn new(role: Role, seed: u64) -> Self {
         Self {
             role,
-            random: Pcg64::seed_from_u64(seed ^ (role as u64 + 1) << 40),
+            random: Pcg64::seed_from_u64(seed ^ (Topology::PAIR.place(role) as u64 + 1) << 40),
             before: None,
         }
     }

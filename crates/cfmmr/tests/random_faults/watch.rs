@@ -170,8 +170,8 @@ impl AxleWatch {
 
     pub fn receive(&mut self, tick: u32, message: &Message) {
         let other = match self.axle {
-            AxleId::Front => Node::RearAxle,
-            AxleId::Rear => Node::FrontAxle,
+            AxleId(0) => Node::axle(1),
+            _ => Node::axle(0),
         };
         match *message {
             Message::LeadStatus { mode, .. } => self.mode = Some((mode, tick)),
@@ -315,17 +315,13 @@ impl LeadWatch {
 
     pub fn receive(&mut self, tick: u32, message: &Message) {
         if let Message::NodeStatus {
-            node,
+            node: Node::Axle(axle),
             state,
             reason,
             ..
         } = *message
         {
-            match node {
-                Node::FrontAxle => self.axles[0] = Some((state, reason, tick)),
-                Node::RearAxle => self.axles[1] = Some((state, reason, tick)),
-                _ => {}
-            }
+            self.axles[axle.index()] = Some((state, reason, tick));
         }
     }
 

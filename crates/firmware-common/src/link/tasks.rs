@@ -8,7 +8,7 @@ use core_algos::link::segment::{self, Direction};
 use core_algos::link::{Attendant, Endpoint, Identity};
 use core_algos::node::board::{Board, Ready};
 use core_algos::node::robot::RobotConfig;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use embassy_executor::Spawner;
 use embassy_futures::select::{Either3, select3};
 use embassy_stm32::Peri;
@@ -157,7 +157,7 @@ async fn serve(
     let (mut feeder, mut extension) = watchdog.split();
     let endpoint = endpoint(identity);
     endpoint.load(parameters.contents());
-    defmt::info!("{}: session", role.name());
+    defmt::info!("{}: session", Topology::PAIR.name(role));
     let mut buffer = [0; 256];
     let (mut asked, mut reported) = (Instant::now(), Instant::now());
     loop {

@@ -58,14 +58,14 @@ impl Bench {
     fn new() -> Self {
         let identity = Identity {
             build: "test build",
-            role: Role::Front,
+            role: Role::LEAD,
         };
         let attendant =
             || Attendant::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
         let (tick, end) = Box::leak(Box::new(Channels::new())).split();
         let attendants = Box::leak(Box::new([attendant(), attendant()]));
         let mut bench = Self {
-            driving: Driving::new(Role::Front, attendants, end),
+            driving: Driving::new(Role::LEAD, attendants, end),
             tick,
             lead: Box::new(LeadNode::new(CONFIG.build_lead().unwrap())),
             sent: Sent::default(),
@@ -91,7 +91,7 @@ impl Bench {
         match route {
             Route::Serial => session = self.turn(Event::Bytes(frame.bytes())),
             Route::Bus => {
-                for frame in segment::frames(Role::Front, Direction::To, frame.repeated()) {
+                for frame in segment::frames(Role::LEAD, Direction::To, frame.repeated()) {
                     session = session.or(self.turn(Event::Frame(frame)));
                 }
             }
@@ -105,7 +105,7 @@ impl Bench {
             Route::Serial => core::mem::take(&mut self.sent.serial),
             Route::Bus => {
                 let frames = core::mem::take(&mut self.sent.bus);
-                let of_board = Some((Role::Front, Direction::From));
+                let of_board = Some((Role::LEAD, Direction::From));
                 assert!(frames.iter().all(|f| segment::address(f.id) == of_board));
                 frames.iter().flat_map(|f| f.bytes().to_vec()).collect()
             }
@@ -316,17 +316,17 @@ fn reply_of_another_board_is_relayed_to_the_port() {
         Some(payload.to_vec())
     });
     let request = Request::Relay {
-        role: Role::Rear,
+        role: Role::axle(1),
         payload: &payload.unwrap(),
     };
     let (replies, _) = bench.ask(Route::Serial, &request);
     assert!(replies.is_empty());
     let requests = core::mem::take(&mut bench.sent.bus);
-    let to_rear = Some((Role::Rear, Direction::To));
+    let to_rear = Some((Role::axle(1), Direction::To));
     assert!(!requests.is_empty());
     assert!(requests.iter().all(|f| segment::address(f.id) == to_rear));
     let reply = protocol::encode(5, &Reply::Done).unwrap();
-    for frame in segment::frames(Role::Rear, Direction::From, reply.repeated()) {
+    for frame in segment::frames(Role::axle(1), Direction::From, reply.repeated()) {
         bench.turn(Event::Frame(frame));
     }
     let replies = bench.take(Route::Serial);

@@ -127,8 +127,8 @@ impl BoardTick for Board {
 
     fn report(&mut self, _: &u8, health: Health, common: &mut Common<Fake>) -> Health {
         self.note("report");
-        common.send(&health.message(Role::Rear, 12.0, 30.0));
-        common.send_identity(Role::Rear, &health);
+        common.send(&health.message(Role::axle(1), 12.0, 30.0));
+        common.send_identity(Role::axle(1), &health);
         health
     }
 }
@@ -165,7 +165,7 @@ impl Bench {
         };
         let identity = Identity::new(&[7; 12], "test build");
         let common = Common::new(
-            Role::Front,
+            Role::LEAD,
             hardware,
             tick_end,
             TickSync::leading(),
@@ -202,7 +202,7 @@ impl Bench {
 
 fn status(state: OperatingState) -> Message {
     Message::NodeStatus {
-        node: Node::FrontAxle,
+        node: Node::axle(0),
         sequence: 0,
         state,
         reason: 0,
@@ -270,7 +270,7 @@ fn health_is_sent_and_reported_with_every_hundredth_tick() {
         assert_eq!(health.is_some(), !sent.is_empty(), "tick {tick}");
         if let Some(health) = health {
             reported.push(tick);
-            let expected = health.message(Role::Rear, 12.0, 30.0);
+            let expected = health.message(Role::axle(1), 12.0, 30.0);
             assert_eq!(sent, [expected]);
             assert_eq!(health.sequence, sequence(tick * TICK));
             assert!(health.in_step);

@@ -8,16 +8,17 @@ use crate::entry::{
 };
 use crate::topics::TOPICS;
 use crate::{About, Line, failed};
-use core_algos::bus::{self, CanFrame, layout};
+use core_algos::bus::{self, CanFrame};
 use core_algos::link::framing::crc32c;
 use core_algos::math::Posture;
 use core_algos::safety::{Class, OperatingState};
-use core_algos::topology::{Node, Role};
+use core_algos::topology::{Role, Topology};
 use foxglove::messages::{
     FrameTransforms, Log, PoseInFrame, PosesInFrame, SceneUpdate, log::Level,
 };
 use foxglove::{Channel, ChannelBuilder, Encode, PartialMetadata, RawChannel};
 use host_sim::base::error::Error;
+use host_sim::bus::virtual_bus::name_of;
 use host_sim::run::end::{EndKind, RunEnd};
 use host_sim::run::recovery::Status;
 use host_sim::run::robot::Record;
@@ -76,8 +77,13 @@ impl Json {
     }
 
     fn of_boards(sink: &Sink, what: &str) -> Result<[Self; 3], Error> {
-        let one = |role: Role| Self::new(sink, &format!("/boards/{}/{what}", role.name()));
-        Ok([one(Role::Front)?, one(Role::Rear)?, one(Role::Beam)?])
+        let one = |role: Role| {
+            Self::new(
+                sink,
+                &format!("/boards/{}/{what}", Topology::PAIR.name(role)),
+            )
+        };
+        Ok([one(Role::LEAD)?, one(Role::axle(1))?, one(Role::beam(0))?])
     }
 
     fn write(&self, room: &mut Vec<u8>, nanos: u64, entry: &impl Serialize) {
@@ -122,7 +128,7 @@ pub struct Mcap {
     /// Common time of the boards at the start of the run, µs.
     zero: i64,
     /// Latest heartbeat of each node.
-    statuses: [Option<Status>; Node::ALL.len()],
+    statuses: [Option<Status>; Topology::PAIR.node_count()],
     /// The latest estimate and when it holds, ns.
     estimate: Option<(u64, Posture)>,
     way_so_far: Vec<Pose>,
@@ -174,7 +180,7 @@ impl Mcap {
             off: Json::of_boards(&sink, "off")?,
             room: Vec::with_capacity(1024),
             zero: 0,
-            statuses: [None; Node::ALL.len()],
+            statuses: [None; Topology::PAIR.node_count()],
             estimate: None,
             way_so_far: Vec::new(),
             epochs: 0,
@@ -247,11 +253,11 @@ impl Mcap {
             Line::Zero(zero) => self.zero = *zero,
             Line::Axle(role, entry) => {
                 let time = at(entry.tick);
-                self.ticks[*role as usize].write(&mut self.room, time, entry);
+                self.ticks[Topology::PAIR.place(*role)].write(&mut self.room, time, entry);
             }
             Line::Beam(entry) => {
                 let time = at(entry.tick);
-                self.ticks[Role::Beam as usize].write(&mut self.room, time, entry);
+                self.ticks[Topology::PAIR.place(Role::beam(0))].write(&mut self.room, time, entry);
             }
             Line::Lead(tick, output) => {
                 let epoch = crate::entry::epoch_of(*tick);
@@ -262,7 +268,7 @@ impl Mcap {
                 self.lead.write(&mut self.room, time, &entry);
                 self.estimate = Some((held, output.fused.robot.posture));
             }
-            Line::Board(role, what) => self.boards[*role as usize].clone_from(what),
+            Line::Board(role, what) => self.boards[Topology::PAIR.place(*role)].clone_from(what),
             Line::Frames { role, tick, frames } => self.frames(*role, *tick, frames),
             Line::Command(entry) => {
                 let time = at(entry.tick);
@@ -271,32 +277,32 @@ impl Mcap {
             Line::Start(role, started) => {
                 let (entry, report) = &**started;
                 let time = at(entry.tick);
-                self.start[*role as usize].write(&mut self.room, time, entry);
+                self.start[Topology::PAIR.place(*role)].write(&mut self.room, time, entry);
                 self.started(*role, &entry.parameters_hash, report.as_ref());
             }
             Line::Off(role, entry) => {
                 let time = at(entry.tick);
-                self.off[*role as usize].write(&mut self.room, time, entry);
-                let text = format!("{} board off: {}", role.name(), entry.reason);
-                self.say(entry.tick, Level::Error, role.name(), text);
+                self.off[Topology::PAIR.place(*role)].write(&mut self.room, time, entry);
+                let text = format!("{} board off: {}", Topology::PAIR.name(*role), entry.reason);
+                self.say(entry.tick, Level::Error, Topology::PAIR.name(*role), text);
             }
         }
     }
 
     /// The boards are started one after the other; the last one completes what is known of the run.
     fn started(&mut self, role: Role, parameters: &str, report: Option<&Report>) {
-        let board = &mut self.boards[role as usize];
+        let board = &mut self.boards[Topology::PAIR.place(role)];
         if let (true, Some(report)) = (board.is_empty(), report) {
             *board = format!("{}, {}", report.target, report.build);
         }
-        if self.epochs == 0 && role == Role::Front {
+        if self.epochs == 0 && role == Role::LEAD {
             self.about.push(("parameters_hash", parameters.to_owned()));
         }
     }
 
     fn frames(&mut self, role: Role, tick: u32, frames: &[CanFrame]) {
         let said = frames.iter().map(|frame| LoggedFrame {
-            name: layout::find(frame.id).map_or("unknown", |layout| layout.name),
+            name: name_of(frame.id).unwrap_or("unknown"),
             frame: Can(*frame),
             message: bus::decode(frame).ok(),
         });
@@ -315,7 +321,7 @@ impl Mcap {
 
     /// Tells of a node that has changed.
     fn status(&mut self, tick: u32, status: Status) {
-        let last = self.statuses[status.node as usize].replace(status);
+        let last = self.statuses[Topology::PAIR.place_of_node(status.node)].replace(status);
         let same =
             last.is_some_and(|last| (last.state, last.reason) == (status.state, status.reason));
         if same {
@@ -326,7 +332,12 @@ impl Mcap {
             (OperatingState::SafeStop, _) | (_, Some(_)) => Level::Warning,
             _ => Level::Info,
         };
-        self.say(tick, level, status.node.name(), status.to_string());
+        self.say(
+            tick,
+            level,
+            Topology::PAIR.node_name(status.node),
+            status.to_string(),
+        );
     }
 
     fn say(&self, tick: u32, level: Level, name: &str, message: String) {
@@ -392,12 +403,12 @@ impl Mcap {
     /// Metadata of the run, at its end.
     fn metadata(&mut self) {
         let mut with_boards = false;
-        for role in Role::ALL {
-            let board = std::mem::take(&mut self.boards[role as usize]);
+        for role in Role::PAIR {
+            let board = std::mem::take(&mut self.boards[Topology::PAIR.place(role)]);
             let key = match role {
-                Role::Front => "board_front",
-                Role::Rear => "board_rear",
-                Role::Beam => "board_beam",
+                Role::LEAD => "board_front",
+                Role::Axle(_) => "board_rear",
+                Role::Beam(_) => "board_beam",
             };
             if !board.is_empty() {
                 self.about.push((key, board));

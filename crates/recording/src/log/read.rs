@@ -17,7 +17,7 @@ use core_algos::link::protocol::Place;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{axle, beam, lead};
-use core_algos::topology::{Role, Wheels};
+use core_algos::topology::{Role, Topology, Wheels};
 use host_sim::base::error::Error;
 use host_sim::bus::virtual_bus::is_of_nodes;
 use host_sim::targets::host_command::HostCommand;
@@ -101,7 +101,7 @@ pub struct Run {
     pub ticks: usize,
 }
 
-/// Events of each board, in the order of [`Role::ALL`].
+/// Events of each board, in the order of [`Role::PAIR`].
 pub type Events = [Vec<Event>; 3];
 
 /// A log.
@@ -123,7 +123,7 @@ impl Recording {
 /// Reads a log in memory; `name` stands in errors.
 pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
     let mut boards = Events::default();
-    let mut keep = |role, event| boards[role as usize].push(event);
+    let mut keep = |role, event| boards[Topology::PAIR.place(role)].push(event);
     let run = stream(Cursor::new(bytes), name, &mut keep)?;
     Ok(Recording { run, boards })
 }
@@ -170,7 +170,7 @@ pub fn stream(
                 // Ticks before the start of the run have its time.
                 if reader.run.zero_us.is_none() && header.log_time > 0 {
                     let last = match of_board(topic) {
-                        Some((role, "tick")) => reader.boards[role as usize].last,
+                        Some((role, "tick")) => reader.boards[Topology::PAIR.place(role)].last,
                         _ => None,
                     };
                     reader.run.zero_us =
@@ -225,7 +225,9 @@ fn parse<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
 /// Board and kind of a topic of a board.
 fn of_board(topic: &str) -> Option<(Role, &str)> {
     let (board, kind) = topic.strip_prefix("/boards/")?.split_once('/')?;
-    let role = Role::ALL.into_iter().find(|role| role.name() == board)?;
+    let role = Role::PAIR
+        .into_iter()
+        .find(|role| Topology::PAIR.name(*role) == board)?;
     Some((role, kind))
 }
 
@@ -274,7 +276,7 @@ impl<'a> Reader<'a> {
             if let Event::Tick(step) = &mut event {
                 step.lead = self.leads.remove(&step.tick);
             }
-            (self.to)(Role::Front, event);
+            (self.to)(Role::LEAD, event);
         }
     }
 
@@ -303,7 +305,7 @@ impl<'a> Reader<'a> {
             "/bus" => {
                 let entry: BusEntry = parse(data)?;
                 let frames = entry.frames.into_iter();
-                let board = &mut self.boards[entry.board as usize];
+                let board = &mut self.boards[Topology::PAIR.place(entry.board)];
                 if board.on {
                     let frames = frames.map(|said| (entry.tick, said.frame.0));
                     board.sent.extend(frames);
@@ -317,7 +319,7 @@ impl<'a> Reader<'a> {
                 if self.released.is_some_and(|released| tick <= released) {
                     return Err(format!("it comes more than {LATE} ms after its tick"));
                 }
-                if self.boards[Role::Front as usize].on {
+                if self.boards[Topology::PAIR.place(Role::LEAD)].on {
                     self.leads.insert(tick, output);
                 }
             }
@@ -327,7 +329,7 @@ impl<'a> Reader<'a> {
                     .bits
                     .value()
                     .ok_or("its bits do not decode to a command")?;
-                self.push(Role::Front, Event::Command(entry.tick, given))?;
+                self.push(Role::LEAD, Event::Command(entry.tick, given))?;
             }
             _ => {
                 if let Some((role, kind)) = of_board(topic) {
@@ -340,11 +342,11 @@ impl<'a> Reader<'a> {
 
     fn of_board(&mut self, role: Role, kind: &str, data: &[u8]) -> Result<(), String> {
         let frames = |received: Vec<Can>| received.into_iter().map(|can| can.0).collect();
-        let board = &mut self.boards[role as usize];
+        let board = &mut self.boards[Topology::PAIR.place(role)];
         let event = match (kind, role) {
             ("start", _) => {
                 board.sent.clear();
-                if role == Role::Front {
+                if role == Role::LEAD {
                     self.settle();
                 }
                 let entry: Start = parse(data)?;
@@ -361,7 +363,7 @@ impl<'a> Reader<'a> {
                 let Off { tick, reason } = parse(data)?;
                 Event::Off(tick.max(board.last.unwrap_or(tick)), reason)
             }
-            ("tick", Role::Beam) => {
+            ("tick", Role::Beam(_)) => {
                 let entry: BeamTick = parse(data)?;
                 Event::Tick(Box::new(Step {
                     tick: entry.tick,
@@ -397,7 +399,7 @@ impl<'a> Reader<'a> {
     }
 
     fn push(&mut self, role: Role, event: Event) -> Result<(), String> {
-        let board = &mut self.boards[role as usize];
+        let board = &mut self.boards[Topology::PAIR.place(role)];
         let tick = event.tick();
         // A board that was restarted may count from zero.
         let begins = matches!(event, Event::Start { .. });
@@ -407,7 +409,7 @@ impl<'a> Reader<'a> {
         board.last = Some(tick);
         board.on = !matches!(event, Event::Off(..));
         board.ticks += usize::from(matches!(event, Event::Tick(_)));
-        if role == Role::Front {
+        if role == Role::LEAD {
             self.front.push_back(event);
             self.release(Some(tick.saturating_sub(LATE)));
         } else {
@@ -436,7 +438,7 @@ mod tests {
         let mut reader = Reader::new(&mut keep);
         for tick in [0, 10, LATE + 5] {
             let event = Event::Command(tick, HostCommand::Lost);
-            reader.push(Role::Front, event).unwrap();
+            reader.push(Role::LEAD, event).unwrap();
         }
         let mut lead = |tick: u32| {
             let bits = serde_json::to_string(&Hex::of(&lead::Output::default())).unwrap();

@@ -14,7 +14,7 @@ use core_algos::fusion::robot;
 use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::{Micros, TICK};
-use core_algos::topology::{Role, Side, Wheels};
+use core_algos::topology::{Role, Side, Topology, Wheels};
 use host_sim::base::error::Error;
 use host_sim::base::statistics::nees;
 use host_sim::base::statistics::square;
@@ -85,7 +85,10 @@ impl ReplayedBoard {
             Fault::Silent(why) => why,
             Fault::Restarted => "restarted".to_owned(),
         };
-        Error::input(format!("tick {tick}, {} board: {why}", self.role.name()))
+        Error::input(format!(
+            "tick {tick}, {} board: {why}",
+            Topology::PAIR.name(self.role)
+        ))
     }
 
     /// Anything but a tick; parameters are put through `change`.
@@ -148,7 +151,7 @@ impl ReplayedBoard {
         let part = |signal: String, recorded: String, replayed: String| {
             Some(Divergence {
                 tick: step.tick,
-                board: self.role.name(),
+                board: Topology::PAIR.name(self.role),
                 signal,
                 recorded,
                 replayed,
@@ -197,7 +200,7 @@ impl ComparedBoard {
             return Err(Error::input(format!(
                 "tick {}: the {} board has no start",
                 step.tick,
-                again.role.name()
+                Topology::PAIR.name(again.role)
             )));
         }
         let done = again.step(step, &step.received)?;
@@ -210,7 +213,7 @@ pub struct Comparison([ComparedBoard; 3]);
 
 impl Default for Comparison {
     fn default() -> Self {
-        Self(Role::ALL.map(|role| ComparedBoard {
+        Self(Role::PAIR.map(|role| ComparedBoard {
             again: ReplayedBoard::new(role),
             found: None,
         }))
@@ -220,7 +223,7 @@ impl Default for Comparison {
 impl Comparison {
     /// Takes in the next event of a board; nothing after its first difference.
     pub fn take(&mut self, role: Role, event: &Event) {
-        let board = &mut self.0[role as usize];
+        let board = &mut self.0[Topology::PAIR.place(role)];
         if board.found.is_none() {
             let found = board.take(event).transpose();
             board.found = found.map(|found| (event.tick(), found));
@@ -258,7 +261,7 @@ pub struct RecordedEstimates {
 impl RecordedEstimates {
     /// Takes in the next event of a board.
     pub fn take(&mut self, role: Role, event: &Event) {
-        if role != Role::Front {
+        if role != Role::LEAD {
             return;
         }
         self.over |= event.tick() < self.last;
@@ -276,7 +279,7 @@ pub fn estimate_again(
     boards: &Events,
     change: &dyn Fn(&RobotConfig) -> RobotConfig,
 ) -> Result<Estimates, Error> {
-    let mut replayed = Role::ALL.map(ReplayedBoard::new);
+    let mut replayed = Role::PAIR.map(ReplayedBoard::new);
     let mut rest = boards.each_ref().map(|events| events.iter().peekable());
     // When each frame was last sent, and what its sender sends at a tick now.
     let mut recorded: HashMap<(u16, u8, [u8; 8]), u32> = HashMap::new();
@@ -520,14 +523,14 @@ pub(super) mod tests {
     /// First difference between this program's nodes and a recording.
     pub(in crate::log) fn compare(boards: &Events) -> Result<Option<Divergence>, Error> {
         let mut comparison = Comparison::default();
-        for (role, events) in Role::ALL.into_iter().zip(boards) {
+        for (role, events) in Role::PAIR.into_iter().zip(boards) {
             events.iter().for_each(|event| comparison.take(role, event));
         }
         comparison.first()
     }
 
     fn step(recording: &mut read::Recording, role: Role, tick: u32) -> &mut Step {
-        let events = recording.boards[role as usize].iter_mut();
+        let events = recording.boards[Topology::PAIR.place(role)].iter_mut();
         let mut steps = events.filter_map(|event| match event {
             Event::Tick(step) => Some(step),
             _ => None,
@@ -542,7 +545,7 @@ pub(super) mod tests {
         assert_eq!(compare(&recording.boards).unwrap(), None);
 
         let mut other = recording.clone();
-        let torque = &mut step(&mut other, Role::Rear, 1400).torque_nm.right;
+        let torque = &mut step(&mut other, Role::axle(1), 1400).torque_nm.right;
         assert!(torque.0 != 0.0, "under way");
         *torque = Exact(f32::from_bits(torque.0.to_bits() ^ 1));
         let found = compare(&other.boards).unwrap().unwrap();
@@ -552,7 +555,7 @@ pub(super) mod tests {
         // An encoder count more is felt at once by the axle that drives.
         let mut other = recording.clone();
         if let core_algos::node::board::Samples::Axle(samples) =
-            &mut step(&mut other, Role::Front, 1300).samples
+            &mut step(&mut other, Role::LEAD, 1300).samples
         {
             samples.encoder.left = samples.encoder.left.map(|count| count + 1);
         }
@@ -560,14 +563,14 @@ pub(super) mod tests {
         assert_eq!((found.tick, found.board), (1300, "front"));
 
         let mut other = recording.clone();
-        let sent = &mut step(&mut other, Role::Beam, 1200).sent;
+        let sent = &mut step(&mut other, Role::beam(0), 1200).sent;
         sent[1].data[0] ^= 1;
         let found = compare(&other.boards).unwrap().unwrap();
         assert_eq!((found.tick, found.board), (1200, "beam"));
         assert_eq!(found.signal, "frame on the bus");
 
         let mut other = recording;
-        let lead = step(&mut other, Role::Front, 1203).lead.as_mut().unwrap();
+        let lead = step(&mut other, Role::LEAD, 1203).lead.as_mut().unwrap();
         lead.fused.robot.covariance[2][0] += 1e-9;
         let found = compare(&other.boards).unwrap().unwrap();
         assert_eq!(found.tick, 1203);
@@ -582,15 +585,15 @@ pub(super) mod tests {
                 at,
                 mode: FailureMode::Off,
             };
-            let failures = vec![failure(Role::Beam, 700), failure(Role::Rear, 1000)];
+            let failures = vec![failure(Role::beam(0), 700), failure(Role::axle(1), 1000)];
             simulation.boards().plan(failures, Some(100));
         });
         let recording = read::read(&bytes, "log").unwrap();
         let starts = |role: Role| {
-            let events = recording.boards[role as usize].iter();
+            let events = recording.boards[Topology::PAIR.place(role)].iter();
             events.filter(|event| event.config().is_some()).count()
         };
-        assert_eq!(Role::ALL.map(starts), [1, 2, 2]);
+        assert_eq!(Role::PAIR.map(starts), [1, 2, 2]);
         assert_eq!(compare(&recording.boards).unwrap(), None);
     }
 
@@ -598,8 +601,8 @@ pub(super) mod tests {
     fn the_same_parameters_estimate_the_same_and_others_do_not() {
         let recording = read::read(&recorded(11_000, |_| ()), "log").unwrap();
         let mut recorded = RecordedEstimates::default();
-        for event in &recording.boards[Role::Front as usize] {
-            recorded.take(Role::Front, event);
+        for event in &recording.boards[Topology::PAIR.place(Role::LEAD)] {
+            recorded.take(Role::LEAD, event);
         }
         let estimates = recorded.estimates;
         assert_eq!(estimates.len(), 1100);

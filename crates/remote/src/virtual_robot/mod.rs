@@ -35,7 +35,7 @@ use core_algos::math::Posture;
 use core_algos::node::lead::{self, Task};
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::time::{EPOCH, Micros};
-use core_algos::topology::{Node, Role};
+use core_algos::topology::{Node, Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::bus::virtual_bus::BusStatistics;
 use host_sim::run::recovery::{Monitor, NODES};
@@ -144,20 +144,20 @@ fn boards(
     let mut boards = Vec::new();
     for &role in roles {
         let fast_ppb = random.random_range(-CRYSTAL_PPB..=CRYSTAL_PPB);
-        let fast_ppb = options.fast_ppb[role as usize].unwrap_or(fast_ppb);
+        let fast_ppb = options.fast_ppb[Topology::PAIR.place(role)].unwrap_or(fast_ppb);
         let part_seed: u64 = random.random();
         let mut board = match role {
-            Role::Beam => {
+            Role::Beam(_) => {
                 let circuit = BeamBoard::new(&scenario.world.sensors.bridge, bridges, seed, trial);
                 Board::new(Box::new(circuit), fast_ppb)
             }
-            Role::Front | Role::Rear => {
+            Role::Axle(_) => {
                 let circuit = AxleBoard::new(&AxleParts::of(scenario, drawn, role, part_seed));
                 Board::new(Box::new(circuit), fast_ppb)
             }
         };
         let mut variation = options::chip(part_seed);
-        if role == Role::Beam {
+        if role == Role::beam(0) {
             // The converter of the world's bridges.
             variation.converter_nonlinearity = scenario.world.sensors.bridge.nonlinearity_counts;
             variation.converter_seed = drawn.converter.into();
@@ -211,9 +211,9 @@ impl VirtualRobot {
         let bridges: Vec<BridgeParts> = (0..gauges.len())
             .map(|k| BridgeParts::of(&drawn, k))
             .collect();
-        let roles: Vec<Role> = Role::ALL
+        let roles: Vec<Role> = Role::PAIR
             .into_iter()
-            .filter(|role| scenario.mission.rps || *role != Role::Beam)
+            .filter(|role| scenario.mission.rps || *role != Role::beam(0))
             .collect();
         let parts = (drawn, bridges);
         let boards = boards(scenario, images, (seed, trial), options, &roles, &parts)?;
@@ -225,7 +225,7 @@ impl VirtualRobot {
             network: Network::new(boards, wire, QUANTUM, options.threads),
             readers: roles
                 .iter()
-                .map(|&role| Reader::new(role, images.of(role), &logs[role as usize]))
+                .map(|&role| Reader::new(role, images.of(role), &logs[Topology::PAIR.place(role)]))
                 .collect(),
             watches: roles.iter().map(|_| Watch::default()).collect(),
             half_thickness: scenario.world.sensors.bridge.half_thickness_m,
@@ -234,7 +234,7 @@ impl VirtualRobot {
             sensors: Box::new(sensors),
             inertial: scenario.world.sensors.gyro.fitted,
             biases: Default::default(),
-            link: BoardLink::new(Role::Front, 0),
+            link: BoardLink::new(Role::LEAD, 0),
             others: Vec::new(),
             recorded: false,
             reported: Vec::new(),
@@ -300,7 +300,7 @@ impl VirtualRobot {
     }
 
     fn beam(&mut self) -> Option<&mut BeamBoard> {
-        let place = self.place(Role::Beam)?;
+        let place = self.place(Role::beam(0))?;
         self.network.board(place)?.chip().circuit::<BeamBoard>()
     }
 
@@ -317,7 +317,7 @@ impl VirtualRobot {
     fn power_up(&mut self, options: &Options) {
         let now = self.network.now();
         for place in 0..self.roles.len() {
-            let after = options.power_on_ms[self.roles[place] as usize];
+            let after = options.power_on_ms[Topology::PAIR.place(self.roles[place])];
             if now == Time::from_micros(1000 * after)
                 && let Some(board) = self.network.board(place)
             {
@@ -362,9 +362,9 @@ impl VirtualRobot {
 
     /// First node that is not ready, or `None`.
     fn waits_for(&self) -> Option<String> {
-        let fitted = |node: &Node| *node != Node::Beam || self.roles.contains(&Role::Beam);
+        let fitted = |node: &Node| *node != Node::beam(0) || self.roles.contains(&Role::beam(0));
         for node in NODES.into_iter().filter(fitted) {
-            let name = node.name();
+            let name = Topology::PAIR.node_name(node);
             match self.monitor.latest(node) {
                 None => return Some(format!("no heartbeat of {name}")),
                 Some(status) if status.state != OperatingState::Idle || status.reason.is_some() => {
@@ -393,7 +393,7 @@ impl VirtualRobot {
     /// The plant moves by what the boards did, and they are listened to.
     fn follow(&mut self) {
         let until = self.network.now();
-        let torque = [Role::Front, Role::Rear].map(|role| {
+        let torque = [Role::LEAD, Role::axle(1)].map(|role| {
             let axle = self.axle(role);
             axle.map_or([0.0; 2], |axle| axle.take_torque(until))
         });
@@ -419,9 +419,9 @@ impl VirtualRobot {
         if self.booted > Time(0) {
             self.biases = self.sensors.inertial_biases();
         }
-        for (role, axle) in [Role::Front, Role::Rear].into_iter().zip(&state.axle) {
-            let [rate, force] = self.biases[role as usize];
-            let turned = self.turned[role as usize];
+        for (role, axle) in [Role::LEAD, Role::axle(1)].into_iter().zip(&state.axle) {
+            let [rate, force] = self.biases[Topology::PAIR.place(role)];
+            let turned = self.turned[Topology::PAIR.place(role)];
             let wheel = |k: usize| WheelMotion {
                 angle_rad: turned[k] + axle.motor_angle[k],
                 speed_rad_s: axle.motor_speed[k],

@@ -16,7 +16,7 @@ impl VirtualRobot {
     pub(super) fn open_links(&mut self, record: bool) -> Result<(), Error> {
         self.recorded = record;
         if record {
-            let others = self.roles.iter().filter(|role| **role != Role::Front);
+            let others = self.roles.iter().filter(|role| **role != Role::LEAD);
             self.others = others.map(|role| BoardLink::new(*role, 0)).collect();
         }
         // The lead node takes its place after the axles have begun anew.
@@ -57,7 +57,7 @@ impl VirtualRobot {
                 link.record();
             }
         }
-        if role == Role::Front {
+        if role == Role::LEAD {
             self.link.command(&HostCommand::Place(self.place));
         }
     }
@@ -115,7 +115,7 @@ impl VirtualRobot {
                 link.take_frames();
             }
         }
-        let port = self.serial(Role::Front);
+        let port = self.serial(Role::LEAD);
         let sent = port.map(|port| std::mem::take(&mut port.sent));
         if self.link.take(&sent.unwrap_or_default())?
             && let Some(latest) = self.link.latest()
@@ -145,7 +145,7 @@ fn port<'a>(network: &'a mut Network, roles: &[Role], role: Role) -> Option<&'a 
     let place = roles.iter().position(|other| *other == role)?;
     let chip = network.board(place)?.chip();
     match role {
-        Role::Beam => chip.circuit::<BeamBoard>().map(|beam| &mut beam.serial),
+        Role::Beam(_) => chip.circuit::<BeamBoard>().map(|beam| &mut beam.serial),
         _ => chip.circuit::<AxleBoard>().map(|axle| &mut axle.serial),
     }
 }

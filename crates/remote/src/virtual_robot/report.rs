@@ -1,7 +1,7 @@
 //! What is to be said of a virtual board after a run.
 
 use core_algos::bus::field::Hash24;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use serde::Serialize;
 use virtual_board::board::Board;
 use virtual_board::image::Image;
@@ -179,13 +179,14 @@ pub fn of(
     let reaction_us = reaction as f64 * 1e6 / watch.hclk_hz.max(1) as f64;
     let core = board.core();
     BoardReport {
-        name: role.name(),
+        name: Topology::PAIR.name(role),
         resets,
         findings,
         longest_tick_us: watch.longest_tick_us,
         tick_lateness_us: watch.tick_lateness_us,
         missed_ticks: watch.missed_ticks.saturating_sub(watch.boot_missed),
-        longest_current_loop_us: (role != Role::Beam && core.taken(ADC) > 0).then_some(reaction_us),
+        longest_current_loop_us: (role != Role::beam(0) && core.taken(ADC) > 0)
+            .then_some(reaction_us),
         load: 1.0 - core.asleep() as f64 / core.cycles().max(1) as f64,
         stack_used: used(core.lowest_msp()),
         stack_size: size,

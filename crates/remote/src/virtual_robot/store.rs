@@ -25,7 +25,7 @@ pub fn sectors(
 ) -> Result<Vec<u8>, Error> {
     let base = Settings::of(role);
     let mut settings = wanted(scenario, role)?;
-    if role == Role::Beam {
+    if role == Role::beam(0) {
         calibrate(scenario, &mut settings, bridges, drawn)?;
     }
     let off = Disarmed::when(true).ok_or_else(|| Error::Failure("store: armed".to_owned()))?;
@@ -111,7 +111,7 @@ mod tests {
         let mut scenario = Scenario::default();
         for rps in [true, false] {
             scenario.mission.rps = rps;
-            let stored = wanted(&scenario, Role::Front).unwrap();
+            let stored = wanted(&scenario, Role::LEAD).unwrap();
             assert_eq!(stored.robot.lead.fusion.mode, scenario.fusion());
         }
         assert_eq!(scenario.fusion(), Mode::Odometry);

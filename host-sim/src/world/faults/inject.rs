@@ -20,7 +20,7 @@ pub struct Readings {
 }
 
 impl Readings {
-    /// In the order of [`Role::ALL`].
+    /// In the order of [`Topology::PAIR.boards()`].
     pub fn samples(&self) -> [Samples; 3] {
         let [front, rear] = self.axles.map(Samples::Axle);
         [front, rear, Samples::Beam(self.counts.into())]

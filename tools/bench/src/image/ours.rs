@@ -251,7 +251,7 @@ fn ready(role: Role) -> Ready {
 /// Whole ticks of each board: plain ones, those that begin an epoch, those of the lead node.
 #[inline(never)]
 fn boards(counter: &mut Counter) {
-    for role in Role::ALL {
+    for role in Role::PAIR {
         let nodes = ready(role);
         let mut board = nodes.begin();
         let mut outbox = Outbox::new();
@@ -259,7 +259,7 @@ fn boards(counter: &mut Counter) {
         for tick in 0..400u64 {
             let now = tick * TICK;
             let samples = match role {
-                Role::Beam => {
+                Role::Beam(_) => {
                     let wave = (tick % 3) as i32;
                     Samples::Beam([2048 + 40 + wave; MAX_GAUGES].into())
                 }
@@ -279,9 +279,9 @@ fn boards(counter: &mut Counter) {
             }
         }
         let names = match role {
-            Role::Front => ["tick_front", "tick_front_epoch", "tick_front_lead"],
-            Role::Rear => ["tick_rear", "tick_rear_epoch", ""],
-            Role::Beam => ["tick_beam", "tick_beam_epoch", ""],
+            Role::LEAD => ["tick_front", "tick_front_epoch", "tick_front_lead"],
+            Role::Axle(_) => ["tick_rear", "tick_rear_epoch", ""],
+            Role::Beam(_) => ["tick_beam", "tick_beam_epoch", ""],
         };
         for (total, name) in [plain, epoch, lead].iter().zip(names) {
             if !name.is_empty() {

@@ -14,6 +14,7 @@ use core_algos::drive::winding::{self, Winding};
 use core_algos::node::board::{Board, Samples};
 use core_algos::node::tick_sync::TickSync;
 use core_algos::node::{Outbox, axle};
+use core_algos::topology::FrameId;
 use cortex_m_rt::entry;
 
 unsafe extern "Rust" {
@@ -75,6 +76,7 @@ fn peripheral_tick(p: &mut Periphery) {
     })) {
         p.sync.receive(black_box(0), &message);
         if let Message::BeamCalibration {
+            frame: FrameId(0),
             sequence,
             calibrate,
         } = message

@@ -10,7 +10,7 @@ use crate::node::lead::LeadNode;
 fn a_host_that_watches_gets_bus_frames_and_outputs() {
     let identity = Identity {
         build: "test",
-        role: Role::Front,
+        role: Role::LEAD,
     };
     let mut board = Attendant::new(identity, &CONFIG, StackUse::unknown, crash);
     let mut sent = Vec::new();
@@ -74,7 +74,7 @@ fn a_host_that_watches_gets_bus_frames_and_outputs() {
 /// A part of the output goes with entries that leave it its room, to the byte.
 #[test]
 fn report_holds_a_part_of_the_output_if_its_entries_leave_room() {
-    let mut board = Driving::new(Role::Front).attendant;
+    let mut board = Driving::new(Role::LEAD).attendant;
     for (length, parts) in [(91, true), (92, false), (232, false)] {
         board.tell(&Telemetry::default());
         let left = board.telemetry.left();

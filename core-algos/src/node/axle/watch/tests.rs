@@ -4,7 +4,7 @@ use crate::control::cascade::AxleReference;
 use crate::math::{Posture, Steering};
 use crate::node::testing::{Cause, assert_watched, beat, supervisor_in};
 use crate::time::Stamped;
-use crate::topology::{Side, Wheels};
+use crate::topology::{AxleId, Side, Topology, Wheels};
 
 const FRAME: FrameProperties = FrameProperties {
     bending_stiffness_n_m2: 0.833,
@@ -59,11 +59,13 @@ impl Watched {
 
 /// A node that drives: all is well.
 fn driving() -> Watched {
-    in_state(AxleId::Front, OperatingState::Active)
+    in_state(AxleId(0), OperatingState::Active)
 }
 
 fn in_state(axle: AxleId, state: OperatingState) -> Watched {
-    let node = Config::default().build(axle, FRAME).unwrap();
+    let node = Config::default()
+        .build(axle, Topology::PAIR, FRAME)
+        .unwrap();
     let samples = Samples {
         encoder: Wheels::both(Some(0)),
         gyro_rad_s: Some(0.0),
@@ -74,7 +76,7 @@ fn in_state(axle: AxleId, state: OperatingState) -> Watched {
     watched.node.state.supervisor = supervisor_in(state);
     watched.node.state.output.active = true;
     watched.node.state.paused = true;
-    for node in [Node::FrontAxle, Node::RearAxle, Node::Lead] {
+    for node in [Node::axle(0), Node::axle(1), Node::Lead] {
         watched.heard(node, 0, OperatingState::Active, 0);
     }
     watched.age(0);
@@ -99,8 +101,8 @@ const WHILE_DRIVING: &[Cause<Watched>] = {
         (&[MessageLost], |w| w.age(60_000), |w| w.age(30_000)),
         (
             &[NeighbourLost],
-            |w| w.heard(Node::RearAxle, 50_001, OperatingState::Active, 0),
-            |w| w.heard(Node::RearAxle, 50_000, OperatingState::Active, 0),
+            |w| w.heard(Node::axle(1), 50_001, OperatingState::Active, 0),
+            |w| w.heard(Node::axle(1), 50_000, OperatingState::Active, 0),
         ),
         (
             &[NeighbourFault],
@@ -233,8 +235,8 @@ fn a_reference_beyond_its_timeout_is_late_as_well() {
 #[test]
 fn the_neighbour_is_the_other_axle() {
     for (axle, own, other) in [
-        (AxleId::Front, Node::FrontAxle, Node::RearAxle),
-        (AxleId::Rear, Node::RearAxle, Node::FrontAxle),
+        (AxleId(0), Node::axle(0), Node::axle(1)),
+        (AxleId(1), Node::axle(1), Node::axle(0)),
     ] {
         let sound = in_state(axle, OperatingState::Active);
         for (node, lost, fault) in [(own, false, false), (other, true, true)] {
@@ -259,7 +261,7 @@ fn conditions_of_driving_and_of_power_hold_in_their_states_alone() {
     use OperatingState::{Active, Armed, Boot, Fault, Idle, SafeStop};
     for state in OperatingState::ALL {
         let found = |spoil: fn(&mut Watched), condition| {
-            let mut watched = in_state(AxleId::Front, state);
+            let mut watched = in_state(AxleId(0), state);
             spoil(&mut watched);
             watched.conditions().contains(condition)
         };
@@ -277,7 +279,7 @@ fn conditions_of_driving_and_of_power_hold_in_their_states_alone() {
         assert!(!found(inactive, Condition::TrackingLost));
         let powered = matches!(state, Armed | Active | SafeStop);
         assert_eq!(!powered, matches!(state, Boot | Idle | Fault));
-        let fault = |w: &mut Watched| w.heard(Node::RearAxle, 0, Fault, 0x80);
+        let fault = |w: &mut Watched| w.heard(Node::axle(1), 0, Fault, 0x80);
         assert_eq!(
             found(fault, Condition::NeighbourFault),
             powered,
@@ -287,7 +289,7 @@ fn conditions_of_driving_and_of_power_hold_in_their_states_alone() {
             |w| w.samples.encoder.left = None,
             Condition::EncoderFault
         ));
-        let silent = |w: &mut Watched| w.heard(Node::RearAxle, 50_001, Active, 0);
+        let silent = |w: &mut Watched| w.heard(Node::axle(1), 50_001, Active, 0);
         assert!(found(silent, Condition::NeighbourLost));
     }
 }
@@ -296,7 +298,7 @@ fn conditions_of_driving_and_of_power_hold_in_their_states_alone() {
 #[test]
 fn a_stop_that_is_not_followed_is_noticed_while_it_lasts() {
     let stopping = |hold: f32, spoil: &dyn Fn(&mut Watched)| {
-        let mut watched = in_state(AxleId::Rear, OperatingState::SafeStop);
+        let mut watched = in_state(AxleId(1), OperatingState::SafeStop);
         let ramp = watched.node.ramp;
         watched.node.state.stop = Some(Stop {
             ramp: ramp.begin(Posture::ORIGIN, 0.0, Steering::STRAIGHT, 0.37),
@@ -369,7 +371,7 @@ fn requests_are_those_of_the_table() {
                 (0, false, 0),
                 (0, true, 60_001),
             ] {
-                let mut watched = in_state(AxleId::Rear, state);
+                let mut watched = in_state(AxleId(1), state);
                 watched.node.state.mode = mode.map(|mode| Stamped::new(mode, NOW - ago));
                 watched.node.state.paused = paused;
                 watched.age(reference);

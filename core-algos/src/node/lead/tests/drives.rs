@@ -45,7 +45,7 @@ impl World {
         self.bends.push(self.axles[0].relative_to(self.axles[1]));
         let of = self.bends.len().saturating_sub(1 + self.late);
         let beam = beam(of as Micros * EPOCH, self.bends[of]);
-        let beats = [Node::FrontAxle, Node::RearAxle]
+        let beats = [Node::axle(0), Node::axle(1)]
             .map(|sender| beat(sender, now, OperatingState::Active, 0));
         for message in beam.iter().chain(&beats) {
             node.receive(now, message);
@@ -490,7 +490,7 @@ fn every_condition_of_a_robot_that_drives_has_its_cause() {
         let (mut node, mut fused) = (world.node.clone(), sound);
         let mut now = (world.number - 1) * EPOCH + LEAD_PHASE;
         let hears = |node: &mut LeadNode, state, reason| {
-            node.receive(now, &beat(Node::RearAxle, now, state, reason));
+            node.receive(now, &beat(Node::axle(1), now, state, reason));
         };
         match case {
             1 => now += LATE - LEAD_PHASE,

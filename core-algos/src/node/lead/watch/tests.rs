@@ -102,7 +102,7 @@ fn with_mode(state: OperatingState, mode: Mode) -> Watched {
         node,
         fused: Some(fused),
     };
-    for node in [Node::FrontAxle, Node::RearAxle] {
+    for node in [Node::axle(0), Node::axle(1)] {
         watched.heard(node, 0, OperatingState::Active, 0);
     }
     (0..2).for_each(|axle| watched.reported(axle, 0));
@@ -121,35 +121,35 @@ const HEARTBEATS: [[Cause<Watched>; 3]; 2] = {
         [
             (
                 LOST,
-                |w| w.heard(Node::FrontAxle, 50_001, Active, 0),
-                |w| w.heard(Node::FrontAxle, 50_000, Active, 0),
+                |w| w.heard(Node::axle(0), 50_001, Active, 0),
+                |w| w.heard(Node::axle(0), 50_000, Active, 0),
             ),
             (
                 FAULT,
-                |w| w.heard(Node::RearAxle, 0, SafeStop, 0x80),
-                |w| w.heard(Node::RearAxle, 0, SafeStop, 0),
+                |w| w.heard(Node::axle(1), 0, SafeStop, 0x80),
+                |w| w.heard(Node::axle(1), 0, SafeStop, 0),
             ),
             (
                 FAULT,
-                |w| w.rests(Node::RearAxle, Idle, 310_000),
-                |w| w.rests(Node::RearAxle, Idle, 300_000),
+                |w| w.rests(Node::axle(1), Idle, 310_000),
+                |w| w.rests(Node::axle(1), Idle, 300_000),
             ),
         ],
         [
             (
                 LOST,
-                |w| w.heard(Node::RearAxle, 50_001, Active, 0),
-                |w| w.heard(Node::RearAxle, 50_000, Active, 0),
+                |w| w.heard(Node::axle(1), 50_001, Active, 0),
+                |w| w.heard(Node::axle(1), 50_000, Active, 0),
             ),
             (
                 FAULT,
-                |w| w.heard(Node::FrontAxle, 0, Fault, 0x80),
-                |w| w.heard(Node::FrontAxle, 0, Active, 0x80),
+                |w| w.heard(Node::axle(0), 0, Fault, 0x80),
+                |w| w.heard(Node::axle(0), 0, Active, 0x80),
             ),
             (
                 FAULT,
-                |w| w.rests(Node::FrontAxle, Idle, 300_001),
-                |w| w.rests(Node::FrontAxle, Active, 310_000),
+                |w| w.rests(Node::axle(0), Idle, 300_001),
+                |w| w.rests(Node::axle(0), Active, 310_000),
             ),
         ],
     ]
@@ -274,7 +274,7 @@ fn conditions_of_power_and_of_driving_hold_in_their_states_alone() {
         for of_estimate in [Condition::EstimateInconsistent, Condition::EstimateVague] {
             assert!(!found(|w| w.fused = None, of_estimate));
         }
-        let stopped = |w: &mut Watched| w.heard(Node::RearAxle, 0, Fault, 0x80);
+        let stopped = |w: &mut Watched| w.heard(Node::axle(1), 0, Fault, 0x80);
         assert_eq!(found(stopped, Condition::NeighbourFault), powered);
         let late = |w: &mut Watched| w.reported(1, 20_001);
         assert_eq!(found(late, Condition::MessageLost), powered);
@@ -283,7 +283,7 @@ fn conditions_of_power_and_of_driving_hold_in_their_states_alone() {
             found(refused, Condition::EstimateInconsistent),
             state == Active
         );
-        let silent = |w: &mut Watched| w.heard(Node::FrontAxle, 50_001, Active, 0);
+        let silent = |w: &mut Watched| w.heard(Node::axle(0), 50_001, Active, 0);
         assert!(found(silent, Condition::NeighbourLost), "{state:?}");
     }
 }

@@ -51,7 +51,7 @@ pub struct Bench {
     seed: u64,
     /// True if the boards are outside of this process.
     remote: bool,
-    boards: Option<[Box<dyn Target>; 3]>,
+    boards: Option<Vec<Box<dyn Target>>>,
     /// Ends the next drive with an error.
     pub interrupt: Arc<AtomicBool>,
 }
@@ -71,7 +71,7 @@ pub struct Run {
 
 impl Bench {
     /// The robot of a seed; its boards are in this process, or the given ones.
-    pub fn new(scenario: &Scenario, seed: u64, boards: Option<[Box<dyn Target>; 3]>) -> Self {
+    pub fn new(scenario: &Scenario, seed: u64, boards: Option<Vec<Box<dyn Target>>>) -> Self {
         Self {
             robot: scenario.world.draw(seed, 0),
             seed,
@@ -285,7 +285,7 @@ impl Seen {
             axles: simulation.plant().state().axle.map(|axle| axle.posture),
             midpoint: simulation.plant().midpoint(),
             laps: [Lap::default(), Lap::default()],
-            track_m: [believed(Role::Front), believed(Role::Rear)],
+            track_m: [believed(Role::LEAD), believed(Role::axle(1))],
             relative_heading: 0.0,
             beam: Vec::new(),
         }

@@ -4,7 +4,7 @@ use crate::experiments::calibrate::wheels;
 use crate::experiments::calibrate::wheels::{Errors, systematic};
 use crate::experiments::calibrate::{Bench, Run, believed, gauges, square, turns};
 use core_algos::params::{Parameter, Settings, find};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::paths::Path;
 use host_sim::scenario::Scenario;
@@ -78,7 +78,7 @@ impl Report {
         let value = parameter.validate(after as f32)?;
         self.found.put(role, &Values::from([(parameter, value)]));
         self.parameters.push(Row {
-            board: role.name(),
+            board: Topology::PAIR.name(role),
             name: parameter.name,
             unit: parameter.unit,
             before,
@@ -187,7 +187,7 @@ pub fn calibrate_wheels(
     ];
     let before = Squares::drive(scenario, bench, laps)?;
     let mut creep = [0.0; 2];
-    for (i, role) in [Role::Front, Role::Rear].into_iter().enumerate() {
+    for (i, role) in [Role::LEAD, Role::axle(1)].into_iter().enumerate() {
         let length = |[x, y, _]: [f64; 3]| libm::hypot(x, y);
         let scales = straight
             .iter()
@@ -202,7 +202,7 @@ pub fn calibrate_wheels(
         let errors: Errors = wheels::fit(&returns, 2.0 * old.half_track_m).ok_or_else(|| {
             Error::Failure(format!(
                 "{} axle: the fit of the squares failed",
-                role.name()
+                Topology::PAIR.name(role)
             ))
         })?;
         creep[i] = errors.creep;
@@ -267,26 +267,26 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
         gains.push(gain);
         let zero = parameter(&format!("robot.beam.calibration.zero_counts[{i}]"))?;
         let gain = parameter(&format!("robot.beam.calibration.gain[{i}]"))?;
-        blank.put(Role::Beam, &[(zero, middle as f32), (gain, 1.0)]);
+        blank.put(Role::beam(0), &[(zero, middle as f32), (gain, 1.0)]);
     }
     let robot = bench.robot().clone();
     let truth = bridge.zero_counts(&robot);
     for (i, zero) in zeros.iter().enumerate() {
         let name = format!("robot.beam.calibration.zero_counts[{i}]");
-        report.find(Role::Beam, &name, middle, *zero, middle + truth[i])?;
+        report.find(Role::beam(0), &name, middle, *zero, middle + truth[i])?;
     }
     for (i, gain) in gains.iter().enumerate() {
         let name = format!("robot.beam.calibration.gain[{i}]");
         let truth = 1.0 / (1.0 + robot.bridge_gain_error[i]);
-        report.find(Role::Beam, &name, 1.0, *gain, truth)?;
+        report.find(Role::beam(0), &name, 1.0, *gain, truth)?;
     }
     // A lap, with the zeros of the straight edge but the converter's gains first: without any zeros
     // the robot would not find its way.
     let mut zeroed = Overlays::default();
-    zeroed.put(Role::Beam, &report.found.values(Role::Beam)?);
+    zeroed.put(Role::beam(0), &report.found.values(Role::beam(0))?);
     for i in 0..count {
         let gain = parameter(&format!("robot.beam.calibration.gain[{i}]"))?;
-        zeroed.put(Role::Beam, &[(gain, 1.0)]);
+        zeroed.put(Role::beam(0), &[(gain, 1.0)]);
     }
     let lap = square(1.0)?;
     let ends = [&zeroed, &report.found];
@@ -332,18 +332,22 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
 pub fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Error> {
     let mut report = Report::default();
     let turned = bench.turn(scenario)?;
-    for (i, role) in [Role::Front, Role::Rear].into_iter().enumerate() {
+    for (i, role) in [Role::LEAD, Role::axle(1)].into_iter().enumerate() {
         let mut settings = Settings::new(scenario.robot);
         scenario.boards.apply(role, &mut settings)?;
-        let gain = turns::gain(&turned[i], SAMPLE_PERIOD_S)
-            .ok_or_else(|| Error::Failure(format!("{} gyro: no rotation measured", role.name())))?;
+        let gain = turns::gain(&turned[i], SAMPLE_PERIOD_S).ok_or_else(|| {
+            Error::Failure(format!(
+                "{} gyro: no rotation measured",
+                Topology::PAIR.name(role)
+            ))
+        })?;
         let truth = 1.0 / (1.0 + bench.robot().gyro_scale_error[i]);
         let before = settings.inertial.gyro_gain.into();
         report.find(role, "inertial.gyro_gain", before, gain, truth)?;
         let bias = turned[i].iter().map(turns::Turn::bias).sum::<f64>() / turned[i].len() as f64;
         report.notes.push(format!(
             "{} gyro: bias {:+.3} mrad/s at rest (true {:+.3}); not stored, each board estimates it at rest",
-            role.name(),
+            Topology::PAIR.name(role),
             1e3 * bias,
             1e3 * bench.robot().gyro_bias[i]
         ));
@@ -365,7 +369,7 @@ pub fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report,
 /// The scenario with what was found laid over it.
 fn with(scenario: &Scenario, found: &Overlays) -> Result<Scenario, Error> {
     let mut scenario = scenario.clone();
-    for role in Role::ALL {
+    for role in Role::PAIR {
         scenario.boards.put(role, &found.values(role)?);
     }
     scenario.check()?;

@@ -5,7 +5,7 @@ use crate::experiments::result::{Json, Provenance};
 use crate::experiments::run::links::Links;
 use core_algos::bus::field::{Calibrate, CalibrationResult};
 use core_algos::bus::{self, CanFrame, Message};
-use core_algos::topology::Role;
+use core_algos::topology::{FrameId, Role};
 use host_sim::base::error::Error;
 use host_sim::run::script::calibration_error;
 use remote::board_link::BoardLink;
@@ -47,12 +47,13 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
     // Answers to earlier requests have other numbers.
     let sequence = (std::process::id() % 256) as u8;
     let message = Message::BeamCalibration {
+        frame: FrameId(0),
         sequence,
         calibrate,
     };
     let frame =
         bus::encode(&message).map_err(|error| Error::input(format!("--former: {error}")))?;
-    let Some(port) = links.open(Role::Front, &BoardLog::default())? else {
+    let Some(port) = links.open(Role::LEAD, &BoardLog::default())? else {
         return Err(Error::input(
             "--on serial: must be serial:front=PORT: the request passes the front board",
         ));
@@ -98,7 +99,7 @@ fn request(
     sequence: u8,
     frame: &CanFrame,
 ) -> Result<(CalibrationResult, u8), Error> {
-    let mut link = BoardLink::new(Role::Front, 0);
+    let mut link = BoardLink::new(Role::LEAD, 0);
     link.watch();
     link.send(frame);
     let began = Instant::now();
@@ -111,6 +112,7 @@ fn request(
         link.take(&room[..count])?;
         for frame in link.take_frames() {
             if let Ok(Message::BeamCalibrated {
+                frame: FrameId(0),
                 sequence: answered,
                 result,
                 gauge,

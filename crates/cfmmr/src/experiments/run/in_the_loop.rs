@@ -5,7 +5,7 @@ use super::mission::Outcome;
 use super::place::Place;
 use super::stage::Driven;
 use super::{BoardValues, Boards, Run, happenings};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::run::bit_compare::{Difference, Trace};
 use host_sim::run::real_time::RealTimeLimiter;
@@ -55,7 +55,7 @@ pub(super) struct Values {
 /// Carries out a task with the boards of a place, and publishes the result.
 pub fn run(
     run: &Run,
-    targets: [Box<dyn Target>; 3],
+    targets: Vec<Box<dyn Target>>,
     logs: &[BoardLog; 3],
     compare: bool,
 ) -> Result<(), Error> {
@@ -72,13 +72,13 @@ pub fn connect(
     boards: &BoardUse,
     scenario: &mut Scenario,
     logs: &[BoardLog; 3],
-) -> Result<[Box<dyn Target>; 3], Error> {
+) -> Result<Vec<Box<dyn Target>>, Error> {
     let kept = boards.stored.then(|| PathBuf::from(DEFAULT_FLASH));
     let flash = boards.flash.clone().or(kept);
     let links = Links::new(place, baud, flash)?;
     let mut board = |role: Role| -> Result<Box<dyn Target>, Error> {
-        let link = match scenario.mission.rps || role != Role::Beam {
-            true => links.open(role, &logs[role as usize])?,
+        let link = match scenario.mission.rps || role != Role::beam(0) {
+            true => links.open(role, &logs[Topology::PAIR.place(role)])?,
             false => None,
         };
         let Some(link) = link else {
@@ -91,7 +91,8 @@ pub fn connect(
         }
         Ok(Box::new(remote))
     };
-    let targets = [board(Role::Front)?, board(Role::Rear)?, board(Role::Beam)?];
+    let targets = Topology::PAIR.boards().map(&mut board);
+    let targets = targets.collect::<Result<Vec<_>, _>>()?;
     scenario.check()?;
     Ok(targets)
 }
@@ -99,7 +100,7 @@ pub fn connect(
 /// Carries out a task on these boards, and again in this program if that is to be compared.
 fn drive(
     run: &Run,
-    targets: [Box<dyn Target>; 3],
+    targets: Vec<Box<dyn Target>>,
     compare: bool,
 ) -> Result<(Driven<Outcome>, Boards), Error> {
     let Run {
@@ -109,7 +110,7 @@ fn drive(
         ..
     } = run;
     let scenario = &context.scenario;
-    let simulation = |targets: [Box<dyn Target>; 3]| -> Result<Simulation, Error> {
+    let simulation = |targets: Vec<Box<dyn Target>>| -> Result<Simulation, Error> {
         let mut simulation = Simulation::on(targets, scenario, context.seed, 0)?;
         simulation
             .boards()

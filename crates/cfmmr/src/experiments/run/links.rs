@@ -1,7 +1,7 @@
 //! Links to the boards of a place.
 
 use super::place::Place;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use remote::board_log::BoardLog;
 use remote::images::Images;
@@ -16,12 +16,12 @@ pub const DEFAULT_FLASH: &str = "out/flash";
 
 /// The file with the flash of a board.
 pub fn flash_of(directory: &Path, role: Role) -> PathBuf {
-    directory.join(format!("{}.flash", role.name()))
+    directory.join(format!("{}.flash", Topology::PAIR.name(role)))
 }
 
 /// The serial port of a board.
 pub fn open_port(role: Role, port: &Path, baud: u32) -> Result<Box<dyn Link>, Error> {
-    let named = |error| Error::input(format!("--on serial:{}={error}", role.name()));
+    let named = |error| Error::input(format!("--on serial:{}={error}", Topology::PAIR.name(role)));
     let port = Serial::open(port, baud).map_err(named)?;
     Ok(Box::new(port))
 }
@@ -52,7 +52,7 @@ impl<'a> Links<'a> {
     /// The board at whose port a board is reached; none without ports.
     pub fn port_of(&self, role: Role) -> Option<Role> {
         let has_port = |role: &Role| self.place.port(*role).is_some();
-        let any = Role::ALL.into_iter().find(has_port);
+        let any = Role::PAIR.into_iter().find(has_port);
         Some(role).filter(has_port).or(any)
     }
 

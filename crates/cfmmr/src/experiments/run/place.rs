@@ -1,6 +1,6 @@
 //! Places of the boards.
 
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use remote::virtual_robot::Options;
 use std::path::{Path, PathBuf};
 
@@ -30,8 +30,10 @@ impl Place {
         let mut found = [None, None, None];
         for part in ports.split(',') {
             let (board, port) = part.split_once('=').ok_or(ALLOWED)?;
-            let role = Role::ALL.into_iter().find(|role| role.name() == board);
-            let place = &mut found[role.ok_or(ALLOWED)? as usize];
+            let role = Role::PAIR
+                .into_iter()
+                .find(|&role| Topology::PAIR.name(role) == board);
+            let place = &mut found[Topology::PAIR.place(role.ok_or(ALLOWED)?)];
             if port.is_empty() || place.replace(PathBuf::from(port)).is_some() {
                 return Err(format!("{board}: must have one port: {ALLOWED}"));
             }
@@ -42,7 +44,7 @@ impl Place {
     /// The serial port of a board.
     pub fn port(&self, role: Role) -> Option<&Path> {
         match self {
-            Self::Serial(ports) => ports[role as usize].as_deref(),
+            Self::Serial(ports) => ports[Topology::PAIR.place(role)].as_deref(),
             _ => None,
         }
     }

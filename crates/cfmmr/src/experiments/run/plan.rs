@@ -1,7 +1,7 @@
 //! Bounds of a run, and failures of boards on the way.
 
 use core_algos::time::Micros;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::run::robot::Span;
 use host_sim::scenario::Scenario;
@@ -27,8 +27,8 @@ impl Plan {
         let end = self.span.most.map_or(f64::MAX, seconds).min(limit_s);
         for failure in &self.failures {
             let at = f64::from(failure.at) * 1e-3;
-            let kill = format!("--kill {}@{at}", failure.role.name());
-            if failure.role == Role::Beam && !scenario.mission.rps {
+            let kill = format!("--kill {}@{at}", Topology::PAIR.name(failure.role));
+            if failure.role == Role::beam(0) && !scenario.mission.rps {
                 return Err(Error::input(format!(
                     "{kill}: must be front or rear: no beam board without the relative position sensor"
                 )));
@@ -52,7 +52,7 @@ mod tests {
     #[test]
     fn failure_after_the_longest_time_of_a_task_is_refused_however_long_the_robot_is_watched() {
         let failure = |at| Failure {
-            role: Role::Front,
+            role: Role::LEAD,
             at,
             mode: FailureMode::Off,
         };

@@ -8,7 +8,7 @@ use super::stage::Driven;
 use super::{Run, failure, steps};
 use crate::experiments::Context;
 use core_algos::math::Posture;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::run::end::{Ended, RunEnd};
 use host_sim::run::final_error::FinalError;
@@ -86,17 +86,17 @@ fn open(
              robot; the other boards are recorded at theirs",
         ));
     };
-    let others = [(Role::Rear, rear), (Role::Beam, beam)];
+    let others = [(Role::axle(1), rear), (Role::beam(0), beam)];
     if others.iter().any(|(_, port)| port.is_some()) && !records {
         return Err(Error::input(
             "--on serial: rear=PORT, beam=PORT: only with --log, --csv or --live, which record those boards",
         ));
     }
     let path = front.clone();
-    let mut first = Some(open_port(Role::Front, &path, baud)?);
+    let mut first = Some(open_port(Role::LEAD, &path, baud)?);
     let connect: Connect = Box::new(move || match first.take() {
         Some(port) => Ok(port),
-        None => open_port(Role::Front, &path, baud),
+        None => open_port(Role::LEAD, &path, baud),
     });
     let others = others
         .into_iter()
@@ -208,7 +208,7 @@ fn table(values: &Values) -> String {
         true => format!("{table}\n"),
         false => format!("{}\n{table}\n", steps::table(&values.steps)),
     };
-    let role = Role::Front.name();
+    let role = Topology::PAIR.name(Role::LEAD);
     if values.lost > 0 {
         text += &format!("the {role} board had no room for {} frames\n", values.lost);
     }

@@ -105,7 +105,7 @@ impl<'a> Stage<'a> {
     }
 
     /// The boards, whose inputs and outputs are recorded.
-    pub fn tap(&self, targets: [Box<dyn Target>; 3]) -> [Box<dyn Target>; 3] {
+    pub fn tap(&self, targets: Vec<Box<dyn Target>>) -> Vec<Box<dyn Target>> {
         match &self.session {
             Some(session) => session.tap(targets, self.about.scenario),
             None => targets,

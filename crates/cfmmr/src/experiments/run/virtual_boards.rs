@@ -58,7 +58,7 @@ pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
         record: run.watch.records(),
         ..Options::default()
     };
-    let logs = Role::ALL.map(|_| BoardLog::default());
+    let logs = Role::PAIR.map(|_| BoardLog::default());
     let driven = drive(run, &images, &options, &logs);
     let (driven, mut boards) = board_log::kept(driven, &logs, || context.output())?;
     boards.files.extend(board_log::files(&logs));

@@ -10,7 +10,7 @@ use core_algos::bus::{self, Message};
 use core_algos::params::stored::Report;
 use core_algos::params::{Disarmed, Settings, TABLE};
 use core_algos::safety::Condition;
-use core_algos::topology::{Node, Role};
+use core_algos::topology::{FrameId, Node, Role};
 use firmware_common::store::Store;
 use firmware_common::store::simulated::{Flash, run};
 use host_sim::base::error::Error;
@@ -58,7 +58,7 @@ impl Bench {
         self.board(role, |board| board.power(true));
         let now = self.now();
         // Somebody must tell the time for the beam to speak.
-        if role == Role::Beam {
+        if role == Role::beam(0) {
             for epoch in 0..STARTED_MS as u32 / 10 {
                 let message = Message::TimeSync {
                     epoch,
@@ -105,7 +105,7 @@ impl Bench {
 
     fn operations(&mut self) -> Vec<FlashOperation> {
         let mut list = Vec::new();
-        self.board(Role::Beam, |board| {
+        self.board(Role::beam(0), |board| {
             list = board.chip().flash_operations().to_vec();
         });
         list
@@ -140,24 +140,24 @@ fn settled(bytes: &[u8], role: Role) -> (Settings, Report) {
 pub fn brown_outs(campaign: &Campaign, seed: u64) -> Found {
     let cases = if campaign.quick { 10 } else { 100 };
     let mut bench = rig(campaign, seed)?;
-    bench.start_alone(Role::Front);
-    let before = bench.stored(Role::Front);
+    bench.start_alone(Role::LEAD);
+    let before = bench.stored(Role::LEAD);
     for case in 0..cases {
-        bench.board(Role::Front, |board| board.power(false));
+        bench.board(Role::LEAD, |board| board.power(false));
         bench.pass(2);
-        bench.board(Role::Front, |board| board.power(true));
+        bench.board(Role::LEAD, |board| board.power(true));
         let at = bench.now() + Time::from_micros(bench.draw(120_000));
         let span = Time::from_micros(10 + bench.draw(3_000));
         let volts = bench.draw(2_700) as f64 * 1e-3;
-        bench.axle(Role::Front, |axle, _| axle.power.dip(at, at + span, volts));
+        bench.axle(Role::LEAD, |axle, _| axle.power.dip(at, at + span, volts));
         while bench.now() < at + span {
             bench.pass(1);
         }
         bench.robot.monitor = Default::default();
-        bench.wait(Role::Front);
-        let told = bench.robot.monitor().latest(Node::FrontAxle).is_some();
-        let kept = bench.stored(Role::Front) == before;
-        if let Some(complaint) = bench.complaint(Role::Front) {
+        bench.wait(Role::LEAD);
+        let told = bench.robot.monitor().latest(Node::axle(0)).is_some();
+        let kept = bench.stored(Role::LEAD) == before;
+        if let Some(complaint) = bench.complaint(Role::LEAD) {
             return Ok(Err(format!("{at}, {volts} V: {complaint}")));
         }
         if !(told && kept) {
@@ -177,11 +177,12 @@ fn calibrating(
 ) -> Result<(Bench, Time), Error> {
     let mut bench = rig(campaign, seed)?;
     if let Some(bytes) = kept {
-        bench.store(Role::Beam, bytes);
+        bench.store(Role::beam(0), bytes);
     }
-    bench.start_alone(Role::Beam);
+    bench.start_alone(Role::beam(0));
     let asked = bench.now();
     let message = Message::BeamCalibration {
+        frame: FrameId(0),
         sequence: 1,
         calibrate: Calibrate::Zero(0.0),
     };
@@ -197,9 +198,9 @@ fn cuts(
     wanted: impl Fn(usize, &FlashOperation) -> Vec<f64>,
 ) -> Found {
     let (mut bench, asked) = calibrating(campaign, seed, kept)?;
-    let before = settled(&bench.stored(Role::Beam), Role::Beam).0;
+    let before = settled(&bench.stored(Role::beam(0)), Role::beam(0)).0;
     bench.pass(SAVED_MS);
-    let after = settled(&bench.stored(Role::Beam), Role::Beam).0;
+    let after = settled(&bench.stored(Role::beam(0)), Role::beam(0)).0;
     if TABLE.iter().all(|p| p.get(&before) == p.get(&after)) {
         return Ok(Err("nothing was saved".to_owned()));
     }
@@ -234,12 +235,12 @@ fn cut(
         bench.pass(1);
     }
     bench.robot.network.run_until(at);
-    bench.board(Role::Beam, |board| board.power(false));
+    bench.board(Role::beam(0), |board| board.power(false));
     bench.pass(3);
     bench.robot.monitor = Default::default();
-    bench.start_alone(Role::Beam);
-    let bytes = bench.stored(Role::Beam);
-    let (found, report) = settled(&bytes, Role::Beam);
+    bench.start_alone(Role::beam(0));
+    let bytes = bench.stored(Role::beam(0));
+    let (found, report) = settled(&bytes, Role::beam(0));
     for parameter in &TABLE {
         let value = parameter.get(&found);
         if either
@@ -252,12 +253,12 @@ fn cut(
     if report.defaults() > 0 {
         return Ok(Err(format!("{} values lost", report.defaults())));
     }
-    let told = bench.robot.monitor().noticed(Node::Beam);
+    let told = bench.robot.monitor().noticed(Node::beam(0));
     let same = told.contains(Condition::ParameterDefault) == report.unverified;
-    Ok(match (bench.robot.monitor().latest(Node::Beam), same) {
+    Ok(match (bench.robot.monitor().latest(Node::beam(0)), same) {
         (None, _) => Err("the board did not start".to_owned()),
         (Some(_), false) => Err("the notice is not what the store is".to_owned()),
-        (Some(_), true) => match bench.complaint(Role::Beam) {
+        (Some(_), true) => match bench.complaint(Role::beam(0)) {
             Some(complaint) => Err(complaint),
             None => Ok(()),
         },
@@ -296,9 +297,9 @@ pub fn cuts_of_erases(campaign: &Campaign, seed: u64) -> Found {
 
 /// The store of a beam in which the next save of its zeros erases a sector.
 fn full_store(campaign: &Campaign, seed: u64) -> Result<Vec<u8>, Error> {
-    let mut bytes = rig(campaign, seed)?.stored(Role::Beam);
-    let base = Settings::of(Role::Beam);
-    let mut settings = settled(&bytes, Role::Beam).0;
+    let mut bytes = rig(campaign, seed)?.stored(Role::beam(0));
+    let base = Settings::of(Role::beam(0));
+    let mut settings = settled(&bytes, Role::beam(0)).0;
     for round in 0..10_000 {
         for parameter in TABLE.iter().filter(|p| p.name.contains("zero_counts")) {
             let value = parameter.get(&settings) + [1.0, -1.0][round % 2];
@@ -329,18 +330,18 @@ pub fn flipped_bits(campaign: &Campaign, seed: u64) -> Found {
     let mut random = generator(seed, 0, Stream::Other(0x301));
     for _ in 0..cases {
         let mut bench = rig(campaign, seed)?;
-        let mut bytes = bench.stored(Role::Beam);
-        let saved = settled(&bytes, Role::Beam).0;
+        let mut bytes = bench.stored(Role::beam(0));
+        let saved = settled(&bytes, Role::beam(0)).0;
         let used = bytes.iter().rposition(|&byte| byte != 0xff).unwrap_or(0) + 1;
         let bit: usize = random.random_range(0..8 * used);
         bytes[bit / 8] ^= 1 << (bit % 8);
-        bench.store(Role::Beam, &bytes);
-        bench.start_alone(Role::Beam);
-        let (found, _) = settled(&bytes, Role::Beam);
-        let told = bench.robot.monitor().noticed(Node::Beam);
+        bench.store(Role::beam(0), &bytes);
+        bench.start_alone(Role::beam(0));
+        let (found, _) = settled(&bytes, Role::beam(0));
+        let told = bench.robot.monitor().noticed(Node::beam(0));
         let same = TABLE.iter().all(|p| p.get(&found) == p.get(&saved));
-        let kept = bench.stored(Role::Beam) == bytes;
-        let heard = bench.robot.monitor().latest(Node::Beam).is_some();
+        let kept = bench.stored(Role::beam(0)) == bytes;
+        let heard = bench.robot.monitor().latest(Node::beam(0)).is_some();
         let told = told.contains(Condition::ParameterDefault);
         if !(heard && kept && (same || told)) {
             return Ok(Err(format!(

@@ -5,7 +5,7 @@ use crate::board_log::BoardLog;
 use crate::virtual_robot::axle::AxleBoard;
 use crate::virtual_robot::beam::BeamBoard;
 use crate::virtual_robot::{Options, VirtualRobot};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -15,7 +15,7 @@ use virtual_board::core::{System, Transfer};
 use virtual_board::wire::{BitTiming, Fault, Settings, VirtualNode};
 
 /// Place of the node at the bus that is no board.
-pub const OTHER: usize = Role::ALL.len();
+pub const OTHER: usize = Role::PAIR.len();
 
 /// The robot, and whom a fault strikes.
 #[derive(Clone)]
@@ -38,7 +38,7 @@ impl Bench {
     /// The robot, its boards still off.
     pub fn new(campaign: &Campaign, options: Options, seed: u64) -> Result<Self, Error> {
         use host_sim::world::random::{Stream, generator};
-        let logs = Role::ALL.map(|_| BoardLog::quiet());
+        let logs = Role::PAIR.map(|_| BoardLog::quiet());
         let options = Options {
             others: 1,
             ..options
@@ -87,8 +87,8 @@ impl Bench {
     /// A wheel, by seed: its axle is struck.
     pub fn wheel(&mut self) -> (Role, usize) {
         let role = match self.seed % 2 {
-            0 => Role::Front,
-            _ => Role::Rear,
+            0 => Role::LEAD,
+            _ => Role::axle(1),
         };
         self.struck = Some(role);
         (role, (self.seed / 2 % 2) as usize)
@@ -96,7 +96,7 @@ impl Bench {
 
     /// Any board, by seed: it is struck.
     pub fn any(&mut self) -> Role {
-        let role = Role::ALL[(self.seed % 3) as usize];
+        let role = Role::PAIR[(self.seed % 3) as usize];
         self.struck = Some(role);
         role
     }
@@ -139,7 +139,7 @@ impl Bench {
 
     /// Does something to the parts of the beam.
     pub fn beam(&mut self, act: impl FnOnce(&mut BeamBoard, Time)) {
-        self.struck.get_or_insert(Role::Beam);
+        self.struck.get_or_insert(Role::beam(0));
         let now = self.now();
         if let Some(beam) = self.robot.beam() {
             act(beam, now);
@@ -168,7 +168,7 @@ impl Bench {
     pub fn transceiver(&mut self, role: Role, sends: bool, hears: bool) {
         self.struck.get_or_insert(role);
         self.wire(Fault::Transceiver {
-            node: role as usize,
+            node: Topology::PAIR.place(role),
             sends,
             hears,
         });
@@ -178,7 +178,7 @@ impl Bench {
     pub fn piece(&mut self, role: Role, piece: u8) {
         self.struck.get_or_insert(role);
         self.wire(Fault::Piece {
-            node: role as usize,
+            node: Topology::PAIR.place(role),
             piece,
         });
     }

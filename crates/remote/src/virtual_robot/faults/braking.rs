@@ -48,7 +48,7 @@ fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bo
     let mut seen = Vec::new();
     for ms in 0..=WATCH_MS {
         if ms == 1 {
-            for role in [Role::Front, Role::Rear] {
+            for role in [Role::LEAD, Role::axle(1)] {
                 bench.axle(role, |axle, now| axle.stop(true, now));
             }
         }
@@ -56,7 +56,7 @@ fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bo
         let [front, rear] = bench.robot.plant.state().axle;
         let speed = 0.5 * (front.velocity[0] + rear.velocity[0]).abs();
         let mut awake = true;
-        for role in [Role::Front, Role::Rear] {
+        for role in [Role::LEAD, Role::axle(1)] {
             bench.axle(role, |axle, _| awake &= axle.is_awake());
         }
         seen.push((speed, awake));

@@ -29,14 +29,14 @@ fn transceivers() -> Vec<Entry> {
     entries! {
         "none", "", drive(|_| {}).goes_on();
         "no acknowledgement", "front board's wire", steps(&[
-            at(0, |b| b.piece(Role::Front, 2)),
-            at(1500, |b| b.piece(Role::Front, 0)),
+            at(0, |b| b.piece(Role::LEAD, 2)),
+            at(1500, |b| b.piece(Role::LEAD, 0)),
         ]).stops(SILENCE);
         "transceiver sends no more", "transceiver", steps(&[at(0, |b| transceiver(b, false, true))])
             .stops(SILENCE);
         "transceiver hears no more", "transceiver", drive(|b| { transceiver(b, true, false) }).stops(SILENCE);
         "transceiver dead", "transceiver", drive(|b| { transceiver(b, false, false) }).stops(SILENCE);
-        "transceiver of the beam dead", "transceiver", drive(|b| { b.transceiver(Role::Beam, false, false); })
+        "transceiver of the beam dead", "transceiver", drive(|b| { b.transceiver(Role::beam(0), false, false); })
             .goes_on();
     }
 }
@@ -79,9 +79,9 @@ fn intruders() -> Vec<Entry> {
                         node.send(now, frame(0x7fe));
                     }
                 });
-                b.board(Role::Beam, |board| board.hold(true));
+                b.board(Role::beam(0), |board| board.hold(true));
             }),
-            at(2, |b| b.board(Role::Beam, |board| board.hold(false))),
+            at(2, |b| b.board(Role::beam(0), |board| board.hold(false))),
         ]).goes_on().finds(&["CAN"]);
         "burst of 200 frames", "wire", drive(|b| {
             b.intruder(|node, now| {
@@ -95,10 +95,10 @@ fn intruders() -> Vec<Entry> {
 
 fn clocks() -> Vec<Entry> {
     entries! {
-        "front board 200 ppm fast", "crystal", drive(|_| {}).fast(Role::Front, 200_000).goes_on();
-        "rear board 200 ppm fast", "crystal", drive(|_| {}).fast(Role::Rear, 200_000).goes_on();
-        "beam board 200 ppm fast", "crystal", drive(|_| {}).fast(Role::Beam, 200_000).goes_on();
+        "front board 200 ppm fast", "crystal", drive(|_| {}).fast(Role::LEAD, 200_000).goes_on();
+        "rear board 200 ppm fast", "crystal", drive(|_| {}).fast(Role::axle(1), 200_000).goes_on();
+        "beam board 200 ppm fast", "crystal", drive(|_| {}).fast(Role::beam(0), 200_000).goes_on();
         // Too much for its ticks, not for the bus: from edge to edge are ten bits at most.
-        "beam board 1.2 % fast", "crystal", start(&[]).fast(Role::Beam, 12_000_000).unready();
+        "beam board 1.2 % fast", "crystal", start(&[]).fast(Role::beam(0), 12_000_000).unready();
     }
 }

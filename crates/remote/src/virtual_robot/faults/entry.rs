@@ -4,10 +4,15 @@ use super::Campaign;
 use super::bench::Bench;
 use crate::virtual_robot::Options;
 use core_algos::safety::Condition;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::world::faults::Fault;
 use virtual_board::chip::ChipVariation;
+
+/// The boards of the axles.
+pub const AXLES: &[Role] = &[Role::axle(0), Role::axle(1)];
+/// The board of the frame.
+pub const BEAM: &[Role] = &[Role::beam(0)];
 
 /// Entries of the catalogue: name, seam, run with its acts, then how it may end.
 macro_rules! entries {
@@ -190,7 +195,7 @@ impl Entry {
     /// The struck board restarts and says so.
     pub fn restarts(mut self) -> Self {
         self.restarts = true;
-        self.resets(&Role::ALL)
+        self.resets(&Role::PAIR)
     }
 
     /// These boards may be reset.
@@ -202,7 +207,7 @@ impl Entry {
     /// The struck board is reset.
     pub fn must_reset(mut self) -> Self {
         self.must_reset = true;
-        self.resets(&Role::ALL)
+        self.resets(&Role::PAIR)
     }
 
     /// It may start although not all nodes are heard to be ready.
@@ -231,7 +236,7 @@ impl Entry {
 
     /// A board's crystal is fast.
     pub fn fast(mut self, role: Role, ppb: i64) -> Self {
-        self.fast_ppb[role as usize] = Some(ppb);
+        self.fast_ppb[Topology::PAIR.place(role)] = Some(ppb);
         self
     }
 

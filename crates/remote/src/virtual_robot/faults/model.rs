@@ -79,14 +79,14 @@ fn frames() -> Vec<Entry> {
         "bus doubles 30 %", "frames", model(Bus(BusConfig { doubling: 0.3, ..BusConfig::default() })).goes_on();
         "bus corrupts 5 %", "frames", model(Bus(BusConfig { corruption: 0.05, ..BusConfig::default() })).goes_on().stops(CORRUPTION)
             .within(SLOW_S);
-        "front board resets", "boards", model(Reset { board: Role::Front, off_ms: 200 }).stops(SILENCE).within(1.5);
-        "front board lost", "boards", model(Loss(Role::Front)).stops(SILENCE).within(1.5);
-        "rear board lost", "boards", model(Loss(Role::Rear)).stops(SILENCE).within(1.5);
-        "beam board lost", "boards", model(Loss(Role::Beam)).goes_on().stops(&[DegradedTooLong]).within(BEAM_S);
-        "front board freezes 0.3 s", "boards", model(Freeze { board: Role::Front, ms: 300 }).stops(SILENCE).within(1.8);
-        "rear clock slow by 0.02 %, no common time", "boards", model(SlowClock { board: Role::Rear, period: 5000 }).goes_on()
+        "front board resets", "boards", model(Reset { board: Role::LEAD, off_ms: 200 }).stops(SILENCE).within(1.5);
+        "front board lost", "boards", model(Loss(Role::LEAD)).stops(SILENCE).within(1.5);
+        "rear board lost", "boards", model(Loss(Role::axle(1))).stops(SILENCE).within(1.5);
+        "beam board lost", "boards", model(Loss(Role::beam(0))).goes_on().stops(&[DegradedTooLong]).within(BEAM_S);
+        "front board freezes 0.3 s", "boards", model(Freeze { board: Role::LEAD, ms: 300 }).stops(SILENCE).within(1.8);
+        "rear clock slow by 0.02 %, no common time", "boards", model(SlowClock { board: Role::axle(1), period: 5000 }).goes_on()
             .stops(CORRUPTION).within(SLOW_S);
-        "rear clock slow by 0.2 %, no common time", "boards", model(SlowClock { board: Role::Rear, period: 500 }).goes_on()
+        "rear clock slow by 0.2 %, no common time", "boards", model(SlowClock { board: Role::axle(1), period: 500 }).goes_on()
             .stops(CORRUPTION).within(SLOW_S);
     }
 }

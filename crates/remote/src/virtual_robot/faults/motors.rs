@@ -101,7 +101,7 @@ fn motors() -> Vec<Entry> {
         }).goes_on().stops(MOTOR);
         "motor stalled", "wheel", drive(|b| {
             let (role, side) = b.wheel();
-            b.robot.blocked = Some((usize::from(role == Role::Rear), side));
+            b.robot.blocked = Some((usize::from(role == Role::axle(1)), side));
         }).stops(MOTOR);
         "half bridge stays on: OUT1 high", "DRV8874", drive(|b| { stuck(b, Half::One, true); })
             .stops(MOTOR).stops(NOTICED);

@@ -1,7 +1,7 @@
 //! Faults of supplies and crystals.
 
 use super::bench::Bench;
-use super::entry::{Entry, STOP_S, at, entries};
+use super::entry::{AXLES, BEAM, Entry, STOP_S, at, entries};
 use super::program::by_the_program;
 use core_algos::safety::Condition::{self, *};
 use core_algos::topology::Role;
@@ -27,12 +27,12 @@ pub fn struck(bench: &mut Bench) -> Role {
 
 /// The beam's board.
 pub fn beam(_: &mut Bench) -> Role {
-    Role::Beam
+    Role::beam(0)
 }
 
 /// The battery's voltage from now on.
 fn battery(bench: &mut Bench, volts: f64) {
-    for role in [Role::Front, Role::Rear] {
+    for role in [Role::LEAD, Role::axle(1)] {
         bench.axle(role, |axle, _| {
             axle.power.battery.open_v = Profile::constant(volts);
         });
@@ -44,7 +44,7 @@ fn dip(bench: &mut Bench, which: fn(&mut Bench) -> Role, volts: f64, span_us: u6
     let role = which(bench);
     let span = Time::from_micros(span_us);
     match role {
-        Role::Beam => bench.beam(|beam, now| beam.power.dip(now, now + span, volts)),
+        Role::Beam(_) => bench.beam(|beam, now| beam.power.dip(now, now + span, volts)),
         _ => bench.axle(role, |axle, now| axle.power.dip(now, now + span, volts)),
     }
 }
@@ -52,7 +52,7 @@ fn dip(bench: &mut Bench, which: fn(&mut Bench) -> Role, volts: f64, span_us: u6
 /// The crystal of a board works from now on, or does not.
 pub fn crystal(bench: &mut Bench, which: fn(&mut Bench) -> Role, works: bool) {
     match which(bench) {
-        Role::Beam => bench.beam(|beam, now| beam.power.crystal(now, works)),
+        Role::Beam(_) => bench.beam(|beam, now| beam.power.crystal(now, works)),
         role => bench.axle(role, |axle, now| axle.power.crystal(now, works)),
     }
 }
@@ -73,9 +73,9 @@ fn crystals() -> Vec<Entry> {
             at(300, |b| crystal(b, struck, true)),
         ]).stops(FAILED).own_within(0.003).restarts().finds(&["reset", "overrun"]);
         "crystal of an axle's board fails for good", "crystal", drive(|b| crystal(b, struck, false))
-            .stops(FAILED).own_within(0.003).resets(&Role::ALL).finds(&["reset", "overrun"]);
+            .stops(FAILED).own_within(0.003).resets(&Role::PAIR).finds(&["reset", "overrun"]);
         "crystal of the beam's board fails", "crystal", drive(|b| { crystal(b, beam, false) })
-            .goes_on().resets(&[Role::Beam]).finds(&["reset", "overrun"]);
+            .goes_on().resets(BEAM).finds(&["reset", "overrun"]);
     }
 }
 
@@ -94,7 +94,7 @@ fn rails() -> Vec<Entry> {
         "rail of an axle's board at 2.4 V for 0.5 ms", "3.3 V", drive(|b| { dip(b, struck, 2.4, 500) })
             .stops(FAILED).own_within(0.001).restarts().check(by_the_program).finds(&["reset"]);
         "the same, brown-out level 3", "3.3 V, option bytes", drive(|b| { dip(b, struck, 2.4, 500) })
-            .vary(|_, chip| chip.brown_out = 0).stops(FAILED).own_within(0.001).resets(&[Role::Front, Role::Rear]);
+            .vary(|_, chip| chip.brown_out = 0).stops(FAILED).own_within(0.001).resets(AXLES);
         "rail of the beam's board at 2.4 V for 0.5 ms", "3.3 V", drive(|b| { dip(b, beam, 2.4, 500) })
             .goes_on().restarts().check(by_the_program).finds(&["reset"]);
         "rail at 2.95 V for 5 ms", "3.3 V", drive(|b| { dip(b, struck, 2.95, 5000) }).goes_on();
@@ -109,6 +109,6 @@ fn rails() -> Vec<Entry> {
         "reset pin of an axle's board", "reset pin", drive(|b| {
             let role = b.wheel().0;
             b.board(role, |board| board.reset());
-        }).stops(GONE).own_within(0.001).resets(&[Role::Front, Role::Rear]);
+        }).stops(GONE).own_within(0.001).resets(AXLES);
     }
 }

@@ -3,7 +3,7 @@
 use super::bench::Bench;
 use super::entry::{Entry, at, entries};
 use core_algos::safety::Condition::{self, *};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use virtual_board::Time;
 use virtual_board::board::Board;
 use virtual_board::device::Drv8874;
@@ -57,7 +57,7 @@ fn without_pulses(bench: &mut Bench) {
 
 /// The struck board was reset by its program alone, so that one fault counts.
 pub fn by_the_program(bench: &mut Bench) -> Option<String> {
-    let struck = bench.struck?.name();
+    let struck = Topology::PAIR.name(bench.struck?);
     let reports = bench.robot.reports();
     let report = reports.iter().find(|report| report.name == struck)?;
     let other = report.resets.iter().find(|(_, cause)| *cause != "software");
@@ -65,7 +65,7 @@ pub fn by_the_program(bench: &mut Bench) -> Option<String> {
 }
 
 fn hold_beam(bench: &mut Bench, held: bool) {
-    bench.board(Role::Beam, |board| board.hold(held));
+    bench.board(Role::beam(0), |board| board.hold(held));
 }
 
 /// Lets a board go on until it is in this exception; it may end some µs ahead of the others.
@@ -133,7 +133,7 @@ fn tools() -> Vec<Entry> {
 
 /// The button is pressed for so long and let go, each with the bounce of its contact.
 fn press(bench: &mut Bench, from_us: u64, span_us: u64) {
-    bench.axle(Role::Front, |axle, now| {
+    bench.axle(Role::LEAD, |axle, now| {
         axle.press(true, now + Time::from_micros(from_us));
         axle.press(false, now + Time::from_micros(from_us + span_us));
     });
@@ -149,7 +149,7 @@ fn hands() -> Vec<Entry> {
         }).goes_on();
         "strap of an axle's board changed", "PC13", drive(|b| {
             let role = b.wheel().0;
-            b.axle(role, |axle, _| axle.strap(role == Role::Front));
+            b.axle(role, |axle, _| axle.strap(role == Role::LEAD));
         }).goes_on();
     }
 }
@@ -187,7 +187,7 @@ fn crashes() -> Vec<Entry> {
             });
         }).stops(HALTED).own_within(AT_ONCE_S).restarts().check(by_the_program).finds(CRASH);
         "HardFault of the beam's board", "program", drive(|b| {
-            b.board(Role::Beam, |board| {
+            b.board(Role::beam(0), |board| {
                 run_into(board, TICK);
                 board.core_mut().set_register(15, NOTHING);
             });

@@ -8,7 +8,7 @@ use super::outcome::{Case, End, Outcome, stopped_wrongly};
 use super::under_way::{UnderWay, kept};
 use crate::virtual_robot::Options;
 use core_algos::safety::{Condition, OperatingState};
-use core_algos::topology::{Node, Role};
+use core_algos::topology::{Node, Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::run::robot::Robot;
 use virtual_board::Time;
@@ -104,7 +104,7 @@ fn watch(bench: &mut Bench, entry: &Entry, steps: &[Step]) -> Seen {
         }
         bench.pass(1);
         let now = bench.now();
-        for (role, last) in [Role::Front, Role::Rear].into_iter().zip(&mut seen.last) {
+        for (role, last) in [Role::LEAD, Role::axle(1)].into_iter().zip(&mut seen.last) {
             if let Some(axle) = bench.robot.axle(role)
                 && axle
                     .driven_currents(now)
@@ -139,7 +139,7 @@ fn stopped(bench: &Bench) -> Option<Condition> {
             status.state,
             OperatingState::SafeStop | OperatingState::Fault
         );
-        stopped && status.node != Node::Beam
+        stopped && status.node != Node::beam(0)
     });
     stops.find_map(|status| status.reason)
 }
@@ -147,9 +147,9 @@ fn stopped(bench: &Bench) -> Option<Condition> {
 /// The node of a board.
 pub fn node(role: Role) -> Node {
     match role {
-        Role::Front => Node::FrontAxle,
-        Role::Rear => Node::RearAxle,
-        Role::Beam => Node::Beam,
+        Role::LEAD => Node::axle(0),
+        Role::Axle(_) => Node::axle(1),
+        Role::Beam(_) => Node::beam(0),
     }
 }
 
@@ -166,11 +166,16 @@ fn has_restarted(bench: &mut Bench) -> bool {
 fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<String> {
     for report in bench.robot.reports() {
         let name = report.name;
-        let is_struck = bench.struck.is_some_and(|role| role.name() == name);
+        let is_struck = bench
+            .struck
+            .is_some_and(|role| Topology::PAIR.name(role) == name);
         if entry.must_reset && is_struck && report.resets.is_empty() {
             return Some(format!("{name} board not reset"));
         }
-        let may_reset = entry.resets.iter().any(|role| role.name() == name);
+        let may_reset = entry
+            .resets
+            .iter()
+            .any(|&role| Topology::PAIR.name(role) == name);
         if let (Some((time_s, cause)), false) = (report.resets.first(), may_reset) {
             return Some(format!("{name} board reset by {cause} at {time_s:.3} s"));
         }
@@ -190,7 +195,7 @@ fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<Str
         return Some("parameters in the flash have changed".to_owned());
     }
     if let Some(condition) = entry.notice {
-        let role = bench.struck.unwrap_or(Role::Front);
+        let role = bench.struck.unwrap_or(Role::LEAD);
         if !bench
             .robot
             .monitor()
@@ -229,11 +234,11 @@ fn misread(bench: &mut Bench) -> Option<String> {
         let count = statistics.errors_of(kind);
         Some(format!(
             "{} board: {count} errors: {}",
-            role.name(),
+            Topology::PAIR.name(role),
             kind.name()
         ))
     };
-    Role::ALL.into_iter().find_map(of_board)
+    Role::PAIR.into_iter().find_map(of_board)
 }
 
 fn judge(
@@ -275,14 +280,17 @@ fn drives_wrongly(bench: &Bench, case: &Case, from: Time, reference: &Reference)
     if !case.entry.goes_on || reason.is_some() {
         return Some(format!("motors on at the end: {reason:?}"));
     }
-    for node in [Node::Lead, Node::FrontAxle, Node::RearAxle] {
+    for node in [Node::Lead, Node::axle(0), Node::axle(1)] {
         let state = bench
             .robot
             .monitor()
             .latest(node)
             .map(|status| status.state);
         if state != Some(OperatingState::Active) {
-            return Some(format!("{} at the end: {state:?}", node.name()));
+            return Some(format!(
+                "{} at the end: {state:?}",
+                Topology::PAIR.node_name(node)
+            ));
         }
     }
     let place = case.after_ms + (bench.now() - from).micros() / 1000;
@@ -320,7 +328,7 @@ fn start(campaign: &Campaign, case: &Case, steps: &[Step]) -> Result<Outcome, Er
     for _ in 0..DRIVE_MS / 2 {
         bench.pass(1);
         let now = bench.now();
-        for role in [Role::Front, Role::Rear] {
+        for role in [Role::LEAD, Role::axle(1)] {
             let axle = bench.robot.axle(role);
             driven |= axle.is_some_and(|axle| {
                 axle.driven_currents(now)

@@ -1,7 +1,7 @@
 //! Faults of converter, strain bridges, inertial sensor and encoders.
 
 use super::bench::Bench;
-use super::entry::{Entry, at, entries};
+use super::entry::{AXLES, Entry, at, entries};
 use super::program::WATCHDOG_S;
 use core_algos::safety::Condition::{
     self, CommandTimeout, ConversionsLost, DegradedTooLong, EstimateInconsistent, FrameBent,
@@ -88,13 +88,13 @@ fn analogue() -> Vec<Entry> {
         "converter overrun: the DMA stalls for 1 ms", "DMA2 of the beam", steps(&[
             at(0, |b| {
                 b.somewhen();
-                injected_faults(b, Role::Beam, |d| d.dma_waits = true);
+                injected_faults(b, Role::beam(0), |d| d.dma_waits = true);
             }),
-            at(1, |b| injected_faults(b, Role::Beam, |d| d.dma_waits = false)),
+            at(1, |b| injected_faults(b, Role::beam(0), |d| d.dma_waits = false)),
         ]).goes_on().notices(ConversionsLost).check(degraded).finds(OVERRUN);
         "DMA bus error", "DMA2 of the beam", drive(|b| {
             b.somewhen();
-            injected_faults(b, Role::Beam, |d| d.dma_error = true);
+            injected_faults(b, Role::beam(0), |d| d.dma_error = true);
         }).goes_on().notices(ConversionsLost).check(degraded).finds(&["overrun", "bus error"]);
         "excitation lost", "strip", drive(|b| { b.beam(|beam, now| beam.excite(now, 0.0)); }).goes_on();
         "a bridge open, up", "strip", drive(|b| { bridge(b, BridgeFault::Open { up: true }) })
@@ -113,7 +113,7 @@ fn analogue() -> Vec<Entry> {
             let role = b.wheel().0;
             injected_faults(b, role, |d| d.triggers_lost = u32::MAX);
         })
-            .stops(&[NeighbourLost, NeighbourFault, CommandTimeout, Restarted]).own_within(WATCHDOG_S).resets(&[Role::Front, Role::Rear]).finds(&["reset"]);
+            .stops(&[NeighbourLost, NeighbourFault, CommandTimeout, Restarted]).own_within(WATCHDOG_S).resets(AXLES).finds(&["reset"]);
         "thermistor of the drivers open", "PC3", drive(|b| {
             b.at_wheel(|axle, _, _| axle.thermistor.open = true);
         }).goes_on();

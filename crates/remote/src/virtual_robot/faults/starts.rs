@@ -1,7 +1,7 @@
 //! Boot orders, and faults that are there when the power comes on.
 
 use super::bench::Bench;
-use super::entry::{Entry, at, entries};
+use super::entry::{AXLES, BEAM, Entry, at, entries};
 use super::power::{beam, crystal, struck};
 use core_algos::safety::Condition;
 use core_algos::topology::Role;
@@ -11,7 +11,7 @@ use host_sim::run::robot::Robot;
 fn blinks_fast(bench: &mut Bench) -> Option<String> {
     let mut halves = 0;
     let mut spans = Vec::new();
-    bench.axle(Role::Front, |axle, _| {
+    bench.axle(Role::LEAD, |axle, _| {
         spans = axle
             .led
             .windows(2)
@@ -54,12 +54,12 @@ fn orders() -> Vec<Entry> {
         ]).goes_on();
         "bus open at the start, closed after 0.5 s", "wire", start(&[
             at(0, |b| {
-                for (piece, role) in (2..).zip(Role::ALL) {
+                for (piece, role) in (2..).zip(Role::PAIR) {
                     b.piece(role, piece);
                 }
             }),
             at(500, |b| {
-                Role::ALL.into_iter().for_each(|role| b.piece(role, 0))
+                Role::PAIR.into_iter().for_each(|role| b.piece(role, 0))
             }),
         ]).goes_on();
     }
@@ -67,9 +67,9 @@ fn orders() -> Vec<Entry> {
 
 fn buses() -> Vec<Entry> {
     entries! {
-        "bus open", "wire", start(&[at(0, |b| b.piece(Role::Rear, 2))]);
+        "bus open", "wire", start(&[at(0, |b| b.piece(Role::axle(1), 2))]);
         "no acknowledgement from the start", "wire", start(&[at(0, |b| {
-            for (piece, role) in (2..).zip(Role::ALL) {
+            for (piece, role) in (2..).zip(Role::PAIR) {
                 b.piece(role, piece);
             }
         })]);
@@ -77,7 +77,7 @@ fn buses() -> Vec<Entry> {
             let role = b.wheel().0;
             b.transceiver(role, false, false);
         })]);
-        "transceiver of the beam dead from the start", "transceiver", start(&[at(0, |b| b.transceiver(Role::Beam, false, false))])
+        "transceiver of the beam dead from the start", "transceiver", start(&[at(0, |b| b.transceiver(Role::beam(0), false, false))])
             .unready();
         "bus held dominant from the start", "wire", start(&[at(0, |b| {
             use virtual_board::wire::{Fault, Level};
@@ -93,17 +93,17 @@ fn others() -> Vec<Entry> {
             at(4500, |b| crystal(b, Bench::any, true)),
         ]).goes_on().must_reset().finds(&["reset"]);
         "crystal of an axle's board dead for good", "crystal", start(&[at(0, |b| crystal(b, struck, false))])
-            .resets(&[Role::Front, Role::Rear]).finds(&["reset"]);
+            .resets(AXLES).finds(&["reset"]);
         "crystal of the beam's board dead for good", "crystal", start(&[at(0, |b| crystal(b, beam, false))])
-            .unready().resets(&[Role::Beam]).finds(&["reset"]);
+            .unready().resets(BEAM).finds(&["reset"]);
         "crystal of the front board at 12 MHz", "crystal", start(&[])
-            .vary(|role, chip| if role == Role::Front { chip.crystal_hz = 12_000_000 })
-            .resets(&[Role::Front, Role::Rear]).check(blinks_fast).finds(&["reset"]);
+            .vary(|role, chip| if role == Role::LEAD { chip.crystal_hz = 12_000_000 })
+            .resets(AXLES).check(blinks_fast).finds(&["reset"]);
         "slow oscillators at 17 kHz", "LSI", start(&[]).vary(|_, chip| chip.slow_hz = 17_000).goes_on();
         "slow oscillators at 47 kHz", "LSI", start(&[]).vary(|_, chip| chip.slow_hz = 47_000).goes_on();
         "internal oscillators 4 % slow", "HSI", start(&[]).vary(|_, chip| chip.internal_hz = 15_360_000).goes_on();
         "strap of the rear board broken: two front boards", "PC13", start(&[at(0, |b| {
-            b.axle(Role::Rear, |axle, _| axle.strap(false));
+            b.axle(Role::axle(1), |axle, _| axle.strap(false));
         })]).check(names_the_role);
         "emergency stop open from the start", "contact", start(&[at(0, |b| {
             let role = b.wheel().0;

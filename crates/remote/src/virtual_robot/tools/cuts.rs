@@ -1,7 +1,7 @@
 //! Boards whose power is cut in the middle of a run, and comes back.
 
 use crate::virtual_robot::VirtualRobot;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::targets::{Event, Failure, Losses};
 
 /// Planned and past power cuts of the boards.
@@ -21,7 +21,7 @@ impl Cuts {
     }
 
     pub fn is_off(&self, role: Role) -> bool {
-        self.off[role as usize]
+        self.off[Topology::PAIR.place(role)]
     }
 }
 
@@ -38,7 +38,7 @@ impl VirtualRobot {
         let mut restarted = Vec::new();
         let cuts = &mut self.tools.cuts;
         for (place, &role) in self.roles.iter().enumerate() {
-            let k = role as usize;
+            let k = Topology::PAIR.place(role);
             let due = |failure: &Failure| failure.role == role && failure.at == tick;
             let Some(board) = self.network.board(place) else {
                 continue;
@@ -57,7 +57,7 @@ impl VirtualRobot {
                 (cuts.off[k], cuts.revivals[k]) = (false, None);
                 cuts.losses.restarted(tick, role);
                 restarted.push(role);
-                if role == Role::Front {
+                if role == Role::LEAD {
                     self.tools.moved = true;
                     let path = self.task.is_on_path();
                     self.failure = path.then(|| {
@@ -85,7 +85,7 @@ impl VirtualRobot {
         }
         let (tick, now) = (self.tick as u32, self.network.now());
         // A motor that brakes in a short circuit is off.
-        let off = [Role::Front, Role::Rear].into_iter().all(|role| {
+        let off = [Role::LEAD, Role::axle(1)].into_iter().all(|role| {
             let on = !self.tools.cuts.is_off(role);
             !on || self.axle(role).is_none_or(|axle| !axle.is_driven(now))
         });

@@ -13,7 +13,7 @@ pub mod profile;
 mod user;
 
 use super::VirtualRobot;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use cuts::Cuts;
 use host_sim::base::error::Error;
 use host_sim::run::recovery::Recovery;
@@ -37,7 +37,7 @@ impl Tools {
     pub fn heard(&mut self, role: Option<Role>, sending: &Sending) -> bool {
         let whole = sending.error.is_none();
         if let Some(role) = role {
-            let traffic = &mut self.traffic[role as usize];
+            let traffic = &mut self.traffic[Topology::PAIR.place(role)];
             traffic.frames += u64::from(whole);
             traffic.damaged += u64::from(!whole);
         }
@@ -77,8 +77,8 @@ impl VirtualRobot {
         let of = |role: Role| BoardTraffic {
             role,
             on: self.roles.contains(&role) && !self.tools.cuts.is_off(role),
-            traffic: Some(self.tools.traffic[role as usize]),
+            traffic: Some(self.tools.traffic[Topology::PAIR.place(role)]),
         };
-        Role::ALL.map(of).to_vec()
+        Role::PAIR.map(of).to_vec()
     }
 }

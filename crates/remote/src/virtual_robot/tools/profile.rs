@@ -1,6 +1,7 @@
 //! Where the boards' time went: by function and by interrupt, with the longest of each interrupt.
 
 use crate::virtual_robot::{BoardReport, VirtualRobot};
+use core_algos::topology::Topology;
 use serde::Serialize;
 use virtual_board::probe::profile::{InterruptTime, Times};
 
@@ -75,13 +76,13 @@ pub fn of(robot: &mut VirtualRobot, reports: &[BoardReport]) -> Vec<Profile> {
             longest_latency_us: us(times.longest_latency),
         };
         profiles.push(Profile {
-            board: role.name(),
+            board: Topology::PAIR.name(role),
             functions: functions.collect(),
             interrupts: times.interrupts().iter().map(interrupt).collect(),
             stack_used: report.stack_used,
             stack_size: report.stack_size,
-            folded: times.folded(role.name()),
-            table: format!("{} board\n{times}", role.name()),
+            folded: times.folded(Topology::PAIR.name(role)),
+            table: format!("{} board\n{times}", Topology::PAIR.name(role)),
         });
     }
     profiles

@@ -38,7 +38,7 @@ impl VirtualRobot {
     /// Presses the button of the front board.
     pub(in crate::virtual_robot) fn press(&mut self) {
         let now = self.network.now();
-        if let Some(front) = self.axle(Role::Front) {
+        if let Some(front) = self.axle(Role::LEAD) {
             front.press(true, now);
             front.press(false, now + PRESS);
         }
