@@ -94,7 +94,10 @@ impl BoardLog {
             let mut written = false;
             while let Ok(1..) = from.read(&mut room) {
                 if !std::mem::replace(&mut written, true) {
-                    let error = left_out(&format!("text of the {} board's log", role.name()));
+                    let error = left_out(&format!(
+                        "text of the {} board's log",
+                        Topology::PAIR.name(role)
+                    ));
                     log.append(&error.to_string());
                     if !log.quiet {
                         note(error);

@@ -101,7 +101,7 @@ pub struct Run {
     pub ticks: usize,
 }
 
-/// Events of each board, in the order of [`Role::PAIR`].
+/// Events of each board, in the order of [`core_algos::topology::Topology::boards`].
 pub type Events = [Vec<Event>; 3];
 
 /// A log.

@@ -20,7 +20,7 @@ pub struct Readings {
 }
 
 impl Readings {
-    /// In the order of [`Topology::PAIR.boards()`].
+    /// In the order of [`core_algos::topology::Topology::boards`].
     pub fn samples(&self) -> [Samples; 3] {
         let [front, rear] = self.axles.map(Samples::Axle);
         [front, rear, Samples::Beam(self.counts.into())]
