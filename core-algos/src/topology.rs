@@ -237,6 +237,11 @@ impl Topology {
         core::iter::once(Node::Lead).chain(axles).chain(frames)
     }
 
+    /// True if the robot has this board.
+    pub fn has(self, board: Role) -> bool {
+        self.boards().any(|own| own == board)
+    }
+
     /// The frame ahead of an axle, which has the axle at its root; the first axle has none.
     pub const fn ahead(self, axle: AxleId) -> Option<FrameId> {
         match axle.0 {
@@ -305,5 +310,62 @@ impl Topology {
             Node::Beam(_) => "Beam4",
             Node::Service => "Service",
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Lists the boards of three axles by hand.
+    #[test]
+    fn boards_and_nodes_of_three_axles_have_their_places_and_names() {
+        let robot = Topology::new(3).unwrap();
+        let names: Vec<_> = robot.boards().map(|board| robot.name(board)).collect();
+        assert_eq!(names, ["front", "axle-2", "rear", "beam-1", "beam-2"]);
+        let nodes: Vec<_> = robot.nodes().map(|node| robot.node_name(node)).collect();
+        let expected = ["Lead", "FrontAxle", "Axle2", "RearAxle", "Beam1", "Beam2"];
+        assert_eq!(nodes, expected);
+        for axles in 2..=MAX_AXLES {
+            let robot = Topology::new(axles).unwrap();
+            let places = robot.boards().map(|board| robot.place(board));
+            assert!(places.eq(0..robot.board_count()));
+            let places = robot.nodes().map(|node| robot.place_of_node(node));
+            assert!(places.eq(0..robot.node_count()));
+        }
+        assert_eq!([0, 1, 6].map(Topology::new), [None; 3]);
+        assert!(Topology::PAIR.boards().eq(Role::PAIR));
+        assert!(!Topology::PAIR.has(Role::axle(2)) && !Topology::PAIR.has(Role::beam(1)));
+    }
+
+    #[test]
+    fn each_frame_lies_between_neighbouring_axles() {
+        for axles in 2..=MAX_AXLES {
+            let robot = Topology::new(axles).unwrap();
+            for frame in robot.frames() {
+                assert_eq!(robot.behind(AxleId(frame.0)), Some(frame));
+                assert_eq!(robot.ahead(AxleId(frame.0 + 1)), Some(frame));
+            }
+            assert_eq!(robot.ahead(AxleId(0)), None);
+            assert_eq!(robot.behind(AxleId(axles as u8 - 1)), None);
+        }
+    }
+
+    /// The numbers of version 0.1: front 0, rear 1, beam 2.
+    #[cfg(feature = "link")]
+    #[test]
+    fn boards_of_two_axles_keep_their_numbers_in_links() {
+        let codes = Role::PAIR.map(|board| {
+            let mut room = [0; 4];
+            postcard::to_slice(&board, &mut room).unwrap().to_vec()
+        });
+        assert_eq!(codes, [[0], [1], [2]]);
+        let robot = Topology::new(MAX_AXLES).unwrap();
+        for board in robot.boards() {
+            let mut room = [0; 4];
+            let bytes = postcard::to_slice(&board, &mut room).unwrap();
+            assert_eq!(postcard::from_bytes(bytes), Ok(board));
+        }
+        assert!(postcard::from_bytes::<Role>(&[9]).is_err());
     }
 }

@@ -117,10 +117,10 @@ pub fn encode(message: &Message) -> Result<CanFrame, EncodeError> {
     let (id, values) = message.to_values();
     let found = id.and_then(|id| Some((id, layout::find(id)?)));
     let Some((id, layout)) = found else {
-        // The one message without an identifier: the service tool has no status.
+        // No robot has that axle or frame; or a status of the service tool, which has none.
         return Err(EncodeError {
-            message: "NodeStatus",
-            signal: "node",
+            message: "Message",
+            signal: "sender",
             value: f32::NAN,
         });
     };

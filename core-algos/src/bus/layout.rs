@@ -126,12 +126,6 @@ pub fn sender(id: u16) -> Option<Node> {
     }
 }
 
-/// Name of the message of an identifier in the bus description of a robot.
-pub fn name(topology: Topology, id: u16) -> Option<OnBus> {
-    let layout = find(id)?;
-    on_bus(topology, layout, id - layout.id)
-}
-
 /// Age at which a message with this first identifier no longer counts, ms; 0 for one that does not age or is unknown.
 pub const fn timeout_ms(id: u16) -> u16 {
     let mut i = 0;

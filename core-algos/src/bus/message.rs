@@ -151,7 +151,7 @@ macro_rules! of {
 
 /// What there is one message for: its place among the identifiers.
 pub(super) trait Placed: Sized {
-    /// Place after the first identifier; `None` for a node without such a message.
+    /// Place after the first identifier; `None` for what no robot has, and for a node without such a message.
     fn offset(self) -> Option<u16>;
 
     /// Whose message has this place.
@@ -163,7 +163,7 @@ const FRAMES: u16 = 0x10;
 
 impl Placed for AxleId {
     fn offset(self) -> Option<u16> {
-        Some(self.0.into())
+        (self.index() < MAX_AXLES).then_some(self.0.into())
     }
 
     fn at(offset: u16) -> Option<Self> {
@@ -173,7 +173,7 @@ impl Placed for AxleId {
 
 impl Placed for FrameId {
     fn offset(self) -> Option<u16> {
-        Some(self.0.into())
+        (self.index() < MAX_FRAMES).then_some(self.0.into())
     }
 
     fn at(offset: u16) -> Option<Self> {

@@ -23,14 +23,14 @@ const fn place(node: Node) -> usize {
 
 /// The latest heartbeat of one node.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Heartbeat {
+struct Heartbeat {
     state: OperatingState,
     reason: u8,
 }
 
 impl Heartbeat {
     /// True if the node says that it is stopping or has stopped because something is wrong.
-    pub fn failed(&self) -> bool {
+    fn failed(&self) -> bool {
         let stopped = matches!(self.state, OperatingState::SafeStop | OperatingState::Fault);
         stopped && self.reason != 0
     }
@@ -58,7 +58,7 @@ impl Peers {
     }
 
     /// The latest heartbeat of a node; `None` if it has not been heard for the time of its heartbeat, or never.
-    pub fn heard(&self, node: Node, now: Micros) -> Option<&Heartbeat> {
+    fn heard(&self, node: Node, now: Micros) -> Option<&Heartbeat> {
         self.heard.get(place(node))?.as_ref()?.fresh(now, TIMEOUT)
     }
 

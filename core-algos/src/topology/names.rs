@@ -8,8 +8,10 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 /// What has a name in text and a number elsewhere.
 trait Named: Copy + 'static {
     const EXPECTED: &'static str;
-    /// Every value.
+    /// Every value that has a number.
     fn all() -> impl Iterator<Item = Self>;
+    /// Those of a robot of two axles, which have a name.
+    fn pair() -> impl Iterator<Item = Self>;
     fn name(self) -> &'static str;
     fn code(self) -> u8;
 }
@@ -24,6 +26,10 @@ impl Named for Role {
 
     fn all() -> impl Iterator<Item = Self> {
         roles()
+    }
+
+    fn pair() -> impl Iterator<Item = Self> {
+        Topology::PAIR.boards()
     }
 
     fn name(self) -> &'static str {
@@ -48,6 +54,10 @@ impl Named for AxleId {
         (0..MAX_AXLES as u8).map(Self)
     }
 
+    fn pair() -> impl Iterator<Item = Self> {
+        Topology::PAIR.axles()
+    }
+
     fn name(self) -> &'static str {
         Topology::PAIR.name(Role::Axle(self))
     }
@@ -66,6 +76,10 @@ impl Named for Node {
             Role::Beam(frame) => Self::Beam(frame),
         });
         [Self::Lead, Self::Service].into_iter().chain(boards)
+    }
+
+    fn pair() -> impl Iterator<Item = Self> {
+        Topology::PAIR.nodes().chain([Self::Service])
     }
 
     fn name(self) -> &'static str {
@@ -102,7 +116,7 @@ fn deserialize<'de, T: Named, D: Deserializer<'de>>(deserializer: D) -> Result<T
         }
 
         fn visit_str<E: Error>(self, name: &str) -> Result<T, E> {
-            let found = T::all().find(|value| value.name() == name);
+            let found = T::pair().find(|value| value.name() == name);
             found.ok_or_else(|| E::invalid_value(Unexpected::Str(name), &self))
         }
     }

@@ -215,7 +215,7 @@ mod tests {
             ["95 %", "interval", "(of", "runs)"]
         );
         assert_eq!(lines("v.1.25", 2), ["v.1.25"]);
-        let mut table = Table::new(["plant.strip_length_m", "e (cm)"]);
+        let mut table = Table::new(["plant.tyre.brush.slip_stiffness", "e (cm)"]);
         table.row(["8.0", "18.50 ± 2.10"]);
         assert_eq!(table.widths(10), [9, 12]);
     }

@@ -208,9 +208,10 @@ impl VirtualBus {
     }
 }
 
-/// The board that sends a frame; a service tool is none.
+/// The board that sends a frame; a service tool is none, nor is a board that the robot does not have.
 pub fn sender(frame: &CanFrame) -> Option<Role> {
-    layout::sender(frame.id)?.board()
+    let board = layout::sender(frame.id)?.board()?;
+    Topology::PAIR.has(board).then_some(board)
 }
 
 /// Name of a frame's message in the bus description; nothing for a frame that is none.

@@ -301,6 +301,10 @@ mod tests {
                 .noticed(Node::axle(1))
                 .contains(Condition::MessageLost)
         );
+        // A robot of two axles has no third one.
+        let stranger = frame(Node::axle(3), OperatingState::Fault, 0x80, lost);
+        monitor.see(30, &stranger);
+        assert_eq!(crate::bus::virtual_bus::sender(&stranger), None);
         assert_eq!(monitor.latest(Node::beam(0)), None);
     }
 }

@@ -350,6 +350,65 @@ fn stop_bounds_torque_by_the_share_that_is_held() {
     }
 }
 
+/// Frames of one curvature pull a middle axle both ways; those of opposite curvature add up. The wrench of a frame that is
+/// not at the axle does not count.
+#[test]
+fn load_of_a_middle_axle_is_that_of_both_frames() {
+    let robot = Topology::new(4).unwrap();
+    let moment = |bends: [f32; 3]| {
+        let mut node = Config::default().build(AxleId(1), robot, FRAME).unwrap();
+        for (frame, bend) in robot.frames().zip(bends) {
+            assert_eq!(node.beam_load(EPOCH), None, "a frame is missing");
+            let (psi, sequence) = (Steering(bend), sequence(EPOCH));
+            let wrench = Wrench::pure_bending(0.833, 0.37, psi);
+            let posture = Posture::new(0.36, 0.0, 2.0 * bend);
+            let of_frame = [
+                Message::BeamWrench {
+                    frame,
+                    sequence,
+                    wrench,
+                },
+                Message::BeamPosture {
+                    frame,
+                    sequence,
+                    posture,
+                    gauges: 5,
+                },
+            ];
+            for message in of_frame {
+                node.receive(EPOCH, &message);
+            }
+            if frame == FrameId(1) {
+                break;
+            }
+        }
+        node.beam_load(EPOCH).unwrap().moment
+    };
+    let whole = 0.833 * 0.4 / 0.37;
+    for (bends, expected) in [
+        ([0.2, 0.2, 0.0], 0.0),
+        ([0.2, -0.2, 0.0], 2.0 * whole),
+        ([0.0, 0.2, 0.0], -whole),
+    ] {
+        let found = moment(bends);
+        assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+    }
+    // A middle axle waits for every other axle.
+    let mut node = Config::default().build(AxleId(1), robot, FRAME).unwrap();
+    let lost = |node: &AxleNode| {
+        let conditions = node.watch(EPOCH, &Samples::default());
+        conditions.contains(Condition::NeighbourLost)
+    };
+    for axle in [0, 2, 3] {
+        assert!(lost(&node), "{axle}");
+        node.receive(
+            EPOCH,
+            &beat(Node::axle(axle), EPOCH, OperatingState::Idle, 0),
+        );
+    }
+    assert!(!lost(&node));
+}
+
 /// Constant accelerations for 20 ms, wheels 0.324 m apart, and the moment EI·2ψ/L of a bent frame.
 #[test]
 fn reference_twist_and_load_follow_from_mechanics() {

@@ -321,7 +321,11 @@ impl Mcap {
 
     /// Tells of a node that has changed.
     fn status(&mut self, tick: u32, status: Status) {
-        let last = self.statuses[Topology::PAIR.place_of_node(status.node)].replace(status);
+        let place = Topology::PAIR.place_of_node(status.node);
+        let Some(last) = self.statuses.get_mut(place) else {
+            return;
+        };
+        let last = last.replace(status);
         let same =
             last.is_some_and(|last| (last.state, last.reason) == (status.state, status.reason));
         if same {

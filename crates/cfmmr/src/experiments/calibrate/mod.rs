@@ -295,13 +295,14 @@ impl Seen {
         match bus::decode(frame) {
             Ok(Message::AxlePosture { axle, posture, .. }) => {
                 let place = [posture.x, posture.y, posture.phi].map(f64::from);
-                let i = axle.index();
-                self.laps[i].add(
-                    place,
-                    self.track_m[i],
-                    self.relative_heading,
-                    EPOCH as f64 * 1e-6,
+                let axle = (
+                    self.laps.get_mut(axle.index()),
+                    self.track_m.get(axle.index()),
                 );
+                if let (Some(lap), Some(track)) = axle {
+                    let epoch = EPOCH as f64 * 1e-6;
+                    lap.add(place, *track, self.relative_heading, epoch);
+                }
             }
             Ok(Message::BeamPosture {
                 posture, gauges, ..
