@@ -110,8 +110,9 @@ fn sent(message: &Message) {
             );
         }
         Err(error) => {
-            if (error.message, error.signal) == ("NodeStatus", "node") {
-                return assert!(matches!(message, Message::NodeStatus { .. }));
+            if (error.message, error.signal) == ("Message", "sender") {
+                // An axle or a frame that no robot has, or a service tool with a status.
+                return;
             }
             let layout = MESSAGES.iter().find(|layout| layout.name == error.message);
             let layout = layout.expect("the error names a message");
