@@ -23,7 +23,7 @@ pub struct OnBus {
     pub layout: &'static Layout,
     /// Who sends it.
     pub sender: Node,
-    /// What the name says of whose it is.
+    /// End of the name: the axle, frame, board or node.
     suffix: &'static str,
 }
 
@@ -77,7 +77,7 @@ fn on_bus(topology: Topology, layout: &'static Layout, offset: u16) -> Option<On
     })
 }
 
-/// What a name says of whose the message is.
+/// End of a message's name: its axle, frame, board or node.
 fn suffix(topology: Topology, of: Of, owner: Node) -> &'static str {
     let name = topology.node_name(owner);
     match (of, owner) {

@@ -5,8 +5,8 @@
 //! postures are cumulative, so a lost message delays information and loses none; their positions are sent modulo
 //! [`POSITION_SPAN_M`](super::field::POSITION_SPAN_M), and only differences are used.
 //!
-//! An identifier is a function times 16, plus the number of the axle or frame. Of a message that every board sends, those of
-//! the frames come 16 later.
+//! An identifier is 16 times the number of a function, plus the number of the axle or frame. Boards of frames have
+//! identifiers 16 above those of axles.
 
 use super::field::{
     Calibrate, CalibrationResult, Field, Hash24, LeadMode, Odometric, POSITION_BITS,
@@ -149,7 +149,7 @@ macro_rules! of {
     };
 }
 
-/// What there is one message for: its place among the identifiers.
+/// Axle, frame, board or node as an offset from the first identifier of its message.
 pub(super) trait Placed: Sized {
     /// Place after the first identifier; `None` for what no robot has, and for a node without such a message.
     fn offset(self) -> Option<u16>;

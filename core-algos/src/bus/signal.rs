@@ -96,7 +96,7 @@ impl Signal {
     }
 }
 
-/// What there is one message for.
+/// Kind of a message: one for the robot, or one for each axle, frame, board or node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Of {
     /// The robot.
@@ -129,7 +129,7 @@ pub struct Layout {
     pub name: &'static str,
     /// Meaning, one sentence.
     pub meaning: &'static str,
-    /// What there is one for.
+    /// Kind of the message.
     pub of: Of,
     /// Who sends it.
     pub sender: Sender,

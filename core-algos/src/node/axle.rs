@@ -133,7 +133,7 @@ pub struct State {
     ahead: Frame,
 }
 
-/// What was heard of a frame.
+/// The latest wrench and posture that a frame's board sent.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Frame {
     wrench: Option<Stamped<Wrench>>,
@@ -558,7 +558,7 @@ impl AxleNode {
 }
 
 impl State {
-    /// What was heard of a frame at this axle; `None` for one that is elsewhere.
+    /// Wrench and posture of a frame at this axle; `None` for a frame that is not at this axle.
     fn frame(&mut self, frame: FrameId, at: &Neighbours) -> Option<&mut Frame> {
         match Some(frame) {
             frame if frame == at.behind => Some(&mut self.behind),
