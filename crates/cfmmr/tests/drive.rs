@@ -134,7 +134,7 @@ fn speed_command_acts_within_25_ms_and_its_absence_within_220_ms() {
         VirtualRobot::new(&scenario, &images, 1, 0, &Options::default(), &logs).unwrap();
     let rounds = rounds();
     let torque = |robot: &VirtualRobot| {
-        let axles = robot.plant().unwrap().state().axle;
+        let axles = robot.plant().unwrap().axles();
         axles
             .iter()
             .map(|axle| axle.torque.iter().sum::<f64>())

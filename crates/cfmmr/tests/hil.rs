@@ -233,7 +233,7 @@ fn with_failure(
 }
 
 fn assert_torques_zero(simulation: &Simulation) {
-    let axles = simulation.plant().state().axle;
+    let axles = simulation.plant().axles();
     assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));
 }
 

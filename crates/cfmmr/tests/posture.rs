@@ -57,7 +57,7 @@ fn a_robot_with_rigid_ends_and_other_dimensions_works_as_well() {
     scenario.world.plant.rigid_root_m = 0.03;
     scenario.world.plant.rigid_tip_m = 0.03;
     scenario.robot.geometry.wheel_radius_m = 0.06;
-    scenario.world.plant.wheel_radius_m = [[0.06; 2]; 2];
+    scenario.world.plant.wheel_radius_m = [[0.06; 2]].into();
     for (outcome, error) in trials(&scenario, 3) {
         assert!(outcome.end.is_success() && error.e_m < 0.03, "{error:?}");
         assert!(error.heading_rad.abs() < 3f64.to_radians(), "{error:?}");

@@ -188,7 +188,7 @@ impl Drop for Bench {
 }
 
 fn assert_motors_off(robot: &VirtualRobot) {
-    let axles = robot.plant().unwrap().state().axle;
+    let axles = robot.plant().unwrap().axles();
     assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));
 }
 

@@ -81,7 +81,7 @@ impl Run {
             later < steering + 0.03,
             "bent from {steering:.3} to {later:.3} rad"
         );
-        let axles = self.simulation.plant().state().axle;
+        let axles = self.simulation.plant().axles();
         assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));
         println!("speed at the end {:.4} m/s", self.simulation.speed());
         assert!(self.simulation.speed() < 0.02);

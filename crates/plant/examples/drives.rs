@@ -1,7 +1,8 @@
 //! The plant alone on its drives: real-time factors of 20 s, by the wall clock.
 //!
 //! With an argument, a table of largest bend and force, and of the error against an explicit
-//! reference over this time, s: `cargo run -p plant --release --example drives -- 5`.
+//! reference over this time, s: `cargo run -p plant --release --example drives -- 5`. A second
+//! argument is the number of axles, 2 if it is missing.
 
 use plant::drive::{DRIVES, Drive};
 use plant::{PlantConfig, TICK_S};
@@ -9,29 +10,32 @@ use std::time::Instant;
 
 const SECONDS: f64 = 20.0;
 
-/// Real-time factor, largest bend (rad) and largest force (N).
-fn run(drive: &Drive, config: &PlantConfig) -> [f64; 3] {
-    let mut plant = config.build().expect("a valid plant");
+/// Real-time factor, largest bend (rad) and largest force (N) of a frame.
+fn run(drive: &Drive, config: &PlantConfig, axles: usize) -> [f64; 3] {
+    let mut plant = config.build(axles).expect("a valid plant");
     let count = (SECONDS / TICK_S).round() as usize;
-    let at = |k: usize| drive.torque(k as f64 * TICK_S);
+    let at = |k: usize| drive.torque(k as f64 * TICK_S, axles);
     let torques: Vec<_> = (0..count).map(at).collect();
     let started = Instant::now();
-    torques.iter().for_each(|torque| plant.step(*torque));
+    torques.iter().for_each(|torque| plant.step(torque));
     let factor = SECONDS / started.elapsed().as_secs_f64();
     plant.place([0.0; 3]);
     let (mut bend, mut force) = (0.0f64, 0.0f64);
     for torque in torques {
-        plant.step(torque);
-        bend = bend.max(plant.relative_posture()[2].abs());
-        let [x, y] = plant.wrench().force;
-        force = force.max(libm::hypot(x, y));
+        plant.step(&torque);
+        for frame in 0..plant.frame_count() {
+            bend = bend.max(plant.relative_posture(frame)[2].abs());
+            let [x, y] = plant.wrench(frame).force;
+            force = force.max(libm::hypot(x, y));
+        }
     }
     [factor, bend, force]
 }
 
 fn main() {
-    let compared = std::env::args().nth(1);
-    let compared = compared.map(|text| text.parse().expect("a time in s"));
+    let argument = |n: usize| std::env::args().nth(n);
+    let compared = argument(1).map(|text| text.parse().expect("a time in s"));
+    let axles = argument(2).map_or(2, |text| text.parse().expect("a number of axles"));
     if compared.is_some() {
         println!(
             "| drive | largest bend (°) | largest force (N) | error (mm) |\n|---|---|---|---|"
@@ -39,15 +43,24 @@ fn main() {
     }
     for drive in DRIVES {
         let config = drive.config(&PlantConfig::default());
-        let [factor, bend, force] = run(&drive, &config);
+        // Imperfections are those of two axles.
+        if config.for_axles(axles).is_err() {
+            continue;
+        }
+        let [factor, bend, force] = run(&drive, &config, axles);
         let Some(seconds) = compared else {
             println!("{}: {factor:.0}", drive.name);
             continue;
         };
         // Loads that move, play and cogging are beyond the reference.
-        let error = match config.backlash_rad == [[0.0; 2]; 2] {
+        let error = match config
+            .backlash_rad
+            .entries()
+            .iter()
+            .all(|both| *both == [0.0; 2])
+        {
             true => {
-                let error = drive.error(&config, seconds).expect("a valid plant");
+                let error = drive.error(&config, axles, seconds).expect("a valid plant");
                 format!("{:.2}", 1e3 * error[0])
             }
             false => String::new(),

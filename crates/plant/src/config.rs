@@ -1,13 +1,17 @@
 //! Physical constants of the plant.
 
+use super::per_axle::PerAxle;
 use declare::{Allowed, Checked, ConfigError, Declared, Field, Kind, declare};
 use serde::{Deserialize, Serialize};
 
 /// Time by which [`Plant::step`](crate::Plant::step) advances, s: the tick of the robot's boards.
 pub const TICK_S: f64 = 1e-3;
 
+/// Most axles of a robot.
+pub const MAX_AXLES: usize = 5;
+
 /// Law of the tyre's force over its slip.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Tyre {
     /// With the slip velocity alone, rolling or not.
@@ -28,12 +32,12 @@ declare! {
 
 declare! {
     /// A tyre whose force depends on slip over rolling speed.
-    #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct Brush {
         /// Slip stiffness C of each wheel's tyre over its load: force over load for a unit of slip
         /// velocity over rolling speed, where both are small.
-        pub slip_stiffness: [[f64; 2]; 2] = [[20.0; 2]; 2], "": Range(1.0, 300.0);
+        pub slip_stiffness: PerAxle<[f64; 2]> = [[20.0; 2]].into(), "": Range(1.0, 300.0);
         /// Slip velocity at which the tyre of a wheel at rest gives half its friction.
         pub rest_velocity_m_s: f64 = 2e-4, "m/s": Range(5e-5, 0.1);
     }
@@ -64,7 +68,7 @@ impl Tyre {
     /// Brush tyres, all of one slip stiffness.
     pub fn brush(stiffness: f64) -> Self {
         Self::Brush(Brush {
-            slip_stiffness: [[stiffness; 2]; 2],
+            slip_stiffness: [[stiffness; 2]; 1].into(),
             ..Brush::default()
         })
     }
@@ -86,8 +90,9 @@ impl Tyre {
 }
 
 declare! {
-    /// Physical constants of the robot, SI units. Pairs are (front, rear); wheels are
-    /// `[axle][left, right]`. The source paper gives no values: all are chosen.
+    /// Physical constants of the robot, SI units. A list of axles ([`PerAxle`]) holds one entry for
+    /// every axle, or one an axle, front first; wheels are left, right. The frames are equal. The source paper gives no
+    /// values: all are chosen.
     ///
     /// Defaults: aluminium axles with a spring-steel strip of 50 × 1 mm; sensing fitted; tyres of
     /// constant creep and none of the other imperfections.
@@ -99,15 +104,15 @@ declare! {
         /// Velocity error of the lower-order solution beyond which a step is divided.
         pub tolerance_m_s: f64 = 6.5e-4, "m/s": Range(1e-7, 1.0);
         /// Mass of each axle with its wheels.
-        pub mass_kg: [f64; 2] = [4.76; 2], "kg": Range(0.1, 1e3);
-        /// Mass added to the rear axle by the batteries and amplifiers of the strain sensing.
+        pub mass_kg: PerAxle<f64> = [4.76].into(), "kg": Range(0.1, 1e3);
+        /// Mass that the batteries and amplifiers of a frame's strain sensing add to the axle behind the frame.
         pub sensing_mass_kg: f64 = 0.6, "kg": Range(0.0, 1e2);
         /// Yaw inertia of each axle about its midpoint.
-        pub yaw_inertia_kg_m2: [f64; 2] = [0.0186; 2], "kg m²": Range(1e-4, 1e2);
+        pub yaw_inertia_kg_m2: PerAxle<f64> = [0.0186].into(), "kg m²": Range(1e-4, 1e2);
         /// Half the distance between the wheels of an axle (the paper's d).
-        pub half_track_m: [f64; 2] = [0.162; 2], "m": Range(0.01, 2.0);
+        pub half_track_m: PerAxle<f64> = [0.162].into(), "m": Range(0.01, 2.0);
         /// True radius of each wheel (the paper's r_w).
-        pub wheel_radius_m: [[f64; 2]; 2] = [[0.073; 2]; 2], "m": Range(5e-3, 1.0);
+        pub wheel_radius_m: PerAxle<[f64; 2]> = [[0.073; 2]].into(), "m": Range(5e-3, 1.0);
         /// Inertia of a wheel about its axis, gearbox and rotor included.
         pub wheel_inertia_kg_m2: f64 = 0.004, "kg m²": Range(1e-6, 10.0);
         /// Friction coefficient μ between tyre and ground.
@@ -121,7 +126,7 @@ declare! {
         /// Rolling resistance coefficient: resisting torque over load times radius.
         pub rolling_resistance: f64 = 0.0, "": Range(0.0, 0.5);
         /// Way aside, to the left, that each axle rolls free of force, over its way ahead.
-        pub side_slip: [f64; 2] = [0.0; 2], "": Range(-0.1, 0.1);
+        pub side_slip: PerAxle<f64> = [0.0].into(), "": Range(-0.1, 0.1);
         /// Way, along x and y of the floor, that the floor takes a wheel over the way it rolls.
         pub carpet_drift: [f64; 2] = [0.0; 2], "": Range(-0.1, 0.1);
         /// Relative fall of the rolling radius where the load is twice that of the bare robot at rest.
@@ -131,9 +136,9 @@ declare! {
         /// Direction on the floor in which it falls.
         pub downhill_rad: f64 = 0.0, "rad": Range(-10.0, 10.0);
         /// Mass carried by each axle, a point.
-        pub payload_kg: [f64; 2] = [0.0; 2], "kg": Range(0.0, 1e3);
+        pub payload_kg: PerAxle<f64> = [0.0].into(), "kg": Range(0.0, 1e3);
         /// Position of the payload forward and to the left of the axle's midpoint.
-        pub payload_position_m: [[f64; 2]; 2] = [[0.0; 2]; 2], "m": Range(-2.0, 2.0);
+        pub payload_position_m: PerAxle<[f64; 2]> = [[0.0; 2]].into(), "m": Range(-2.0, 2.0);
         /// Height of the centre of mass. Above 0, wheel loads shift with acceleration.
         pub center_of_mass_height_m: f64 = 0.0, "m": Range(0.0, 1.0);
         /// Time in which wheel loads follow the acceleration.
@@ -147,7 +152,7 @@ declare! {
         /// Time constant of the current loop: 0 for an ideal one.
         pub current_loop_time_s: f64 = 0.0, "s": Range(0.0, 1.0);
         /// Play of each wheel's gear, from flank to flank at the wheel.
-        pub backlash_rad: [[f64; 2]; 2] = [[0.0; 2]; 2], "rad": Range(0.0, 0.2);
+        pub backlash_rad: PerAxle<[f64; 2]> = [[0.0; 2]].into(), "rad": Range(0.0, 0.2);
         /// Share of a wheel's inertia that turns on the motor's side of the play.
         pub rotor_inertia_share: f64 = 0.75, "": Range(0.02, 0.98);
         /// Amplitude of the cogging torque at the wheel.
@@ -155,7 +160,7 @@ declare! {
         /// Periods of the cogging torque in one turn of the wheel.
         pub cogging_periods: f64 = 60.0, "": Range(1.0, 1e5);
         /// Phase of each motor's cogging at the start.
-        pub cogging_phase_rad: [[f64; 2]; 2] = [[0.0; 2]; 2], "rad": Range(-10.0, 10.0);
+        pub cogging_phase_rad: PerAxle<[f64; 2]> = [[0.0; 2]].into(), "rad": Range(-10.0, 10.0);
         /// Length of the flexible strip (the paper's L).
         pub strip_length_m: f64 = 0.37, "m": Range(0.02, 10.0);
         /// Bending stiffness EI of the strip.
@@ -166,18 +171,50 @@ declare! {
         pub internal_damping_s: f64 = 1e-3, "s": Range(0.0, 0.1);
         /// Amplitude of the waviness of the unloaded strip.
         pub natural_slope_rad: f64 = 1e-3, "rad": Range(-0.05, 0.05);
-        /// Rigid part between the rear axle and the strip.
+        /// Rigid part between the axle behind a frame and the strip.
         pub rigid_root_m: f64 = 0.0, "m": Range(0.0, 1.0);
-        /// Rigid part between the strip and the front axle.
+        /// Rigid part between the strip and the axle ahead of it.
         pub rigid_tip_m: f64 = 0.0, "m": Range(0.0, 1.0);
-        /// Angle of the rear clamp, and of the strip in it, to the rear axle's heading.
+        /// Angle of the rear clamp of a frame, and of the strip in it, to the heading of the axle behind.
         pub clamp_angle_root_rad: f64 = 0.0, "rad": Range(-0.2, 0.2);
-        /// Angle of the front clamp to the front axle's heading.
+        /// Angle of the front clamp of a frame to the heading of the axle ahead.
         pub clamp_angle_tip_rad: f64 = 0.0, "rad": Range(-0.2, 0.2);
     }
 }
 
 impl PlantConfig {
+    /// The constants with an entry for each of so many axles, 2 to [`MAX_AXLES`].
+    pub fn for_axles(&self, axles: usize) -> Result<Self, ConfigError> {
+        Allowed::Range(2.0, MAX_AXLES as f32).check("axles", axles as f32)?;
+        let mut config = self.clone();
+        config.mass_kg.spread("mass_kg", axles)?;
+        config
+            .yaw_inertia_kg_m2
+            .spread("yaw_inertia_kg_m2", axles)?;
+        config.half_track_m.spread("half_track_m", axles)?;
+        config.wheel_radius_m.spread("wheel_radius_m", axles)?;
+        config.side_slip.spread("side_slip", axles)?;
+        config.payload_kg.spread("payload_kg", axles)?;
+        config
+            .payload_position_m
+            .spread("payload_position_m", axles)?;
+        config.backlash_rad.spread("backlash_rad", axles)?;
+        config
+            .cogging_phase_rad
+            .spread("cogging_phase_rad", axles)?;
+        if let Tyre::Brush(brush) = &mut config.tyre {
+            brush
+                .slip_stiffness
+                .spread("tyre.brush.slip_stiffness", axles)?;
+        }
+        Ok(config)
+    }
+
+    /// Number of axles, of constants with an entry for each.
+    pub(super) fn axles(&self) -> usize {
+        self.mass_kg.entries().len()
+    }
+
     /// Checks every constant.
     pub(super) fn check(&self) -> Result<(), ConfigError> {
         self.check_ranges()?;

@@ -56,19 +56,19 @@ pub const DRIVES: [Drive; 5] = [
         robot: |c| {
             *c = PlantConfig {
                 tyre: Tyre::Brush(Brush {
-                    slip_stiffness: [[15.0, 20.0], [26.0, 18.0]],
+                    slip_stiffness: [[15.0, 20.0], [26.0, 18.0]].into(),
                     ..Brush::default()
                 }),
                 friction: 0.6,
                 static_excess: 0.2,
                 rolling_resistance: 0.03,
-                side_slip: [0.002, -0.002],
+                side_slip: [0.002, -0.002].into(),
                 carpet_drift: [0.005, -0.005],
                 radius_load_sensitivity: 1e-3,
-                payload_kg: [0.5, 0.3],
-                payload_position_m: [[0.02, 0.05], [-0.03, 0.02]],
+                payload_kg: [0.5, 0.3].into(),
+                payload_position_m: [[0.02, 0.05], [-0.03, 0.02]].into(),
                 center_of_mass_height_m: 0.08,
-                backlash_rad: [[5e-3; 2]; 2],
+                backlash_rad: [[5e-3; 2]; 1].into(),
                 cogging_torque_n_m: 0.01,
                 rigid_root_m: 5e-3,
                 rigid_tip_m: 5e-3,
@@ -89,19 +89,30 @@ impl Drive {
         config
     }
 
-    /// Wheel torques at time `t`, N m.
-    pub fn torque(&self, t: f64) -> [[f64; 2]; 2] {
+    /// Wheel torques of so many axles at time `t`, N m. The outer axles are turned against each other, the inner ones in
+    /// between.
+    pub fn torque(&self, t: f64, axles: usize) -> Vec<[f64; 2]> {
         let wave = |[amplitude, rate]: [f64; 2]| amplitude * libm::sin(rate * t);
         let (base, steer) = (wave(self.base), wave(self.steer));
-        [[base - steer, base + steer], [base + steer, base - steer]]
+        let of = |axle: usize| {
+            let steer = steer * (1.0 - 2.0 * axle as f64 / (axles - 1) as f64);
+            [base - steer, base + steer]
+        };
+        (0..axles).map(of).collect()
     }
 
-    /// Largest difference in position (m) and heading (rad) of an axle between the plant and a
-    /// reference at 20 µs (8 µs with the brush tyre, stiffer at rest). NaN if the reference lost the
-    /// frame's equilibrium.
-    pub fn error(&self, config: &PlantConfig, seconds: f64) -> Result<[f64; 2], ConfigError> {
-        let mut plant = config.build()?;
-        let mut reference = Reference::new(config, plant.state().axle.map(|a| a.posture));
+    /// Largest difference in position (m) and heading (rad) of an axle between the plant of so many axles and a
+    /// reference at 20 µs (8 µs with the brush tyre, stiffer at rest). NaN if the reference lost the equilibrium of a
+    /// frame.
+    pub fn error(
+        &self,
+        config: &PlantConfig,
+        axles: usize,
+        seconds: f64,
+    ) -> Result<[f64; 2], ConfigError> {
+        let mut plant = config.build(axles)?;
+        let start: Vec<_> = plant.axles().iter().map(|axle| axle.posture).collect();
+        let mut reference = Reference::new(config, &start)?;
         let finest = match config.tyre {
             Tyre::Creep(_) => 20e-6,
             Tyre::Brush(_) => 8e-6,
@@ -109,10 +120,10 @@ impl Drive {
         let fine = (TICK_S / finest).ceil() as usize;
         let mut worst = [0.0f64; 2];
         for k in 0..(seconds / TICK_S).round() as usize {
-            let torque = self.torque(k as f64 * TICK_S);
-            plant.step(torque);
-            reference.advance(TICK_S, fine, torque);
-            for (axle, q) in plant.state().axle.iter().zip(reference.postures()) {
+            let torque = self.torque(k as f64 * TICK_S, axles);
+            plant.step(&torque);
+            reference.advance(TICK_S, fine, &torque);
+            for (axle, q) in plant.axles().iter().zip(reference.postures()) {
                 let p = axle.posture;
                 worst[0] = worst[0].max(libm::hypot(p[0] - q[0], p[1] - q[1]));
                 worst[1] = worst[1].max((p[2] - q[2]).abs());

@@ -17,7 +17,7 @@ use super::sincos::directions;
 use super::state::AxleState;
 use super::wheel::{Conditions, Wheels};
 
-/// Gears of the four wheels, in the order front left, front right, rear left, rear right.
+/// Gears of the four wheels of two neighbouring axles, in the order of [`Wheels`].
 #[derive(Clone, Debug)]
 pub struct Drivetrain {
     /// Half of the play, rad at the wheel.
@@ -35,10 +35,12 @@ pub struct Drivetrain {
 }
 
 impl Drivetrain {
-    /// From checked constants.
-    pub fn new(config: &PlantConfig) -> Self {
-        let [[a, b], [c, d]] = config.backlash_rad;
-        let [[e, f], [g, h]] = config.cogging_phase_rad;
+    /// Of the axles `first` and the one behind it, from checked constants.
+    pub fn new(config: &PlantConfig, first: usize) -> Self {
+        let last = (first + 1).min(config.axles() - 1);
+        let [[a, b], [c, d]] = [config.backlash_rad[first], config.backlash_rad[last]];
+        let phase = &config.cogging_phase_rad;
+        let [[e, f], [g, h]] = [phase[first], phase[last]];
         let half_play = [0.5 * a, 0.5 * b, 0.5 * c, 0.5 * d];
         Self {
             half_play,
@@ -76,9 +78,9 @@ impl Drivetrain {
 
     /// Mean of the cogging torque over the next `h` (s), N m at the wheel.
     #[inline(always)]
-    pub fn cogging<V: Lanes>(&self, axle: &[AxleState; 2], h: f64) -> [f64; 4] {
+    pub fn cogging<V: Lanes>(&self, axle: &[AxleState], h: f64) -> [f64; 4] {
         let (mut half, mut middle) = ([0.0; 4], [0.0; 4]);
-        for w in 0..4 {
+        for w in 0..2 * axle.len() {
             let (angle, speed) = self.motor(axle, w);
             half[w] = 0.5 * self.periods * h * speed;
             middle[w] = self.periods * angle + half[w] + self.phase[w];
@@ -99,7 +101,7 @@ impl Drivetrain {
 
     /// Angle and speed of a motor, at the wheel.
     #[inline(always)]
-    fn motor(&self, axle: &[AxleState; 2], w: usize) -> (f64, f64) {
+    fn motor(&self, axle: &[AxleState], w: usize) -> (f64, f64) {
         let (axle, side) = (&axle[w / 2], w % 2);
         let speed = if self.half_play[w] > 0.0 {
             self.speed[w]
@@ -114,11 +116,11 @@ impl Drivetrain {
     pub fn mesh(
         &mut self,
         wheels: &mut Wheels,
-        axle: &mut [AxleState; 2],
+        axle: &mut [AxleState],
         c: &Conditions,
         (before, h): ([f64; 4], f64),
     ) {
-        for w in 0..4 {
+        for w in 0..2 * axle.len() {
             if self.half_play[w] == 0.0 {
                 continue;
             }
@@ -150,8 +152,8 @@ impl Drivetrain {
 
     /// Tells where the motors are.
     #[inline(always)]
-    pub fn publish(&self, axle: &mut [AxleState; 2]) {
-        for w in 0..4 {
+    pub fn publish(&self, axle: &mut [AxleState]) {
+        for w in 0..2 * axle.len() {
             let (angle, speed) = self.motor(axle, w);
             axle[w / 2].motor_angle[w % 2] = angle;
             axle[w / 2].motor_speed[w % 2] = speed;

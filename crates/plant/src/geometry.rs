@@ -3,7 +3,7 @@
 pub type Vec3 = [f64; 3];
 pub type Mat3 = [[f64; 3]; 3];
 
-/// Clamps of the strip on the axles. Constant.
+/// Clamps of a strip on its axles. Constant.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Clamps {
     /// Direction (cos, sin) of the rear clamp, and of the strip that starts there, in the rear
@@ -36,8 +36,8 @@ impl Clamps {
     }
 }
 
-/// Positions of the axles and the strip's end. The root frame has its origin at the midpoint of the
-/// rear axle and its x axis along the rear clamp.
+/// Positions of two neighbouring axles, front and rear, and the end of the strip between them. The
+/// root frame has its origin at the midpoint of the rear axle and its x axis along the rear clamp.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Geometry {
     /// Direction of the rear axle, (cos, sin).
@@ -77,6 +77,20 @@ impl Geometry {
             tip,
             root: clamps.root,
         }
+    }
+
+    /// Geometry after moving at velocity `v` (frames of the start) for a time, over which the axles turn by `turns`.
+    #[inline(always)]
+    pub fn moved(&self, clamps: &Clamps, v: &[Vec3; 2], turns: [[f64; 2]; 2], time: f64) -> Self {
+        let [f, r] = v;
+        let front = rotate(&[f[0], f[1]], self.turn);
+        let position = [
+            self.position[0] + time * (front[0] - r[0]),
+            self.position[1] + time * (front[1] - r[1]),
+        ];
+        let position = unrotate(&position, turns[1]);
+        let turn = unrotate(&rotate(&self.turn, turns[0]), turns[1]);
+        Self::new(clamps, [self.front, self.rear], position, turn)
     }
 
     /// Rate of the strip's end in the root frame for body velocities of the axles.
@@ -188,11 +202,30 @@ pub fn inverse(m: &Mat3) -> Mat3 {
 }
 
 #[inline(always)]
-pub fn sum(a: &[Vec3; 2], b: &[Vec3; 2]) -> [Vec3; 2] {
-    [add(&a[0], 1.0, &b[0]), add(&a[1], 1.0, &b[1])]
+pub fn sum<const N: usize>(a: &[Vec3; N], b: &[Vec3; N]) -> [Vec3; N] {
+    let mut sum = *a;
+    for i in 0..N {
+        sum[i] = add(&a[i], 1.0, &b[i]);
+    }
+    sum
 }
 
 #[inline(always)]
-pub fn minus(a: &[Vec3; 2], b: &[Vec3; 2]) -> [Vec3; 2] {
-    [add(&a[0], -1.0, &b[0]), add(&a[1], -1.0, &b[1])]
+pub fn minus<const N: usize>(a: &[Vec3; N], b: &[Vec3; N]) -> [Vec3; N] {
+    let mut difference = *a;
+    for i in 0..N {
+        difference[i] = add(&a[i], -1.0, &b[i]);
+    }
+    difference
+}
+
+#[inline(always)]
+pub fn product(a: &Mat3, b: &Mat3) -> Mat3 {
+    let mut product = *a;
+    for (row, a) in product.iter_mut().zip(a) {
+        for n in 0..3 {
+            row[n] = a[0] * b[0][n] + a[1] * b[1][n] + a[2] * b[2][n];
+        }
+    }
+    product
 }

@@ -1,12 +1,12 @@
-//! Simulated robot: two axles, a compliant frame, tyres and motors, in `f64`.
+//! Simulated robot: two to five axles, a compliant frame between neighbours, tyres and motors, in `f64`.
 //!
 //! [`PlantConfig`] holds the physical constants, [`Plant`] is the robot, stepped at a fixed rate
-//! with wheel torques. The parts: [`frame`] (the strip between the axles), tyres, wheels and
+//! with wheel torques. The parts: [`frame`] (the strip between two axles), tyres, wheels and
 //! motors, and the integrator. [`elastica`] solves the same strip by another route; the tests
 //! compare the two.
 //!
-//! Frames: global; axle frames x forward, y left; front axle first, left wheel first. The frame's
-//! root is at the rear axle.
+//! Coordinates: global; of an axle x forward, y left. Axles and frames count from 0 at the front;
+//! left wheel first. A frame has its tip at the axle ahead and its root at the axle behind.
 //!
 //! Deterministic to the bit: no fused operations, elementary functions from `libm` or from here.
 
@@ -28,12 +28,14 @@ mod integrator;
 mod lanes;
 mod legendre;
 mod loads;
+mod per_axle;
 pub mod reference;
 mod sincos;
 mod state;
 mod wheel;
 
-pub use config::{Brush, Creep, PlantConfig, TICK_S, Tyre};
+pub use config::{Brush, Creep, MAX_AXLES, PlantConfig, TICK_S, Tyre};
 pub use frame::Station;
 pub use integrator::{Outline, Plant};
-pub use state::{AxleState, Health, PlantState, Wrench};
+pub use per_axle::PerAxle;
+pub use state::{AxleState, Health, Wrench};

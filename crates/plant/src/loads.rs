@@ -31,23 +31,24 @@ pub struct Body {
 }
 
 impl Body {
-    /// Both axles, front first, from checked constants. A payload is a point mass.
-    pub fn both(config: &PlantConfig) -> [Self; 2] {
-        let mass = [
-            config.mass_kg[0],
-            config.mass_kg[1] + config.sensing_mass_kg,
-        ];
-        std::array::from_fn(|i| {
+    /// The axles, front first, from checked constants of so many axles. A payload is a point mass.
+    pub fn all(config: &PlantConfig) -> Vec<Self> {
+        let body = |i: usize| {
             let (payload, [x, y]) = (config.payload_kg[i], config.payload_position_m[i]);
+            let bare = match i {
+                0 => config.mass_kg[0],
+                _ => config.mass_kg[i] + config.sensing_mass_kg,
+            };
             let mut body = Self {
-                mass: mass[i] + payload,
+                mass: bare + payload,
                 inertia: config.yaw_inertia_kg_m2[i] + payload * (x * x + y * y),
                 moment: [payload * x, payload * y],
                 inverse: [[0.0; 3]; 3],
             };
             body.inverse = inverse(&body.with_damping(&[0.0; 6]));
             body
-        })
+        };
+        (0..config.axles()).map(body).collect()
     }
 
     /// Mass matrix (forward, left, yaw) with a symmetric matrix (xx, xy, xφ, yy, yφ, φφ) added.
@@ -108,47 +109,56 @@ impl Body {
     }
 }
 
-/// Loads on the wheels, in the order front left, front right, rear left, rear right.
+/// Loads on the wheels, `[axle][left, right]`.
 ///
 /// Load transfer is quasi-static: the moment of the inertial force at the height of the centre of
 /// mass is borne by the wheels after a short lag, which stands for the tyres' vertical springs
 /// (Gillespie, *Fundamentals of Vehicle Dynamics*, SAE 1992, chapter 1). Longitudinal acceleration
-/// shifts load between the axles (the strip stands upright and carries the moment), lateral
-/// acceleration between the wheels of each axle (the strip is soft in torsion). The loads add up to
-/// the weight also where a wheel leaves the ground.
+/// shifts load between the axles (the strips stand upright and carry the moment: the axles' springs
+/// share it as under a rigid beam), lateral acceleration between the wheels of each axle (a strip is
+/// soft in torsion). The loads add up to the weight also where a wheel leaves the ground.
 #[derive(Clone, Debug)]
 pub struct Loads {
-    at_rest: [f64; 4],
-    half_track: [f64; 2],
-    mass: [f64; 2],
+    at_rest: Vec<[f64; 2]>,
+    half_track: Vec<f64>,
+    mass: Vec<f64>,
     height: f64,
     share: f64,
     /// Specific force that the loads follow.
-    acceleration: [[f64; 2]; 2],
+    acceleration: Vec<[f64; 2]>,
     /// Loads now, N.
-    pub now: [f64; 4],
+    pub now: Vec<[f64; 2]>,
+}
+
+/// Load on an axle for a pitching moment of one newton over the distance of neighbouring axles.
+fn pitch_share(axle: usize, axles: usize) -> f64 {
+    let middle = (axles as f64 - 1.0) / 2.0;
+    let squares: f64 = (0..axles)
+        .map(|i| (middle - i as f64) * (middle - i as f64))
+        .sum();
+    (middle - axle as f64) / squares
 }
 
 impl Loads {
     /// At rest.
-    pub fn new(config: &PlantConfig, bodies: &[Body; 2]) -> Self {
+    pub fn new(config: &PlantConfig, bodies: &[Body]) -> Self {
         let at_rest = at_rest(config, bodies);
         Self {
+            now: at_rest.clone(),
+            acceleration: vec![[0.0; 2]; at_rest.len()],
             at_rest,
-            half_track: config.half_track_m,
-            mass: [bodies[0].mass, bodies[1].mass],
+            half_track: config.half_track_m.entries().to_vec(),
+            mass: bodies.iter().map(|body| body.mass).collect(),
             height: config.center_of_mass_height_m,
             share: 1.0
                 - libm::exp(-TICK_S / f64::from(config.substeps) / config.load_transfer_time_s),
-            acceleration: [[0.0; 2]; 2],
-            now: at_rest,
         }
     }
 
     /// Back to rest.
     pub fn settle(&mut self) {
-        self.acceleration = [[0.0; 2]; 2];
-        self.now = self.at_rest;
+        self.acceleration.fill([0.0; 2]);
+        self.now.clone_from(&self.at_rest);
     }
 
     /// True if the loads move at all.
@@ -157,51 +167,75 @@ impl Loads {
         self.height > 0.0
     }
 
-    /// Follows the acceleration of the axles, `base` (m) apart, for a step.
+    /// Follows the acceleration of the axles, neighbours `base` (m) apart, for a step.
     #[cold]
-    pub fn follow(&mut self, axle: &[AxleState; 2], base: f64) {
-        for (follower, axle) in self.acceleration.iter_mut().zip(axle) {
+    pub fn follow(&mut self, axles: &[AxleState], base: f64) {
+        for (follower, axle) in self.acceleration.iter_mut().zip(axles) {
             for n in 0..2 {
                 follower[n] += self.share * (axle.acceleration[n] - follower[n]);
             }
         }
         let (a, rest) = (&self.acceleration, &self.at_rest);
-        let weight = [rest[0] + rest[1], rest[2] + rest[3]];
-        let pitch =
-            (self.mass[0] * a[0][0] + self.mass[1] * a[1][0]) * self.height / base.max(1e-3);
-        let pitch = pitch.clamp(-weight[1], weight[0]);
-        for i in 0..2 {
-            let axle = weight[i] + if i == 0 { -pitch } else { pitch };
+        let weight = |i: usize| rest[i][0] + rest[i][1];
+        let mut ahead = self.mass[0] * a[0][0];
+        for (mass, acceleration) in self.mass.iter().zip(a).skip(1) {
+            ahead += mass * acceleration[0];
+        }
+        let mut pitch = ahead * self.height / base.max(1e-3);
+        for i in 0..axles.len() {
+            // No axle bears less than nothing.
+            let share = pitch_share(i, axles.len());
+            if share > 0.0 {
+                pitch = pitch.min(weight(i) / share);
+            } else if share < 0.0 {
+                pitch = pitch.max(weight(i) / share);
+            }
+        }
+        for i in 0..axles.len() {
+            let axle = weight(i) - pitch * pitch_share(i, axles.len());
             let roll = self.mass[i] * a[i][1] * self.height / (2.0 * self.half_track[i]);
-            let left = 0.5 * (axle + rest[2 * i] - rest[2 * i + 1]) - roll;
-            self.now[2 * i] = left.clamp(0.0, axle);
-            self.now[2 * i + 1] = axle - self.now[2 * i];
+            let left = 0.5 * (axle + rest[i][0] - rest[i][1]) - roll;
+            self.now[i][0] = left.clamp(0.0, axle);
+            self.now[i][1] = axle - self.now[i][0];
         }
     }
 }
 
-/// Loads of the robot at rest with its frame straight.
-pub fn at_rest(config: &PlantConfig, bodies: &[Body; 2]) -> [f64; 4] {
-    let base = config.strip_length_m + config.rigid_root_m + config.rigid_tip_m;
+/// Distance of neighbouring axles with their frame straight, m.
+fn base(config: &PlantConfig) -> f64 {
+    config.strip_length_m + config.rigid_root_m + config.rigid_tip_m
+}
+
+/// Loads of the robot at rest with its frames straight.
+pub fn at_rest(config: &PlantConfig, bodies: &[Body]) -> Vec<[f64; 2]> {
     let (gravity, _) = gravity(config);
-    // A payload before its axle's middle loads the front axle, by way of the frame.
-    let pitch = gravity * (bodies[0].moment[0] + bodies[1].moment[0]) / base;
-    let mut load = [0.0; 4];
-    for (i, body) in bodies.iter().enumerate() {
-        let half = 0.5 * body.mass * gravity + if i == 0 { 0.5 * pitch } else { -0.5 * pitch };
+    // A payload before its axle's middle loads the axles ahead, by way of the frames.
+    let ahead: f64 = bodies.iter().map(|body| body.moment[0]).sum();
+    let pitch = gravity * ahead / base(config);
+    let load = |(i, body): (usize, &Body)| {
+        let half = 0.5 * body.mass * gravity + 0.5 * pitch * pitch_share(i, bodies.len());
         let roll = gravity * body.moment[1] / (2.0 * config.half_track_m[i]);
-        load[2 * i] = half + roll;
-        load[2 * i + 1] = half - roll;
-    }
-    load
+        [half + roll, half - roll]
+    };
+    bodies.iter().enumerate().map(load).collect()
 }
 
 /// Refuses a payload that lifts a wheel off the ground.
 pub fn check_payload(config: &PlantConfig) -> Result<(), ConfigError> {
-    let bodies = Body::both(config);
-    let base = config.strip_length_m + config.rigid_root_m + config.rigid_tip_m;
+    let bodies = Body::all(config);
     let load = at_rest(config, &bodies);
-    for i in 0..2 {
+    let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
+    for (i, body) in bodies.iter().enumerate() {
+        // The moment of all payloads at which the axle bears nothing.
+        let share = pitch_share(i, bodies.len());
+        let bound = -body.mass * base(config) / share;
+        if share > 0.0 {
+            low = low.max(bound);
+        } else if share < 0.0 {
+            high = high.min(bound);
+        }
+    }
+    for i in 0..bodies.len() {
         let payload = config.payload_kg[i];
         if payload == 0.0 {
             continue;
@@ -212,13 +246,12 @@ pub fn check_payload(config: &PlantConfig) -> Result<(), ConfigError> {
             let checked = place[n].check("payload_position_m", allowed);
             checked.map_err(|error| error.at(n).at(i))
         };
-        let other = bodies[1 - i].moment[0];
-        let (low, high) = (-bodies[0].mass * base, bodies[1].mass * base);
-        let (low, high) = ((low - other) / payload, (high - other) / payload);
-        check(0, low, high)?;
+        let others = bodies.iter().enumerate().filter(|(j, _)| *j != i);
+        let others: f64 = others.map(|(_, body)| body.moment[0]).sum();
+        check(0, (low - others) / payload, (high - others) / payload)?;
         // Half the axle's load is what the moment may take from a wheel.
-        let half = 0.5 * (load[2 * i] + load[2 * i + 1]);
-        let roll = 0.5 * (load[2 * i] - load[2 * i + 1]);
+        let half = 0.5 * (load[i][0] + load[i][1]);
+        let roll = 0.5 * (load[i][0] - load[i][1]);
         if roll.abs() > half {
             let reach = (place[1] * half / roll).abs();
             check(1, -reach, reach)?;

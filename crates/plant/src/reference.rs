@@ -9,9 +9,10 @@
 
 use super::config::{PlantConfig, Tyre};
 use super::elastica::{Elastica, Load, solve};
+use declare::ConfigError;
 
-/// x, y, φ of the front axle, then of the rear; their rates; wheel speeds.
-type Coordinates = [f64; 16];
+/// Of each axle x, y, φ; their rates; speeds of the left and the right wheel.
+type Coordinates = Vec<[f64; 8]>;
 
 /// The robot, at rest at the start.
 #[derive(Clone, Debug)]
@@ -19,17 +20,22 @@ pub struct Reference {
     config: PlantConfig,
     strip: Elastica,
     y: Coordinates,
-    /// Load found last and the end it belongs to, with the derivative of one by the other.
-    load: Load,
-    end: [f64; 3],
-    by_end: [[f64; 3]; 3],
-    /// True if the strip's equilibrium was lost.
+    frames: Vec<Frame>,
+    /// True if the equilibrium of a strip was lost.
     pub lost: bool,
 }
 
+/// Load of a strip found last and the end it belongs to, with the derivative of one by the other.
+#[derive(Clone, Copy, Debug, Default)]
+struct Frame {
+    load: Load,
+    end: [f64; 3],
+    by_end: [[f64; 3]; 3],
+}
+
 impl Reference {
-    /// The robot of `config` with the given postures of front and rear axle.
-    pub fn new(config: &PlantConfig, postures: [[f64; 3]; 2]) -> Self {
+    /// The robot of `config` with these postures of its axles, front first.
+    pub fn new(config: &PlantConfig, postures: &[[f64; 3]]) -> Result<Self, ConfigError> {
         let slope = config.natural_slope_rad;
         let strip = Elastica {
             length: config.strip_length_m,
@@ -38,55 +44,55 @@ impl Reference {
             waves: [slope / 0.096_225, 0.5 * slope / 0.073_193],
             steps: 40,
         };
-        let mut y = [0.0; 16];
-        y[..3].copy_from_slice(&postures[0]);
-        y[3..6].copy_from_slice(&postures[1]);
+        let at = |p: &[f64; 3]| [p[0], p[1], p[2], 0.0, 0.0, 0.0, 0.0, 0.0];
         let mut reference = Self {
-            config: config.clone(),
+            config: config.for_axles(postures.len())?,
             strip,
-            y,
-            load: [0.0; 3],
-            end: [0.0; 3],
-            by_end: [[0.0; 3]; 3],
+            y: postures.iter().map(at).collect(),
+            frames: vec![Frame::default(); postures.len() - 1],
             lost: false,
         };
-        let (end, _) = reference.strip_end(&y);
-        match strip.solve(end, [0.0; 3]) {
-            Some(load) => reference.load = load,
-            None => reference.lost = true,
+        for f in 0..reference.frames.len() {
+            let (end, _) = reference.strip_end(&reference.y, f);
+            let load = reference.strip.solve(end, [0.0; 3]);
+            reference.lost |= load.is_none();
+            reference.frames[f] = Frame {
+                load: load.unwrap_or_default(),
+                end,
+                by_end: [[0.0; 3]; 3],
+            };
         }
-        reference.end = end;
-        reference
+        Ok(reference)
     }
 
-    /// Postures of front and rear axle.
-    pub fn postures(&self) -> [[f64; 3]; 2] {
-        let y = &self.y;
-        [[y[0], y[1], y[2]], [y[3], y[4], y[5]]]
+    /// Postures of the axles, front first.
+    pub fn postures(&self) -> impl Iterator<Item = [f64; 3]> {
+        self.y.iter().map(|axle| [axle[0], axle[1], axle[2]])
     }
 
-    /// Angle of a clamp (0 front, 1 rear) and from the axle's midpoint to the strip, global.
-    fn clamp(&self, y: &Coordinates, i: usize) -> (f64, [f64; 2]) {
+    /// Angle of a clamp of an axle, of its frame ahead or behind, and from the axle's midpoint to the strip, global.
+    fn clamp(&self, axle: &[f64; 8], ahead: bool) -> (f64, [f64; 2]) {
         let c = &self.config;
-        let (angle, length) = match i {
-            0 => (c.clamp_angle_tip_rad, -c.rigid_tip_m),
-            _ => (c.clamp_angle_root_rad, c.rigid_root_m),
+        let (angle, length) = match ahead {
+            false => (c.clamp_angle_tip_rad, -c.rigid_tip_m),
+            true => (c.clamp_angle_root_rad, c.rigid_root_m),
         };
-        let angle = y[3 * i + 2] + angle;
+        let angle = axle[2] + angle;
         (
             angle,
             [length * libm::cos(angle), length * libm::sin(angle)],
         )
     }
 
-    /// End of the strip in its root's frame, and its rate.
-    fn strip_end(&self, y: &Coordinates) -> ([f64; 3], [f64; 3]) {
-        let ((front, to_tip), (rear, to_root)) = (self.clamp(y, 0), self.clamp(y, 1));
-        let dx = y[0] + to_tip[0] - y[3] - to_root[0];
-        let dy = y[1] + to_tip[1] - y[4] - to_root[1];
-        let turning = y[11];
-        let vx = y[6] - y[8] * to_tip[1] - y[9] + turning * to_root[1];
-        let vy = y[7] + y[8] * to_tip[0] - y[10] - turning * to_root[0];
+    /// End of a strip in its root's frame, and its rate.
+    fn strip_end(&self, y: &Coordinates, f: usize) -> ([f64; 3], [f64; 3]) {
+        let (a, b) = (&y[f], &y[f + 1]);
+        let ((front, to_tip), (rear, to_root)) = (self.clamp(a, false), self.clamp(b, true));
+        let dx = a[0] + to_tip[0] - b[0] - to_root[0];
+        let dy = a[1] + to_tip[1] - b[1] - to_root[1];
+        let turning = b[5];
+        let vx = a[3] - a[5] * to_tip[1] - b[3] + turning * to_root[1];
+        let vy = a[4] + a[5] * to_tip[0] - b[4] - turning * to_root[0];
         let (s, c) = libm::sincos(rear);
         let (x, z) = (c * dx + s * dy, c * dy - s * dx);
         (
@@ -94,23 +100,24 @@ impl Reference {
             [
                 c * vx + s * vy + turning * z,
                 c * vy - s * vx - turning * x,
-                y[8] - turning,
+                a[5] - turning,
             ],
         )
     }
 
-    /// Force and moment of the frame on the end's support, negated: (Fx, Fy, M_end, M_root).
-    fn frame(&mut self, y: &Coordinates) -> [f64; 4] {
-        let (end, rate) = self.strip_end(y);
+    /// Force (global), end moment and root moment of a frame on the support of its strip's end, negated.
+    fn frame(&mut self, y: &Coordinates, f: usize) -> [f64; 4] {
+        let (end, rate) = self.strip_end(y, f);
+        let frame = &mut self.frames[f];
         // Tangent from the last stage, then as many corrections as it takes.
         for i in 0..3 {
             for n in 0..3 {
-                self.load[i] += self.by_end[i][n] * (end[n] - self.end[n]);
+                frame.load[i] += frame.by_end[i][n] * (end[n] - frame.end[n]);
             }
         }
-        self.end = end;
+        frame.end = end;
         for round in 0.. {
-            let shot = self.strip.shoot(self.load);
+            let shot = self.strip.shoot(frame.load);
             let error = [
                 end[0] - shot.end[0],
                 end[1] - shot.end[1],
@@ -128,14 +135,23 @@ impl Reference {
             let mut change: f64 = 0.0;
             for i in 0..3 {
                 for n in 0..3 {
-                    self.by_end[i][n] = columns[n][i];
+                    frame.by_end[i][n] = columns[n][i];
                 }
-                let step: f64 = (0..3).map(|n| self.by_end[i][n] * error[n]).sum();
-                self.load[i] += step;
+                let step: f64 = (0..3).map(|n| frame.by_end[i][n] * error[n]).sum();
+                frame.load[i] += step;
                 change = change.max(step.abs());
             }
             if change < 1e-4 {
-                return self.wrench(&shot.dissipation, end, rate);
+                let frame = *frame;
+                let [fx, fy, end_moment, root_moment] =
+                    self.wrench(&frame, &shot.dissipation, rate);
+                let (sin, cos) = libm::sincos(self.clamp(&y[f + 1], true).0);
+                return [
+                    cos * fx - sin * fy,
+                    sin * fx + cos * fy,
+                    end_moment,
+                    root_moment,
+                ];
             }
             if round == 20 || !change.is_finite() {
                 self.lost = true;
@@ -145,14 +161,14 @@ impl Reference {
         unreachable!()
     }
 
-    fn wrench(&self, dissipation: &[[f64; 3]; 3], end: [f64; 3], rate: [f64; 3]) -> [f64; 4] {
-        let [mut fx, mut fy, mut moment] = self.strip.wrench(self.load, end);
-        let loads: [f64; 3] =
-            std::array::from_fn(|i| (0..3).map(|n| self.by_end[i][n] * rate[n]).sum());
+    fn wrench(&self, frame: &Frame, dissipation: &[[f64; 3]; 3], rate: [f64; 3]) -> [f64; 4] {
+        let Frame { load, end, by_end } = *frame;
+        let [mut fx, mut fy, mut moment] = self.strip.wrench(load, end);
+        let loads: [f64; 3] = std::array::from_fn(|i| (0..3).map(|n| by_end[i][n] * rate[n]).sum());
         let lost: [f64; 3] =
             std::array::from_fn(|i| (0..3).map(|n| dissipation[i][n] * loads[n]).sum());
         let drag: [f64; 3] = std::array::from_fn(|n| {
-            let force: f64 = (0..3).map(|i| self.by_end[i][n] * lost[i]).sum();
+            let force: f64 = (0..3).map(|i| by_end[i][n] * lost[i]).sum();
             self.config.internal_damping_s * force
         });
         fx += drag[0];
@@ -176,7 +192,7 @@ impl Reference {
     fn grip(&self, (i, side): (usize, usize), slip: f64, rolled: f64, load: f64) -> f64 {
         let c = &self.config;
         let highest = c.friction * (1.0 + c.static_excess);
-        let half = match c.tyre {
+        let half = match &c.tyre {
             Tyre::Creep(creep) => creep.velocity_m_s,
             Tyre::Brush(brush) => {
                 let rolling = highest * rolled.abs() / brush.slip_stiffness[i][side];
@@ -191,44 +207,49 @@ impl Reference {
     /// Loads of the wheels of an axle, N.
     fn loads(&self, i: usize) -> [f64; 2] {
         let c = &self.config;
-        let moment = |n: usize| -> [f64; 2] {
-            std::array::from_fn(|i| c.payload_kg[i] * c.payload_position_m[i][n])
-        };
+        let count = self.y.len();
+        let moment = |axle: usize, n: usize| c.payload_kg[axle] * c.payload_position_m[axle][n];
         let base = c.strip_length_m + c.rigid_root_m + c.rigid_tip_m;
-        let mass = c.mass_kg[i] + c.payload_kg[i] + if i == 1 { c.sensing_mass_kg } else { 0.0 };
-        // Moments about the other axle, then about the other wheel.
-        let ahead = (moment(0)[0] + moment(0)[1]) / base;
-        let axle = mass + if i == 0 { ahead } else { -ahead };
+        let mass = c.mass_kg[i] + c.payload_kg[i] + if i > 0 { c.sensing_mass_kg } else { 0.0 };
+        // The axles are springs under a rigid beam: what they give grows linearly from the middle to the ends.
+        let lever = |axle: usize| base * (0.5 * (count - 1) as f64 - axle as f64);
+        let stiffness: f64 = (0..count).map(|axle| lever(axle) * lever(axle)).sum();
+        let pitch: f64 = (0..count).map(|axle| moment(axle, 0)).sum();
+        let axle = mass + pitch * lever(i) / stiffness;
         let track = 2.0 * c.half_track_m[i];
-        let left = axle / 2.0 + moment(1)[i] / track;
+        let left = axle / 2.0 + moment(i, 1) / track;
         let gravity = 9.806_65 * libm::cos(c.slope_rad);
         [gravity * left, gravity * (axle - left)]
     }
 
-    fn slope(&mut self, y: &Coordinates, command: &[f64; 4]) -> Coordinates {
-        let [fx, fy, end_moment, root_moment] = self.frame(y);
-        let (sin, cos) = libm::sincos(self.clamp(y, 1).0);
-        let frame = [cos * fx - sin * fy, sin * fx + cos * fy];
-        let mut d = [0.0; 16];
-        d[..6].copy_from_slice(&y[6..12]);
-        for i in 0..2 {
-            let (_, arm) = self.clamp(y, i);
+    fn slope(&mut self, y: &Coordinates, command: &[[f64; 2]]) -> Coordinates {
+        let frames: Vec<_> = (0..self.frames.len()).map(|f| self.frame(y, f)).collect();
+        let mut d = y.clone();
+        for (i, (axle, d)) in y.iter().zip(&mut d).enumerate() {
             let c = &self.config;
             let load = self.loads(i);
-            let sign = if i == 0 { -1.0 } else { 1.0 };
-            let mut force = [sign * frame[0], sign * frame[1]];
-            let mut moment = if i == 0 { -end_moment } else { root_moment };
-            moment += arm[0] * force[1] - arm[1] * force[0];
-            let (s, co) = libm::sincos(y[3 * i + 2]);
-            let (vx, vy, yaw) = (y[6 + 3 * i], y[7 + 3 * i], y[8 + 3 * i]);
+            let (mut force, mut moment) = ([0.0; 2], 0.0);
+            // The frame ahead has its root here, that behind its tip.
+            let ahead = i.checked_sub(1).map(|f| (&frames[f], true));
+            let behind = frames.get(i).map(|frame| (frame, false));
+            for ([fx, fy, end_moment, root_moment], is_ahead) in ahead.into_iter().chain(behind) {
+                let (_, arm) = self.clamp(axle, is_ahead);
+                let (x, y, own) = match is_ahead {
+                    true => (*fx, *fy, *root_moment),
+                    false => (-fx, -fy, -end_moment),
+                };
+                force = [force[0] + x, force[1] + y];
+                moment += own + arm[0] * y - arm[1] * x;
+            }
+            let [_, _, heading, vx, vy, yaw, ..] = *axle;
+            let (s, co) = libm::sincos(heading);
             for side in 0..2 {
-                let w = 2 * i + side;
-                let speed = y[12 + w];
+                let speed = axle[6 + side];
                 let lateral = if side == 0 { 1.0 } else { -1.0 } * c.half_track_m[i];
                 // Contact point relative to the axle's middle, global.
                 let (px, py) = (-s * lateral, co * lateral);
                 let radius = c.wheel_radius_m[i][side];
-                let [ex, ey] = self.rolling(y[3 * i + 2], i, speed);
+                let [ex, ey] = self.rolling(heading, i, speed);
                 let gx = vx - yaw * py - radius * speed * ex;
                 let gy = vy + yaw * px - radius * speed * ey;
                 let grip = self.grip((i, side), libm::hypot(gx, gy), radius * speed, load[side]);
@@ -237,16 +258,17 @@ impl Reference {
                 force[1] += ty;
                 moment += px * ty - py * tx;
                 let line = c.stall_torque_n_m * speed / c.no_load_speed_rad_s;
-                let motor = command[w]
+                let motor = command[i][side]
                     .clamp(-c.stall_torque_n_m - line, c.stall_torque_n_m - line)
                     .clamp(-c.torque_limit_n_m, c.torque_limit_n_m);
                 let rolling =
                     c.rolling_resistance * load[side] * radius * speed / (speed.abs() + 0.05);
-                d[12 + w] =
+                d[6 + side] =
                     (motor - rolling - radius * (tx * ex + ty * ey)) / c.wheel_inertia_kg_m2;
             }
             let acceleration = self.acceleration(i, [s, co], yaw, [force[0], force[1], moment]);
-            d[6 + 3 * i..9 + 3 * i].copy_from_slice(&acceleration);
+            d[..3].copy_from_slice(&axle[3..6]);
+            d[3..6].copy_from_slice(&acceleration);
         }
         d
     }
@@ -255,7 +277,7 @@ impl Reference {
     /// mass.
     fn acceleration(&self, i: usize, [s, co]: [f64; 2], yaw: f64, load: [f64; 3]) -> [f64; 3] {
         let c = &self.config;
-        let bare = c.mass_kg[i] + if i == 1 { c.sensing_mass_kg } else { 0.0 };
+        let bare = c.mass_kg[i] + if i > 0 { c.sensing_mass_kg } else { 0.0 };
         let (payload, [ahead, aside]) = (c.payload_kg[i], c.payload_position_m[i]);
         let mass = bare + payload;
         let share = payload / mass;
@@ -282,20 +304,24 @@ impl Reference {
     }
 
     /// Advances by `time` (s) in `steps` equal steps under constant commands, `[axle][left, right]`.
-    pub fn advance(&mut self, time: f64, steps: usize, torque: [[f64; 2]; 2]) {
-        let command = [torque[0][0], torque[0][1], torque[1][0], torque[1][1]];
+    pub fn advance(&mut self, time: f64, steps: usize, torque: &[[f64; 2]]) {
         let h = time / steps as f64;
         for _ in 0..steps {
-            let y = self.y;
+            let y = self.y.clone();
             let shifted = |k: f64, d: &Coordinates| -> Coordinates {
-                std::array::from_fn(|i| y[i] + k * d[i])
+                let axles = y.iter().zip(d);
+                axles
+                    .map(|(y, d)| std::array::from_fn(|n| y[n] + k * d[n]))
+                    .collect()
             };
-            let a = self.slope(&y, &command);
-            let b = self.slope(&shifted(0.5 * h, &a), &command);
-            let c = self.slope(&shifted(0.5 * h, &b), &command);
-            let d = self.slope(&shifted(h, &c), &command);
-            for i in 0..16 {
-                self.y[i] += h / 6.0 * (a[i] + 2.0 * (b[i] + c[i]) + d[i]);
+            let a = self.slope(&y, torque);
+            let b = self.slope(&shifted(0.5 * h, &a), torque);
+            let c = self.slope(&shifted(0.5 * h, &b), torque);
+            let d = self.slope(&shifted(h, &c), torque);
+            for (i, y) in self.y.iter_mut().enumerate() {
+                for n in 0..8 {
+                    y[n] += h / 6.0 * (a[i][n] + 2.0 * (b[i][n] + c[i][n]) + d[i][n]);
+                }
             }
         }
     }

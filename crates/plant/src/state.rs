@@ -26,26 +26,19 @@ pub struct AxleState {
     pub load: [f64; 2],
 }
 
-/// Both axles, front first.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct PlantState {
-    /// Front, rear.
-    pub axle: [AxleState; 2],
-}
-
-/// Wrench of the frame: (+force, +root moment) on the rear axle, (−force, −end moment) on the
-/// front axle, in the frame of the rear axle.
+/// Wrench of a frame: (+force, +root moment) on the axle behind, (−force, −end moment) on the axle
+/// ahead, in the coordinates of the axle behind.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wrench {
     /// Force forward and to the left, N.
     pub force: [f64; 2],
-    /// Moment about the midpoint of the rear axle, N m.
+    /// Moment about the midpoint of the axle behind, N m.
     pub root_moment: f64,
-    /// Moment about the midpoint of the front axle, N m.
+    /// Moment about the midpoint of the axle ahead, N m.
     pub end_moment: f64,
 }
 
-/// Counters of the solution of the frame since the robot was placed.
+/// Counters of the solution of the frames since the robot was placed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Health {
     /// Substeps taken.

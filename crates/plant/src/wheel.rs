@@ -1,4 +1,4 @@
-//! Tyres, wheels and motors of one axle.
+//! Tyres, wheels and motors of two neighbouring axles.
 //!
 //! **Tyre.** Force = −μ(|s|)·N·s/(|s| + v_eps) with slip s = (forward − r·Ω, left), so that forward
 //! and sideways slip share one friction circle. [`Tyre::Creep`] has a constant v_eps.
@@ -25,11 +25,13 @@
 
 use super::config::{PlantConfig, Tyre};
 use super::lanes::Lanes;
+use super::state::AxleState;
 
 /// Wheel speed below which rolling resistance and the drift of the ground fade, rad/s.
 const ROLLING_FADE: f64 = 0.05;
 
-/// Constants of the four wheels, in the order front left, front right, rear left, rear right.
+/// Constants of the four wheels of two neighbouring axles, in the order left and right ahead, left and right behind. The
+/// last axle of an odd number has no neighbour: two wheels without friction fill the four.
 #[derive(Clone, Debug)]
 pub struct Wheels {
     friction: [f64; 4],
@@ -101,16 +103,17 @@ pub struct Hub<V> {
 }
 
 impl Wheels {
-    /// From checked constants, for the loads at which the radii were measured.
-    pub fn new(config: &PlantConfig, load: [f64; 4]) -> Self {
-        let [a, b] = config.wheel_radius_m;
-        let [front, rear] = config.half_track_m;
-        let [ahead, behind] = config.side_slip;
+    /// Of the axles `first` and the one behind it, from checked constants; for the loads at which the radii were measured.
+    pub fn new(config: &PlantConfig, first: usize, load: [f64; 4]) -> Self {
+        let last = (first + 1).min(config.axles() - 1);
+        let [a, b] = [config.wheel_radius_m[first], config.wheel_radius_m[last]];
+        let [front, rear] = [config.half_track_m[first], config.half_track_m[last]];
+        let [ahead, behind] = [config.side_slip[first], config.side_slip[last]];
         let highest = config.friction * (1.0 + config.static_excess);
-        let (compliance, creep, tangent) = match config.tyre {
+        let (compliance, creep, tangent) = match &config.tyre {
             Tyre::Creep(creep) => ([0.0; 4], creep.velocity_m_s, 1.0),
             Tyre::Brush(brush) => {
-                let [c, d] = brush.slip_stiffness;
+                let [c, d] = [brush.slip_stiffness[first], brush.slip_stiffness[last]];
                 let stiffness = [c[0], c[1], d[0], d[1]];
                 (
                     stiffness.map(|c| highest / c),
@@ -121,8 +124,9 @@ impl Wheels {
             }
         };
         let radius = [a[0], a[1], b[0], b[1]];
+        let other = if last == first { 0.0 } else { config.friction };
         Self {
-            friction: [config.friction; 4],
+            friction: [config.friction, config.friction, other, other],
             compliance,
             creep,
             tangent,
@@ -134,7 +138,8 @@ impl Wheels {
             apart: false,
             rolling: config.rolling_resistance,
             side: [ahead, ahead, behind, behind],
-            moved: config.side_slip != [0.0; 2] || config.carpet_drift != [0.0; 2],
+            moved: config.side_slip.entries().iter().any(|slip| *slip != 0.0)
+                || config.carpet_drift != [0.0; 2],
             stall: config.stall_torque_n_m,
             slope: config.stall_torque_n_m / config.no_load_speed_rad_s,
             limit: config.torque_limit_n_m,
@@ -369,10 +374,12 @@ impl Wheels {
 
 impl Wheels {
     /// Kinetic energy of the spin of what turns with the wheels, J.
-    pub fn energy(&self, speed: &[f64; 4]) -> f64 {
-        (0..4)
-            .map(|w| 0.5 * self.inertia[w] * speed[w] * speed[w])
-            .sum()
+    pub fn energy(&self, axles: &[AxleState]) -> f64 {
+        let speeds = axles.iter().flat_map(|axle| axle.wheel_speed);
+        let energy = speeds
+            .zip(self.inertia)
+            .map(|(speed, inertia)| 0.5 * inertia * speed * speed);
+        energy.sum()
     }
 }
 
@@ -390,12 +397,12 @@ mod tests {
             static_excess,
             ..PlantConfig::default()
         };
-        Wheels::new(&config, [LOAD; 4])
+        Wheels::new(&config.for_axles(2).unwrap(), 0, [LOAD; 4])
     }
 
     fn brush() -> Tyre {
         Tyre::Brush(Brush {
-            slip_stiffness: [[10.0, 20.0], [30.0, 40.0]],
+            slip_stiffness: [[10.0, 20.0], [30.0, 40.0]].into(),
             ..Brush::default()
         })
     }

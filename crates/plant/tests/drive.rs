@@ -13,7 +13,7 @@ fn config() -> PlantConfig {
 }
 
 fn plant(config: &PlantConfig) -> Plant {
-    config.build().expect("the configuration is valid")
+    config.build(2).expect("the configuration is valid")
 }
 
 /// `crates/plant/examples/drives.rs` compares over 5 s; this is its beginning.
@@ -28,7 +28,7 @@ fn postures_follow_the_explicit_reference() {
                 rolling_resistance: 0.01,
                 ..config()
             };
-            let [position, heading] = drive.error(&config, 0.6).unwrap();
+            let [position, heading] = drive.error(&config, 2, 0.6).unwrap();
             assert!(position < 5e-5, "{} {creep}: {position} m", drive.name);
             assert!(heading < 3e-4, "{} {creep}: {heading} rad", drive.name);
         }
@@ -44,10 +44,10 @@ fn substeps_divide_the_tick() {
             ..config()
         });
         for tick in 0..1000 {
-            plant.step(NORMAL.torque(f64::from(tick) * 1e-3));
+            plant.step(&NORMAL.torque(f64::from(tick) * 1e-3, 2));
         }
         assert!((plant.time() - 1.0).abs() < 1e-12);
-        plant.state().axle.map(|axle| axle.wheel_angle)
+        [0, 1].map(|i| plant.axles()[i].wheel_angle)
     };
     let whole = travel(1);
     assert!(whole[0][0].abs() > 0.3, "{whole:?}");
@@ -68,8 +68,8 @@ fn error_falls_with_the_square_of_the_step() {
             ..config()
         };
         let mut plant = plant(&config);
-        (0..700).for_each(|tick| plant.step(NORMAL.torque(f64::from(tick) * 1e-3)));
-        plant.state().axle[0].posture
+        (0..700).for_each(|tick| plant.step(&NORMAL.torque(f64::from(tick) * 1e-3, 2)));
+        plant.axles()[0].posture
     };
     let truth = end(64);
     let error = |substeps: u32| {
@@ -98,7 +98,7 @@ fn snap_through_converges_and_keeps_its_energy_bounded() {
         let mut energy = 0.0f64;
         for k in 0..10_000 {
             let t = k as f64 * 1e-3;
-            plant.step([[wave(0, t), wave(1, t)], [wave(2, t), wave(3, t)]]);
+            plant.step(&[[wave(0, t), wave(1, t)], [wave(2, t), wave(3, t)]]);
             energy = energy.max(plant.energy());
         }
         // Four wheels at no-load speed and both axles at the speed that goes with it: 13 J.
@@ -115,14 +115,14 @@ fn a_placed_robot_is_at_rest_and_stays() {
     let mut plant = plant(&config());
     plant.place([-1.342, -1.342, 2.0]);
     for _ in 0..2000 {
-        plant.step([[0.0; 2]; 2]);
+        plant.step(&[[0.0; 2]; 2]);
     }
     let [x, y, phi] = plant.midpoint();
     assert!((x + 1.342).abs() < 1e-9 && (y + 1.342).abs() < 1e-9 && (phi - 2.0).abs() < 1e-9);
-    let wrench = plant.wrench();
+    let wrench = plant.wrench(0);
     assert!(wrench.force[0].abs() < 1e-6 && wrench.force[1].abs() < 1e-9);
     assert!((plant.time() - 2.0).abs() < 1e-12);
-    let [dx, dy, turn] = plant.relative_posture();
+    let [dx, dy, turn] = plant.relative_posture(0);
     assert!((dx - 0.37).abs() < 1e-6 && dy.abs() < 1e-6 && turn.abs() < 1e-9);
 }
 
@@ -135,14 +135,15 @@ fn mirror_image() {
     };
     let (mut one, mut other) = (plant(&config), plant(&config));
     for k in 0..3000 {
-        let torque = NORMAL.torque(k as f64 * 1e-3);
-        one.step(torque);
-        other.step(torque.map(|[left, right]| [right, left]));
+        let torque = NORMAL.torque(k as f64 * 1e-3, 2);
+        one.step(&torque);
+        let swapped: Vec<_> = torque.iter().map(|[left, right]| [*right, *left]).collect();
+        other.step(&swapped);
     }
     let (a, b) = (one.midpoint(), other.midpoint());
     assert!((a[0] - b[0]).abs() < 1e-7 && (a[1] + b[1]).abs() < 1e-7 && (a[2] + b[2]).abs() < 1e-7);
     assert!(a[1].abs() > 1e-3);
-    assert!((one.curvature(0.1) + other.curvature(0.1)).abs() < 1e-6);
+    assert!((one.curvature(0, 0.1) + other.curvature(0, 0.1)).abs() < 1e-6);
 }
 
 /// The robot's motion does not depend on where it stands or how it is turned.
@@ -152,9 +153,9 @@ fn motion_is_the_same_from_any_place() {
     let place = [3.0, -2.0, 1.1];
     other.place(place);
     for k in 0..2000 {
-        let torque = NORMAL.torque(k as f64 * 1e-3);
-        one.step(torque);
-        other.step(torque);
+        let torque = NORMAL.torque(k as f64 * 1e-3, 2);
+        one.step(&torque);
+        other.step(&torque);
     }
     let ([x, y, phi], q) = (one.midpoint(), other.midpoint());
     let (s, c) = place[2].sin_cos();
@@ -172,12 +173,12 @@ fn top_speed_lies_on_the_speed_torque_line() {
     };
     let mut plant = plant(&config);
     for _ in 0..30_000 {
-        plant.step([[10.0; 2]; 2]);
+        plant.step(&[[10.0; 2]; 2]);
     }
     let mass = 2.0 * 4.76 + 0.6;
     let resisting = 0.02 * mass * 9.806_65 * 0.073 / 4.0;
     // The frame shares the load, so the wheels differ a little; their mean does not.
-    let axles = plant.state().axle.iter();
+    let axles = plant.axles().iter();
     let mean = axles.flat_map(|a| a.wheel_speed).sum::<f64>() / 4.0;
     let expected = 20.0 * (1.0 - resisting / 2.5);
     assert!((mean - expected).abs() < 1e-3, "{mean} {expected}");
@@ -191,21 +192,21 @@ fn loads_follow_the_acceleration() {
         ..config()
     };
     let mut plant = plant(&config);
-    let weight: f64 = plant.state().axle.iter().flat_map(|a| a.load).sum();
+    let weight: f64 = plant.axles().iter().flat_map(|a| a.load).sum();
     assert!((weight - (2.0 * 4.76 + 0.6) * 9.806_65).abs() < 1e-9);
     for _ in 0..400 {
-        plant.step([[0.3; 2]; 2]);
+        plant.step(&[[0.3; 2]; 2]);
     }
-    let a = plant.state().axle[1].acceleration[0];
-    let shifted: f64 = plant.state().axle[1].load.iter().sum::<f64>() - (4.76 + 0.6) * 9.806_65;
+    let a = plant.axles()[1].acceleration[0];
+    let shifted: f64 = plant.axles()[1].load.iter().sum::<f64>() - (4.76 + 0.6) * 9.806_65;
     let expected = (2.0 * 4.76 + 0.6) * a * 0.06 / 0.37;
     assert!(a > 0.5 && (shifted - expected).abs() < 0.02 * expected);
     for _ in 0..300 {
-        plant.step([[-0.3, 0.3], [0.3, -0.3]]);
+        plant.step(&[[-0.3, 0.3], [0.3, -0.3]]);
     }
-    let axle = plant.state().axle[0];
+    let axle = plant.axles()[0];
     assert!(axle.acceleration[1] > 0.2 && axle.load[1] > axle.load[0]);
-    let total: f64 = plant.state().axle.iter().flat_map(|a| a.load).sum();
+    let total: f64 = plant.axles().iter().flat_map(|a| a.load).sum();
     assert!((total - weight).abs() < 1e-9);
 }
 
@@ -220,26 +221,26 @@ fn gauges_root_moment_and_shape_agree() {
     let mut plant = plant(&config);
     for k in 0..1500 {
         let steer = 0.25 * (k as f64 / 1200.0).min(1.0);
-        plant.step([[-steer, steer], [steer, -steer]]);
+        plant.step(&[[-steer, steer], [steer, -steer]]);
     }
-    let wrench = plant.elastic_wrench();
-    let [x, y, turn] = plant.relative_posture();
+    let wrench = plant.elastic_wrench(0);
+    let [x, y, turn] = plant.relative_posture(0);
     assert!(turn > 0.3, "{turn}");
     let balance = wrench.end_moment + x * wrench.force[1] - y * wrench.force[0];
     assert!((wrench.root_moment - balance).abs() < 1e-9);
     // Curvature at the strip's root, from the moment there.
     let at_strip = wrench.root_moment - 0.02 * wrench.force[1];
-    assert!((plant.curvature(0.0) - at_strip / 0.833).abs() < 1e-9);
+    assert!((plant.curvature(0, 0.0) - at_strip / 0.833).abs() < 1e-9);
     // The angle that the curvature adds up to is the turn between the axles.
     let n = 2000;
     let sum: f64 = (0..n)
-        .map(|k| plant.curvature((k as f64 + 0.5) * 0.37 / n as f64) * 0.37 / n as f64)
+        .map(|k| plant.curvature(0, (k as f64 + 0.5) * 0.37 / n as f64) * 0.37 / n as f64)
         .sum();
     assert!((sum - turn).abs() < 1e-4, "{sum} {turn}");
     // The curve runs from axle to axle, and its length is that of the frame.
     let mut curve = [[0.0; 2]; 400];
-    plant.draw(&plant.outline(400), &mut curve);
-    let [front, rear] = plant.state().axle.map(|a| a.posture);
+    plant.draw(&plant.outline(0, 400), &mut curve);
+    let [front, rear] = [0, 1].map(|i| plant.axles()[i].posture);
     let last = curve[curve.len() - 1];
     assert!((curve[0][0] - rear[0]).abs() < 1e-12 && (curve[0][1] - rear[1]).abs() < 1e-12);
     assert!((last[0] - front[0]).hypot(last[1] - front[1]) < 1e-6);
@@ -257,13 +258,13 @@ fn prepared_places_agree_with_any_place() {
     for (drive, allowed) in [(NORMAL, 1e-10), (HARSH, 1e-6)] {
         let mut plant = plant(&drive.config(&config()));
         let places: Vec<f64> = (0..9).map(|i| 0.37 * f64::from(i) / 8.0).collect();
-        let stations: Vec<_> = places.iter().map(|s| plant.gauge(*s)).collect();
+        let stations: Vec<_> = places.iter().map(|s| plant.gauge(0, *s)).collect();
         let (mut worst, mut largest) = (0.0f64, 0.0f64);
         for k in 0..6000 {
-            plant.step(drive.torque(f64::from(k) * 1e-3));
+            plant.step(&drive.torque(f64::from(k) * 1e-3, 2));
             if k % 20 == 0 {
-                plant.gauges(&stations, |i, curvature| {
-                    let exact = plant.curvature(places[i]);
+                plant.gauges(0, &stations, |i, curvature| {
+                    let exact = plant.curvature(0, places[i]);
                     worst = worst.max((curvature - exact).abs());
                     largest = largest.max(exact.abs());
                 });
@@ -279,8 +280,8 @@ fn prepared_places_agree_with_any_place() {
 fn a_command_that_is_not_finite_counts_as_none() {
     let (mut one, mut other) = (plant(&config()), plant(&config()));
     for _ in 0..100 {
-        one.step([[0.2, f64::NAN], [f64::INFINITY, 0.2]]);
-        other.step([[0.2, 0.0], [0.0, 0.2]]);
+        one.step(&[[0.2, f64::NAN], [f64::INFINITY, 0.2]]);
+        other.step(&[[0.2, 0.0], [0.0, 0.2]]);
     }
-    assert_eq!(one.state(), other.state());
+    assert_eq!(one.axles(), other.axles());
 }

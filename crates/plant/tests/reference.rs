@@ -13,7 +13,7 @@ use plant::{Brush, PlantConfig, Tyre};
 fn brush(stiffness: f64) -> PlantConfig {
     PlantConfig {
         tyre: Tyre::Brush(Brush {
-            slip_stiffness: [[stiffness, 0.8 * stiffness], [1.2 * stiffness, stiffness]],
+            slip_stiffness: [[stiffness, 0.8 * stiffness], [1.2 * stiffness, stiffness]].into(),
             ..Brush::default()
         }),
         rolling_resistance: 0.01,
@@ -25,7 +25,7 @@ fn brush(stiffness: f64) -> PlantConfig {
 fn brush_tyre_follows_the_reference() {
     let normal = [10.0, 20.0, 40.0].map(|stiffness| (NORMAL, stiffness));
     for (drive, stiffness) in normal.into_iter().chain([(HARSH, 20.0)]) {
-        let [position, heading] = drive.error(&brush(stiffness), 0.4).unwrap();
+        let [position, heading] = drive.error(&brush(stiffness), 2, 0.4).unwrap();
         println!("{} {stiffness}: {position} m, {heading} rad", drive.name);
         assert!(position < 5e-5, "{} {stiffness}: {position} m", drive.name);
         assert!(heading < 3e-4, "{} {stiffness}: {heading} rad", drive.name);
@@ -35,10 +35,10 @@ fn brush_tyre_follows_the_reference() {
 fn crooked() -> PlantConfig {
     PlantConfig {
         static_excess: 0.2,
-        side_slip: [0.02, -0.01],
+        side_slip: [0.02, -0.01].into(),
         carpet_drift: [0.02, -0.03],
-        payload_kg: [0.8, 1.5],
-        payload_position_m: [[0.05, 0.04], [-0.06, 0.08]],
+        payload_kg: [0.8, 1.5].into(),
+        payload_position_m: [[0.05, 0.04], [-0.06, 0.08]].into(),
         rigid_root_m: 0.03,
         rigid_tip_m: 0.05,
         clamp_angle_root_rad: 0.06,
@@ -50,7 +50,7 @@ fn crooked() -> PlantConfig {
 #[test]
 fn a_crooked_robot_follows_the_reference() {
     for (drive, allowed) in [(NORMAL, [5e-5, 5e-4]), (HARSH, [1.5e-4, 8e-4])] {
-        let [position, heading] = drive.error(&crooked(), 0.4).unwrap();
+        let [position, heading] = drive.error(&crooked(), 2, 0.4).unwrap();
         println!("{}: {position} m, {heading} rad", drive.name);
         assert!(position < allowed[0], "{}: {position} m", drive.name);
         assert!(heading < allowed[1], "{}: {heading} rad", drive.name);
@@ -66,7 +66,7 @@ fn a_robot_on_a_slope_follows_the_reference() {
             downhill_rad,
             ..crooked()
         };
-        let [position, heading] = NORMAL.error(&config, 0.4).unwrap();
+        let [position, heading] = NORMAL.error(&config, 2, 0.4).unwrap();
         assert!(position < 3e-5, "{downhill_rad}: {position} m");
         assert!(heading < 5e-5, "{downhill_rad}: {heading} rad");
     }
@@ -77,9 +77,9 @@ fn a_robot_on_a_slope_follows_the_reference() {
 fn the_reference_sees_each_imperfection() {
     type Mend = fn(&mut PlantConfig);
     let mended: [(&str, Mend); 6] = [
-        ("side slip", |c| c.side_slip = [0.0; 2]),
+        ("side slip", |c| c.side_slip = [0.0].into()),
         ("carpet", |c| c.carpet_drift = [0.0; 2]),
-        ("payload", |c| c.payload_kg = [0.0; 2]),
+        ("payload", |c| c.payload_kg = [0.0].into()),
         ("angles", |c| c.clamp_angle_root_rad = 0.0),
         ("lengths", |c| c.rigid_tip_m = 0.0),
         ("stiffness", |c| c.tyre = Tyre::brush(20.0)),
@@ -88,24 +88,60 @@ fn the_reference_sees_each_imperfection() {
     for (name, mend) in mended {
         let mut config = full.clone();
         mend(&mut config);
-        let mut plant = config.build().unwrap();
-        let mut reference =
-            Reference::new(&full, full.build().unwrap().state().axle.map(|a| a.posture));
-        let from = plant.state().axle.map(|a| a.posture);
-        let start = reference.postures();
+        let mut plant = config.build(2).unwrap();
+        let whole = full.build(2).unwrap();
+        let placed = [0, 1].map(|i| whole.axles()[i].posture);
+        let mut reference = Reference::new(&full, &placed).unwrap();
+        let from = [0, 1].map(|i| plant.axles()[i].posture);
+        let start: Vec<_> = reference.postures().collect();
         let mut worst = 0.0f64;
         for k in 0..400 {
-            let torque = NORMAL.torque(k as f64 * 1e-3);
-            plant.step(torque);
-            reference.advance(1e-3, 100, torque);
+            let torque = NORMAL.torque(k as f64 * 1e-3, 2);
+            plant.step(&torque);
+            reference.advance(1e-3, 100, &torque);
         }
-        for i in 0..2 {
-            let (p, q) = (plant.state().axle[i].posture, reference.postures()[i]);
+        for (i, q) in reference.postures().enumerate() {
+            let p = plant.axles()[i].posture;
             for n in 0..2 {
                 worst = worst.max((p[n] - from[i][n] - q[n] + start[i][n]).abs());
             }
         }
         println!("{name}: {worst}");
         assert!(worst > 1e-4, "{name}: {worst}");
+    }
+}
+
+#[test]
+fn a_chain_of_axles_follows_the_reference() {
+    let creep = PlantConfig::default();
+    // Payloads and clamps of an inner axle, whose frames pull on both of its sides.
+    let sloped = PlantConfig {
+        tyre: Tyre::brush(20.0),
+        slope_rad: 0.05,
+        downhill_rad: 2.0,
+        payload_kg: [0.0, 1.5, 0.4].into(),
+        payload_position_m: [[0.0; 2], [0.05, 0.04], [-0.03, 0.0]].into(),
+        rigid_root_m: 0.03,
+        clamp_angle_tip_rad: -0.04,
+        side_slip: [0.01].into(),
+        ..PlantConfig::default()
+    };
+    for (axles, config, drive) in [
+        (3, &creep, HARSH),
+        (3, &sloped, NORMAL),
+        (5, &creep, NORMAL),
+    ] {
+        let [position, heading] = drive.error(config, axles, 0.3).unwrap();
+        println!("{axles} axles, {}: {position} m, {heading} rad", drive.name);
+        assert!(
+            position < 2e-5,
+            "{axles} axles, {}: {position} m",
+            drive.name
+        );
+        assert!(
+            heading < 2e-4,
+            "{axles} axles, {}: {heading} rad",
+            drive.name
+        );
     }
 }

@@ -150,7 +150,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Regulation<F> {
     }
 
     fn tick(&mut self, robot: &R) -> Progress {
-        let force = robot.plant().map(|plant| plant.wrench().force);
+        let force = robot.plant().map(|plant| plant.wrench(0).force);
         let [x, y] = force.unwrap_or([f64::NAN; 2]);
         self.force_square += square(x) + square(y);
         self.ticks += 1;

@@ -88,24 +88,24 @@ impl Record {
         outline: &Outline,
         (lead, strain): (lead::Output, [f32; MAX_GAUGES]),
     ) -> Self {
-        let (state, wrench) = (plant.state(), plant.wrench());
+        let (axles, wrench) = (plant.axles(), plant.wrench(0));
         let mut frame = [[0.0; 2]; FRAME_POINTS];
         plant.draw(outline, &mut frame);
         Self {
             time_s: now as f64 * 1e-6,
             midpoint: plant.midpoint(),
-            axles: state.axle.map(|axle| axle.posture),
+            axles: [0, 1].map(|i| axles[i].posture),
             lead,
-            torque: state.axle.map(|axle| axle.torque),
+            torque: [0, 1].map(|i| axles[i].torque),
             wrench: [
                 wrench.force[0],
                 wrench.force[1],
                 wrench.root_moment,
                 wrench.end_moment,
             ],
-            relative: plant.relative_posture(),
+            relative: plant.relative_posture(0),
             frame: frame.map(|point| point.map(|value| value as f32)),
-            wheel_speed: state.axle.map(|axle| axle.wheel_speed),
+            wheel_speed: [0, 1].map(|i| axles[i].wheel_speed),
             strain,
         }
     }
@@ -314,20 +314,18 @@ pub trait Robot {
 
     /// True steering angle ψ, rad, or NaN: half the angle between the axles.
     fn steering(&self) -> f64 {
-        self.plant().map_or(f64::NAN, |plant| {
-            let [front, rear] = plant.state().axle.map(|axle| axle.posture[2]);
-            0.5 * (front - rear)
-        })
+        self.plant()
+            .map_or(f64::NAN, |plant| 0.5 * plant.relative_posture(0)[2])
     }
 
-    /// True speed of the faster axle's midpoint, m/s, or NaN.
+    /// True speed of the fastest axle's midpoint, m/s, or NaN.
     fn speed(&self) -> f64 {
         self.plant().map_or(f64::NAN, |plant| {
-            let speeds = plant.state().axle.map(|axle| {
+            let speeds = plant.axles().iter().map(|axle| {
                 let [forward, across, _] = axle.velocity;
                 libm::hypot(forward, across)
             });
-            speeds[0].max(speeds[1])
+            speeds.fold(0.0, f64::max)
         })
     }
 }

@@ -60,9 +60,7 @@ impl Simulation {
         trial: u64,
     ) -> Result<Self, Error> {
         let plant = scenario.world.plant_of(imperfections, scenario.mission.rps);
-        let mut plant = plant
-            .build()
-            .map_err(|error| Error::input(format!("plant.{error}")))?;
+        let mut plant = plant.map_err(|error| Error::input(format!("plant.{error}")))?;
         let start = scenario.mission.start;
         plant.place(std::array::from_fn(|i| {
             start[i] + imperfections.placement[i]
@@ -76,7 +74,7 @@ impl Simulation {
             },
             half_thickness: scenario.world.sensors.bridge.half_thickness_m,
             gauges,
-            outline: plant.outline(FRAME_POINTS),
+            outline: plant.outline(0, FRAME_POINTS),
             control: RunControl::default(),
             recovery: None,
             task: Task::Idle,
@@ -149,7 +147,7 @@ impl Simulation {
             self.plant.lift_wheel(axle, side as usize);
         }
         if injector.snaps(tick) {
-            self.plant.snap_frame();
+            self.plant.snap_frame(0);
         }
     }
 
@@ -171,15 +169,13 @@ impl Simulation {
 
     /// Updates the true state that the sensors measure.
     fn measure(&mut self) {
-        let state = self.plant.state();
-        for i in 0..2 {
-            let axle = &state.axle[i];
+        for (i, axle) in self.plant.axles().iter().enumerate() {
             self.truth.wheel_angle[i] = axle.motor_angle;
             self.truth.yaw_rate[i] = axle.velocity[2];
             self.truth.forward_acceleration[i] = axle.acceleration[0];
         }
         let (strain, half) = (&mut self.truth.gauge_strain, self.half_thickness);
-        self.plant.gauges(&self.gauges, |i, curvature| {
+        self.plant.gauges(0, &self.gauges, |i, curvature| {
             if let Some(strain) = strain.get_mut(i) {
                 *strain = half * curvature;
             }
@@ -230,7 +226,7 @@ impl Robot for Simulation {
         self.measure();
         self.disturb(tick);
         let torque = self.rig.step(&self.truth)?;
-        self.plant.step(torque);
+        self.plant.step(&torque);
         self.show()
     }
 
@@ -290,7 +286,7 @@ mod tests {
             .command(&HostCommand::Task(Task::regulate(Posture::ORIGIN)))
             .unwrap();
         let moving = |simulation: &Simulation| {
-            let axles = simulation.plant().state().axle;
+            let axles = simulation.plant().axles();
             axles.iter().any(|axle| axle.torque != [0.0; 2])
         };
         let mut ticks = 0;
@@ -316,7 +312,7 @@ mod tests {
         for _ in 0..3000 {
             simulation.step().unwrap();
         }
-        let front = simulation.plant().state().axle[0];
+        let front = &simulation.plant().axles()[0];
         assert!(front.torque != [0.0; 2], "under way");
         assert!(simulation.lead_output().motion.v.abs() > 0.05, "under way");
         simulation.rig.bus.cut();
@@ -324,7 +320,7 @@ mod tests {
         for _ in 0..1200 {
             simulation.step().unwrap();
         }
-        let axles = simulation.plant().state().axle;
+        let axles = simulation.plant().axles();
         assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));
         assert_eq!(simulation.lead_output().mode, LeadMode::Idle);
     }

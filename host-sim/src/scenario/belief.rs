@@ -33,13 +33,13 @@ pub const PAIRS: &[Pair] = pairs! {
     "plant.rigid_tip_m", "robot.geometry.rigid_end_m":
         |it| vec![it.world.plant.rigid_tip_m], [it.robot.geometry.rigid_end_m];
     "plant.half_track_m", "robot.geometry.half_track_m":
-        |it| it.world.plant.half_track_m.to_vec(), [it.robot.geometry.half_track_m];
+        |it| it.world.plant.half_track_m.entries().to_vec(), [it.robot.geometry.half_track_m];
     "plant.wheel_radius_m", "robot.geometry.wheel_radius_m":
-        |it| it.world.plant.wheel_radius_m.as_flattened().to_vec(), [it.robot.geometry.wheel_radius_m];
+        |it| it.world.plant.wheel_radius_m.entries().as_flattened().to_vec(), [it.robot.geometry.wheel_radius_m];
     "plant.mass_kg", "robot.axle.controller.mass_kg":
-        |it| it.world.plant.mass_kg.to_vec(), [it.robot.axle.controller.mass_kg];
+        |it| it.world.plant.mass_kg.entries().to_vec(), [it.robot.axle.controller.mass_kg];
     "plant.yaw_inertia_kg_m2", "robot.axle.controller.yaw_inertia_kg_m2":
-        |it| it.world.plant.yaw_inertia_kg_m2.to_vec(), [it.robot.axle.controller.yaw_inertia_kg_m2];
+        |it| it.world.plant.yaw_inertia_kg_m2.entries().to_vec(), [it.robot.axle.controller.yaw_inertia_kg_m2];
     "plant.wheel_inertia_kg_m2", "robot.axle.controller.wheel_inertia_kg_m2":
         |it| vec![it.world.plant.wheel_inertia_kg_m2], [it.robot.axle.controller.wheel_inertia_kg_m2];
     "sensors.encoder.counts_per_revolution", "robot.geometry.encoder_counts_per_revolution":

@@ -26,12 +26,12 @@ const WORLD: Rules<fn(&World) -> bool> = rules! {
     "plant.load_transfer_time_s":
         |world| world.plant.center_of_mass_height_m == 0.0 => "with plant.center_of_mass_height_m = 0";
     "plant.rotor_inertia_share":
-        |world| world.plant.backlash_rad == [[0.0; 2]; 2] && world.spread.backlash_rad == 0.0 =>
+        |world| world.plant.backlash_rad.entries().iter().all(|both| *both == [0.0; 2]) && world.spread.backlash_rad == 0.0 =>
             "without backlash: plant.backlash_rad and spread.backlash_rad are 0";
     "plant.cogging_periods plant.cogging_phase_rad":
         |world| world.plant.cogging_torque_n_m == 0.0 => "with plant.cogging_torque_n_m = 0";
     "plant.downhill_rad": |world| world.plant.slope_rad == 0.0 => "with plant.slope_rad = 0";
-    "plant.payload_position_m": |world| world.plant.payload_kg == [0.0; 2] => "with plant.payload_kg = 0";
+    "plant.payload_position_m": |world| world.plant.payload_kg.entries().iter().all(|mass| *mass == 0.0) => "with plant.payload_kg = 0";
     "sensors.bridge.warming_time_s sensors.bridge.zero_per_k_sigma_strain \
      sensors.bridge.gain_per_k":
         |world| world.sensors.bridge.warming_k == 0.0 => "with sensors.bridge.warming_k = 0";

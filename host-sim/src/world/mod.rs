@@ -29,7 +29,7 @@ use crate::bus::virtual_bus::BusConfig;
 use crate::world::drawn::Drawn;
 use crate::world::random::{BOUND, Stream, generator, normal};
 use crate::world::sensors::SensorConfig;
-use declare::{Declared, Field, Kind};
+use declare::{ConfigError, Declared, Field, Kind};
 use plant::{Plant, PlantConfig, Station};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -41,6 +41,9 @@ pub const DEFAULT: &str = "careful";
 const BASE: &str = include_str!("../../worlds/base.toml");
 /// Name of a world in which nothing but base values is set.
 const BASE_NAME: &str = "base";
+
+/// Axles of a robot.
+const AXLES: usize = 2;
 
 /// The worlds that are built in, with their texts.
 const BUILT_IN: [(&str, &str); 4] = [
@@ -190,12 +193,12 @@ impl World {
 
     /// Checks every value.
     pub fn check(&self) -> Result<(), Error> {
-        within("plant", self.plant.build().map(drop))?;
+        within("plant", self.plant.build(AXLES).map(drop))?;
         within("spread", self.spread.check_ranges())?;
         self.sensors.check()?;
         for side in [-1.0, 1.0] {
             let robot = self.plant_of(&self.extreme(side), true);
-            robot.build().map_err(|error| beyond(&error.to_string()))?;
+            robot.map_err(|error| beyond(&error.to_string()))?;
         }
         let length = self.plant.strip_length_m;
         let mut gauges = self.sensors.bridge.gauges_m.iter().enumerate();
@@ -236,19 +239,19 @@ impl World {
     }
 
     /// The plant of one robot, with or without the sensing's weight.
-    pub fn plant_of(&self, robot: &Drawn, sensing: bool) -> PlantConfig {
-        let mut plant = self.plant.clone();
+    pub fn plant_of(&self, robot: &Drawn, sensing: bool) -> Result<Plant, ConfigError> {
+        let mut plant = self.plant.for_axles(AXLES)?;
         if !sensing {
             plant.sensing_mass_kg = 0.0;
         }
-        for i in 0..2 {
+        for i in 0..AXLES {
             plant.half_track_m[i] *= robot.track_factor[i];
             for j in 0..2 {
                 plant.wheel_radius_m[i][j] *= robot.wheel_radius_factor[i][j];
             }
         }
         robot.plant.apply(&mut plant);
-        plant
+        plant.build(AXLES)
     }
 
     /// Places of the gauges of one robot on its strip.
@@ -256,7 +259,7 @@ impl World {
         let meant = self.sensors.bridge.gauges_m.iter();
         meant
             .zip(robot.gauge_shift_m)
-            .map(|(place, shift)| plant.gauge(place + shift))
+            .map(|(place, shift)| plant.gauge(0, place + shift))
             .collect()
     }
 }
@@ -285,6 +288,39 @@ mod tests {
         for name in ["nowhere", "base", "plain"] {
             let why = World::load(name).unwrap_err().to_string();
             assert!(why.contains("careful") && why.contains(name), "{why}");
+        }
+    }
+
+    /// Lists of the plant: `carpet_drift` is a vector on the floor, the others hold entries of axles.
+    #[test]
+    fn a_list_of_axles_holds_one_entry_for_every_axle_or_one_an_axle() {
+        let base: toml::Table = toml::from_str(BASE).unwrap();
+        let lists = base["plant"].as_table().unwrap().iter();
+        let lists = lists.filter_map(|(key, value)| Some((key, value.as_array()?)));
+        let own = lists.filter(|(key, _)| *key != "carpet_drift");
+        let slip = toml::Value::try_from([[20.0; 2]; 2]).unwrap();
+        let slip = ("tyre.brush.slip_stiffness", slip.as_array().unwrap());
+        let lists: Vec<_> = own
+            .map(|(key, list)| (key.as_str(), list))
+            .chain([slip])
+            .collect();
+        assert!(lists.len() == 10, "{lists:?}");
+        for (key, list) in lists {
+            let world = |count: usize| {
+                let entries = toml::Value::Array(vec![list[0].clone(); count]);
+                let text = format!("plant.{key} = {entries}");
+                let world: World = toml_file::parse(&text, "own.toml", &[])?;
+                world.check().map(|()| world)
+            };
+            assert_eq!(world(1).unwrap(), world(2).unwrap(), "{key}");
+            for count in [0, 3, 6] {
+                let why = world(count).unwrap_err().to_string();
+                assert!(
+                    why.contains(key) && why.contains("1 for every axle")
+                        || why.contains("1 entry for every axle"),
+                    "{why}"
+                );
+            }
         }
     }
 

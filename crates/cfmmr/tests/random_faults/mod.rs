@@ -54,7 +54,7 @@ fn run(seed: u64, figures: &mut Figures) -> Result<(), String> {
         while let Some((_, command)) = commands.next_if(|(at, _)| *at <= tick) {
             simulation.command(command).unwrap();
         }
-        let axles = simulation.plant().state().axle;
+        let axles = simulation.plant().axles();
         simulation.step().map_err(|error| error.to_string())?;
         let mut findings = findings.lock().unwrap();
         for (i, axle) in axles.iter().enumerate() {
@@ -68,7 +68,7 @@ fn run(seed: u64, figures: &mut Figures) -> Result<(), String> {
             }
         }
         if std::mem::take(&mut findings.began) {
-            let [front, rear] = axles.map(|axle| axle.velocity[0].abs());
+            let [front, rear] = [0, 1].map(|i| axles[i].velocity[0].abs());
             let fastest = front.max(rear);
             figures.began_m_s = figures.began_m_s.max(fastest);
             if fastest > BEGIN_M_S {

@@ -1,53 +1,48 @@
-//! Effects of the floor and of turning on the axles: drift of a carpet, centrifugal forces, gravity along a slope.
+//! Effects of the floor on the axles: drift of a carpet, gravity along a slope.
 
-use super::Plant;
-use crate::geometry::{Geometry, Vec3, rotate, small_turn, unrotate};
+use crate::geometry::{Geometry, rotate, small_turn, unrotate};
+use crate::state::AxleState;
 
-impl Plant {
-    /// Way of the floor over the way rolled, as the axles see it when half of `h` (s) has passed.
-    #[inline(always)]
-    pub(super) fn drift(&mut self, h: f64) {
-        let [front, rear] = &self.state.axle;
-        let ahead = rotate(
-            &self.geometry.front,
-            small_turn(0.5 * h * front.velocity[2]),
-        );
-        let behind = rotate(&self.geometry.rear, small_turn(0.5 * h * rear.velocity[2]));
-        let front = unrotate(&self.carpet, ahead);
-        let rear = unrotate(&self.carpet, behind);
+/// Directions (cos, sin) of the axles.
+#[inline(always)]
+pub fn directions_of<const N: usize, const F: usize>(geometry: &[Geometry; F]) -> [[f64; 2]; N] {
+    let mut directions = [geometry[F - 1].rear; N];
+    for f in 0..F {
+        directions[f] = geometry[f].front;
+    }
+    directions
+}
+
+/// Way of the floor over the way rolled, forward and left of the wheels of two axles with these directions when half of
+/// `h` (s) has passed. `carpet` is that way on the floor.
+#[inline(always)]
+pub fn drift(
+    carpet: [f64; 2],
+    axles: &[AxleState],
+    directions: [[f64; 2]; 2],
+    h: f64,
+) -> [[f64; 4]; 2] {
+    let mut drift = [[0.0; 4]; 2];
+    for (i, axle) in axles.iter().enumerate() {
+        let ahead = rotate(&directions[i], small_turn(0.5 * h * axle.velocity[2]));
+        let seen = unrotate(&carpet, ahead);
         for n in 0..2 {
-            self.conditions.drift[n] = [front[n], front[n], rear[n], rear[n]];
+            drift[n][2 * i] = seen[n];
+            drift[n][2 * i + 1] = seen[n];
         }
     }
+    drift
+}
 
-    /// Loads of the axles with the centrifugal forces at these yaw rates and with gravity, in the frames of axles that
-    /// have turned in these directions since the start of the part.
-    #[inline(always)]
-    pub(super) fn swung(
-        &self,
-        load: &[Vec3; 2],
-        rate: [f64; 2],
-        turns: [[f64; 2]; 2],
-    ) -> [Vec3; 2] {
-        let [front, rear] = &self.bodies;
-        let load = [
-            front.swung(&load[0], rate[0]),
-            rear.swung(&load[1], rate[1]),
-        ];
-        let Some(gravity) = self.downhill() else {
-            return load;
-        };
-        [
-            front.pulled(&load[0], unrotate(&gravity[0], turns[0])),
-            rear.pulled(&load[1], unrotate(&gravity[1], turns[1])),
-        ]
+/// Gravity along the floor (global, m/s²) in the axles' frames.
+#[inline(always)]
+pub fn downhill<const N: usize, const F: usize>(
+    gravity: [f64; 2],
+    geometry: &[Geometry; F],
+) -> [[f64; 2]; N] {
+    let mut along = directions_of(geometry);
+    for along in &mut along {
+        *along = unrotate(&gravity, *along);
     }
-
-    /// Gravity along the floor in the axles' frames, m/s²; `None` on a level floor.
-    #[inline(always)]
-    pub(super) fn downhill(&self) -> Option<[[f64; 2]; 2]> {
-        let gravity = self.gravity?;
-        let Geometry { front, rear, .. } = self.geometry;
-        Some([unrotate(&gravity, front), unrotate(&gravity, rear)])
-    }
+    along
 }

@@ -1,37 +1,44 @@
-//! Faults and variants of a [`Plant`], and its readings: postures, wrenches, gauges, outline of the
-//! frame, energy.
+//! Faults and variants of a [`Plant`], and its readings: postures, wrenches, gauges, outlines of the
+//! frames, energy. Axles and frames count from 0 at the front.
 
-use super::Plant;
+use super::frame::Frame;
+use super::{Plant, linearise, of_group};
 use crate::config::PlantConfig;
 use crate::frame::Station;
 use crate::geometry::{Vec3, rotate, unrotate};
 use crate::loads::check_payload;
-use crate::state::{Health, PlantState, Wrench};
+use crate::state::{AxleState, Health, Wrench};
 use declare::ConfigError;
 
-/// Places along the frame, prepared by [`Plant::outline`]: on the strip, and how far beyond it.
+/// Places along a frame, prepared by [`Plant::outline`].
 #[derive(Clone, Debug)]
-pub struct Outline(Vec<(Station, f64)>);
+pub struct Outline {
+    frame: usize,
+    /// On the strip, and how far beyond it (m).
+    places: Vec<(Station, f64)>,
+}
 
 impl PlantConfig {
-    /// The plant, at rest at the origin. Every constant is checked here; after that nothing fails.
-    pub fn build(&self) -> Result<Plant, ConfigError> {
+    /// The plant of a robot with so many axles, 2 to [`MAX_AXLES`](crate::MAX_AXLES), at rest at the origin. Every
+    /// constant is checked here; after that nothing fails.
+    pub fn build(&self, axles: usize) -> Result<Plant, ConfigError> {
         self.check()?;
-        check_payload(self)?;
-        Ok(Plant::new(self))
+        let config = self.for_axles(axles)?;
+        check_payload(&config)?;
+        Ok(Plant::new(&config))
     }
 }
 
 impl Plant {
-    /// Lifts a wheel (axle 0 front, 1 rear; side 0 left, 1 right) off the ground for good.
+    /// Lifts a wheel (side 0 left, 1 right) of an axle off the ground for good.
     pub fn lift_wheel(&mut self, axle: usize, side: usize) {
-        self.wheels.lift(2 * axle + side);
+        self.groups[axle / 2].wheels.lift(2 * (axle % 2) + side);
     }
 
-    /// Breaks the frame in two for good: it exerts nothing and is not bent.
-    pub fn snap_frame(&mut self) {
-        self.snapped = true;
-        self.linearise();
+    /// Breaks a frame in two for good: it exerts nothing and is not bent.
+    pub fn snap_frame(&mut self, frame: usize) {
+        self.frames[frame].snapped = true;
+        linearise(&self.axles, &mut self.frames);
     }
 
     /// Copy computed without vector instructions; its results must be the same.
@@ -43,10 +50,12 @@ impl Plant {
         }
     }
 
-    /// Copy on frictionless ground, where the frame alone acts.
+    /// Copy on frictionless ground, where the frames alone act.
     pub fn without_friction(&self) -> Self {
         let mut free = self.clone();
-        free.wheels.remove_friction();
+        for group in &mut free.groups {
+            group.wheels.remove_friction();
+        }
         free
     }
 
@@ -56,129 +65,142 @@ impl Plant {
     }
 
     /// The axles.
-    pub fn state(&self) -> &PlantState {
-        &self.state
+    pub fn axles(&self) -> &[AxleState] {
+        &self.axles
     }
 
-    /// Posture of O: middle between the axles (m), heading from rear to front (rad, within ±π).
+    /// Number of frames.
+    pub fn frame_count(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// Posture of O: mean of the middles between neighbouring axles (m), heading from the last axle to the first (rad,
+    /// within ±π).
     pub fn midpoint(&self) -> Vec3 {
-        let [f, r] = self.state.axle.map(|a| a.posture);
-        [
-            0.5 * (f[0] + r[0]),
-            0.5 * (f[1] + r[1]),
-            libm::atan2(f[1] - r[1], f[0] - r[0]),
-        ]
+        let middles = self.axles.windows(2).map(|pair| {
+            let [f, r] = [pair[0].posture, pair[1].posture];
+            [0.5 * (f[0] + r[0]), 0.5 * (f[1] + r[1])]
+        });
+        let sum = middles
+            .reduce(|a, b| [a[0] + b[0], a[1] + b[1]])
+            .unwrap_or_default();
+        let count = self.frames.len() as f64;
+        let (first, last) = (self.axles[0].posture, self.axles[self.frames.len()].posture);
+        let heading = libm::atan2(first[1] - last[1], first[0] - last[0]);
+        [sum[0] / count, sum[1] / count, heading]
     }
 
-    /// Front axle's posture in the rear axle's frame (m, m, rad not wrapped).
-    pub fn relative_posture(&self) -> Vec3 {
-        let [x, y] = self.geometry.position;
-        let [f, r] = &self.state.axle;
+    /// Posture of the axle ahead of a frame in the coordinates of the axle behind (m, m, rad not wrapped).
+    pub fn relative_posture(&self, frame: usize) -> Vec3 {
+        let [x, y] = self.frames[frame].geometry.position;
+        let [f, r] = [&self.axles[frame], &self.axles[frame + 1]];
         [x, y, f.posture[2] - r.posture[2]]
     }
 
-    /// Wrench of the frame on the axles, elastic and damping.
-    pub fn wrench(&self) -> Wrench {
-        self.on_axles(&self.total)
+    /// Wrench of a frame on its axles, elastic and damping.
+    pub fn wrench(&self, frame: usize) -> Wrench {
+        let frame = &self.frames[frame];
+        frame.on_axles(&frame.total)
     }
 
     /// Elastic part of [`Self::wrench`], which the strains show.
-    pub fn elastic_wrench(&self) -> Wrench {
-        self.on_axles(&self.elastic)
+    pub fn elastic_wrench(&self, frame: usize) -> Wrench {
+        let frame = &self.frames[frame];
+        frame.on_axles(&frame.elastic)
     }
 
-    fn on_axles(&self, w: &Vec3) -> Wrench {
-        let [front, rear] = self.geometry.transpose(w);
-        Wrench {
-            force: [-rear[0], -rear[1]],
-            root_moment: -rear[2],
-            end_moment: front[2],
-        }
-    }
-
-    /// Elastic curvature of the strip (1/m) at arc length `s` (m) from its root: what a gauge
+    /// Elastic curvature of a frame's strip (1/m) at arc length `s` (m) from its root: what a gauge
     /// bonded to the unloaded strip sees, divided by the half thickness. Positive: bent left.
-    pub fn curvature(&self, s: f64) -> f64 {
-        if self.creeping {
-            self.strip.series_curvature(&self.equilibrium, s)
+    pub fn curvature(&self, frame: usize, s: f64) -> f64 {
+        let Frame {
+            strip, equilibrium, ..
+        } = &self.frames[frame];
+        if self.frames[frame].creeping {
+            strip.series_curvature(equilibrium, s)
         } else {
-            self.strip.elastic_curvature(&self.equilibrium, s)
+            strip.elastic_curvature(equilibrium, s)
         }
     }
 
-    /// The place of a gauge at arc length `s` (m, clamped to the strip), for [`Self::gauges`].
-    pub fn gauge(&self, s: f64) -> Station {
-        self.strip.station(s)
+    /// The place of a gauge at arc length `s` (m, clamped to the strip) of a frame, for [`Self::gauges`].
+    pub fn gauge(&self, frame: usize, s: f64) -> Station {
+        self.frames[frame].strip.station(s)
     }
 
-    /// Elastic curvature (1/m) at each gauge: [`Self::curvature`] by the same nodes for all.
-    pub fn gauges(&self, stations: &[Station], mut visit: impl FnMut(usize, f64)) {
-        if self.snapped {
+    /// Elastic curvature (1/m) at each gauge of a frame: [`Self::curvature`] by the same nodes for all.
+    pub fn gauges(&self, frame: usize, stations: &[Station], mut visit: impl FnMut(usize, f64)) {
+        let Frame {
+            strip,
+            equilibrium,
+            creeping,
+            snapped,
+            ..
+        } = &self.frames[frame];
+        if *snapped {
             (0..stations.len()).for_each(|i| visit(i, 0.0));
             return;
         }
-        if self.creeping {
+        if *creeping {
             for (i, station) in stations.iter().enumerate() {
-                visit(
-                    i,
-                    self.strip.series_curvature_at(&self.equilibrium, station),
-                );
+                visit(i, strip.series_curvature_at(equilibrium, station));
             }
             return;
         }
-        let tangents = self.strip.tangents(&self.equilibrium);
+        let tangents = strip.tangents(equilibrium);
         for (i, station) in stations.iter().enumerate() {
-            let curvature = self
-                .strip
-                .curvature_at(&self.equilibrium, &tangents, station);
-            visit(i, curvature);
+            visit(i, strip.curvature_at(equilibrium, &tangents, station));
         }
     }
 
-    /// `points` places along the frame, evenly from the rear axle to the front axle, for
-    /// [`Self::draw`].
-    pub fn outline(&self, points: usize) -> Outline {
-        let length = self.strip.length();
-        let root = self.clamps.root_length;
-        let whole = root + length + self.clamps.tip_length;
+    /// `points` places along a frame, evenly from the axle behind to the axle ahead, for [`Self::draw`].
+    pub fn outline(&self, frame: usize, points: usize) -> Outline {
+        let Frame { strip, clamps, .. } = &self.frames[frame];
+        let (length, root) = (strip.length(), clamps.root_length);
+        let whole = root + length + clamps.tip_length;
         let place = |k: usize| {
             let along = whole * k as f64 / points.saturating_sub(1).max(1) as f64;
             let s = (along - root).clamp(0.0, length);
-            (self.strip.station(s), along - root - s)
+            (strip.station(s), along - root - s)
         };
-        Outline((0..points).map(place).collect())
+        let places = (0..points).map(place).collect();
+        Outline { frame, places }
     }
 
-    /// Points of the frame, global, m; as many as `out` and the outline both have.
+    /// Points of the outline's frame, global, m; as many as `out` and the outline both have.
     pub fn draw(&self, outline: &Outline, out: &mut [[f64; 2]]) {
-        let rear = self.state.axle[1].posture;
-        let tangents = self.strip.tangents(&self.equilibrium);
-        let clamps = &self.clamps;
-        let ahead = unrotate(&rotate(&clamps.tip, self.geometry.turn), clamps.root);
-        for ((station, rest), out) in outline.0.iter().zip(out) {
-            let [x, y] = self.strip.position(&tangents, station);
+        let rear = self.axles[outline.frame + 1].posture;
+        let Frame {
+            strip,
+            clamps,
+            geometry,
+            equilibrium,
+            ..
+        } = &self.frames[outline.frame];
+        let tangents = strip.tangents(equilibrium);
+        let ahead = unrotate(&rotate(&clamps.tip, geometry.turn), clamps.root);
+        for ((station, rest), out) in outline.places.iter().zip(out) {
+            let [x, y] = strip.position(&tangents, station);
             // The rigid ends point as the clamps do.
             let [c, s] = if *rest > 0.0 { ahead } else { [1.0, 0.0] };
             let point = [x + clamps.root_length + rest * c, y + rest * s];
-            let [x, y] = rotate(&rotate(&point, clamps.root), self.geometry.rear);
+            let [x, y] = rotate(&rotate(&point, clamps.root), geometry.rear);
             *out = [rear[0] + x, rear[1] + y];
         }
     }
 
-    /// Kinetic energy of axles and wheels and elastic energy of the frame, J.
+    /// Kinetic energy of axles and wheels and elastic energy of the frames, J.
     pub fn energy(&self) -> f64 {
-        let mut energy = self.strip.energy(&self.equilibrium);
-        for (i, a) in self.state.axle.iter().enumerate() {
-            energy += self.bodies[i].energy(&a.velocity);
-        }
-        energy + self.wheels.energy(&self.speeds()) + self.drivetrain.energy(&self.wheels)
-    }
-
-    /// Shows the wheel loads in the state.
-    pub(super) fn publish_loads(&mut self) {
-        for w in 0..4 {
-            self.state.axle[w / 2].load[w % 2] = self.loads.now[w];
-        }
+        let strips = self
+            .frames
+            .iter()
+            .map(|frame| frame.strip.energy(&frame.equilibrium));
+        let bodies = self.bodies.iter().zip(&self.axles);
+        let bodies = bodies.map(|(body, axle)| body.energy(&axle.velocity));
+        let groups = self.groups.iter().enumerate().map(|(g, group)| {
+            let axles = of_group(&self.axles, g);
+            group.wheels.energy(axles) + group.drivetrain.energy(&group.wheels)
+        });
+        strips.sum::<f64>() + bodies.sum::<f64>() + groups.sum::<f64>()
     }
 
     /// Counters since [`Self::place`].

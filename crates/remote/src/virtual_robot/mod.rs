@@ -201,7 +201,6 @@ impl VirtualRobot {
     ) -> Result<Self, Error> {
         let drawn = scenario.world.draw(seed, trial);
         let plant = scenario.world.plant_of(&drawn, scenario.mission.rps);
-        let plant = plant.build();
         let mut plant = plant.map_err(|error| Error::input(format!("plant.{error}")))?;
         let start = std::array::from_fn(|i| scenario.mission.start[i] + drawn.placement[i]);
         plant.place(start);
@@ -230,7 +229,7 @@ impl VirtualRobot {
             watches: roles.iter().map(|_| Watch::default()).collect(),
             half_thickness: scenario.world.sensors.bridge.half_thickness_m,
             strains: [0.0; MAX_GAUGES],
-            outline: plant.outline(FRAME_POINTS),
+            outline: plant.outline(0, FRAME_POINTS),
             sensors: Box::new(sensors),
             inertial: scenario.world.sensors.gyro.fitted,
             biases: Default::default(),
@@ -397,7 +396,7 @@ impl VirtualRobot {
             let axle = self.axle(role);
             axle.map_or([0.0; 2], |axle| axle.take_torque(until))
         });
-        self.plant.step(self.hindered(torque));
+        self.plant.step(&self.hindered(torque));
         self.hear();
         for (reader, board) in self.readers.iter_mut().zip(self.network.boards()) {
             reader.read(board);
@@ -407,7 +406,7 @@ impl VirtualRobot {
     /// Torques at the wheels; a blocked one is held against its motor.
     fn hindered(&self, mut torque: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
         if let Some((axle, side)) = self.blocked {
-            let speed = self.plant.state().axle[axle].wheel_speed[side];
+            let speed = self.plant.axles()[axle].wheel_speed[side];
             torque[axle][side] = -BLOCKED_NM_S * speed;
         }
         torque
@@ -415,11 +414,11 @@ impl VirtualRobot {
 
     /// The parts around the boards move as the plant does.
     fn show_motion(&mut self, at: Time) {
-        let state = *self.plant.state();
+        let axles = self.plant.axles().to_vec();
         if self.booted > Time(0) {
             self.biases = self.sensors.inertial_biases();
         }
-        for (role, axle) in [Role::LEAD, Role::axle(1)].into_iter().zip(&state.axle) {
+        for (role, axle) in [Role::LEAD, Role::axle(1)].into_iter().zip(axles) {
             let [rate, force] = self.biases[Topology::PAIR.place(role)];
             let turned = self.turned[Topology::PAIR.place(role)];
             let wheel = |k: usize| WheelMotion {
@@ -441,7 +440,7 @@ impl VirtualRobot {
         }
         let mut strains = [0.0; MAX_GAUGES];
         let half = self.half_thickness;
-        self.plant.gauges(&self.gauges, |i, curvature| {
+        self.plant.gauges(0, &self.gauges, |i, curvature| {
             if let Some(strain) = strains.get_mut(i) {
                 *strain = half * curvature;
             }

@@ -122,10 +122,10 @@ impl Bench {
         trace.frames().for_each(|frame| seen.take(frame));
         let mut random = generator(self.seed, run, Stream::Other(77));
         let mut tape = || normal(&mut random, TAPE_SIGMA_M);
-        let state = simulation.plant().state();
+        let axles = simulation.plant().axles();
         let mut heading = [0.0; 2];
         let axles = std::array::from_fn(|i| {
-            let [x, y, phi] = between(seen.axles[i], state.axle[i].posture);
+            let [x, y, phi] = between(seen.axles[i], axles[i].posture);
             heading[i] = wrap(phi - seen.laps[i].end()[2]);
             Return {
                 lap: seen.laps[i].clone(),
@@ -282,7 +282,7 @@ impl Seen {
         let believed =
             |role| believed(scenario, role).map_or(0.324, |axle| 2.0 * axle.half_track_m);
         Self {
-            axles: simulation.plant().state().axle.map(|axle| axle.posture),
+            axles: [0, 1].map(|i| simulation.plant().axles()[i].posture),
             midpoint: simulation.plant().midpoint(),
             laps: [Lap::default(), Lap::default()],
             track_m: [believed(Role::LEAD), believed(Role::axle(1))],

@@ -53,8 +53,8 @@ fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bo
             }
         }
         bench.pass(1);
-        let [front, rear] = bench.robot.plant.state().axle;
-        let speed = 0.5 * (front.velocity[0] + rear.velocity[0]).abs();
+        let [front, rear] = [0, 1].map(|i| bench.robot.plant.axles()[i].velocity[0]);
+        let speed = 0.5 * (front + rear).abs();
         let mut awake = true;
         for role in [Role::LEAD, Role::axle(1)] {
             bench.axle(role, |axle, _| awake &= axle.is_awake());

@@ -152,7 +152,7 @@ struct Watch {
 impl Watch {
     /// The bound that was exceeded for longer than a moment.
     fn exceeded(&mut self, simulation: &Simulation) -> Option<String> {
-        let force = simulation.plant().wrench().force;
+        let force = simulation.plant().wrench(0).force;
         let seen = [
             simulation.speed(),
             simulation.steering().abs(),

@@ -28,7 +28,7 @@ impl VirtualRobot {
 
     /// Puts the robot back on its start.
     fn put_back(&mut self) {
-        for (turned, axle) in self.turned.iter_mut().zip(&self.plant.state().axle) {
+        for (turned, axle) in self.turned.iter_mut().zip(self.plant.axles()) {
             let [left, right] = axle.motor_angle;
             *turned = [turned[0] + left, turned[1] + right];
         }
