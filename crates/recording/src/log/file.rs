@@ -6,7 +6,7 @@ use crate::dbc;
 use crate::entry::{
     ABOUT, BusEntry, Can, END, FORMAT, Hex, LeadEntry, LoggedFrame, Pose, TruthEntry,
 };
-use crate::topics::TOPICS;
+use crate::topics::{Topic, of_board, topics};
 use crate::{About, Line, failed};
 use core_algos::bus::{self, CanFrame};
 use core_algos::link::framing::crc32c;
@@ -56,8 +56,8 @@ struct Json {
 }
 
 impl Json {
-    fn new(sink: &Sink, topic: &str) -> Result<Self, Error> {
-        let known = TOPICS.iter().find(|known| known.name == topic);
+    fn new(sink: &Sink, topics: &[Topic], topic: &str) -> Result<Self, Error> {
+        let known = topics.iter().find(|known| known.name == topic);
         let schema = known.map(|known| &known.schema);
         let schema = schema.ok_or_else(|| failed(format!("no topic {topic}")))?;
         ChannelBuilder::new(topic)
@@ -77,10 +77,16 @@ impl Json {
     }
 
     /// A channel of each board.
-    fn of_boards(sink: &Sink, robot: Topology, what: &str) -> Result<Vec<Self>, Error> {
-        let topic = |board| format!("/boards/{}/{what}", robot.name(board));
-        let boards = robot.boards();
-        boards.map(|board| Self::new(sink, &topic(board))).collect()
+    fn of_boards(
+        sink: &Sink,
+        topics: &[Topic],
+        robot: Topology,
+        what: &str,
+    ) -> Result<Vec<Self>, Error> {
+        let names = robot
+            .boards()
+            .map(|board| of_board(robot.name(board), what));
+        names.map(|name| Self::new(sink, topics, &name)).collect()
     }
 
     fn write(&self, room: &mut Vec<u8>, nanos: u64, entry: &impl Serialize) {
@@ -144,6 +150,7 @@ impl Mcap {
     pub fn new(sink: Sink, about: &About) -> Result<Self, Error> {
         let scenario = about.scenario.to_toml()?;
         let robot = about.scenario.robot.topology();
+        let topics = topics(robot);
         let sum = |text: &str| format!("{:08x}", crc32c(text.as_bytes()));
         let described = [
             ("format", FORMAT.to_owned()),
@@ -155,7 +162,7 @@ impl Mcap {
             ("world", about.scenario.world.label()),
             ("scenario_hash", sum(&scenario)),
             ("scenario", scenario),
-            ("messages_hash", sum(&dbc::description())),
+            ("messages_hash", sum(&dbc::description(robot))),
         ];
         // At the start, so that a log that is cut off can be replayed.
         sink.metadata(ABOUT, &described);
@@ -172,13 +179,13 @@ impl Mcap {
             reference: standard_channel(&sink, "/reference/path"),
             scene: standard_channel(&sink, "/scene"),
             log: standard_channel(&sink, "/log"),
-            lead: Json::new(&sink, "/lead")?,
-            truth: Json::new(&sink, "/truth")?,
-            bus: Json::new(&sink, "/bus")?,
-            order: Json::new(&sink, "/host/order")?,
-            start: Json::of_boards(&sink, robot, "start")?,
-            ticks: Json::of_boards(&sink, robot, "tick")?,
-            off: Json::of_boards(&sink, robot, "off")?,
+            lead: Json::new(&sink, &topics, "/lead")?,
+            truth: Json::new(&sink, &topics, "/truth")?,
+            bus: Json::new(&sink, &topics, "/bus")?,
+            order: Json::new(&sink, &topics, "/host/order")?,
+            start: Json::of_boards(&sink, &topics, robot, "start")?,
+            ticks: Json::of_boards(&sink, &topics, robot, "tick")?,
+            off: Json::of_boards(&sink, &topics, robot, "off")?,
             room: Vec::with_capacity(1024),
             zero: 0,
             statuses: vec![None; robot.node_count()],

@@ -266,7 +266,6 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
     let middle = f64::from(bridge.full_scale_counts());
     let held = bench.hold(scenario, &FORMERS)?;
     let count = scenario.robot.beam.strip.gauges_m.count();
-    let mut blank = Overlays::new(scenario.robot.topology());
     let (mut zeros, mut gains) = (Vec::new(), Vec::new());
     for i in 0..count {
         let found = gauges::fit(&held, i, bridge.strain_per_count());
@@ -277,9 +276,6 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
         })?;
         zeros.push(zero);
         gains.push(gain);
-        let zero = parameter(&format!("robot.beam.calibration.zero_counts[{i}]"))?;
-        let gain = parameter(&format!("robot.beam.calibration.gain[{i}]"))?;
-        blank.put(Role::beam(0), &[(zero, middle as f32), (gain, 1.0)]);
     }
     let robot = bench.robot().clone();
     let truth = bridge.zero_counts(&robot);
@@ -294,7 +290,7 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
     }
     // A lap, with the zeros of the straight edge but the converter's gains first: without any zeros
     // the robot would not find its way.
-    let mut zeroed = blank.clone();
+    let mut zeroed = Overlays::new(scenario.robot.topology());
     zeroed.put(Role::beam(0), &report.found.values(Role::beam(0))?);
     for i in 0..count {
         let gain = parameter(&format!("robot.beam.calibration.gain[{i}]"))?;
