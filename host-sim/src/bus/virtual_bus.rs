@@ -283,6 +283,31 @@ mod tests {
     }
 
     #[test]
+    fn frames_of_three_axles_reach_five_boards_and_are_late_by_board() {
+        let config = BusConfig {
+            latency_ms: 1,
+            late_ms: vec![0, 4],
+            ..BusConfig::default()
+        };
+        let robot = Topology::new(3).unwrap();
+        let mut bus = VirtualBus::new(robot, &config, 0);
+        for axle in robot.axles() {
+            let posture = Message::AxlePosture {
+                axle,
+                sequence: 0,
+                posture: Posture::ORIGIN,
+            };
+            bus.send(0, &posture);
+        }
+        let mut boards = Vec::new();
+        bus.deliver(1_000, |board, _, _| boards.push(board));
+        assert_eq!(boards.len(), 5 + 1 + 5);
+        bus.deliver(5_000, |board, _, _| boards.push(board));
+        assert_eq!(boards.len(), 3 * 5);
+        assert!(robot.boards().all(|board| boards.contains(&board)));
+    }
+
+    #[test]
     fn jitter_comes_on_top_and_stays_below_its_bound() {
         let config = BusConfig {
             latency_ms: 1,

@@ -321,5 +321,9 @@ mod tests {
             None
         );
         assert_eq!(monitor.latest(Node::beam(0)), None);
+        let mut monitor = Monitor::new(Topology::new(4).unwrap());
+        monitor.see(30, &stranger);
+        let latest = monitor.latest(Node::axle(3)).unwrap();
+        assert_eq!((latest.name, latest.node), ("RearAxle", Node::axle(3)));
     }
 }

@@ -250,6 +250,17 @@ mod tests {
     }
 
     #[test]
+    fn each_board_of_three_axles_has_its_table() {
+        let robot = Topology::new(3).unwrap();
+        let mut overlays = Overlays::new(robot);
+        let radius = find("robot.geometry.wheel_radius_m").unwrap();
+        overlays.put(Role::axle(1), &[(radius, 0.07)]);
+        let text = overlays.to_toml().unwrap();
+        assert!(text.starts_with("[boards.axle-2]\n"), "{text}");
+        assert!(overlays.values(Role::axle(2)).unwrap().is_empty());
+    }
+
+    #[test]
     fn lists_and_single_entries_are_the_same_and_the_later_counts() {
         let list = "[boards.beam]\nrobot.beam.calibration.gain = [1.0, 1.5, 1, 1.0, 1.0]\n";
         let mut overlays = Overlays::parse(list, "file").unwrap();

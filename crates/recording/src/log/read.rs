@@ -438,6 +438,25 @@ mod tests {
     use crate::entry::Hex;
 
     #[test]
+    fn topics_of_three_axles_are_those_of_their_boards() {
+        let robot = Topology::new(3).unwrap();
+        let mut roles = Vec::new();
+        let mut keep = |role, _| roles.push(role);
+        let mut reader = Reader::new(robot, &mut keep);
+        for board in ["axle-2", "rear", "beam-2", "beam"] {
+            let topic = format!("/boards/{board}/off");
+            reader
+                .take(&topic, b"{\"tick\": 1, \"reason\": \"\"}")
+                .unwrap();
+        }
+        reader.finish();
+        assert_eq!(roles, [Role::axle(1), Role::axle(2), Role::beam(1)]);
+        let topics = crate::topics::topics(robot);
+        let known = |name: &str| topics.iter().any(|topic| topic.name == name);
+        assert!(known("/boards/beam-2/tick") && !known("/boards/beam/tick"));
+    }
+
+    #[test]
     fn output_of_the_lead_node_that_comes_too_late_is_refused() {
         let mut ticks = Vec::new();
         let mut keep = |_, event: Event| ticks.push(event.tick());
