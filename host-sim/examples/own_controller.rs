@@ -4,7 +4,6 @@
 #[path = "../../firmware-axle/examples/law/mod.rs"]
 mod law;
 
-use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::run::regulate::regulate_on;
 use host_sim::run::simulation::Simulation;
@@ -14,10 +13,9 @@ use host_sim::targets::InProcess;
 fn main() -> Result<(), Error> {
     let scenario = Scenario::default();
     for seed in 1..=5 {
-        let boards = Role::PAIR
-            .into_iter()
-            .map(|role| Box::new(InProcess::with_controller(role, &law::Polar)) as _)
-            .collect();
+        let robot = scenario.robot.topology();
+        let board = |role| Box::new(InProcess::with_controller(robot, role, &law::Polar)) as _;
+        let boards = robot.boards().map(board).collect();
         let mut robot = Simulation::on(boards, &scenario, seed, 0)?;
         let outcome = regulate_on(&mut robot, &scenario, |_| ())?;
         let [x, y, phi] = outcome.midpoint.map(|value| 100.0 * value);

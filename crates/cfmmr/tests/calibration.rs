@@ -4,7 +4,7 @@ use crate::program::{command, json_file, succeed};
 use crate::terminal::pseudo_terminal;
 use cfmmr::experiments::calibrate::Bench;
 use core_algos::params::find;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::scenario::Scenario;
 use host_sim::targets::Target;
 use remote::Remote;
@@ -103,9 +103,9 @@ fn radius_and_ratio_are_found_and_odometry_less_creep_comes_back() {
 fn runs_on_virtual_boards_are_those_of_boards_in_this_process() {
     let images = Images::open(None, None).unwrap();
     let boards = Role::PAIR.map(|role| -> Box<dyn Target> {
-        let log = BoardLog::default();
+        let log = BoardLog::new(Topology::PAIR.name(role));
         let board = VirtualLink::start(&images, role, &log, None);
-        Box::new(Remote::new(role, Box::new(board.unwrap())))
+        Box::new(Remote::new(Topology::PAIR, role, Box::new(board.unwrap())))
     });
     let nominal = Scenario::in_world(Some("ideal")).unwrap();
     let mut found = nominal.clone();

@@ -6,7 +6,7 @@ mod law;
 use crate::program::command;
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::run::regulate::regulate_on;
 use host_sim::run::robot::Robot;
 use host_sim::run::simulation::Simulation;
@@ -128,7 +128,7 @@ fn rounds() -> u64 {
 #[test]
 fn speed_command_acts_within_25_ms_and_its_absence_within_220_ms() {
     let images = Images::open(None, None).unwrap();
-    let logs = [(); 3].map(|()| BoardLog::quiet());
+    let logs = BoardLog::quiet(Topology::PAIR);
     let scenario = Scenario::default();
     let mut robot =
         VirtualRobot::new(&scenario, &images, 1, 0, &Options::default(), &logs).unwrap();
@@ -199,7 +199,7 @@ fn speed_command_acts_within_25_ms_and_its_absence_within_220_ms() {
 #[test]
 fn robot_stops_whenever_its_cable_is_pulled_and_its_host_comes_back() {
     let images = Images::open(None, None).unwrap();
-    let logs = [(); 3].map(|()| BoardLog::quiet());
+    let logs = BoardLog::quiet(Topology::PAIR);
     let (scenario, options) = (
         Scenario::default(),
         Options {
@@ -209,7 +209,7 @@ fn robot_stops_whenever_its_cable_is_pulled_and_its_host_comes_back() {
     );
     let mut robot = VirtualRobot::new(&scenario, &images, 1, 0, &options, &logs).unwrap();
     let boot = (robot.boot_s() * 1e6).round() as u64;
-    let mut link = BoardLink::new(Role::LEAD, 7);
+    let mut link = BoardLink::new(Topology::PAIR, Role::LEAD, 7);
     link.open();
     let place = scenario
         .robot
@@ -250,8 +250,13 @@ fn robot_stops_whenever_its_cable_is_pulled_and_its_host_comes_back() {
 #[test]
 fn own_controller_takes_the_place_of_the_regulator() {
     let scenario = Scenario::default();
-    let boards =
-        Role::PAIR.map(|role| Box::new(InProcess::with_controller(role, &law::Polar)) as _);
+    let boards = Role::PAIR.map(|role| {
+        Box::new(InProcess::with_controller(
+            Topology::PAIR,
+            role,
+            &law::Polar,
+        )) as _
+    });
     let mut robot = Simulation::on(boards.into(), &scenario, 1, 0).unwrap();
     let outcome = regulate_on(&mut robot, &scenario, |_| ()).unwrap();
     assert!(outcome.end.is_success() && outcome.plans == 0);

@@ -72,7 +72,7 @@ fn the_judge_finds_what_an_entry_does_not_allow() {
             after_ms: 300,
             seed: 1,
         };
-        let Course::Model(fault) = entry.course else {
+        let Course::Model(fault) = entry.course.clone() else {
             panic!("{}", entry.name)
         };
         let mut simulation = Simulation::new(&scenario, 1, 0).unwrap();
@@ -184,9 +184,9 @@ fn each_code_is_raised_by_a_fault() {
             _ => None,
         });
     let runs: Vec<_> = modelled.chain(runs()).collect();
-    let seen = runs.par_iter().flat_map(|&(change, fault)| {
+    let seen = runs.par_iter().flat_map(|(change, fault)| {
         [1500, 2000, 4000]
-            .map(|tick| raised(change, fault, tick))
+            .map(|tick| raised(change, fault.clone(), tick))
             .concat()
     });
     let seen: Vec<Condition> = seen.collect();

@@ -41,7 +41,7 @@ fn loopback(role: Role) -> Loopback {
 }
 
 fn framed(role: Role) -> Box<dyn Target> {
-    Box::new(Remote::new(role, Box::new(loopback(role))))
+    Box::new(Remote::new(Topology::PAIR, role, Box::new(loopback(role))))
 }
 
 /// A run that is recorded.
@@ -73,7 +73,7 @@ fn the_papers_experiment_is_the_same_behind_frames_with_and_without_the_sensor()
     for variant in Variant::PAIR {
         let scenario = variant.apply(&Scenario::default());
         let (outcome, framed) = run(Role::PAIR.map(framed).into(), &scenario, 1);
-        let (reference, direct) = run(targets::in_process(), &scenario, 1);
+        let (reference, direct) = run(targets::in_process(Topology::PAIR), &scenario, 1);
         assert_same(&framed, &direct);
         assert!(
             outcome.end.is_success() && framed.ticks() > 8_000,
@@ -87,11 +87,11 @@ fn the_papers_experiment_is_the_same_behind_frames_with_and_without_the_sensor()
 #[test]
 fn every_mixture_of_boards_is_the_same() {
     let scenario = short();
-    let (_, direct) = run(targets::in_process(), &scenario, 2);
+    let (_, direct) = run(targets::in_process(Topology::PAIR), &scenario, 2);
     for remote in Role::PAIR {
         let targets = Role::PAIR.map(|role| match role == remote {
             true => framed(role),
-            false => Box::new(InProcess::new(role)) as Box<dyn Target>,
+            false => Box::new(InProcess::new(Topology::PAIR, role)) as Box<dyn Target>,
         });
         assert_same(&run(targets.into(), &scenario, 2).1, &direct);
     }
@@ -103,7 +103,11 @@ fn paths_longer_than_the_boards_buffer_are_the_same_behind_frames() {
     let route = Route::new(&Path::line(3.5).unwrap(), 1, &scenario).unwrap();
     scenario.mission.start = route.start();
     for path_mode in [PathMode::Follow, PathMode::Track] {
-        let traces = [Role::PAIR.map(framed).into(), targets::in_process()].map(|targets| {
+        let traces = [
+            Role::PAIR.map(framed).into(),
+            targets::in_process(Topology::PAIR),
+        ]
+        .map(|targets| {
             let mut simulation = Simulation::on(targets, &scenario, 3, 0).unwrap();
             simulation.record_trace();
             let outcome =
@@ -121,7 +125,7 @@ fn sensors_and_losses_on_the_bus_change_nothing_in_that() {
     scenario.world.bus.loss = 0.05;
     scenario.world.bus.latency_ms = 4;
     let (_, framed) = run(Role::PAIR.map(framed).into(), &scenario, 4);
-    let (_, direct) = run(targets::in_process(), &scenario, 4);
+    let (_, direct) = run(targets::in_process(Topology::PAIR), &scenario, 4);
     assert_same(&framed, &direct);
 }
 
@@ -188,7 +192,7 @@ fn loss_and_damage_on_the_serial_link_cost_repetitions_and_nothing_else() {
             loss: 0.05,
             damage: 0.05,
         };
-        Box::new(Remote::new(role, Box::new(link))) as Box<dyn Target>
+        Box::new(Remote::new(Topology::PAIR, role, Box::new(link))) as Box<dyn Target>
     });
     let mut simulation = Simulation::on(targets.into(), &scenario, 5, 0).unwrap();
     simulation.record_trace();
@@ -200,7 +204,10 @@ fn loss_and_damage_on_the_serial_link_cost_repetitions_and_nothing_else() {
         assert!(share > 0.1 && share < 0.4, "{report:?}");
         assert!(report.damaged > 100, "{report:?}");
     }
-    assert_same(&trace, &run(targets::in_process(), &scenario, 5).1);
+    assert_same(
+        &trace,
+        &run(targets::in_process(Topology::PAIR), &scenario, 5).1,
+    );
 }
 
 /// Events of a mission in which a board is switched off after 3 s, and what came of it; with
@@ -253,8 +260,12 @@ const STOP_MS: RangeInclusive<u32> = 35 + 950..=60 + 1100;
 
 #[test]
 fn a_robot_that_stopped_for_a_restart_stays_at_rest_until_it_is_cleared() {
-    let (outcome, simulation) =
-        with_failure(targets::in_process(), Role::axle(1), Some(100), false);
+    let (outcome, simulation) = with_failure(
+        targets::in_process(Topology::PAIR),
+        Role::axle(1),
+        Some(100),
+        false,
+    );
     assert!(!outcome.end.is_success());
     assert_torques_zero(&simulation);
     assert!(simulation.failure().unwrap().contains("neighbour lost"));
@@ -271,7 +282,10 @@ fn a_robot_that_stopped_for_a_restart_stays_at_rest_until_it_is_cleared() {
 
 #[test]
 fn a_rear_board_that_restarts_stops_the_robot_which_then_drives_on() {
-    for targets in [Role::PAIR.map(framed).into(), targets::in_process()] {
+    for targets in [
+        Role::PAIR.map(framed).into(),
+        targets::in_process(Topology::PAIR),
+    ] {
         let (outcome, mut simulation) = with_failure(targets, Role::axle(1), Some(500), true);
         let off = motors_off(&mut simulation).unwrap();
         assert!(STOP_MS.contains(&off), "{off} ms");
@@ -288,7 +302,10 @@ fn a_rear_board_that_restarts_stops_the_robot_which_then_drives_on() {
 
 #[test]
 fn a_front_board_that_restarts_ends_the_run_with_motors_off() {
-    for targets in [Role::PAIR.map(framed).into(), targets::in_process()] {
+    for targets in [
+        Role::PAIR.map(framed).into(),
+        targets::in_process(Topology::PAIR),
+    ] {
         let (outcome, mut simulation) = with_failure(targets, Role::LEAD, Some(500), true);
         let off = motors_off(&mut simulation).unwrap();
         assert!(STOP_MS.contains(&off), "{off} ms");
@@ -332,7 +349,7 @@ fn faulty(
     let scenario = Scenario::default();
     let mut simulation = Simulation::on(targets, &scenario, case.seed, 0).unwrap();
     let at = model::tick(&scenario, case);
-    let Course::Model(fault) = case.entry.course else {
+    let Course::Model(fault) = case.entry.course.clone() else {
         panic!("{}", case.entry.name);
     };
     simulation.inject(fault, at);
@@ -367,7 +384,7 @@ fn faults_of_boards_and_bus_are_the_same_behind_frames() {
             seed,
         };
         let (outcome, trace) = faulty(Role::PAIR.map(framed).into(), &case, unannounced);
-        let (reference, expected) = faulty(targets::in_process(), &case, None);
+        let (reference, expected) = faulty(targets::in_process(Topology::PAIR), &case, None);
         assert_same(&trace, &expected);
         assert_eq!(outcome, reference, "{name}");
         // A bus that spoils some frames may be driven on with.
@@ -411,17 +428,17 @@ fn boards_on_serial_ports_are_the_same() {
     let targets = Role::PAIR.map(|role| {
         let (path, board) = match role {
             Role::Axle(_) => {
-                let log = BoardLog::default();
+                let log = BoardLog::new(Topology::PAIR.name(role));
                 terminal(VirtualLink::start(&images, role, &log, None).unwrap())
             }
             _ => terminal(loopback(role)),
         };
         boards.push(board);
         let port = Serial::open(&path, 921_600).unwrap();
-        Box::new(Remote::new(role, Box::new(port))) as Box<dyn Target>
+        Box::new(Remote::new(Topology::PAIR, role, Box::new(port))) as Box<dyn Target>
     });
     let (_, serial) = run(targets.into(), &scenario, 6);
-    let (_, direct) = run(targets::in_process(), &scenario, 6);
+    let (_, direct) = run(targets::in_process(Topology::PAIR), &scenario, 6);
     assert_eq!(serial.ticks(), 2000);
     assert_same(&serial, &direct);
     for board in boards {
@@ -459,5 +476,9 @@ fn framed_as(actual: Role) -> Box<dyn Target> {
         Role::Axle(_) => Role::LEAD,
         Role::Beam(_) => Role::beam(0),
     };
-    Box::new(Remote::new(expected, Box::new(loopback(actual))))
+    Box::new(Remote::new(
+        Topology::PAIR,
+        expected,
+        Box::new(loopback(actual)),
+    ))
 }

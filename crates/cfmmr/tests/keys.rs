@@ -212,7 +212,7 @@ impl Situation {
             seen: seen.clone(),
             before: before.to_vec(),
         }));
-        if let Some((fault, tick)) = self.fault {
+        if let Some((fault, tick)) = self.fault.clone() {
             simulation.inject(fault, tick);
         }
         // An error is that of the observer: the run has changed.

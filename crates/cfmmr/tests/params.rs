@@ -29,7 +29,7 @@ fn kept(remote: &mut Remote, name: &str) -> Kept {
 
 /// Sets, saves and resets a board, and finds what is left of it.
 fn set_save_and_reset(link: Box<dyn Link>, role: Role) {
-    let mut board = Remote::new(role, link);
+    let mut board = Remote::new(Topology::PAIR, role, link);
     board.greet().unwrap();
     let first = kept(&mut board, RADIUS);
     assert_eq!(
@@ -71,7 +71,7 @@ fn what_was_saved_is_there_after_a_reset() {
         let file = folder.path().join(Topology::PAIR.name(role));
         set_save_and_reset(loopback(role, &file), role);
         // And in another process, so to speak.
-        let mut board = Remote::new(role, loopback(role, &file));
+        let mut board = Remote::new(Topology::PAIR, role, loopback(role, &file));
         board.greet().unwrap();
         assert_eq!(kept(&mut board, RADIUS).value, 0.0731);
     }
@@ -86,13 +86,17 @@ fn what_was_saved_is_there_after_a_reset_of_a_virtual_board() {
         let file = folder
             .path()
             .join(format!("a, b {}", Topology::PAIR.name(role)));
-        let log = BoardLog::default();
+        let log = BoardLog::new(Topology::PAIR.name(role));
         let board = VirtualLink::start(&images, role, &log, Some(&file)).unwrap();
         set_save_and_reset(Box::new(board), role);
     }
     // Both read each other's files: a board in this process finds what the virtual one wrote.
     let file = folder.path().join("a, b rear");
-    let mut board = Remote::new(Role::axle(1), loopback(Role::axle(1), &file));
+    let mut board = Remote::new(
+        Topology::PAIR,
+        Role::axle(1),
+        loopback(Role::axle(1), &file),
+    );
     board.greet().unwrap();
     assert_eq!(kept(&mut board, RADIUS).value, 0.0731);
 }

@@ -93,7 +93,7 @@ impl Bench {
             host: false,
             ..Options::default()
         };
-        let logs = [(); 3].map(|()| BoardLog::quiet());
+        let logs = BoardLog::quiet(Topology::PAIR);
         let mut robot = VirtualRobot::new(scenario, &images, 1, 0, &options, &logs).unwrap();
         robot.plan(failures, None);
         let done = Arc::new(AtomicBool::new(false));
@@ -313,13 +313,13 @@ fn record_at_serial_ports_replays_identically() {
         assert_eq!(replayed["identical"], true, "{replayed}");
         let bytes = fs::read(folder.path().join("run.mcap")).unwrap();
         let recording = read::read(&bytes, "run.mcap").unwrap();
-        let ticks = recording.boards.map(|events| {
+        let ticks = recording.boards.iter().map(|events| {
             let ticks = events
                 .iter()
                 .filter(|event| matches!(event, Event::Tick(_)));
             ticks.count()
         });
-        assert_eq!(ticks.iter().filter(|ticks| **ticks > 2000).count(), boards);
+        assert_eq!(ticks.filter(|ticks| *ticks > 2000).count(), boards);
     }
     let report = result(folder.path(), "drive");
     let x = report["steps"][0]["end"]["estimate"][0].as_f64().unwrap();

@@ -114,9 +114,9 @@ fn boards_drive_in_other_than_the_default_configuration() {
 }
 
 /// A robot with the logs of its boards.
-fn robot(scenario: &Scenario) -> (VirtualRobot, [BoardLog; 3]) {
+fn robot(scenario: &Scenario) -> (VirtualRobot, Vec<BoardLog>) {
     let images = Images::open(None, None).unwrap();
-    let logs = [(); 3].map(|()| BoardLog::quiet());
+    let logs = BoardLog::quiet(Topology::PAIR);
     let robot = VirtualRobot::new(scenario, &images, 1, 0, &Options::default(), &logs);
     (robot.unwrap(), logs)
 }

@@ -4,27 +4,24 @@ use core_algos::bus::field::POSITION_SPAN_M;
 use core_algos::bus::layout::{BIT_RATE, OnBus, Signal, messages};
 use core_algos::topology::{Node, Topology};
 
-/// The robot that is described.
-const ROBOT: Topology = Topology::PAIR;
-
-/// The bus description of all messages, as text.
-pub fn description() -> String {
+/// The bus description of all messages of a robot, as text.
+pub fn description(robot: Topology) -> String {
     let mut text = String::from("VERSION \"\"\n\nNS_ :\n\nBS_:\n\nBU_:");
-    for node in nodes() {
+    for node in nodes(robot) {
         text += &format!(" {node}");
     }
     text += "\n\n";
-    for sent in messages(ROBOT) {
-        text += &message(&sent);
+    for sent in messages(robot) {
+        text += &message(robot, &sent);
     }
     text += &format!(
         "CM_ \"Positions of odometric and reference postures are sent modulo {POSITION_SPAN_M} m; \
          ln_sigma_* is the natural logarithm of a standard deviation.\";\n"
     );
-    for OnBus { id, layout, .. } in messages(ROBOT) {
+    for OnBus { id, layout, .. } in messages(robot) {
         text += &format!("CM_ BO_ {id} \"{}\";\n", plain(layout.meaning));
     }
-    for OnBus { id, layout, .. } in messages(ROBOT) {
+    for OnBus { id, layout, .. } in messages(robot) {
         for signal in layout.signals {
             let (name, meaning) = (signal.name, plain(signal.meaning));
             text += &format!("CM_ SG_ {id} {name} \"{meaning}\";\n");
@@ -40,11 +37,11 @@ pub fn description() -> String {
     }
     text += &format!("BA_ \"Baudrate\" {BIT_RATE};\n");
     for (attribute, time) in TIMES {
-        for sent in messages(ROBOT) {
+        for sent in messages(robot) {
             text += &format!("BA_ \"{attribute}\" BO_ {} {};\n", sent.id, time(&sent));
         }
     }
-    for OnBus { id, layout, .. } in messages(ROBOT) {
+    for OnBus { id, layout, .. } in messages(robot) {
         for signal in layout.signals.iter().filter(|s| !s.labels.is_empty()) {
             text += &format!("VAL_ {id} {}", signal.name);
             for (number, label) in signal.labels.iter().enumerate() {
@@ -57,9 +54,9 @@ pub fn description() -> String {
 }
 
 /// Names of the nodes, the service tool last.
-fn nodes() -> impl Iterator<Item = &'static str> {
-    let all = ROBOT.nodes().chain([Node::Service]);
-    all.map(|node| ROBOT.node_name(node))
+fn nodes(robot: Topology) -> impl Iterator<Item = &'static str> {
+    let all = robot.nodes().chain([Node::Service]);
+    all.map(move |node| robot.node_name(node))
 }
 
 type Time = fn(&OnBus) -> u16;
@@ -70,10 +67,10 @@ const TIMES: [(&str, Time); 2] = [
     ("MsgTimeout", |sent| sent.layout.timeout_ms),
 ];
 
-fn message(sent: &OnBus) -> String {
-    let (layout, sender) = (sent.layout, ROBOT.node_name(sent.sender));
+fn message(robot: Topology, sent: &OnBus) -> String {
+    let (layout, sender) = (sent.layout, robot.node_name(sent.sender));
     let mut text = format!("BO_ {} {sent}: {} {sender}\n", sent.id, layout.bytes());
-    let receivers: Vec<&str> = nodes().filter(|&node| node != sender).collect();
+    let receivers: Vec<&str> = nodes(robot).filter(|&node| node != sender).collect();
     let mut start = 0;
     for signal in layout.signals {
         text += &self::signal(signal, start, &receivers.join(","));
@@ -119,9 +116,10 @@ mod tests {
 
     #[test]
     fn each_message_and_signal_stands_once() {
-        let text = description();
-        assert_eq!(lines(&text, "BO_ ").count(), messages(ROBOT).count());
-        let signals: usize = messages(ROBOT).map(|sent| sent.layout.signals.len()).sum();
+        let robot = Topology::PAIR;
+        let text = description(robot);
+        assert_eq!(lines(&text, "BO_ ").count(), messages(robot).count());
+        let signals: usize = messages(robot).map(|sent| sent.layout.signals.len()).sum();
         assert_eq!(lines(&text, " SG_ ").count(), signals);
         assert!(text.contains(
             "BO_ 544 BeamWrench: 8 Beam\n \

@@ -79,7 +79,7 @@ impl Destinations {
     pub fn check(&self) -> Result<(), Error> {
         log::check(self)?;
         if let Some(path) = &self.csv {
-            Tables::new(path)?;
+            tables::Place::new(path)?;
         }
         Ok(())
     }
@@ -132,7 +132,9 @@ impl Session {
         if !to.any() {
             return Ok(None);
         }
-        let tables = to.csv.as_deref().map(Tables::new).transpose()?;
+        let tables = to.csv.as_deref();
+        let tables = tables.map(|path| Tables::new(path, about.scenario.robot.topology()));
+        let tables = tables.transpose()?;
         let mcap = log::open(to, about)?;
         Ok(Some(Self::of(Files { mcap, tables }, to.live.is_some())))
     }
@@ -151,9 +153,8 @@ impl Session {
     /// Listens to these boards, which run in this scenario.
     pub fn tap(&self, targets: Vec<Box<dyn Target>>, scenario: &Scenario) -> Vec<Box<dyn Target>> {
         let encoded = scenario.world.bus.quantise;
-        let mut roles = Role::PAIR.into_iter();
-        let tapped = targets.into_iter().map(|target| {
-            let role = roles.next().unwrap_or(Role::beam(0));
+        let boards = scenario.robot.topology().boards();
+        let tapped = boards.zip(targets).map(|(role, target)| {
             Box::new(tap::Tap::new(role, target, self.clone(), encoded)) as Box<dyn Target>
         });
         tapped.collect()
@@ -291,8 +292,8 @@ enum Line {
     Board(Role, String),
     /// A tick of an axle board.
     Axle(Role, AxleTick),
-    /// A tick of the beam board.
-    Beam(BeamTick),
+    /// A tick of a beam board.
+    Beam(Role, BeamTick),
 }
 
 impl Line {
@@ -316,12 +317,15 @@ impl Line {
                     torque_nm: torque_nm.map(Exact).list(),
                 },
             ),
-            Samples::Beam(samples) => Self::Beam(BeamTick {
-                tick,
-                counts: samples.counts,
-                conditions: samples.conditions,
-                received,
-            }),
+            Samples::Beam(samples) => Self::Beam(
+                role,
+                BeamTick {
+                    tick,
+                    counts: samples.counts,
+                    conditions: samples.conditions,
+                    received,
+                },
+            ),
         }
     }
 }

@@ -15,11 +15,30 @@ use std::path::{Path, PathBuf};
 
 /// Destination of the tables: one file, or a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
-enum Place {
+pub(super) enum Place {
     /// The epochs only.
     File(PathBuf),
     /// Epochs, ticks and frames.
     Folder(PathBuf),
+}
+
+impl Place {
+    /// One file if the name of `path` ends in `.csv`, otherwise a folder.
+    pub(super) fn new(path: &Path) -> Result<Self, Error> {
+        let is_file = path
+            .extension()
+            .is_some_and(|end| end.eq_ignore_ascii_case("csv"));
+        match is_file && !path.is_dir() {
+            true => {
+                try_file(path)?;
+                Ok(Self::File(path.to_path_buf()))
+            }
+            false => {
+                OutputDir::create(path)?;
+                Ok(Self::Folder(path.to_path_buf()))
+            }
+        }
+    }
 }
 
 /// Header: the columns `own`, then the columns of a message of the log.
@@ -31,6 +50,7 @@ fn header(own: &[&str], schema: &Schema) -> Vec<String> {
 /// The tables of a run.
 pub struct Tables {
     place: Place,
+    robot: Topology,
     records: Vec<Record>,
     axles: Csv,
     beam: Csv,
@@ -40,24 +60,11 @@ pub struct Tables {
 }
 
 impl Tables {
-    /// Tables that will be written to `path`: one file if its name ends in `.csv`, otherwise a
-    /// folder.
-    pub fn new(path: &Path) -> Result<Self, Error> {
-        let is_file = path
-            .extension()
-            .is_some_and(|end| end.eq_ignore_ascii_case("csv"));
-        let place = match is_file && !path.is_dir() {
-            true => {
-                try_file(path)?;
-                Place::File(path.to_path_buf())
-            }
-            false => {
-                OutputDir::create(path)?;
-                Place::Folder(path.to_path_buf())
-            }
-        };
+    /// Tables of a robot that will be written to `path`: one file if its name ends in `.csv`, otherwise a folder.
+    pub fn new(path: &Path, robot: Topology) -> Result<Self, Error> {
         Ok(Self {
-            place,
+            place: Place::new(path)?,
+            robot,
             records: Vec::new(),
             axles: Csv::new(header(&["time_s", "board"], &AxleTick::SCHEMA)),
             beam: Csv::new(header(&["time_s"], &BeamTick::SCHEMA)),
@@ -81,7 +88,7 @@ impl Tables {
             Line::Zero(zero) => self.zero = *zero,
             _ if !self.all() => {}
             Line::Axle(role, tick) => self.axle(*role, tick),
-            Line::Beam(tick) => {
+            Line::Beam(_, tick) => {
                 let time = self.seconds(tick.tick);
                 self.beam.row(std::iter::once(time).chain(tick.cells()));
             }
@@ -104,17 +111,17 @@ impl Tables {
     }
 
     fn axle(&mut self, role: Role, tick: &AxleTick) {
-        let own = [self.seconds(tick.tick), Topology::PAIR.name(role).into()];
+        let own = [self.seconds(tick.tick), self.robot.name(role).into()];
         self.axles.row(own.into_iter().chain(tick.cells()));
     }
 
     fn frame(&mut self, role: Role, tick: u32, frame: &CanFrame) {
         let data = frame.data.iter().take(usize::from(frame.length));
-        let name = name_of(frame.id).unwrap_or("unknown");
+        let name = name_of(self.robot, frame.id).unwrap_or("unknown");
         let time = self.seconds(tick);
         self.bus.row::<Cell>([
             time,
-            Topology::PAIR.name(role).into(),
+            self.robot.name(role).into(),
             Cell::Text(format!("{:#05x}", frame.id)),
             name.into(),
             match frame.length {

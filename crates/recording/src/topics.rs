@@ -1,15 +1,16 @@
-//! The topics of a log: one table, from which the documentation follows.
+//! The topics of a log: one list, from which the documentation follows.
 
 use super::entry::{
     AxleTick, BeamTick, BusEntry, HostCommandEntry, LeadEntry, Off, Start, TruthEntry,
 };
 pub use super::schema::Schema;
+use core_algos::topology::{Role, Topology};
 
 /// A topic.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Topic {
     /// Name.
-    pub name: &'static str,
+    pub name: String,
     /// Its messages.
     pub schema: Schema,
     /// Rate.
@@ -30,12 +31,8 @@ macro_rules! foxglove {
 /// Declares topics: name, rate and schema.
 macro_rules! topics {
     ($($name:literal, $rate:literal: $schema:expr;)*) => {
-        /// Every topic.
-        pub const TOPICS: [Topic; 21] = [$(Topic {
-            name: $name,
-            schema: $schema,
-            rate: $rate,
-        }),*];
+        /// Topics that are not of a board.
+        const OF_ROBOT: &[(&str, &str, Schema)] = &[$(($name, $rate, $schema)),*];
     };
 }
 
@@ -52,13 +49,34 @@ topics! {
     "/truth", "100 Hz": TruthEntry::SCHEMA;
     "/bus", "frames": BusEntry::SCHEMA;
     "/host/order", "commands": HostCommandEntry::SCHEMA;
-    "/boards/front/start", "starts": Start::SCHEMA;
-    "/boards/rear/start", "starts": Start::SCHEMA;
-    "/boards/beam/start", "starts": Start::SCHEMA;
-    "/boards/front/tick", "1 kHz": AxleTick::SCHEMA;
-    "/boards/rear/tick", "1 kHz": AxleTick::SCHEMA;
-    "/boards/beam/tick", "1 kHz": BeamTick::SCHEMA;
-    "/boards/front/off", "failures": Off::SCHEMA;
-    "/boards/rear/off", "failures": Off::SCHEMA;
-    "/boards/beam/off", "failures": Off::SCHEMA;
+}
+
+/// Every topic of the log of a robot.
+pub fn topics(robot: Topology) -> Vec<Topic> {
+    let of_robot = OF_ROBOT.iter().map(|&(name, rate, schema)| Topic {
+        name: name.to_owned(),
+        schema,
+        rate,
+    });
+    let of_boards = |what: &'static str, rate, schema: fn(Role) -> Schema| {
+        robot.boards().map(move |board| Topic {
+            name: of_board(robot.name(board), what),
+            schema: schema(board),
+            rate,
+        })
+    };
+    let tick = |board: Role| match board {
+        Role::Axle(_) => AxleTick::SCHEMA,
+        Role::Beam(_) => BeamTick::SCHEMA,
+    };
+    let starts = of_boards("start", "starts", |_| Start::SCHEMA);
+    let ticks = of_boards("tick", "1 kHz", tick);
+    let offs = of_boards("off", "failures", |_| Off::SCHEMA);
+    let of_boards = starts.chain(ticks).chain(offs);
+    of_robot.chain(of_boards).collect()
+}
+
+/// Name of a topic of a board with this name.
+pub(crate) fn of_board(board: &str, what: &str) -> String {
+    format!("/boards/{board}/{what}")
 }

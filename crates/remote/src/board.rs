@@ -38,7 +38,9 @@ const LEAD_TICK: u32 = (LEAD_PHASE / TICK) as u32;
 
 /// A board at the other end of a link.
 pub struct Remote {
-    pub(super) role: Role,
+    robot: Topology,
+    role: Role,
+    pub(super) name: &'static str,
     pub(super) conversation: Conversation,
     bus: Packed,
     build: String,
@@ -54,9 +56,11 @@ pub struct Remote {
 
 impl Remote {
     /// A board at the end of `link`; nothing is sent yet.
-    pub fn new(role: Role, link: Box<dyn Link>) -> Self {
+    pub fn new(robot: Topology, role: Role, link: Box<dyn Link>) -> Self {
         Self {
+            robot,
             role,
+            name: robot.name(role),
             conversation: Conversation::new(link),
             bus: Packed::new(),
             build: String::new(),
@@ -95,38 +99,38 @@ impl Remote {
             match self.conversation.answer()? {
                 // Where the answer was lost, the board has reset already.
                 Reply::Done | Reply::Refused(Refusal::NoSession) => {}
-                other => return Err(refused(self.role, what, other)),
+                other => return Err(refused(self.name, what, other)),
             }
         }
-        Err(unexpected(self.role, what))
+        Err(unexpected(self.name, what))
     }
 
     /// Ends a session that an earlier host has left open, with the parameters that it has changed and not saved.
     pub fn end_earlier_session(&mut self) -> Result<(), Error> {
-        let role = self.role;
-        self.attend().map_err(|fault| fatal(role, fault))
+        let name = self.name;
+        self.attend().map_err(|fault| fatal(name, fault))
     }
 
     /// Ends the session and waits for the answer.
     pub fn leave(mut self) -> Result<(), Error> {
+        let name = self.name;
         let left = self.carry_out("the end of the session", &Request::Leave);
         self.build.clear();
         match left {
             // Where the answer was lost, the board has reset already.
             Ok(()) | Err(Fault::Restarted) => Ok(()),
-            Err(fault) => Err(fatal(self.role, fault)),
+            Err(fault) => Err(fatal(name, fault)),
         }
     }
 
     /// Crash record of a board that drives.
     pub fn crash_record(&mut self) -> Result<CrashRecord, Error> {
-        let role = self.role;
+        let name = self.name;
         self.ask_for_crash_record()
-            .map_err(|fault| fatal(role, fault))
+            .map_err(|fault| fatal(name, fault))
     }
 
     fn ask_for_crash_record(&mut self) -> Result<CrashRecord, Fault> {
-        let role = self.role;
         self.attend()?;
         self.conversation.ask(&Request::Crash)?;
         match self.conversation.answer()? {
@@ -134,7 +138,7 @@ impl Remote {
                 counts,
                 message: message.try_into().unwrap_or_default(),
             }),
-            other => Err(refused(role, "its crash record", other)),
+            other => Err(refused(self.name, "its crash record", other)),
         }
     }
 
@@ -151,7 +155,6 @@ impl Remote {
             protocol: PROTOCOL,
             nonce: sent,
         };
-        let expected = self.role;
         // An answer to what was asked before the hello may still be on its way.
         for _ in 0..STALE {
             self.conversation.ask(&request)?;
@@ -169,11 +172,11 @@ impl Remote {
             if nonce != sent {
                 continue;
             }
-            greeted(protocol, (expected, role), build).map_err(Fault::Fatal)?;
+            greeted(self.robot, protocol, (self.role, role), build).map_err(Fault::Fatal)?;
             self.build = build.to_owned();
             return Ok(session);
         }
-        Err(unexpected(expected, "hello"))
+        Err(unexpected(self.name, "hello"))
     }
 
     /// Sends the parameters; gives their check sum as the board found it.
@@ -190,14 +193,14 @@ impl Remote {
             })?;
             match self.conversation.answer()? {
                 Reply::Configured { hash } => found = hash,
-                other => return Err(refused(self.role, "parameters", other)),
+                other => return Err(refused(self.name, "parameters", other)),
             }
         }
         let hash = framing::crc32c(bytes);
         if found != hash {
             return Err(Fault::Fatal(Error::Failure(format!(
                 "{} board: checksum of the parameters is {found:08x} on the board, {hash:08x} in this program",
-                Topology::PAIR.name(self.role)
+                self.name
             ))));
         }
         Ok(hash)
@@ -207,7 +210,7 @@ impl Remote {
         self.conversation.ask(request)?;
         match self.conversation.answer()? {
             Reply::Done => Ok(()),
-            other => Err(refused(self.role, what, other)),
+            other => Err(refused(self.name, what, other)),
         }
     }
 }
@@ -219,11 +222,12 @@ const EMPTY: Room = Room {
 
 /// Refuses a board of another protocol or another role.
 pub(super) fn greeted(
+    robot: Topology,
     protocol: u16,
     (wanted, role): (Role, Role),
     build: &str,
 ) -> Result<(), Error> {
-    let name = Topology::PAIR.name(wanted);
+    let name = robot.name(wanted);
     if protocol != PROTOCOL {
         return Err(Error::input(format!(
             "{name} board: its image ({build}) has protocol version {protocol}, this program version {PROTOCOL}: \
@@ -233,20 +237,19 @@ pub(super) fn greeted(
     if role != wanted {
         return Err(Error::input(format!(
             "--on serial:{name}: the {name} board's port leads to the {} board: check ports and strap",
-            Topology::PAIR.name(role)
+            robot.name(role)
         )));
     }
     Ok(())
 }
 
-fn unexpected(role: Role, what: &str) -> Fault {
+fn unexpected(board: &str, what: &str) -> Fault {
     Fault::Fatal(Error::Failure(format!(
-        "{} board: {what}: unexpected answer",
-        Topology::PAIR.name(role)
+        "{board} board: {what}: unexpected answer"
     )))
 }
 
-pub(super) fn refused(role: Role, what: &str, reply: Reply) -> Fault {
+pub(super) fn refused(board: &str, what: &str, reply: Reply) -> Fault {
     let reason = match reply {
         Reply::Refused(Refusal::NoSession | Refusal::NotStarted) => return Fault::Restarted,
         Reply::Refused(Refusal::Point(error)) => {
@@ -255,8 +258,7 @@ pub(super) fn refused(role: Role, what: &str, reply: Reply) -> Fault {
         Reply::Refused(Refusal::Parameter { text }) => text.to_owned(),
         Reply::Refused(Refusal::Armed) => {
             return Fault::Fatal(Error::input(format!(
-                "{} board refuses {what}: its motors may be on; stop the robot first",
-                Topology::PAIR.name(role)
+                "{board} board refuses {what}: its motors may be on; stop the robot first"
             )));
         }
         Reply::Refused(Refusal::Leased) => {
@@ -267,11 +269,10 @@ pub(super) fn refused(role: Role, what: &str, reply: Reply) -> Fault {
             format!("the board received parameters with checksum {found:08x}")
         }
         Reply::Refused(reason) => format!("{reason:?}"),
-        _ => return unexpected(role, what),
+        _ => return unexpected(board, what),
     };
     Fault::Fatal(Error::Failure(format!(
-        "{} board refuses {what}: {reason}",
-        Topology::PAIR.name(role)
+        "{board} board refuses {what}: {reason}"
     )))
 }
 
@@ -328,8 +329,8 @@ impl Target for Remote {
     }
 
     fn receive(&mut self, _now: Micros, frame: &CanFrame, _message: &Message) {
-        // The beam board has nothing to hear.
-        if self.role != Role::beam(0) {
+        // A beam board has nothing to hear.
+        if !self.role.is_beam() {
             self.overflow |= !self.bus.push(frame);
         }
     }
@@ -339,7 +340,7 @@ impl Target for Remote {
         if std::mem::take(&mut self.overflow) {
             return Err(Fault::Fatal(Error::Failure(format!(
                 "{} board: more bus frames at tick {tick} than one request holds",
-                Topology::PAIR.name(self.role)
+                self.name
             ))));
         }
         self.tick = tick;
@@ -365,7 +366,7 @@ impl Target for Remote {
                 ..
             } => (torque_nm, bus, telemetry),
             Reply::Beam { bus, .. } => (Wheels::default(), bus, [].as_slice()),
-            other => return Err(refused(self.role, "tick", other)),
+            other => return Err(refused(self.name, "tick", other)),
         };
         for frame in protocol::unpack(bus) {
             post(Posted::Frame(&frame));
@@ -430,7 +431,7 @@ impl Target for Remote {
         let traffic = self.traffic().unwrap_or_default();
         let ticks = self.latencies.len().max(1) as f64;
         Report {
-            role: Topology::PAIR.name(self.role),
+            role: self.name,
             target: self.conversation.link.name(),
             build: self.build.clone(),
             frames: traffic.frames,
@@ -618,7 +619,7 @@ mod tests {
 
     #[test]
     fn port_that_echoes_is_named() {
-        let mut remote = Remote::new(Role::LEAD, Box::new(Loop(VecDeque::new())));
+        let mut remote = Remote::new(Topology::PAIR, Role::LEAD, Box::new(Loop(VecDeque::new())));
         let Err(error) = remote.crash_record() else {
             panic!("an echo answers");
         };

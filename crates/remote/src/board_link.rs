@@ -93,6 +93,7 @@ impl Sequence {
 /// The link.
 #[derive(Clone)]
 pub struct BoardLink {
+    robot: Topology,
     role: Role,
     decoder: Decoder,
     number: u8,
@@ -126,8 +127,9 @@ pub struct BoardLink {
 
 impl BoardLink {
     /// A link of a host that draws this number for its lease.
-    pub fn new(role: Role, owner: u16) -> Self {
+    pub fn new(robot: Topology, role: Role, owner: u16) -> Self {
         Self {
+            robot,
             role,
             owner,
             decoder: Decoder::default(),
@@ -158,7 +160,7 @@ impl BoardLink {
         *self = Self {
             number,
             sequence,
-            ..Self::new(self.role, self.owner)
+            ..Self::new(self.robot, self.role, self.owner)
         };
         self.watch();
     }
@@ -174,6 +176,11 @@ impl BoardLink {
         }
         let stamp = self.sequence.next(self.owner);
         self.ask(Subject::Record, &Request::Record(stamp));
+    }
+
+    /// Name of the board.
+    pub fn name(&self) -> &'static str {
+        self.robot.name(self.role)
     }
 
     /// The board.
@@ -198,10 +205,7 @@ impl BoardLink {
             return Ok(());
         }
         let config = postcard::from_bytes(&self.config).map_err(|error| {
-            Error::Failure(format!(
-                "{} board: configuration: {error}",
-                Topology::PAIR.name(self.role)
-            ))
+            Error::Failure(format!("{} board: configuration: {error}", self.name()))
         })?;
         self.record = Some(BoardRecord::new(self.role, config));
         Ok(())
@@ -429,6 +433,7 @@ impl BoardLink {
                 self.ask(Subject::Lease, &Request::Keep(stamp));
             }
         }
+        let name = self.name();
         let Some(pending) = self.waiting.front_mut() else {
             return Ok(None);
         };
@@ -439,8 +444,7 @@ impl BoardLink {
         }
         if now - *pending.since.get_or_insert(now) >= SILENCE {
             return Err(Error::Failure(format!(
-                "{} board: {}: no answer at its serial port in {} s",
-                Topology::PAIR.name(self.role),
+                "{name} board: {}: no answer at its serial port in {} s",
                 pending.what.name(),
                 SILENCE / 1_000_000
             )));
@@ -508,8 +512,8 @@ impl BoardLink {
                 ..
             } => {
                 self.build = build.to_owned();
-                greeted(protocol, (self.role, role), build)?;
-                let name = Topology::PAIR.name(role);
+                greeted(self.robot, protocol, (self.role, role), build)?;
+                let name = self.name();
                 if session {
                     return Err(Error::Failure(format!(
                         "{name} board: it is in a session of another program, which ends after 60 s of silence"
@@ -517,12 +521,12 @@ impl BoardLink {
                 }
                 // The board counts from its start.
                 if counters.received < self.answered {
-                    return Err(restarted(self.role));
+                    return Err(restarted(name));
                 }
             }
             other => {
                 self.leased |= matches!(other, Reply::Refused(Refusal::Leased));
-                return Err(failure(self.role, what.name(), other));
+                return Err(failure(self.name(), what.name(), other));
             }
         }
         self.answered = self.answered.saturating_add(1);
@@ -549,19 +553,17 @@ impl BoardLink {
     }
 }
 
-fn failure(role: Role, what: &str, reply: Reply) -> Error {
-    let name = Topology::PAIR.name(role);
-    match refused(role, what, reply) {
+fn failure(board: &str, what: &str, reply: Reply) -> Error {
+    match refused(board, what, reply) {
         Fault::Fatal(error) => error,
-        Fault::Silent(why) => Error::Failure(format!("{name} board: {what}: {why}")),
-        Fault::Restarted => restarted(role),
+        Fault::Silent(why) => Error::Failure(format!("{board} board: {what}: {why}")),
+        Fault::Restarted => restarted(board),
     }
 }
 
-fn restarted(role: Role) -> Error {
+fn restarted(board: &str) -> Error {
     Error::Failure(format!(
-        "{} board: it was restarted, and its place and its task are lost: start the run again",
-        Topology::PAIR.name(role)
+        "{board} board: it was restarted, and its place and its task are lost: start the run again"
     ))
 }
 
@@ -587,7 +589,7 @@ mod tests {
         let identity = Identity { build, role };
         let mut board = Attendant::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
         let mut station = Station::default();
-        let mut link = BoardLink::new(role, 7);
+        let mut link = BoardLink::new(Topology::PAIR, role, 7);
         link.open();
         let goal = |k: u16| Task::regulate(Posture::new(k.into(), 0.0, 0.0));
         (0..500).for_each(|k| link.command(&HostCommand::Task(goal(k))));
@@ -617,7 +619,7 @@ mod tests {
     /// Reports still come, but nothing that is sent arrives: a speed that is given again and again ends with an error.
     #[test]
     fn speeds_that_stay_without_an_answer_end_with_an_error() {
-        let mut link = BoardLink::new(Role::LEAD, 7);
+        let mut link = BoardLink::new(Topology::PAIR, Role::LEAD, 7);
         let speed = HostCommand::Task(Task::Drive {
             speed_m_s: 0.1,
             curvature: 0.0,

@@ -1,6 +1,6 @@
 //! Log of a virtual board: defmt frames, decoded line by line.
 
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::Topology;
 #[cfg(feature = "board-logs")]
 use defmt_decoder::{DecodeError, Table};
 #[cfg(feature = "board-logs")]
@@ -15,19 +15,35 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 
 /// Lines of a board's log, over all its starts.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct BoardLog {
+    /// Name of the board.
+    board: &'static str,
     lines: Arc<Mutex<String>>,
     quiet: bool,
 }
 
 impl BoardLog {
-    /// One whose warnings and errors are not repeated on standard error.
-    pub fn quiet() -> Self {
+    /// The empty log of a board with this name.
+    pub fn new(board: &'static str) -> Self {
         Self {
-            quiet: true,
-            ..Self::default()
+            board,
+            lines: Arc::default(),
+            quiet: false,
         }
+    }
+
+    /// The empty logs of the boards of a robot.
+    pub fn of_boards(robot: Topology) -> Vec<Self> {
+        let boards = robot.boards();
+        boards.map(|role| Self::new(robot.name(role))).collect()
+    }
+
+    /// The empty logs of the boards of a robot, whose warnings and errors are not repeated on standard error.
+    pub fn quiet(robot: Topology) -> Vec<Self> {
+        let mut logs = Self::of_boards(robot);
+        logs.iter_mut().for_each(|log| log.quiet = true);
+        logs
     }
 
     /// The lines so far.
@@ -49,7 +65,6 @@ impl BoardLog {
     #[cfg(feature = "board-logs")]
     pub fn follow(
         &self,
-        role: Role,
         image: Arc<Vec<u8>>,
         mut from: impl Read + Send + 'static,
     ) -> JoinHandle<()> {
@@ -68,7 +83,7 @@ impl BoardLog {
                             let line = frame.display(false).to_string();
                             if !log.quiet && frame.level().is_some_and(|level| level >= Level::Warn)
                             {
-                                note(format!("{} board: {line}", Topology::PAIR.name(role)));
+                                note(format!("{} board: {line}", log.board));
                             }
                             log.append(&line);
                         }
@@ -84,7 +99,6 @@ impl BoardLog {
     #[cfg(not(feature = "board-logs"))]
     pub fn follow(
         &self,
-        role: Role,
         _image: Arc<Vec<u8>>,
         mut from: impl Read + Send + 'static,
     ) -> JoinHandle<()> {
@@ -94,10 +108,7 @@ impl BoardLog {
             let mut written = false;
             while let Ok(1..) = from.read(&mut room) {
                 if !std::mem::replace(&mut written, true) {
-                    let error = left_out(&format!(
-                        "text of the {} board's log",
-                        Topology::PAIR.name(role)
-                    ));
+                    let error = left_out(&format!("text of the {} board's log", log.board));
                     log.append(&error.to_string());
                     if !log.quiet {
                         note(error);
@@ -111,7 +122,7 @@ impl BoardLog {
 /// The result of a run; before an error, the logs are put into the output folder: what the boards said may tell why.
 pub fn kept<T>(
     result: Result<T, Error>,
-    logs: &[BoardLog; 3],
+    logs: &[BoardLog],
     output: impl FnOnce() -> Result<OutputDir, Error>,
 ) -> Result<T, Error> {
     if result.is_err() {
@@ -128,13 +139,8 @@ pub fn kept<T>(
 }
 
 /// The boards' logs that are not empty: names of files, and their content.
-pub fn files(logs: &[BoardLog; 3]) -> Vec<(String, String)> {
-    let named = Role::PAIR.into_iter().zip(logs);
-    let named = named.map(|(role, log)| {
-        (
-            format!("board-{}.log", Topology::PAIR.name(role)),
-            log.text(),
-        )
-    });
+pub fn files(logs: &[BoardLog]) -> Vec<(String, String)> {
+    let named = logs.iter();
+    let named = named.map(|log| (format!("board-{}.log", log.board), log.text()));
     named.filter(|(_, text)| !text.is_empty()).collect()
 }

@@ -1,7 +1,6 @@
 //! The boards' logs: what a probe reads out of their memory, decoded line by line.
 
 use crate::board_log::BoardLog;
-use core_algos::topology::Role;
 use std::io::Read;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -41,7 +40,7 @@ pub struct Reader {
 
 impl Reader {
     /// For a board with this image; lines go to `log`.
-    pub fn new(role: Role, image: &Image, log: &BoardLog) -> Self {
+    pub fn new(image: &Image, log: &BoardLog) -> Self {
         let (to, from) = channel();
         let stream = Stream {
             from,
@@ -51,7 +50,7 @@ impl Reader {
         Self {
             rtt: Rtt::new(SRAM, image.symbol("_SEGGER_RTT")),
             to: Some(to),
-            decoder: Some(log.follow(role, bytes, stream)),
+            decoder: Some(log.follow(bytes, stream)),
         }
     }
 

@@ -4,7 +4,6 @@ use crate::board::Remote;
 use crate::board::refused;
 use core_algos::link::protocol::{Refusal, Reply, Request};
 use core_algos::params::{COUNT, Parameter, Source, TABLE, fingerprint};
-use core_algos::topology::Topology;
 use host_sim::base::error::Error;
 use host_sim::scenario::board_parameters::Values;
 use host_sim::targets::Fault;
@@ -34,15 +33,15 @@ impl Kept {
 impl Remote {
     /// Begins a session.
     pub fn greet(&mut self) -> Result<(), Error> {
-        let role = self.role;
-        self.hello().map_err(|fault| fatal(role, fault))
+        let name = self.name;
+        self.hello().map_err(|fault| fatal(name, fault))
     }
 
     /// All parameters of the board, in the order of the table.
     pub fn parameters(&mut self) -> Result<Vec<Kept>, Error> {
-        let role = self.role;
+        let name = self.name;
         self.ask_for_parameters()
-            .map_err(|fault| fatal(role, fault))
+            .map_err(|fault| fatal(name, fault))
     }
 
     /// Those whose values are the board's own.
@@ -54,36 +53,34 @@ impl Remote {
 
     /// Gives a parameter another value, until the board is reset or its parameters are saved.
     pub fn set_parameter(&mut self, parameter: &Parameter, value: f32) -> Result<(), Error> {
-        let role = self.role;
+        let name = self.name;
         let place = TABLE.iter().position(|other| other.id == parameter.id);
         let index = place.unwrap_or(COUNT) as u8;
         let set = self.carry_out("the value", &Request::SetParameter { index, value });
-        set.map_err(|fault| fatal(role, fault))
+        set.map_err(|fault| fatal(name, fault))
     }
 
     /// Saves what was set; gives the number of values written.
     pub fn save_parameters(&mut self) -> Result<u8, Error> {
-        let role = self.role;
-        self.ask_to_save().map_err(|fault| fatal(role, fault))
+        let name = self.name;
+        self.ask_to_save().map_err(|fault| fatal(name, fault))
     }
 
     fn ask_to_save(&mut self) -> Result<u8, Fault> {
+        let name = self.name;
         self.conversation.ask(&Request::SaveParameters)?;
         match self.conversation.answer()? {
             Reply::Saved { values } => Ok(values),
             // Values that are each in range and together make no node: the user's input.
-            Reply::Refused(Refusal::Parameter { text }) => {
-                Err(Fault::Fatal(Error::input(format!(
-                    "{} board: not saved: {text}",
-                    Topology::PAIR.name(self.role)
-                ))))
-            }
-            other => Err(refused(self.role, "to save", other)),
+            Reply::Refused(Refusal::Parameter { text }) => Err(Fault::Fatal(Error::input(
+                format!("{name} board: not saved: {text}"),
+            ))),
+            other => Err(refused(name, "to save", other)),
         }
     }
 
     fn ask_for_parameters(&mut self) -> Result<Vec<Kept>, Fault> {
-        let role = self.role;
+        let name = self.name;
         self.conversation.ask(&Request::Parameters)?;
         let (table, count, unusable) = match self.conversation.answer()? {
             Reply::Parameters {
@@ -91,20 +88,18 @@ impl Remote {
                 count,
                 unusable,
             } => (table, count, unusable),
-            other => return Err(refused(role, "its parameters", other)),
+            other => return Err(refused(name, "its parameters", other)),
         };
         if (table, usize::from(count)) != (fingerprint(), COUNT) {
             return Err(Fault::Fatal(Error::Failure(format!(
-                "{} board: its table of parameters ({count}, hash {table:08x}) differs from this program \
+                "{name} board: its table of parameters ({count}, hash {table:08x}) differs from this program \
                  ({COUNT}, hash {:08x}): flash the image of this version",
-                Topology::PAIR.name(role),
                 fingerprint()
             ))));
         }
         if unusable {
             note(format!(
-                "{} board: the stored parameters form no valid configuration; the board uses the defaults",
-                Topology::PAIR.name(role)
+                "{name} board: the stored parameters form no valid configuration; the board uses the defaults"
             ));
         }
         let mut all = Vec::with_capacity(COUNT);
@@ -121,7 +116,7 @@ impl Remote {
                     source,
                     saved,
                 }),
-                other => return Err(refused(role, "a parameter", other)),
+                other => return Err(refused(name, "a parameter", other)),
             }
         }
         Ok(all)

@@ -4,7 +4,7 @@ use crate::board::Remote;
 use crate::link::Link;
 use core_algos::link::framing::{Decoder, MAX_FRAME, SerialFrame};
 use core_algos::link::protocol::{self, Reply, Request};
-use core_algos::topology::Role;
+use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::targets::boards::fatal;
 use std::collections::VecDeque;
@@ -22,9 +22,10 @@ pub struct Relay {
 
 impl Relay {
     /// The way to the board `to` by the port of the board `of`, which must drive.
-    pub fn open(of: Role, port: Box<dyn Link>, to: Role) -> Result<Self, Error> {
-        let mut port = Remote::new(of, port);
-        port.attend().map_err(|fault| fatal(of, fault))?;
+    pub fn open(robot: Topology, of: Role, port: Box<dyn Link>, to: Role) -> Result<Self, Error> {
+        let mut port = Remote::new(robot, of, port);
+        port.attend()
+            .map_err(|fault| fatal(robot.name(of), fault))?;
         Ok(Self {
             port,
             to,

@@ -16,7 +16,7 @@ use core_algos::time::{Micros, TICK};
 use core_algos::topology::{Node, Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::bus::virtual_bus::{BusStatistics, sender};
-use host_sim::run::recovery::{Monitor, NODES};
+use host_sim::run::recovery::Monitor;
 use host_sim::run::robot::{Record, Robot, RunControl};
 use host_sim::scenario::Scenario;
 use host_sim::targets::board_record::BoardEvent;
@@ -56,10 +56,10 @@ pub struct OtherBoard {
 
 impl OtherBoard {
     /// A board at its port.
-    pub fn new(role: Role, port: Box<dyn Link>) -> Self {
+    pub fn new(robot: Topology, role: Role, port: Box<dyn Link>) -> Self {
         Self {
             port: Some(port),
-            link: BoardLink::new(role, owner()),
+            link: BoardLink::new(robot, role, owner()),
             heard: (0, 0),
         }
     }
@@ -131,6 +131,7 @@ impl SerialRobot {
     /// A robot at rest at a place, or where it believes to be; waits for the first output of its lead node. The nodes of a
     /// robot that is recorded begin anew.
     pub fn open(
+        topology: Topology,
         mut connect: Connect,
         place: Option<Place>,
         record: Option<(&Scenario, Vec<OtherBoard>)>,
@@ -138,7 +139,7 @@ impl SerialRobot {
         let mut robot = Self {
             port: Some(connect()?),
             connect,
-            link: BoardLink::new(Role::LEAD, owner()),
+            link: BoardLink::new(topology, Role::LEAD, owner()),
             others: Vec::new(),
             zero: None,
             began: Instant::now(),
@@ -152,7 +153,7 @@ impl SerialRobot {
             task: Task::Idle,
             frames: 0,
             control: RunControl::default(),
-            monitor: Monitor::default(),
+            monitor: Monitor::new(topology),
             closed: false,
         };
         robot.guard();
@@ -235,9 +236,9 @@ impl SerialRobot {
         here.center = fused.robot;
         here.relative.posture = fused.front.posture.relative_to(fused.rear.posture);
         let place = place.or(known.then_some(here));
-        if let Some(node) = NODES
-            .iter()
-            .filter_map(|node| self.monitor.latest(*node))
+        let nodes = self.monitor.topology.nodes();
+        if let Some(node) = nodes
+            .filter_map(|node| self.monitor.latest(node))
             .find(|it| it.state == OperatingState::Fault)
         {
             return Err(Error::Failure(format!(
@@ -270,7 +271,7 @@ impl SerialRobot {
                 .map(|other| &other.link)
                 .chain([&self.link]);
             if let Some(link) = links.find(|link| link.is_denied()) {
-                let name = Topology::PAIR.name(link.role());
+                let name = link.name();
                 return Err(Error::Failure(format!(
                     "{name} board: its motors may be on: stop the robot before the run is recorded"
                 )));
@@ -287,11 +288,11 @@ impl SerialRobot {
 
     /// True if no node of a board is starting.
     fn is_ready(&self) -> bool {
-        let ready = |node: &Node| {
-            let latest = self.monitor.latest(*node);
+        let ready = |node| {
+            let latest = self.monitor.latest(node);
             latest.is_none_or(|latest| latest.state != OperatingState::Boot)
         };
-        NODES.iter().all(ready)
+        self.monitor.topology.nodes().all(ready)
     }
 
     /// Tells the observers what was recorded.
@@ -432,7 +433,7 @@ impl SerialRobot {
             self.monitor.see(tick, frame);
         }
         self.frames += frames.len() as u64;
-        for role in Role::PAIR {
+        for role in self.monitor.topology.boards() {
             let recorded = match role {
                 Role::LEAD => self.link.is_recorded(),
                 _ => self
@@ -440,7 +441,7 @@ impl SerialRobot {
                     .iter()
                     .any(|other| other.link.role() == role && other.link.is_recorded()),
             };
-            let of_board = |frame: &&CanFrame| sender(frame) == Some(role);
+            let of_board = |frame: &&CanFrame| sender(self.monitor.topology, frame) == Some(role);
             let frames: Vec<_> = frames.iter().filter(of_board).copied().collect();
             if recorded || frames.is_empty() {
                 continue;
@@ -580,7 +581,7 @@ impl Robot for SerialRobot {
 
     fn traffic(&self) -> Vec<BoardTraffic> {
         let of = |role: Role| BoardTraffic {
-            role,
+            name: self.monitor.topology.name(role),
             on: true,
             traffic: (role == Role::LEAD).then(|| Traffic {
                 frames: self.frames,
@@ -588,7 +589,7 @@ impl Robot for SerialRobot {
                 damaged: self.link.damaged().into(),
             }),
         };
-        Role::PAIR.map(of).to_vec()
+        self.monitor.topology.boards().map(of).collect()
     }
 
     fn bus(&self) -> BusStatistics {

@@ -183,7 +183,7 @@ impl VirtualLink {
         board.power(true);
         let mut bench = Bench {
             board,
-            reader: Reader::new(role, image, log),
+            reader: Reader::new(image, log),
             held: false,
             file: flash.map(Path::to_owned),
             kept,

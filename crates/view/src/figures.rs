@@ -20,10 +20,8 @@ pub const LEAST_DISTANCE_M: f64 = 0.05;
 pub struct Snapshot {
     /// Time, s.
     pub time_s: f64,
-    /// Posture of the front axle.
-    pub front: [f64; 3],
-    /// Posture of the rear axle.
-    pub rear: [f64; 3],
+    /// Postures of the axles, front first.
+    pub axles: Vec<[f64; 3]>,
     /// Points of the bent frame from the rear axle to the front axle.
     pub frame: Vec<[f64; 2]>,
 }
@@ -33,8 +31,7 @@ impl Snapshot {
     pub fn of(record: &Record) -> Self {
         Self {
             time_s: record.time_s,
-            front: record.axles[0],
-            rear: record.axles[1],
+            axles: record.axles.into(),
             frame: record.frame.iter().map(|p| p.map(f64::from)).collect(),
         }
     }
@@ -169,7 +166,7 @@ fn times(snapshots: &[Snapshot]) -> String {
 
 /// Wheels, axles, frame and an arrow at the front.
 fn robot(panel: &mut Panel, body: &Body, snapshot: &Snapshot) {
-    for axle in [snapshot.rear, snapshot.front] {
+    for &axle in snapshot.axles.iter().rev() {
         let ends = [body.half_track_m, -body.half_track_m].map(|y| ahead(axle, [0.0, y]));
         panel.line("axles and wheels", ends, BODY.stroke);
         for side in [body.half_track_m, -body.half_track_m] {
@@ -183,8 +180,13 @@ fn robot(panel: &mut Panel, body: &Body, snapshot: &Snapshot) {
     panel.line("frame, arrow in front", frame, FRAME.stroke);
     let tip = 0.9 * body.wheel_radius_m;
     let arrow = [[tip, 0.0], [0.0, 0.6 * tip], [0.0, -0.6 * tip]];
-    let arrow = arrow.map(|point| ahead(snapshot.front, point));
-    panel.area("", arrow, FRAME.stroke.color);
+    if let Some(&front) = snapshot.axles.first() {
+        panel.area(
+            "",
+            arrow.map(|point| ahead(front, point)),
+            FRAME.stroke.color,
+        );
+    }
 }
 
 /// A point given in the frame of a posture.

@@ -3,7 +3,7 @@
 use crate::base::table::table;
 use core_algos::bus::{self, CanFrame, Message, layout};
 use core_algos::time::Micros;
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::{MAX_AXLES, Role, Topology};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::Serialize;
@@ -12,14 +12,13 @@ use std::sync::LazyLock;
 
 table! {
     /// Properties of the virtual bus.
-    #[derive(Copy)]
     pub struct BusConfig {
         /// Time from sending to receiving. Arbitration and transfer of the thirteen messages at the
         /// beginning of an epoch take up to 1.7 ms at 1 Mbit/s.
         pub latency_ms: u32 = 2, "ms": Range(0.0, 1000.0);
         /// Time by which the messages of the front board, of the rear board and of the beam board come
         /// later to the other boards.
-        pub late_ms: [u32; 3] = [0; 3], "ms": Range(0.0, 1000.0);
+        pub late_ms: Vec<u32> = vec![0; 3], "ms": Range(0.0, 1000.0);
         /// Time up to which each message comes later to the other boards, drawn evenly: messages
         /// overtake each other.
         pub jitter_ms: u32 = 0, "ms": Range(0.0, 1000.0);
@@ -53,12 +52,14 @@ struct Transit {
     due: Micros,
     frame: CanFrame,
     message: Message,
-    received: [bool; 3],
+    /// For each board, true if the frame reaches the board.
+    received: Vec<bool>,
 }
 
-/// The bus between the three boards.
+/// The bus between the boards.
 #[derive(Clone, Debug)]
 pub struct VirtualBus {
+    topology: Topology,
     config: BusConfig,
     rng: Pcg64,
     transit: VecDeque<Transit>,
@@ -68,9 +69,10 @@ pub struct VirtualBus {
 
 impl VirtualBus {
     /// A bus whose draws follow from `seed`.
-    pub fn new(config: &BusConfig, seed: u64) -> Self {
+    pub fn new(topology: Topology, config: &BusConfig, seed: u64) -> Self {
         Self {
-            config: *config,
+            topology,
+            config: config.clone(),
             rng: Pcg64::seed_from_u64(seed),
             transit: VecDeque::with_capacity(64),
             statistics: BusStatistics::default(),
@@ -110,14 +112,14 @@ impl VirtualBus {
             self.statistics.lost += 1;
             return None;
         }
-        let origin = sender(frame);
-        let mut received = [true; 3];
-        for board in Topology::PAIR.boards() {
-            if Some(board) != origin && self.drawn(self.config.loss) {
-                received[Topology::PAIR.place(board)] = false;
-                self.statistics.lost += 1;
-            }
-        }
+        let origin = sender(self.topology, frame);
+        let boards = self.topology.boards();
+        let reaches = |board| {
+            let lost = Some(board) != origin && self.drawn(self.config.loss);
+            self.statistics.lost += u64::from(lost);
+            !lost
+        };
+        let received = boards.map(reaches).collect();
         let transit = Transit {
             due: now + Micros::from(self.config.latency_ms) * 1_000,
             frame: *frame,
@@ -125,7 +127,7 @@ impl VirtualBus {
             received,
         };
         let config = &self.config;
-        let uneven = config.jitter_ms > 0 || config.late_ms != [0; 3];
+        let uneven = config.jitter_ms > 0 || config.late_ms.iter().any(|&late| late > 0);
         match uneven || config.doubling > 0.0 || config.corruption > 0.0 {
             true => self.carry(transit, origin),
             false => self.queue(transit),
@@ -142,12 +144,14 @@ impl VirtualBus {
     fn carry(&mut self, mut transit: Transit, origin: Option<Role>) {
         // What stays on its own board is not disturbed.
         let mut own = transit.clone();
-        for board in Topology::PAIR.boards() {
-            own.received[Topology::PAIR.place(board)] &= Some(board) == origin;
-            transit.received[Topology::PAIR.place(board)] &= Some(board) != origin;
+        for (place, board) in self.topology.boards().enumerate() {
+            own.received[place] &= Some(board) == origin;
+            transit.received[place] &= Some(board) != origin;
         }
         self.queue(own);
-        let mut late = origin.map_or(0, |board| self.config.late_ms[Topology::PAIR.place(board)]);
+        let place = origin.map(|board| self.topology.place(board));
+        let late = place.and_then(|place| self.config.late_ms.get(place));
+        let mut late = late.copied().unwrap_or(0);
         if self.config.jitter_ms > 0 {
             late += self.rng.random_range(0..=self.config.jitter_ms);
         }
@@ -180,17 +184,16 @@ impl VirtualBus {
 
     /// From now on the bus is another.
     pub fn turn_into(&mut self, config: &BusConfig) {
-        self.config = *config;
+        self.config.clone_from(config);
     }
 
     /// Hands every message that has arrived by `now` to `receive`, once for each board it reaches.
     pub fn deliver(&mut self, now: Micros, mut receive: impl FnMut(Role, &CanFrame, &Message)) {
         while self.transit.front().is_some_and(|first| first.due <= now) {
             if let Some(transit) = self.transit.pop_front() {
-                for board in Topology::PAIR.boards() {
-                    if transit.received[Topology::PAIR.place(board)] {
-                        receive(board, &transit.frame, &transit.message);
-                    }
+                let boards = self.topology.boards().zip(&transit.received);
+                for (board, _) in boards.filter(|(_, reached)| **reached) {
+                    receive(board, &transit.frame, &transit.message);
                 }
             }
         }
@@ -209,19 +212,23 @@ impl VirtualBus {
 }
 
 /// The board that sends a frame; a service tool is none, nor is a board that the robot does not have.
-pub fn sender(frame: &CanFrame) -> Option<Role> {
+pub fn sender(topology: Topology, frame: &CanFrame) -> Option<Role> {
     let board = layout::sender(frame.id)?.board()?;
-    Topology::PAIR.has(board).then_some(board)
+    topology.has(board).then_some(board)
 }
 
 /// Name of a frame's message in the bus description; nothing for a frame that is none.
-pub fn name_of(id: u16) -> Option<&'static str> {
-    static NAMES: LazyLock<Vec<(u16, String)>> = LazyLock::new(|| {
-        let messages = layout::messages(Topology::PAIR);
-        messages.map(|of| (of.id, of.to_string())).collect()
+pub fn name_of(topology: Topology, id: u16) -> Option<&'static str> {
+    /// Names by number of axles.
+    static NAMES: LazyLock<Vec<Vec<(u16, String)>>> = LazyLock::new(|| {
+        let robots = (0..=MAX_AXLES).map(Topology::new);
+        let names = |robot| layout::messages(robot).map(|of| (of.id, of.to_string()));
+        let names = robots.map(|robot| robot.into_iter().flat_map(names).collect());
+        names.collect()
     });
-    let place = NAMES.binary_search_by_key(&id, |(of, _)| *of).ok()?;
-    Some(&NAMES[place].1)
+    let names = &NAMES[topology.axles().count()];
+    let place = names.binary_search_by_key(&id, |(of, _)| *of).ok()?;
+    Some(&names[place].1)
 }
 
 /// True for a frame of the nodes; the others are those of drivers and clock.
@@ -256,10 +263,10 @@ mod tests {
     fn one_board_may_be_later_than_the_others_and_not_to_itself() {
         let config = BusConfig {
             latency_ms: 1,
-            late_ms: [4, 0, 0],
+            late_ms: vec![4, 0, 0],
             ..BusConfig::default()
         };
-        let mut bus = VirtualBus::new(&config, 0);
+        let mut bus = VirtualBus::new(Topology::PAIR, &config, 0);
         let status = |velocity_m_s| Message::LeadStatus {
             sequence: 0,
             mode: LeadMode::Active,
@@ -276,13 +283,38 @@ mod tests {
     }
 
     #[test]
+    fn frames_of_three_axles_reach_five_boards_and_are_late_by_board() {
+        let config = BusConfig {
+            latency_ms: 1,
+            late_ms: vec![0, 4],
+            ..BusConfig::default()
+        };
+        let robot = Topology::new(3).unwrap();
+        let mut bus = VirtualBus::new(robot, &config, 0);
+        for axle in robot.axles() {
+            let posture = Message::AxlePosture {
+                axle,
+                sequence: 0,
+                posture: Posture::ORIGIN,
+            };
+            bus.send(0, &posture);
+        }
+        let mut boards = Vec::new();
+        bus.deliver(1_000, |board, _, _| boards.push(board));
+        assert_eq!(boards.len(), 5 + 1 + 5);
+        bus.deliver(5_000, |board, _, _| boards.push(board));
+        assert_eq!(boards.len(), 3 * 5);
+        assert!(robot.boards().all(|board| boards.contains(&board)));
+    }
+
+    #[test]
     fn jitter_comes_on_top_and_stays_below_its_bound() {
         let config = BusConfig {
             latency_ms: 1,
             jitter_ms: 3,
             ..BusConfig::default()
         };
-        let mut bus = VirtualBus::new(&config, 0);
+        let mut bus = VirtualBus::new(Topology::PAIR, &config, 0);
         let identity = bus::encode(&Message::LeadStatus {
             sequence: 0,
             mode: LeadMode::Active,
@@ -309,7 +341,7 @@ mod tests {
             latency_ms: 3,
             ..BusConfig::default()
         };
-        let mut bus = VirtualBus::new(&config, 1);
+        let mut bus = VirtualBus::new(Topology::PAIR, &config, 1);
         bus.send(0, &status(1));
         bus.send(0, &status(2));
         let mut seen = Vec::new();
@@ -330,7 +362,7 @@ mod tests {
             loss: 0.3,
             ..BusConfig::default()
         };
-        let mut bus = VirtualBus::new(&config, 7);
+        let mut bus = VirtualBus::new(Topology::PAIR, &config, 7);
         let mut count = [0; 3];
         for i in 0..10_000u64 {
             bus.send(
@@ -358,7 +390,7 @@ mod tests {
                 quantise,
                 ..BusConfig::default()
             };
-            let mut bus = VirtualBus::new(&config, 1);
+            let mut bus = VirtualBus::new(Topology::PAIR, &config, 1);
             bus.send(
                 0,
                 &Message::AxlePosture {
@@ -381,7 +413,7 @@ mod tests {
 
     #[test]
     fn what_cannot_be_encoded_is_counted() {
-        let mut bus = VirtualBus::new(&BusConfig::default(), 1);
+        let mut bus = VirtualBus::new(Topology::PAIR, &BusConfig::default(), 1);
         bus.send(
             0,
             &Message::LeadStatus {

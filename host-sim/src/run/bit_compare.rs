@@ -12,9 +12,11 @@ use std::fmt;
 const EPOCH_TICKS: usize = (EPOCH / TICK) as usize;
 
 /// Torques of every tick, frames on the bus, and the lead node's output at the end of every epoch.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Trace {
-    torques: Vec<[[f32; 2]; 2]>,
+    topology: Topology,
+    /// Of each axle at each tick.
+    torques: Vec<[f32; 2]>,
     frames: Vec<(u32, CanFrame)>,
     leads: Vec<lead::Output>,
 }
@@ -45,14 +47,24 @@ impl fmt::Display for Difference {
 }
 
 impl Trace {
+    /// A trace without ticks.
+    pub fn new(topology: Topology) -> Self {
+        Self {
+            topology,
+            torques: Vec::new(),
+            frames: Vec::new(),
+            leads: Vec::new(),
+        }
+    }
+
     /// A frame was sent at a tick.
     pub fn frame(&mut self, tick: u32, frame: CanFrame) {
         self.frames.push((tick, frame));
     }
 
     /// The torques of the next tick, by axle and wheel.
-    pub fn torque(&mut self, torque: [[f32; 2]; 2]) {
-        self.torques.push(torque);
+    pub fn torque(&mut self, torque: impl IntoIterator<Item = [f32; 2]>) {
+        self.torques.extend(torque);
     }
 
     /// The lead node's latest output at the end of the next epoch.
@@ -67,7 +79,7 @@ impl Trace {
 
     /// Number of ticks.
     pub fn ticks(&self) -> usize {
-        self.torques.len()
+        self.torques.len() / self.topology.axles().count()
     }
 
     /// First difference of the traces; `None` if every bit is identical.
@@ -83,21 +95,17 @@ impl Trace {
     }
 
     fn in_torques(&self, other: &Self) -> Option<Difference> {
-        let pairs = self.torques.iter().zip(&other.torques).enumerate();
-        for (tick, (a, b)) in pairs {
-            for (i, axle) in [Role::LEAD, Role::axle(1)].into_iter().enumerate() {
-                for (k, side) in ["left", "right"].into_iter().enumerate() {
-                    if a[i][k].to_bits() != b[i][k].to_bits() {
-                        return Some(Difference {
-                            tick,
-                            signal: format!(
-                                "{} axle, {side} wheel torque",
-                                Topology::PAIR.name(axle)
-                            ),
-                            first: format!("{:e} N m", a[i][k]),
-                            second: format!("{:e} N m", b[i][k]),
-                        });
-                    }
+        let axles = (0..).flat_map(|tick| self.topology.axles().map(move |axle| (tick, axle)));
+        for ((tick, axle), (a, b)) in axles.zip(self.torques.iter().zip(&other.torques)) {
+            for (k, side) in ["left", "right"].into_iter().enumerate() {
+                if a[k].to_bits() != b[k].to_bits() {
+                    let axle = self.topology.name(Role::Axle(axle));
+                    return Some(Difference {
+                        tick,
+                        signal: format!("{axle} axle, {side} wheel torque"),
+                        first: format!("{:e} N m", a[k]),
+                        second: format!("{:e} N m", b[k]),
+                    });
                 }
             }
         }
@@ -110,7 +118,7 @@ impl Trace {
         let (a, b) = (self.frames.get(place), other.frames.get(place));
         let tick = [a, b].into_iter().flatten().map(|(tick, _)| *tick).min()?;
         let show = |entry: Option<&(u32, CanFrame)>| match entry {
-            Some((at, frame)) if *at == tick => show_frame(frame),
+            Some((at, frame)) if *at == tick => show_frame(self.topology, frame),
             _ => "absent".to_owned(),
         };
         Some(Difference {
@@ -145,8 +153,8 @@ impl Trace {
 }
 
 /// A frame in words.
-pub fn show_frame(frame: &CanFrame) -> String {
-    let name = name_of(frame.id).unwrap_or("unknown");
+pub fn show_frame(topology: Topology, frame: &CanFrame) -> String {
+    let name = name_of(topology, frame.id).unwrap_or("unknown");
     let data = frame.data.get(..usize::from(frame.length));
     format!("{name} {:02x?}", data.unwrap_or(&frame.data))
 }
@@ -193,7 +201,7 @@ mod tests {
     use super::*;
 
     fn trace() -> Trace {
-        let mut trace = Trace::default();
+        let mut trace = Trace::new(Topology::PAIR);
         for tick in 0..20 {
             trace.frame(
                 tick,
@@ -219,7 +227,7 @@ mod tests {
     #[test]
     fn one_bit_anywhere_is_found_with_its_tick_and_name() {
         let mut other = trace();
-        other.torques[7][1][0] = f32::from_bits(7.0f32.to_bits() + 1);
+        other.torques[2 * 7 + 1][0] = f32::from_bits(7.0f32.to_bits() + 1);
         let found = trace().difference(&other).unwrap();
         assert_eq!(
             (found.tick, found.signal.as_str()),
@@ -229,7 +237,7 @@ mod tests {
 
         let mut other = trace();
         other.frames[5].1.data[3] ^= 1;
-        other.torques[9][0][0] += 1.0;
+        other.torques[2 * 9][0] += 1.0;
         let found = trace().difference(&other).unwrap();
         assert_eq!((found.tick, found.signal.as_str()), (5, "frame on the bus"));
         assert!(found.second.contains("AxlePostureFront"));
@@ -250,7 +258,7 @@ mod tests {
         assert_eq!(trace().difference(&other).unwrap().tick, 20);
         // Signs of zero are bits too.
         let mut other = trace();
-        other.torques[0][0][0] = -0.0;
+        other.torques[0][0] = -0.0;
         assert!(trace().difference(&other).is_some());
     }
 }

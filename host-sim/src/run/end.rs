@@ -2,7 +2,7 @@
 //!
 //! [`RunEnd::of`] makes it from the robot and from what ended the run loop. All words of ends stand here.
 
-use crate::run::recovery::{NODES, SENSORS};
+use crate::run::recovery::SENSORS;
 use crate::run::robot::Robot;
 use core_algos::node::lead;
 use core_algos::safety::{Condition, Conditions, OperatingState};
@@ -280,7 +280,7 @@ fn uncertain(robot: &impl Robot) -> Option<Condition> {
     if lead.contains(Condition::ReachedUncertain) {
         return Some(Condition::ReachedUncertain);
     }
-    let all = NODES.into_iter().filter_map(notices);
+    let all = robot.monitor().topology.nodes().filter_map(notices);
     let all = all.fold(Conditions::NONE, Conditions::union);
     let lost = [Condition::GaugeLost, Condition::InertialLost];
     let mut sensors = SENSORS.into_iter().filter(|it| !lost.contains(it));

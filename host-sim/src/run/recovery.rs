@@ -9,9 +9,6 @@ use core_algos::topology::{Node, Topology};
 use serde::{Serialize, Serializer};
 use std::fmt;
 
-/// Nodes that send heartbeats.
-pub const NODES: [Node; 4] = [Node::Lead, Node::axle(0), Node::axle(1), Node::beam(0)];
-
 /// Notices that name a faulty sensor.
 pub const SENSORS: [Condition; 6] = [
     Condition::GaugeLost,
@@ -29,6 +26,9 @@ pub struct Status {
     pub time_s: f64,
     /// Who.
     pub node: Node,
+    /// Name of the node.
+    #[serde(skip)]
+    pub name: &'static str,
     /// Operating state.
     pub state: OperatingState,
     /// The first stop or cut since the last clearing; of a node that is not armed, what arming waits
@@ -42,7 +42,7 @@ pub struct Status {
 
 impl Status {
     /// The heartbeat in a message of a tick (ms); none if the message is something else.
-    pub fn of(tick: u32, message: &Message) -> Option<Self> {
+    pub fn of(topology: Topology, tick: u32, message: &Message) -> Option<Self> {
         match *message {
             Message::NodeStatus {
                 node,
@@ -53,6 +53,7 @@ impl Status {
             } => Some(Self {
                 time_s: f64::from(tick) * 1e-3,
                 node,
+                name: topology.node_name(node),
                 state,
                 reason: Condition::from_code(reason),
                 notices,
@@ -64,8 +65,8 @@ impl Status {
 
 impl fmt::Display for Status {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (node, state) = (Topology::PAIR.node_name(self.node), self.state.name());
-        write!(f, "{:.3} s: {node}: {state}", self.time_s)?;
+        let state = self.state.name();
+        write!(f, "{:.3} s: {}: {state}", self.time_s, self.name)?;
         match self.reason {
             Some(condition) => {
                 let entry = condition.entry();
@@ -86,15 +87,17 @@ fn names<S: Serializer>(conditions: &Conditions, to: S) -> Result<S::Ok, S::Erro
 }
 
 /// A listener on the bus.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Monitor {
-    latest: [Option<Status>; NODES.len()],
+    /// Axles of the robot.
+    pub topology: Topology,
+    latest: Vec<Option<Status>>,
     changes: Vec<Status>,
     /// First change that belongs to the present task.
     first: usize,
     /// Nodes whose next heartbeat still holds notices from before the task.
-    stale: [bool; NODES.len()],
-    noticed: [Conditions; NODES.len()],
+    stale: Vec<bool>,
+    noticed: Vec<Conditions>,
     /// Latest result of a calibration, and the gauge to blame.
     pub calibrated: Option<(CalibrationResult, u8)>,
 }
@@ -106,6 +109,20 @@ fn is_monitored(frame: &CanFrame) -> bool {
 }
 
 impl Monitor {
+    /// A listener that has received nothing.
+    pub fn new(topology: Topology) -> Self {
+        let nodes = topology.node_count();
+        Self {
+            topology,
+            latest: vec![None; nodes],
+            changes: Vec::new(),
+            first: 0,
+            stale: vec![false; nodes],
+            noticed: vec![Conditions::NONE; nodes],
+            calibrated: None,
+        }
+    }
+
     /// Takes in a frame that was sent at a tick (ms).
     pub fn see(&mut self, tick: u32, frame: &CanFrame) {
         if !is_monitored(frame) {
@@ -115,11 +132,12 @@ impl Monitor {
         if let Ok(Message::BeamCalibrated { result, gauge, .. }) = message {
             self.calibrated = Some((result, gauge));
         }
-        let Some(status) = message.ok().and_then(|message| Status::of(tick, &message)) else {
+        let status = |message| Status::of(self.topology, tick, &message);
+        let Some(status) = message.ok().and_then(status) else {
             return;
         };
-        let place = Topology::PAIR.place_of_node(status.node);
-        if place >= NODES.len() {
+        let place = self.topology.place_of_node(status.node);
+        if place >= self.latest.len() {
             return;
         }
         if !std::mem::take(&mut self.stale[place]) {
@@ -135,9 +153,7 @@ impl Monitor {
 
     /// The latest heartbeat of a node.
     pub fn latest(&self, node: Node) -> Option<&Status> {
-        self.latest
-            .get(Topology::PAIR.place_of_node(node))?
-            .as_ref()
+        self.latest.get(self.topology.place_of_node(node))?.as_ref()
     }
 
     /// The first heartbeat of each node, and those in which a state or reason changed.
@@ -171,8 +187,8 @@ impl Monitor {
 
     /// A task begins: what was noticed before does not count, nor do faults that were cleared.
     pub fn begin_task(&mut self) {
-        self.noticed = Default::default();
-        self.stale = self.latest.map(|latest| latest.is_some());
+        self.noticed.fill(Conditions::NONE);
+        self.stale = self.latest.iter().map(Option::is_some).collect();
         let stopped = |status: &Status| is_stopped(status.state);
         if !self.latest.iter().flatten().any(stopped) {
             self.first = self.changes.len();
@@ -181,11 +197,8 @@ impl Monitor {
 
     /// Every notice and degradation of a node since the task began.
     pub fn noticed(&self, node: Node) -> Conditions {
-        let noticed = self
-            .noticed
-            .get(Topology::PAIR.place_of_node(node))
-            .copied();
-        noticed.unwrap_or_default()
+        let noticed = self.noticed.get(self.topology.place_of_node(node));
+        noticed.copied().unwrap_or_default()
     }
 
     /// Every notice and degradation of any node since the task began.
@@ -241,12 +254,11 @@ impl Recovery {
             self.next = restart.map(|at| (at + PAUSE, 0));
         }
         let (_, attempts) = self.next.filter(|(at, _)| *at == tick)?;
-        let ready = [Node::Lead, Node::axle(0), Node::axle(1)]
-            .iter()
-            .all(|&node| {
-                let status = monitor.latest(node);
-                status.is_some_and(|it| it.state == OperatingState::Idle && it.reason.is_none())
-            });
+        let axles = monitor.topology.axles().map(Node::Axle);
+        let ready = std::iter::once(Node::Lead).chain(axles).all(|node| {
+            let status = monitor.latest(node);
+            status.is_some_and(|it| it.state == OperatingState::Idle && it.reason.is_none())
+        });
         self.next = (!ready && attempts < ATTEMPTS).then_some((tick + CLEARING, attempts + 1));
         match ready {
             true => Some(What::Resumed),
@@ -272,7 +284,7 @@ mod tests {
 
     #[test]
     fn changes_are_kept_and_repetitions_are_not() {
-        let mut monitor = Monitor::default();
+        let mut monitor = Monitor::new(Topology::PAIR);
         let low = Condition::SupplyLow.code();
         let lost = Conditions::only(Condition::MessageLost);
         for tick in 0..30 {
@@ -304,7 +316,14 @@ mod tests {
         // A robot of two axles has no third one.
         let stranger = frame(Node::axle(3), OperatingState::Fault, 0x80, lost);
         monitor.see(30, &stranger);
-        assert_eq!(crate::bus::virtual_bus::sender(&stranger), None);
+        assert_eq!(
+            crate::bus::virtual_bus::sender(Topology::PAIR, &stranger),
+            None
+        );
         assert_eq!(monitor.latest(Node::beam(0)), None);
+        let mut monitor = Monitor::new(Topology::new(4).unwrap());
+        monitor.see(30, &stranger);
+        let latest = monitor.latest(Node::axle(3)).unwrap();
+        assert_eq!((latest.name, latest.node), ("RearAxle", Node::axle(3)));
     }
 }

@@ -20,13 +20,14 @@ use core_algos::node::robot::RobotConfig;
 use core_algos::params::{Inertial, Settings};
 use core_algos::safety::Conditions;
 use core_algos::time::{EPOCH, Micros, TICK};
-use core_algos::topology::{Topology, Wheels};
+use core_algos::topology::{Role, Topology};
 
 /// Sensors, boards and bus of one robot.
 pub struct Rig {
     sensors: Sensors,
+    topology: Topology,
     /// Inertial sensor drivers of the axle boards.
-    inertial: [Inertial; 2],
+    inertial: Vec<Inertial>,
     /// Boards.
     pub boards: Boards,
     /// Bus between the boards.
@@ -64,24 +65,26 @@ impl Rig {
     ) -> Result<Self, Error> {
         let settings = settings_of(scenario, imperfections)?;
         let configs = settings.iter().map(|board| board.robot).collect();
-        let [front, rear, beam] = &settings;
+        let topology = scenario.robot.topology();
         let start = Posture::from(scenario.mission.start.map(|value| value as f32));
         let config = board_config(scenario, imperfections);
         let place = config.put_down(start, &scenario.mission.told());
-        let believed = &beam.robot.beam;
+        let believed = &settings[topology.place(Role::beam(0))].robot.beam;
         let gauges = believed.strip.gauges_m.count();
         let calibration = believed.calibration.build(gauges)?;
         let bridge = &scenario.world.sensors.bridge;
         let rps = scenario.mission.rps;
         Ok(Self {
             sensors: Sensors::new(&scenario.world.sensors, imperfections, seed, trial)?,
-            inertial: [front.inertial, rear.inertial],
-            boards: Boards::start(targets, configs, &place, rps)?,
+            topology,
+            inertial: settings.iter().map(|board| board.inertial).collect(),
+            boards: Boards::start(topology, targets, configs, &place, rps)?,
             bus: VirtualBus::new(
+                topology,
                 &scenario.world.bus,
                 seed ^ trial.wrapping_mul(0x9e37_79b9_7f4a_7c15),
             ),
-            monitor: Monitor::default(),
+            monitor: Monitor::new(topology),
             torque: [[0.0; 2]; 2],
             tick: 0,
             lead: lead::Output::default(),
@@ -160,11 +163,10 @@ impl Rig {
                 trace.frame(tick, frame);
             }
         })?;
-        let [front, rear, _] = &outputs;
-        if let Some(lead) = front.lead {
+        if let Some(lead) = outputs[0].lead {
             self.lead = lead;
         }
-        let commanded = [front.torque_nm, rear.torque_nm].map(Wheels::list);
+        let commanded = [0, 1].map(|axle: usize| outputs[axle].torque_nm.list());
         let mut given = self.torque;
         if let Some(injector) = &self.injector {
             injector.torque(tick, &mut given);
@@ -186,13 +188,13 @@ impl Rig {
             return Ok(());
         };
         injector.readings(tick, readings);
-        for role in Topology::PAIR.boards() {
+        for role in self.topology.boards() {
             let frozen = injector.frozen(role, tick);
             let behind = injector.behind(role, tick);
             self.boards.hold(role, frozen, behind)?;
         }
         match injector.fault() {
-            (Fault::Bus(config), at) if at == tick => self.bus.turn_into(&config),
+            (Fault::Bus(config), at) if at == tick => self.bus.turn_into(config),
             _ => {}
         }
         Ok(())
@@ -260,12 +262,12 @@ pub fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
 
 /// Settings of each board of a drawn robot: [`board_config`] with the board's own parameters, such as the gains of its
 /// inertial sensors.
-pub fn settings_of(scenario: &Scenario, imperfections: &Drawn) -> Result<[Settings; 3], Error> {
-    let mut settings = [Settings::new(board_config(scenario, imperfections)); 3];
-    for role in Topology::PAIR.boards() {
-        scenario
-            .boards
-            .apply(role, &mut settings[Topology::PAIR.place(role)])?;
-    }
-    Ok(settings)
+pub fn settings_of(scenario: &Scenario, imperfections: &Drawn) -> Result<Vec<Settings>, Error> {
+    let common = Settings::new(board_config(scenario, imperfections));
+    let settings = |role| {
+        let mut settings = common;
+        scenario.boards.apply(role, &mut settings)?;
+        Ok(settings)
+    };
+    scenario.robot.topology().boards().map(settings).collect()
 }

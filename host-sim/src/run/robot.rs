@@ -3,7 +3,7 @@
 use crate::base::error::Error;
 use crate::bus::virtual_bus::BusStatistics;
 use crate::run::real_time::RealTimeLimiter;
-use crate::run::recovery::{Monitor, NODES};
+use crate::run::recovery::Monitor;
 use crate::targets::board_record::BoardEvent;
 use crate::targets::{BoardTraffic, HostCommand, Room};
 use core_algos::beam::MAX_GAUGES;
@@ -11,7 +11,7 @@ use core_algos::bus::CanFrame;
 use core_algos::node::lead::{self, Task};
 use core_algos::safety::Permit;
 use core_algos::time::{EPOCH, Micros};
-use core_algos::topology::{Node, Role};
+use core_algos::topology::Role;
 use plant::{Outline, Plant};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -332,11 +332,12 @@ pub trait Robot {
 
 /// True if the robot is at rest; after [`Task::Idle`], if its motors are off.
 fn has_stopped(robot: &impl Robot, task: Task) -> bool {
-    let on = |node: &Node| {
-        let latest = robot.monitor().latest(*node);
+    let monitor = robot.monitor();
+    let on = |node| {
+        let latest = monitor.latest(node);
         latest.is_some_and(|latest| latest.state.permit() != Permit::Off)
     };
-    let off = !NODES.iter().any(on);
+    let off = !monitor.topology.nodes().any(on);
     robot.record().lead.motion.v.abs() <= REST_M_S && (off || task != Task::Idle)
 }
 

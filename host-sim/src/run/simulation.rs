@@ -37,7 +37,8 @@ impl Simulation {
     /// A robot at rest on its start, with the imperfections of this trial; its boards run in this
     /// process.
     pub fn new(scenario: &Scenario, seed: u64, trial: u64) -> Result<Self, Error> {
-        Self::on(targets::in_process(), scenario, seed, trial)
+        let boards = targets::in_process(scenario.robot.topology());
+        Self::on(boards, scenario, seed, trial)
     }
 
     /// Creates the trial with the given targets.
@@ -116,7 +117,7 @@ impl Simulation {
 
     /// Keeps the behaviour of the boards from now on.
     pub fn record_trace(&mut self) {
-        self.rig.trace = Some(Trace::default());
+        self.rig.trace = Some(Trace::new(self.rig.monitor.topology));
     }
 
     /// Trace of the boards since [`Self::record_trace`].

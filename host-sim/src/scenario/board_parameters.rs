@@ -12,26 +12,74 @@ use crate::base::error::Error;
 use crate::base::toml_file;
 use core_algos::params::{Parameter, Settings, TABLE, find};
 use core_algos::topology::{Role, Topology};
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::collections::HashMap;
 use std::fmt::Write;
 use toml::{Table, Value};
 
 /// Values of parameters.
 pub type Values = Vec<(&'static Parameter, f32)>;
 
+/// Robot whose boards a file names.
+const ROBOT: Topology = Topology::PAIR;
+/// Names of the boards, in their order.
+const NAMES: [&str; ROBOT.board_count()] = ["front", "rear", "beam"];
+
 /// By board: names as in `cfmmr parameters`, a gauge's as an entry of its list or as `\"gain[0]\"`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Overlays {
-    /// Front board.
-    pub front: Table,
-    /// Rear board.
-    pub rear: Table,
-    /// Beam board.
-    pub beam: Table,
+    /// Axles of the robot.
+    pub topology: Topology,
+    /// Tables in the order of the boards.
+    tables: Vec<Table>,
+}
+
+impl Default for Overlays {
+    fn default() -> Self {
+        Self::new(ROBOT)
+    }
+}
+
+impl Serialize for Overlays {
+    fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        let names = self.topology.boards().map(|role| self.topology.name(role));
+        to.collect_map(names.zip(&self.tables))
+    }
+}
+
+impl<'de> Deserialize<'de> for Overlays {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        /// Place of a board, read from its name.
+        #[derive(PartialEq, Eq, Hash)]
+        struct Board(usize);
+
+        impl<'de> Deserialize<'de> for Board {
+            fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+                let name = String::deserialize(from)?;
+                let place = NAMES.iter().position(|board| *board == name);
+                let unknown = || D::Error::unknown_field(&name, &NAMES);
+                place.map(Self).ok_or_else(unknown)
+            }
+        }
+
+        let mut overlays = Self::default();
+        for (board, table) in HashMap::<Board, Table>::deserialize(from)? {
+            overlays.tables[board.0] = table;
+        }
+        Ok(overlays)
+    }
 }
 
 impl Overlays {
+    /// No parameters.
+    pub fn new(topology: Topology) -> Self {
+        Self {
+            topology,
+            tables: vec![Table::new(); topology.board_count()],
+        }
+    }
+
     /// Reads a file of nothing else; `name` stands in errors.
     pub fn parse(text: &str, name: &str) -> Result<Self, Error> {
         #[derive(Deserialize)]
@@ -41,7 +89,7 @@ impl Overlays {
         }
         let file: File =
             toml::from_str(text).map_err(|error| toml_file::refusal(name, text, &error))?;
-        for role in Topology::PAIR.boards() {
+        for role in file.boards.topology.boards() {
             file.boards.values(role)?;
         }
         Ok(file.boards)
@@ -49,14 +97,10 @@ impl Overlays {
 
     /// Those of a board; the error names the entry.
     pub fn values(&self, role: Role) -> Result<Values, Error> {
-        let table = match role {
-            Role::LEAD => &self.front,
-            Role::Axle(_) => &self.rear,
-            Role::Beam(_) => &self.beam,
-        };
+        let board = self.topology.name(role);
         let mut values = Vec::new();
-        for (key, value) in table {
-            flatten(role, key, value, &mut values)?;
+        for (key, value) in &self.tables[self.topology.place(role)] {
+            flatten(board, key, value, &mut values)?;
         }
         Ok(values)
     }
@@ -65,18 +109,14 @@ impl Overlays {
     pub fn apply(&self, role: Role, settings: &mut Settings) -> Result<(), Error> {
         for (parameter, value) in self.values(role)? {
             let set = parameter.set(settings, value);
-            set.map_err(|error| named(role, &error.to_string()))?;
+            set.map_err(|error| named(self.topology.name(role), &error.to_string()))?;
         }
         Ok(())
     }
 
     /// Adds values of a board, or replaces them.
     pub fn put(&mut self, role: Role, values: &[(&'static Parameter, f32)]) {
-        let table = match role {
-            Role::LEAD => &mut self.front,
-            Role::Axle(_) => &mut self.rear,
-            Role::Beam(_) => &mut self.beam,
-        };
+        let table = &mut self.tables[self.topology.place(role)];
         for (parameter, value) in values {
             let mut keys: Vec<&str> = parameter.name.split('.').collect();
             let last = keys.pop().unwrap_or_default();
@@ -99,14 +139,14 @@ impl Overlays {
     /// The file, with units and ranges.
     pub fn to_toml(&self) -> Result<String, Error> {
         let mut text = String::new();
-        for role in Topology::PAIR.boards() {
+        for role in self.topology.boards() {
             let values = self.values(role)?;
             if values.is_empty() {
                 continue;
             }
             let gap = if text.is_empty() { "" } else { "\n" };
             // Writing to a string does not fail.
-            let _ = writeln!(text, "{gap}[boards.{}]", Topology::PAIR.name(role));
+            let _ = writeln!(text, "{gap}[boards.{}]", self.topology.name(role));
             for (parameter, value) in values {
                 let (low, high) = parameter.range;
                 let name = match parameter.name.rsplit_once('.') {
@@ -147,32 +187,32 @@ fn shortest(value: f32) -> f64 {
     value.to_string().parse().unwrap_or(value.into())
 }
 
-fn named(role: Role, text: &str) -> Error {
-    Error::input(format!("boards.{}: {text}", Topology::PAIR.name(role)))
+fn named(board: &str, text: &str) -> Error {
+    Error::input(format!("boards.{board}: {text}"))
 }
 
-fn flatten(role: Role, name: &str, value: &Value, values: &mut Values) -> Result<(), Error> {
+fn flatten(board: &str, name: &str, value: &Value, values: &mut Values) -> Result<(), Error> {
     let number = match value {
         Value::Table(table) => {
             let mut entries = table.iter();
             return entries.try_for_each(|(key, inner)| {
-                flatten(role, &format!("{name}.{key}"), inner, values)
+                flatten(board, &format!("{name}.{key}"), inner, values)
             });
         }
         Value::Array(list) => {
             let mut entries = list.iter().enumerate();
             return entries
-                .try_for_each(|(i, inner)| flatten(role, &format!("{name}[{i}]"), inner, values));
+                .try_for_each(|(i, inner)| flatten(board, &format!("{name}[{i}]"), inner, values));
         }
         Value::Float(number) => *number as f32,
         Value::Integer(number) => *number as f32,
-        other => return Err(named(role, &format!("{name} = {other}: must be a number"))),
+        other => return Err(named(board, &format!("{name} = {other}: must be a number"))),
     };
-    let parameter = parameter(name).map_err(|error| named(role, &error.to_string()))?;
+    let parameter = parameter(name).map_err(|error| named(board, &error.to_string()))?;
     let valid = parameter.validate(number);
     values.push((
         parameter,
-        valid.map_err(|error| named(role, &error.to_string()))?,
+        valid.map_err(|error| named(board, &error.to_string()))?,
     ));
     Ok(())
 }
@@ -207,6 +247,17 @@ mod tests {
             assert!(bits(&read).len() >= TABLE.len() / 3);
             assert_eq!(bits(&read), bits(&overlays), "{text}");
         }
+    }
+
+    #[test]
+    fn each_board_of_three_axles_has_its_table() {
+        let robot = Topology::new(3).unwrap();
+        let mut overlays = Overlays::new(robot);
+        let radius = find("robot.geometry.wheel_radius_m").unwrap();
+        overlays.put(Role::axle(1), &[(radius, 0.07)]);
+        let text = overlays.to_toml().unwrap();
+        assert!(text.starts_with("[boards.axle-2]\n"), "{text}");
+        assert!(overlays.values(Role::axle(2)).unwrap().is_empty());
     }
 
     #[test]

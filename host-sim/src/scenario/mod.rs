@@ -24,7 +24,6 @@ use core_algos::math::Posture;
 use core_algos::node::lead::Task;
 use core_algos::node::robot::{RobotConfig, Told};
 use core_algos::params::Settings;
-use core_algos::topology::Topology;
 use declare::{Declared, Field};
 use plant::PlantConfig;
 use serde::{Deserialize, Serialize};
@@ -216,15 +215,22 @@ impl Scenario {
         self.robot
             .build()
             .map_err(|error| Error::input(self.placed(&error)))?;
-        for role in Topology::PAIR.boards() {
+        let topology = self.robot.topology();
+        for role in topology.boards() {
             let mut settings = Settings::new(self.robot);
             self.boards.apply(role, &mut settings)?;
             // The zeros of the gauges are counts of another converter than that of the default.
             let calibration = &mut settings.robot.beam.calibration;
             calibration.zero_counts = self.robot.beam.calibration.zero_counts;
             settings.check(role).map_err(|error| {
-                Error::input(format!("boards.{}: {error}", Topology::PAIR.name(role)))
+                Error::input(format!("boards.{}: {error}", topology.name(role)))
             })?;
+        }
+        let (late, most) = (self.world.bus.late_ms.len(), topology.board_count());
+        if late > most {
+            return Err(Error::input(format!(
+                "bus.late_ms has {late} entries: must have at most {most}"
+            )));
         }
         self.world.check()
     }

@@ -126,7 +126,8 @@ impl BoardRecord {
 
     /// Takes the next entry.
     pub fn put(&mut self, entry: &Entry) {
-        let own = entry.frame().map(|frame| (frame, sender(&frame)));
+        let own = entry.frame();
+        let own = own.map(|frame| (frame, sender(self.config.topology(), &frame)));
         if !matches!(own, Some((_, Some(role))) if role == self.role) {
             self.close();
         }

@@ -76,6 +76,7 @@ impl Slot {
 
 /// The boards.
 pub struct Boards {
+    topology: Topology,
     slots: Vec<Slot>,
     configs: Vec<RobotConfig>,
     failures: Vec<Failure>,
@@ -84,11 +85,12 @@ pub struct Boards {
 }
 
 /// Place of the board with the lead node.
-const LEAD: usize = Topology::PAIR.place(Role::LEAD);
+const LEAD: usize = 0;
 
 impl Boards {
     /// Starts the boards; without the relative position sensor there is no beam board.
     pub fn start(
+        topology: Topology,
         targets: Vec<Box<dyn Target>>,
         configs: Vec<RobotConfig>,
         place: &Place,
@@ -104,19 +106,20 @@ impl Boards {
             next: 0,
             last: Output::default(),
         };
-        let mut slots: Vec<_> = Topology::PAIR.boards().zip(targets).map(slot).collect();
+        let mut slots: Vec<_> = topology.boards().zip(targets).map(slot).collect();
         for slot in slots.iter_mut().filter(|slot| slot.on) {
             let place = (slot.role == Role::LEAD).then_some(place);
             slot.target
-                .start(&configs[Topology::PAIR.place(slot.role)], 0, place)
-                .map_err(|fault| fatal(slot.role, fault))?;
+                .start(&configs[topology.place(slot.role)], 0, place)
+                .map_err(|fault| fatal(topology.name(slot.role), fault))?;
         }
         Ok(Self {
+            topology,
             slots,
             configs,
             failures: Vec::new(),
             restart_after: None,
-            losses: Losses::default(),
+            losses: Losses::new(topology),
         })
     }
 
@@ -134,7 +137,7 @@ impl Boards {
 
     /// Has a board stand still, with its outputs as they are, or its clock be some ticks behind.
     pub fn hold(&mut self, role: Role, held: bool, behind: u32) -> Result<(), Error> {
-        let slot = &mut self.slots[Topology::PAIR.place(role)];
+        let slot = &mut self.slots[self.topology.place(role)];
         if slot.held != held && slot.on {
             slot.target.halt(held)?;
         }
@@ -165,9 +168,8 @@ impl Boards {
     /// Report of each fitted board; running boards report their stack.
     pub fn reports(&mut self) -> Vec<Report> {
         let mut reports = Vec::new();
-        for i in 0..3 {
-            let lost = self.losses.has(self.slots[i].role);
-            let slot = &mut self.slots[i];
+        for slot in &mut self.slots {
+            let lost = self.losses.has(slot.role);
             if slot.on || slot.revival.is_some() || lost {
                 let stack = slot.on.then(|| slot.target.stack()).flatten();
                 reports.push(Report {
@@ -182,7 +184,7 @@ impl Boards {
     /// Traffic of the links so far.
     pub fn traffic(&self) -> Vec<BoardTraffic> {
         let of = |slot: &Slot| BoardTraffic {
-            role: slot.role,
+            name: self.topology.name(slot.role),
             on: slot.on,
             traffic: slot.target.traffic(),
         };
@@ -216,7 +218,7 @@ impl Boards {
 
     /// A message that reaches a board at `now`.
     pub fn receive(&mut self, role: Role, now: Micros, frame: &CanFrame, message: &Message) {
-        let slot = &mut self.slots[Topology::PAIR.place(role)];
+        let slot = &mut self.slots[self.topology.place(role)];
         if slot.on && !slot.held {
             let behind = Micros::from(slot.behind) * TICK;
             slot.target
@@ -228,18 +230,18 @@ impl Boards {
     pub fn tick(
         &mut self,
         tick: u32,
-        samples: &[Samples; 3],
+        samples: &[Samples],
         post: &mut dyn FnMut(Posted),
-    ) -> Result<[Output; 3], Error> {
+    ) -> Result<Vec<Output>, Error> {
         self.switch(tick)?;
-        for i in 0..3 {
+        for (i, samples) in samples.iter().enumerate() {
             let slot = &mut self.slots[i];
             if slot.on && !slot.held {
-                let begun = slot.begin(tick, &samples[i]);
+                let begun = slot.begin(tick, samples);
                 self.judge(i, tick, begun)?;
             }
         }
-        let mut outputs = [Output::default(); 3];
+        let mut outputs = vec![Output::default(); self.slots.len()];
         for (i, output) in outputs.iter_mut().enumerate() {
             let slot = &mut self.slots[i];
             if slot.on && slot.held {
@@ -259,7 +261,7 @@ impl Boards {
 
     /// Switches boards off and on.
     fn switch(&mut self, tick: u32) -> Result<(), Error> {
-        for i in 0..3 {
+        for i in 0..self.slots.len() {
             let role = self.slots[i].role;
             let due = |failure: &&Failure| failure.role == role && failure.at == tick;
             let failure = self.failures.iter().find(due);
@@ -317,8 +319,8 @@ impl Boards {
         let role = slot.role;
         slot.revival = None;
         slot.target
-            .start(&self.configs[Topology::PAIR.place(role)], tick, None)
-            .map_err(|fault| fatal(role, fault))?;
+            .start(&self.configs[i], tick, None)
+            .map_err(|fault| fatal(self.topology.name(role), fault))?;
         slot.on = true;
         slot.next = tick;
         self.losses.restarted(tick, role);
@@ -329,7 +331,7 @@ impl Boards {
     }
 
     /// Notes when the motors of the others are off.
-    fn watch(&mut self, tick: u32, outputs: &[Output; 3]) {
+    fn watch(&mut self, tick: u32, outputs: &[Output]) {
         // A board that has been lost has no motors that it could drive.
         let off = outputs
             .iter()
@@ -339,13 +341,10 @@ impl Boards {
 }
 
 /// The error of a run whose board gave this answer during its start.
-pub fn fatal(role: Role, fault: Fault) -> Error {
+pub fn fatal(board: &str, fault: Fault) -> Error {
     match fault {
         Fault::Fatal(error) => error,
-        Fault::Silent(why) => Error::Failure(format!("{} board: {why}", Topology::PAIR.name(role))),
-        Fault::Restarted => Error::Failure(format!(
-            "{} board: restarted during its start",
-            Topology::PAIR.name(role)
-        )),
+        Fault::Silent(why) => Error::Failure(format!("{board} board: {why}")),
+        Fault::Restarted => Error::Failure(format!("{board} board: restarted during its start")),
     }
 }

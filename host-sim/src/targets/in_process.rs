@@ -15,6 +15,7 @@ use core_algos::topology::{Role, Topology};
 /// A board in this process.
 pub struct InProcess {
     role: Role,
+    name: &'static str,
     board: Option<Board>,
     tick: Option<(u32, Samples)>,
     outbox: Outbox,
@@ -23,9 +24,10 @@ pub struct InProcess {
 
 impl InProcess {
     /// A board that has not been started.
-    pub fn new(role: Role) -> Self {
+    pub fn new(topology: Topology, role: Role) -> Self {
         Self {
             role,
+            name: topology.name(role),
             board: None,
             tick: None,
             outbox: Outbox::new(),
@@ -34,16 +36,20 @@ impl InProcess {
     }
 
     /// The same with a kinematic controller of the user.
-    pub fn with_controller(role: Role, controller: &'static dyn KinematicController) -> Self {
+    pub fn with_controller(
+        topology: Topology,
+        role: Role,
+        controller: &'static dyn KinematicController,
+    ) -> Self {
         Self {
             controller: Some(controller),
-            ..Self::new(role)
+            ..Self::new(topology, role)
         }
     }
 
     /// Answer of a board that is off.
-    fn off(role: Role) -> Fault {
-        Fault::Silent(format!("{} board is off", Topology::PAIR.name(role)))
+    fn off(name: &str) -> Fault {
+        Fault::Silent(format!("{name} board is off"))
     }
 
     fn lead(&mut self) -> Option<&mut LeadNode> {
@@ -72,8 +78,8 @@ impl Target for InProcess {
     }
 
     fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
-        let role = self.role;
-        let lead = self.lead().ok_or_else(|| Self::off(role))?;
+        let name = self.name;
+        let lead = self.lead().ok_or_else(|| Self::off(name))?;
         let mut orders = command.orders().into_iter();
         let refused = |error| Error::input(format!("{}: {error}", command.subject()));
         Ok(orders
@@ -102,7 +108,7 @@ impl Target for InProcess {
 
     fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
         let (Some(board), Some((tick, samples))) = (&mut self.board, self.tick.take()) else {
-            return Err(Self::off(self.role));
+            return Err(Self::off(self.name));
         };
         self.outbox.clear();
         let output = board.step(Micros::from(tick) * TICK, &samples, &mut self.outbox);
@@ -126,7 +132,7 @@ impl Target for InProcess {
 
     fn report(&self) -> Report {
         Report {
-            role: Topology::PAIR.name(self.role),
+            role: self.name,
             target: "in process",
             build: env!("CARGO_PKG_VERSION").to_owned(),
             frames: 0,

@@ -52,8 +52,9 @@ impl fmt::Display for Event {
 }
 
 /// The boards that were lost and came back.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Losses {
+    topology: Topology,
     events: Vec<Event>,
     /// Latest restart of an axle board, ms.
     restarted: Option<u32>,
@@ -64,6 +65,17 @@ pub struct Losses {
 }
 
 impl Losses {
+    /// No board was lost.
+    pub fn new(topology: Topology) -> Self {
+        Self {
+            topology,
+            events: Vec::new(),
+            restarted: None,
+            watched: None,
+            end: None,
+        }
+    }
+
     /// Events so far.
     pub fn events(&self) -> &[Event] {
         &self.events
@@ -71,9 +83,8 @@ impl Losses {
 
     /// True if there is an event of the board.
     pub fn has(&self, role: Role) -> bool {
-        self.events
-            .iter()
-            .any(|event| event.role == Topology::PAIR.name(role))
+        let name = self.topology.name(role);
+        self.events.iter().any(|event| event.role == name)
     }
 
     /// Latest restart of an axle board, ms.
@@ -94,23 +105,24 @@ impl Losses {
 
     /// A board has gone off, to come back or not.
     pub fn lost(&mut self, tick: u32, role: Role, why: String, comes_back: bool) {
-        self.record(tick, Topology::PAIR.name(role), What::Lost(why));
-        if role == Role::beam(0) {
+        let name = self.topology.name(role);
+        self.record(tick, name, What::Lost(why));
+        if role.is_beam() {
             return;
         }
         self.watched = Some((role, tick));
         if !comes_back {
-            let why = format!("the {} board was lost", Topology::PAIR.name(role));
+            let why = format!("the {name} board was lost");
             self.end.get_or_insert((why, tick + GRACE));
         }
     }
 
     /// A board was started again.
     pub fn restarted(&mut self, tick: u32, role: Role) {
-        if role != Role::beam(0) {
+        if !role.is_beam() {
             self.restarted = Some(tick);
         }
-        self.record(tick, Topology::PAIR.name(role), What::Restarted);
+        self.record(tick, self.topology.name(role), What::Restarted);
     }
 
     /// The run cannot go on, because the estimate of the posture is lost.
@@ -123,11 +135,8 @@ impl Losses {
     /// Notes when the motors of the others are off; a board that is lost has none.
     pub fn watch(&mut self, tick: u32, off: bool) {
         if let (Some((role, since)), true) = (self.watched, off) {
-            self.record(
-                tick,
-                Topology::PAIR.name(role),
-                What::MotorsOff(tick - since),
-            );
+            let off = What::MotorsOff(tick - since);
+            self.record(tick, self.topology.name(role), off);
             self.watched = None;
         }
     }

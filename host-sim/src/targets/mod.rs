@@ -22,7 +22,7 @@ use core_algos::node::board::Samples;
 use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::Micros;
-use core_algos::topology::{Role, Topology, Wheels};
+use core_algos::topology::{Topology, Wheels};
 use serde::Serialize;
 
 /// Output of a board at a tick.
@@ -83,8 +83,8 @@ pub struct Traffic {
 /// The link to one of a robot's boards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BoardTraffic {
-    /// The board.
-    pub role: Role,
+    /// Name of the board.
+    pub name: &'static str,
     /// True if the board is fitted and on.
     pub on: bool,
     /// Traffic of its link; `None` for a board without a port.
@@ -220,7 +220,7 @@ pub trait Target: Send {
 }
 
 /// The boards of a robot: all in this process.
-pub fn in_process() -> Vec<Box<dyn Target>> {
-    let target = |role| Box::new(InProcess::new(role)) as Box<dyn Target>;
-    Topology::PAIR.boards().map(target).collect()
+pub fn in_process(topology: Topology) -> Vec<Box<dyn Target>> {
+    let target = |role| Box::new(InProcess::new(topology, role)) as Box<dyn Target>;
+    topology.boards().map(target).collect()
 }

@@ -3,13 +3,13 @@
 use crate::experiments::result::Json;
 use crate::experiments::run::Run;
 use crate::experiments::run::mission::Mission;
-use crate::experiments::run::place::{BAUD, Place, Site};
+use crate::experiments::run::place::{BAUD, Place, Site, board_named};
 use crate::experiments::run::plan::Plan;
 use crate::experiments::run::stage::Watch;
 use crate::experiments::{Context, Inputs};
 use clap::{Args, ValueEnum};
 use core_algos::time::Micros;
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::base::numbers::{number, posture, whole};
 use host_sim::base::{spelling, toml_file};
@@ -260,12 +260,9 @@ fn seconds(name: &str, value: f64, least: f64) -> Result<f64, Error> {
 
 /// A failure from `BOARD@S`.
 fn failure(text: &str) -> Result<Failure, Error> {
-    let parts = text.split_once('@').and_then(|(board, time)| {
-        let role = Role::PAIR
-            .into_iter()
-            .find(|&role| Topology::PAIR.name(role) == board)?;
-        Some((role, time.parse::<f64>().ok()?))
-    });
+    let parts = text
+        .split_once('@')
+        .and_then(|(board, time)| Some((board_named(board)?, time.parse::<f64>().ok()?)));
     let Some((role, time)) = parts else {
         return Err(Error::input(format!(
             "--kill {text}: must be front, rear or beam, then @ and a time in seconds"

@@ -9,8 +9,9 @@ use crate::experiments::calibrate::procedures::{
 use crate::experiments::calibrate::{Bench, real};
 use crate::experiments::result::{Json, Provenance};
 use crate::experiments::run::links::Links;
+use crate::experiments::run::place::ROBOT;
 use clap::{Args, ValueEnum};
-use core_algos::topology::Role;
+use core_algos::topology::Topology;
 use host_sim::base::error::Error;
 use host_sim::base::numbers::{number, whole};
 use host_sim::scenario::Scenario;
@@ -116,12 +117,12 @@ fn calibrate_real(args: &CalibrateArgs) -> Result<(), Error> {
         ));
     }
     let json = args.json.open()?;
-    let links = Links::new(&args.boards.on, args.boards.baud(), None)?;
+    let links = Links::new(ROBOT, &args.boards.on, args.boards.baud(), None)?;
     real::run(&links, args.former, !args.yes, &json)
 }
 
 fn calibrate(args: &CalibrateArgs, scenario: &Scenario, seed: u64) -> Result<Report, Error> {
-    let mut bench = Bench::new(scenario, seed, boards(args)?);
+    let mut bench = Bench::new(scenario, seed, boards(args, scenario.robot.topology())?);
     bench.interrupt = watch_for_interrupt()?;
     let mut report = match args.what {
         CalibrateWhat::Wheels => calibrate_wheels(scenario, &mut bench, args.laps)?,
@@ -154,16 +155,16 @@ fn wanted(args: &CalibrateArgs, json: &Json) -> Result<bool, Error> {
 }
 
 /// The virtual boards; none if all boards are in this process.
-fn boards(args: &CalibrateArgs) -> Result<Option<Vec<Box<dyn Target>>>, Error> {
+fn boards(args: &CalibrateArgs, robot: Topology) -> Result<Option<Vec<Box<dyn Target>>>, Error> {
     if !args.boards.on.is_outside() {
         return Ok(None);
     }
-    let links = Links::new(&args.boards.on, args.boards.baud(), None)?;
+    let links = Links::new(robot, &args.boards.on, args.boards.baud(), None)?;
     let mut boards = Vec::new();
-    for role in Role::PAIR {
-        if let Some(link) = links.open(role, &BoardLog::default())? {
-            boards.push(Box::new(Remote::new(role, link)) as Box<dyn Target>);
+    for role in robot.boards() {
+        if let Some(link) = links.open(role, &BoardLog::new(robot.name(role)))? {
+            boards.push(Box::new(Remote::new(robot, role, link)) as Box<dyn Target>);
         }
     }
-    Ok((boards.len() == Role::PAIR.len()).then_some(boards))
+    Ok((boards.len() == robot.board_count()).then_some(boards))
 }

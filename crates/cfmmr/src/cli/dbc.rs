@@ -1,8 +1,8 @@
 //! `cfmmr dbc`: the bus description, and the load of the bus.
 
+use crate::experiments::run::place::ROBOT;
 use clap::Args;
 use core_algos::bus::layout::{self, BIT_RATE};
-use core_algos::topology::Topology;
 use host_sim::base::error::Error;
 use output::files;
 use output::table::Table;
@@ -10,9 +10,6 @@ use output::terminal;
 use recording::dbc;
 use std::fmt::Write;
 use std::path::PathBuf;
-
-/// The robot whose bus is described.
-const ROBOT: Topology = Topology::PAIR;
 
 /// Arguments of `dbc`.
 #[derive(Clone, Debug, Args)]
@@ -38,10 +35,10 @@ pub fn run(args: &DbcArgs) -> Result<(), Error> {
     }
     match &args.out {
         Some(path) => {
-            files::write_file(path, dbc::description())?;
+            files::write_file(path, dbc::description(ROBOT))?;
             terminal::print(&format!("wrote {}\n", path.display()))
         }
-        None => terminal::print(&dbc::description()),
+        None => terminal::print(&dbc::description(ROBOT)),
     }
 }
 

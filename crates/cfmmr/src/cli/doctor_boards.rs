@@ -3,8 +3,8 @@
 use super::arguments::BoardArgs;
 use crate::experiments::result::{Json, Provenance};
 use crate::experiments::run::links::Links;
-use crate::experiments::run::place::Place;
-use core_algos::topology::{Role, Topology};
+use crate::experiments::run::place::{Place, ROBOT};
+use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::targets::Target;
 use output::table::Table;
@@ -44,17 +44,17 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
             "--on: must be serial:front=PORT: only real boards have a state before a run",
         ));
     }
-    let links = Links::new(&args.on, args.baud(), None)?;
+    let links = Links::new(ROBOT, &args.on, args.baud(), None)?;
     let mut boards = Vec::new();
     // The port of a board that does not answer reaches no other board either.
     let mut dead = Vec::new();
-    for role in Role::PAIR {
+    for role in ROBOT.boards() {
         let port = links.port_of(role);
         let row = match port.filter(|port| dead.contains(port)) {
             Some(port) => Err(Error::NoAnswer(format!(
                 "{} board: not asked: it is behind the port of the {} board",
-                Topology::PAIR.name(role),
-                Topology::PAIR.name(port)
+                ROBOT.name(role),
+                ROBOT.name(port)
             ))),
             None => of_board(&links, role),
         };
@@ -69,7 +69,7 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
                 }
             }
         };
-        let board = Topology::PAIR.name(role);
+        let board = ROBOT.name(role);
         boards.push(Row { board, ..row });
     }
     let sound = |row: &Row| {
@@ -99,10 +99,10 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
 }
 
 fn of_board(links: &Links, role: Role) -> Result<Row, Error> {
-    let Some(link) = links.reach(role, &BoardLog::default())? else {
+    let Some(link) = links.reach(role, &BoardLog::new(ROBOT.name(role)))? else {
         return Ok(Row::default());
     };
-    let mut remote = Remote::new(role, link);
+    let mut remote = Remote::new(ROBOT, role, link);
     remote.hasten();
     let record = remote.crash_record()?;
     let [panics, processor, watchdog, overflows] = record.counts;

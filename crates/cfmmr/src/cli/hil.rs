@@ -72,7 +72,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
         stored: args.stored,
         flash: args.flash.clone(),
     };
-    let logs = Role::PAIR.map(|_| BoardLog::default());
+    let logs = BoardLog::of_boards(context.scenario.robot.topology());
     let place = (&args.boards.on, args.boards.baud());
     let targets = in_the_loop::connect(place, &boards, &mut context.scenario, &logs);
     let targets = board_log::kept(targets, &logs, || context.output())?;

@@ -3,10 +3,11 @@
 use super::arguments::{BoardArgs, BoardName, JsonArgs};
 use crate::experiments::result::{Json, Provenance};
 use crate::experiments::run::links::{Links, flash_of};
+use crate::experiments::run::place::ROBOT;
 use clap::{Args, Subcommand, ValueEnum};
 use core_algos::link::Identity;
 use core_algos::params::{Parameter, Settings, Source, TABLE};
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::base::input;
 use host_sim::scenario::board_parameters;
@@ -161,24 +162,26 @@ fn at_each(
 ) -> Result<(), Error> {
     target.boards.check()?;
     let links = Links::new(
+        ROBOT,
         &target.boards.on,
         target.boards.baud(),
         Some(target.flash.clone()),
     )?;
-    for role in Role::PAIR {
+    for role in ROBOT.boards() {
         let named = target.board.iter().any(|name| Role::from(*name) == role);
         if !target.board.is_empty() && !named {
             continue;
         }
-        let link = match links.reach(role, &BoardLog::default())? {
+        let name = ROBOT.name(role);
+        let link = match links.reach(role, &BoardLog::new(name))? {
             Some(link) => link,
             None => {
                 let build = env!("CARGO_PKG_VERSION");
-                let file = flash_of(&target.flash, role);
+                let file = flash_of(&target.flash, name);
                 Box::new(Loopback::keeping(Identity { build, role }, &file)?)
             }
         };
-        let mut remote = Remote::new(role, link);
+        let mut remote = Remote::new(ROBOT, role, link);
         if target.boards.on.has_ports() {
             remote.end_earlier_session()?;
         }
@@ -211,7 +214,7 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
             } = kept;
             if wanted.iter().any(|other| other.id == parameter.id) {
                 rows.push(Row {
-                    board: Topology::PAIR.name(role),
+                    board: ROBOT.name(role),
                     name: parameter.name,
                     unit: parameter.unit,
                     value,
@@ -373,7 +376,7 @@ fn change(
             let old = before.iter().find(|kept| kept.parameter.id == parameter.id);
             remote.set_parameter(parameter, value)?;
             changes.push(Change {
-                board: Topology::PAIR.name(role),
+                board: ROBOT.name(role),
                 name: parameter.name,
                 unit: parameter.unit,
                 before: old.map_or(f32::NAN, |kept| kept.value),
@@ -413,7 +416,7 @@ fn change(
 
 fn run_export(export: &ParamsExport) -> Result<(), Error> {
     let json = export.target.json.open()?;
-    let mut overlays = Overlays::default();
+    let mut overlays = Overlays::new(ROBOT);
     at_each(&export.target, |role, remote| {
         let kept = remote.parameters()?;
         let some = kept.iter().filter(|kept| export.all || kept.is_own());

@@ -200,7 +200,7 @@ pub fn run(args: &SoakArgs) -> Result<(), Error> {
         (report, Vec::new())
     } else {
         let images = Images::open(None, None)?;
-        let logs = [(); 3].map(|()| BoardLog::default());
+        let logs = BoardLog::of_boards(scenario.robot.topology());
         let options = Options {
             threads: Options::threads(),
             ..Options::default()

@@ -1,8 +1,9 @@
 //! `cfmmr topics`: what a log holds, as Markdown.
 
+use crate::experiments::run::place::ROBOT;
 use host_sim::base::error::Error;
 use output::terminal;
-use recording::topics::{Schema, TOPICS};
+use recording::topics::{Schema, topics};
 use std::fmt::Write;
 
 /// The text of `docs/topics.md`.
@@ -14,7 +15,8 @@ pub fn markdown() -> String {
          describes recording, viewing and replay.\n\n\
          | topic | schema | rate | contents |\n|---|---|---|---|\n",
     );
-    for topic in &TOPICS {
+    let topics = topics(ROBOT);
+    for topic in &topics {
         // Writing to a string does not fail.
         let _ = writeln!(
             text,
@@ -23,7 +25,7 @@ pub fn markdown() -> String {
         );
     }
     let mut seen: Vec<&str> = Vec::new();
-    for topic in &TOPICS {
+    for topic in &topics {
         let schema = &topic.schema;
         if schema.fields.is_empty() || seen.contains(&schema.name) {
             continue;

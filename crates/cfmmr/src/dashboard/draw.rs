@@ -5,11 +5,10 @@
 use super::map;
 use super::view::View;
 use core_algos::safety::{Condition, Conditions, OperatingState};
-use core_algos::topology::Topology;
 use host_sim::base::statistics::NIS_EXPECTED;
 use host_sim::run::final_error::FinalError;
 use host_sim::run::keyboard::Hand;
-use host_sim::run::recovery::{NODES, Status};
+use host_sim::run::recovery::Status;
 use host_sim::targets::BoardTraffic;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -192,9 +191,9 @@ fn footer(view: &View) -> Line<'static> {
 fn node_lines(view: &View) -> Vec<Line<'static>> {
     let heading = format!("{:<10}{:<9}{:>7}  {}", "", "state", "age ms", "code");
     let mut lines = vec![Line::styled(heading, DIM)];
-    for (node, status) in NODES.iter().zip(&view.nodes) {
-        let name = Span::raw(format!("{:<10}", Topology::PAIR.node_name(*node)));
-        let Some(status) = status else {
+    for node in &view.nodes {
+        let name = Span::raw(format!("{:<10}", node.name));
+        let Some(status) = node.latest else {
             lines.push(Line::from(vec![name, Span::styled("not heard", DIM)]));
             continue;
         };
@@ -228,8 +227,8 @@ fn link_lines(view: &View) -> Vec<Line<'static>> {
     let heading = format!("{:<6}{:>8}{:>5}{:>6}", "board", "frames", "lost", "CRC");
     let mut lines = vec![Line::styled(heading, DIM)];
     let bad = |count: u64| if count == 0 { Style::new() } else { CAUTION };
-    for BoardTraffic { role, on, traffic } in &view.boards {
-        let name = Span::raw(format!("{:<6}", Topology::PAIR.name(*role)));
+    for BoardTraffic { name, on, traffic } in &view.boards {
+        let name = Span::raw(format!("{name:<6}"));
         lines.push(match (on, traffic) {
             (false, _) => Line::from(vec![name, Span::styled("      off", DIM)]),
             (true, None) => Line::from(vec![name, Span::styled("  without a port", DIM)]),
@@ -290,10 +289,9 @@ fn motion_lines(view: &View) -> Vec<Line<'static>> {
             Line::raw(format!("to go {:>7.3} m {turn:>6.1}°", left.e_m)),
         );
     }
-    let [front, rear] = view.seen.wheel_speed;
-    if !front[0].is_nan() {
-        lines.extend([wheels("front", front), wheels("rear", rear)]);
-    }
+    let speeds = view.axles.iter().zip(view.seen.wheel_speed);
+    let known = speeds.filter(|(_, [left, _])| !left.is_nan());
+    lines.extend(known.map(|(name, speeds)| wheels(name, speeds)));
     lines
 }
 
@@ -343,7 +341,7 @@ fn fault(view: &View, status: &Status) -> (String, Style) {
     let Some(entry) = status.reason.map(Condition::entry) else {
         return (status.to_string(), ALERT);
     };
-    let latest = view.nodes.iter().flatten();
+    let latest = view.nodes.iter().filter_map(|node| node.latest);
     let lasts = latest
         .filter(|latest| latest.node == status.node)
         .any(|latest| latest.reason == status.reason);
@@ -353,17 +351,13 @@ fn fault(view: &View, status: &Status) -> (String, Style) {
     };
     let text = format!(
         "{:#04x} {} ({}, {:.3} s{note}): {}",
-        entry.code,
-        entry.name,
-        Topology::PAIR.node_name(status.node),
-        status.time_s,
-        entry.remedy
+        entry.code, entry.name, status.name, status.time_s, entry.remedy
     );
     (text, style)
 }
 
 fn notices(view: &View) -> Vec<(String, Style)> {
-    let all = view.noticed.iter().copied();
+    let all = view.nodes.iter().map(|node| node.noticed);
     let mut conditions: Vec<_> = all
         .fold(Conditions::NONE, Conditions::union)
         .iter()
@@ -372,10 +366,10 @@ fn notices(view: &View) -> Vec<(String, Style)> {
         .collect();
     conditions.sort_by_key(|condition| std::cmp::Reverse(condition.class()));
     let text = |condition: Condition| {
-        let noticed = NODES.iter().zip(&view.noticed);
-        let nodes: Vec<_> = noticed
-            .filter(|(_, noticed)| noticed.contains(condition))
-            .map(|(node, _)| Topology::PAIR.node_name(*node))
+        let nodes = view.nodes.iter();
+        let nodes: Vec<_> = nodes
+            .filter(|node| node.noticed.contains(condition))
+            .map(|node| node.name)
             .collect();
         let entry = condition.entry();
         let (code, name, nodes) = (entry.code, entry.name, nodes.join(", "));
@@ -404,11 +398,11 @@ fn wrapped(text: &str, width: usize) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::view::NodeView;
     use super::*;
     use core_algos::bus::LeadMode;
     use core_algos::math::Posture;
-    use core_algos::topology::Node;
-    use core_algos::topology::Role;
+    use core_algos::topology::{AxleId, Node, Role, Topology};
     use host_sim::targets::Traffic;
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
@@ -433,6 +427,7 @@ mod tests {
         Status {
             time_s,
             node,
+            name: Topology::PAIR.node_name(node),
             state,
             reason,
             notices,
@@ -447,9 +442,10 @@ mod tests {
             most_late_s: 0.012,
             truth: [-1.0, 0.5, 0.1],
             goal: [0.0, 0.5, 0.0],
+            axles: vec!["front", "rear"],
             boards: Role::PAIR
                 .map(|role| BoardTraffic {
-                    role,
+                    name: Topology::PAIR.name(role),
                     on: role != Role::beam(0),
                     traffic: (role == Role::LEAD).then_some(Traffic {
                         frames: 123_456,
@@ -464,14 +460,19 @@ mod tests {
         view.seen.wheel_speed = [[1.25, -2.5], [3.75, 4.5]];
         view.bus.sent = 98_765;
         view.bus.lost = 43;
-        view.nodes = [
-            Some(status(Node::Lead, OperatingState::Active, None)),
-            Some(status(Node::axle(0), OperatingState::Armed, None)),
-            Some(status(Node::axle(1), OperatingState::Idle, None)),
-            None,
-        ];
+        let node = |node| NodeView {
+            name: Topology::PAIR.node_name(node),
+            latest: match node {
+                Node::Lead => Some(status(node, OperatingState::Active, None)),
+                Node::Axle(AxleId(0)) => Some(status(node, OperatingState::Armed, None)),
+                Node::Axle(_) => Some(status(node, OperatingState::Idle, None)),
+                _ => None,
+            },
+            noticed: Conditions::NONE,
+        };
+        view.nodes = Topology::PAIR.nodes().map(node).collect();
         // As every node says before the others are up.
-        view.noticed[1].set(Condition::NeighbourLost, true);
+        view.nodes[1].noticed.set(Condition::NeighbourLost, true);
         view.seen.lead.mode = LeadMode::Hold;
         view.seen.lead.motion.v = 0.2;
         view.seen.lead.motion.psi.0 = -0.3;
@@ -490,9 +491,9 @@ mod tests {
             fault(Node::axle(1), Condition::SupplyLow),
             fault(Node::Lead, Condition::NeighbourFault),
         ];
-        view.nodes[2] = Some(view.faults[0]);
-        view.noticed[3].set(Condition::ConversionsLost, true);
-        view.noticed[0].set(Condition::BeamLost, true);
+        view.nodes[2].latest = Some(view.faults[0]);
+        view.nodes[3].noticed.set(Condition::ConversionsLost, true);
+        view.nodes[0].noticed.set(Condition::BeamLost, true);
         view
     }
 
@@ -543,7 +544,7 @@ mod tests {
     #[test]
     fn idle_driver_is_the_reason_of_a_stop() {
         let mut view = view();
-        view.noticed = Default::default();
+        view.nodes[1].noticed = Conditions::NONE;
         view.idle_stop = Some("no key for 5 s, so the robot stopped".to_owned());
         let text = words(&picture(&view, (80, 24)));
         assert!(text.contains("no key for 5 s, so the robot stopped") && !text.contains("none"));
@@ -574,9 +575,11 @@ mod tests {
     #[test]
     fn what_has_no_room_is_counted_and_never_cut() {
         let mut view = stopped();
-        view.noticed = [Conditions::NONE; NODES.len()];
+        for node in &mut view.nodes {
+            node.noticed = Conditions::NONE;
+        }
         for condition in Condition::ALL.into_iter().take(12) {
-            view.noticed[1].set(condition, true);
+            view.nodes[1].noticed.set(condition, true);
         }
         let lines = picture(&view, (60, 20));
         let last = &lines[18];

@@ -1,12 +1,24 @@
 //! What the dashboard shows.
 
 use core_algos::safety::{Conditions, OperatingState};
+use core_algos::topology::Role;
 use host_sim::bus::virtual_bus::BusStatistics;
 use host_sim::run::keyboard::Hand;
 use host_sim::run::real_time::RealTimeLimiter;
-use host_sim::run::recovery::{NODES, Status};
+use host_sim::run::recovery::Status;
 use host_sim::run::robot::{Record, Robot};
 use host_sim::targets::BoardTraffic;
+
+/// A node at one instant.
+#[derive(Clone, Debug, Default)]
+pub struct NodeView {
+    /// Name.
+    pub name: &'static str,
+    /// Latest heartbeat.
+    pub latest: Option<Status>,
+    /// Notices and degradations so far.
+    pub noticed: Conditions,
+}
 
 /// A run at one instant.
 #[derive(Clone, Debug, Default)]
@@ -19,10 +31,10 @@ pub struct View {
     pub late_ticks: u32,
     /// The most a tick was late, s.
     pub most_late_s: f64,
-    /// Latest heartbeats, in the order of [`NODES`].
-    pub nodes: [Option<Status>; NODES.len()],
-    /// Notices and degradations so far, in the same order.
-    pub noticed: [Conditions; NODES.len()],
+    /// Nodes of the robot.
+    pub nodes: Vec<NodeView>,
+    /// Names of the axles, front first.
+    pub axles: Vec<&'static str>,
     /// Stops and cuts so far, the first heartbeat that told of each; the first is the cause.
     pub faults: Vec<Status>,
     /// Links to the boards.
@@ -52,12 +64,19 @@ impl View {
     pub fn of(robot: &dyn Robot, record: &Record) -> Self {
         let monitor = robot.monitor();
         let pace = robot.control().pace.as_ref();
+        let topology = monitor.topology;
+        let axle = |axle| topology.name(Role::Axle(axle));
+        let node = |node| NodeView {
+            name: topology.node_name(node),
+            latest: monitor.latest(node).copied(),
+            noticed: monitor.noticed(node),
+        };
         Self {
             time_s: record.time_s,
             late_ticks: pace.map_or(0, RealTimeLimiter::late),
             most_late_s: pace.map_or(0.0, |pace| pace.worst().as_secs_f64()),
-            nodes: NODES.map(|node| monitor.latest(node).copied()),
-            noticed: NODES.map(|node| monitor.noticed(node)),
+            nodes: topology.nodes().map(node).collect(),
+            axles: topology.axles().map(axle).collect(),
             faults: faults(monitor.changes()),
             boards: robot.traffic(),
             bus: robot.bus(),

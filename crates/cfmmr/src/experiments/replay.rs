@@ -49,9 +49,9 @@ pub struct Recorded {
 }
 
 impl Recorded {
-    fn new(role: Role) -> Self {
+    fn new(robot: Topology, role: Role) -> Self {
         Self {
-            board: Topology::PAIR.name(role),
+            board: robot.name(role),
             ticks: 0,
             ends: Vec::new(),
         }
@@ -86,17 +86,19 @@ pub struct Report {
 /// Replays a log: the result, and its table.
 pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
     let name = wanted.log.display().to_string();
-    let mut boards = Role::PAIR.map(Recorded::new);
+    let robot = read::ROBOT;
+    let boards = robot.boards().map(|role| Recorded::new(robot, role));
+    let mut boards: Vec<_> = boards.collect();
     let mut recorded = RecordedEstimates::default();
-    let mut comparison = Comparison::default();
-    let mut events = Events::default();
+    let mut comparison = Comparison::new(robot);
+    let mut events: Events = vec![Vec::new(); robot.board_count()];
     let run = read_log(wanted, &name, &mut |role, event| {
-        boards[Topology::PAIR.place(role)].take(&event);
+        boards[robot.place(role)].take(&event);
         recorded.take(role, &event);
         match &wanted.with {
             None => comparison.take(role, &event),
             // A frame that was sent changes what arrives on other boards.
-            Some(_) => events[Topology::PAIR.place(role)].push(event),
+            Some(_) => events[robot.place(role)].push(event),
         }
     })?;
     let scenario = recorded_scenario(&run, &name)?;
@@ -108,7 +110,7 @@ pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
     }
     let mut report = Report {
         ticks: run.ticks,
-        boards: boards.into(),
+        boards,
         identical: None,
         difference: None,
         recorded: Quality::of(&recorded.estimates, &run),
@@ -140,7 +142,7 @@ pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
             // Every start has the same parameters, so what can be changed once always can.
             let first = first.copied().unwrap_or_default();
             let changed = apply(&first, &changes, &file)?;
-            let estimates = replay::estimate_again(&events, &|_| changed)?;
+            let estimates = replay::estimate_again(robot, &events, &|_| changed)?;
             report.with = Some(Quality::of(&estimates, &run));
         }
     }

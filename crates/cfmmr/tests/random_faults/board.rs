@@ -250,6 +250,6 @@ impl Target for Watched {
     }
 
     fn report(&self) -> Report {
-        InProcess::new(self.role).report()
+        InProcess::new(Topology::PAIR, self.role).report()
     }
 }

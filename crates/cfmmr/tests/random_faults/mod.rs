@@ -46,7 +46,7 @@ fn run(seed: u64, figures: &mut Figures) -> Result<(), String> {
     let targets = Role::PAIR
         .map(|role| Box::new(Watched::new(role, &plan, seed, &findings)) as Box<dyn Target>);
     let mut simulation = Simulation::on(targets.into(), &plan.scenario(), seed, 0).unwrap();
-    if let Some((fault, at)) = plan.injected {
+    if let Some((fault, at)) = plan.injected.clone() {
         simulation.inject(fault, at);
     }
     let mut commands = plan.commands.iter().peekable();

@@ -6,7 +6,7 @@ use crate::dbc;
 use crate::entry::{
     ABOUT, BusEntry, Can, END, FORMAT, Hex, LeadEntry, LoggedFrame, Pose, TruthEntry,
 };
-use crate::topics::TOPICS;
+use crate::topics::{Topic, of_board, topics};
 use crate::{About, Line, failed};
 use core_algos::bus::{self, CanFrame};
 use core_algos::link::framing::crc32c;
@@ -56,8 +56,8 @@ struct Json {
 }
 
 impl Json {
-    fn new(sink: &Sink, topic: &str) -> Result<Self, Error> {
-        let known = TOPICS.iter().find(|known| known.name == topic);
+    fn new(sink: &Sink, topics: &[Topic], topic: &str) -> Result<Self, Error> {
+        let known = topics.iter().find(|known| known.name == topic);
         let schema = known.map(|known| &known.schema);
         let schema = schema.ok_or_else(|| failed(format!("no topic {topic}")))?;
         ChannelBuilder::new(topic)
@@ -76,14 +76,17 @@ impl Json {
             .map_err(failed)
     }
 
-    fn of_boards(sink: &Sink, what: &str) -> Result<[Self; 3], Error> {
-        let one = |role: Role| {
-            Self::new(
-                sink,
-                &format!("/boards/{}/{what}", Topology::PAIR.name(role)),
-            )
-        };
-        Ok([one(Role::LEAD)?, one(Role::axle(1))?, one(Role::beam(0))?])
+    /// A channel of each board.
+    fn of_boards(
+        sink: &Sink,
+        topics: &[Topic],
+        robot: Topology,
+        what: &str,
+    ) -> Result<Vec<Self>, Error> {
+        let names = robot
+            .boards()
+            .map(|board| of_board(robot.name(board), what));
+        names.map(|name| Self::new(sink, topics, &name)).collect()
     }
 
     fn write(&self, room: &mut Vec<u8>, nanos: u64, entry: &impl Serialize) {
@@ -106,8 +109,10 @@ fn standard_channel<T: Encode>(sink: &Sink, topic: &str) -> Channel<T> {
 /// An MCAP file that is being written.
 pub struct Mcap {
     sink: Sink,
-    about: Vec<(&'static str, String)>,
-    boards: [String; 3],
+    robot: Topology,
+    about: Vec<(String, String)>,
+    /// Description of each board.
+    boards: Vec<String>,
     body: Body,
     transforms: Channel<FrameTransforms>,
     truth_robot: Channel<PoseInFrame>,
@@ -121,14 +126,14 @@ pub struct Mcap {
     truth: Json,
     bus: Json,
     order: Json,
-    start: [Json; 3],
-    ticks: [Json; 3],
-    off: [Json; 3],
+    start: Vec<Json>,
+    ticks: Vec<Json>,
+    off: Vec<Json>,
     room: Vec<u8>,
     /// Common time of the boards at the start of the run, µs.
     zero: i64,
     /// Latest heartbeat of each node.
-    statuses: [Option<Status>; Topology::PAIR.node_count()],
+    statuses: Vec<Option<Status>>,
     /// The latest estimate and when it holds, ns.
     estimate: Option<(u64, Posture)>,
     way_so_far: Vec<Pose>,
@@ -144,8 +149,10 @@ impl Mcap {
     /// A file whose metadata are those of the run.
     pub fn new(sink: Sink, about: &About) -> Result<Self, Error> {
         let scenario = about.scenario.to_toml()?;
+        let robot = about.scenario.robot.topology();
+        let topics = topics(robot);
         let sum = |text: &str| format!("{:08x}", crc32c(text.as_bytes()));
-        let described = vec![
+        let described = [
             ("format", FORMAT.to_owned()),
             ("build", about.build.to_owned()),
             ("version", env!("CARGO_PKG_VERSION").to_owned()),
@@ -155,13 +162,14 @@ impl Mcap {
             ("world", about.scenario.world.label()),
             ("scenario_hash", sum(&scenario)),
             ("scenario", scenario),
-            ("messages_hash", sum(&dbc::description())),
+            ("messages_hash", sum(&dbc::description(robot))),
         ];
         // At the start, so that a log that is cut off can be replayed.
         sink.metadata(ABOUT, &described);
         Ok(Self {
-            about: described,
-            boards: Default::default(),
+            robot,
+            about: described.map(|(key, value)| (key.to_owned(), value)).into(),
+            boards: vec![String::new(); robot.board_count()],
             body: Body::of(&about.scenario.world.plant),
             transforms: standard_channel(&sink, "/tf"),
             truth_robot: standard_channel(&sink, "/truth/robot"),
@@ -171,16 +179,16 @@ impl Mcap {
             reference: standard_channel(&sink, "/reference/path"),
             scene: standard_channel(&sink, "/scene"),
             log: standard_channel(&sink, "/log"),
-            lead: Json::new(&sink, "/lead")?,
-            truth: Json::new(&sink, "/truth")?,
-            bus: Json::new(&sink, "/bus")?,
-            order: Json::new(&sink, "/host/order")?,
-            start: Json::of_boards(&sink, "start")?,
-            ticks: Json::of_boards(&sink, "tick")?,
-            off: Json::of_boards(&sink, "off")?,
+            lead: Json::new(&sink, &topics, "/lead")?,
+            truth: Json::new(&sink, &topics, "/truth")?,
+            bus: Json::new(&sink, &topics, "/bus")?,
+            order: Json::new(&sink, &topics, "/host/order")?,
+            start: Json::of_boards(&sink, &topics, robot, "start")?,
+            ticks: Json::of_boards(&sink, &topics, robot, "tick")?,
+            off: Json::of_boards(&sink, &topics, robot, "off")?,
             room: Vec::with_capacity(1024),
             zero: 0,
-            statuses: [None; Topology::PAIR.node_count()],
+            statuses: vec![None; robot.node_count()],
             estimate: None,
             way_so_far: Vec::new(),
             epochs: 0,
@@ -253,11 +261,11 @@ impl Mcap {
             Line::Zero(zero) => self.zero = *zero,
             Line::Axle(role, entry) => {
                 let time = at(entry.tick);
-                self.ticks[Topology::PAIR.place(*role)].write(&mut self.room, time, entry);
+                self.ticks[self.robot.place(*role)].write(&mut self.room, time, entry);
             }
-            Line::Beam(entry) => {
+            Line::Beam(role, entry) => {
                 let time = at(entry.tick);
-                self.ticks[Topology::PAIR.place(Role::beam(0))].write(&mut self.room, time, entry);
+                self.ticks[self.robot.place(*role)].write(&mut self.room, time, entry);
             }
             Line::Lead(tick, output) => {
                 let epoch = crate::entry::epoch_of(*tick);
@@ -268,7 +276,7 @@ impl Mcap {
                 self.lead.write(&mut self.room, time, &entry);
                 self.estimate = Some((held, output.fused.robot.posture));
             }
-            Line::Board(role, what) => self.boards[Topology::PAIR.place(*role)].clone_from(what),
+            Line::Board(role, what) => self.boards[self.robot.place(*role)].clone_from(what),
             Line::Frames { role, tick, frames } => self.frames(*role, *tick, frames),
             Line::Command(entry) => {
                 let time = at(entry.tick);
@@ -277,32 +285,34 @@ impl Mcap {
             Line::Start(role, started) => {
                 let (entry, report) = &**started;
                 let time = at(entry.tick);
-                self.start[Topology::PAIR.place(*role)].write(&mut self.room, time, entry);
+                self.start[self.robot.place(*role)].write(&mut self.room, time, entry);
                 self.started(*role, &entry.parameters_hash, report.as_ref());
             }
             Line::Off(role, entry) => {
                 let time = at(entry.tick);
-                self.off[Topology::PAIR.place(*role)].write(&mut self.room, time, entry);
-                let text = format!("{} board off: {}", Topology::PAIR.name(*role), entry.reason);
-                self.say(entry.tick, Level::Error, Topology::PAIR.name(*role), text);
+                self.off[self.robot.place(*role)].write(&mut self.room, time, entry);
+                let name = self.robot.name(*role);
+                let text = format!("{name} board off: {}", entry.reason);
+                self.say(entry.tick, Level::Error, name, text);
             }
         }
     }
 
     /// The boards are started one after the other; the last one completes what is known of the run.
     fn started(&mut self, role: Role, parameters: &str, report: Option<&Report>) {
-        let board = &mut self.boards[Topology::PAIR.place(role)];
+        let board = &mut self.boards[self.robot.place(role)];
         if let (true, Some(report)) = (board.is_empty(), report) {
             *board = format!("{}, {}", report.target, report.build);
         }
         if self.epochs == 0 && role == Role::LEAD {
-            self.about.push(("parameters_hash", parameters.to_owned()));
+            let hash = ("parameters_hash".to_owned(), parameters.to_owned());
+            self.about.push(hash);
         }
     }
 
     fn frames(&mut self, role: Role, tick: u32, frames: &[CanFrame]) {
         let said = frames.iter().map(|frame| LoggedFrame {
-            name: name_of(frame.id).unwrap_or("unknown"),
+            name: name_of(self.robot, frame.id).unwrap_or("unknown"),
             frame: Can(*frame),
             message: bus::decode(frame).ok(),
         });
@@ -313,15 +323,16 @@ impl Mcap {
         };
         let time = self.nanos(tick);
         self.bus.write(&mut self.room, time, &entry);
+        let robot = self.robot;
         let messages = entry.frames.iter().filter_map(|said| said.message.as_ref());
-        for status in messages.filter_map(|message| Status::of(tick, message)) {
+        for status in messages.filter_map(|message| Status::of(robot, tick, message)) {
             self.status(tick, status);
         }
     }
 
     /// Tells of a node that has changed.
     fn status(&mut self, tick: u32, status: Status) {
-        let place = Topology::PAIR.place_of_node(status.node);
+        let place = self.robot.place_of_node(status.node);
         let Some(last) = self.statuses.get_mut(place) else {
             return;
         };
@@ -336,12 +347,7 @@ impl Mcap {
             (OperatingState::SafeStop, _) | (_, Some(_)) => Level::Warning,
             _ => Level::Info,
         };
-        self.say(
-            tick,
-            level,
-            Topology::PAIR.node_name(status.node),
-            status.to_string(),
-        );
+        self.say(tick, level, status.name, status.to_string());
     }
 
     fn say(&self, tick: u32, level: Level, name: &str, message: String) {
@@ -407,14 +413,9 @@ impl Mcap {
     /// Metadata of the run, at its end.
     fn metadata(&mut self) {
         let mut with_boards = false;
-        for role in Role::PAIR {
-            let board = std::mem::take(&mut self.boards[Topology::PAIR.place(role)]);
-            let key = match role {
-                Role::LEAD => "board_front",
-                Role::Axle(_) => "board_rear",
-                Role::Beam(_) => "board_beam",
-            };
+        for (role, board) in self.robot.boards().zip(std::mem::take(&mut self.boards)) {
             if !board.is_empty() {
+                let key = format!("board_{}", self.robot.name(role));
                 self.about.push((key, board));
                 with_boards = true;
             }

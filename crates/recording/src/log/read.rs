@@ -101,8 +101,11 @@ pub struct Run {
     pub ticks: usize,
 }
 
-/// Events of each board, in the order of [`core_algos::topology::Topology::boards`].
-pub type Events = [Vec<Event>; 3];
+/// Robot of the logs of format 3.
+pub const ROBOT: Topology = Topology::PAIR;
+
+/// Events of each board, in the order of [`Topology::boards`].
+pub type Events = Vec<Vec<Event>>;
 
 /// A log.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -122,8 +125,8 @@ impl Recording {
 
 /// Reads a log in memory; `name` stands in errors.
 pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
-    let mut boards = Events::default();
-    let mut keep = |role, event| boards[Topology::PAIR.place(role)].push(event);
+    let mut boards = vec![Vec::new(); ROBOT.board_count()];
+    let mut keep = |role, event| boards[ROBOT.place(role)].push(event);
     let run = stream(Cursor::new(bytes), name, &mut keep)?;
     Ok(Recording { run, boards })
 }
@@ -140,7 +143,7 @@ pub fn stream(
     let refuse = |what: String| Error::input(format!("{name}: {what}"));
     intact::check(&mut file).map_err(refuse)?;
     file.rewind().map_err(|error| refuse(error.to_string()))?;
-    let mut reader = Reader::new(to);
+    let mut reader = Reader::new(ROBOT, to);
     let mut topics: HashMap<u16, String> = HashMap::new();
     let mut position = 0u64;
     let mut records = LinearReader::new();
@@ -169,8 +172,8 @@ pub fn stream(
                     .map_err(|what| refuse(format!("message {position} on {topic}: {what}")))?;
                 // Ticks before the start of the run have its time.
                 if reader.run.zero_us.is_none() && header.log_time > 0 {
-                    let last = match of_board(topic) {
-                        Some((role, "tick")) => reader.boards[Topology::PAIR.place(role)].last,
+                    let last = match reader.board_of(topic) {
+                        Some((role, "tick")) => reader.boards[reader.robot.place(role)].last,
                         _ => None,
                     };
                     reader.run.zero_us =
@@ -222,15 +225,6 @@ fn parse<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
     serde_json::from_slice(data).map_err(|error| error.to_string())
 }
 
-/// Board and kind of a topic of a board.
-fn of_board(topic: &str) -> Option<(Role, &str)> {
-    let (board, kind) = topic.strip_prefix("/boards/")?.split_once('/')?;
-    let role = Role::PAIR
-        .into_iter()
-        .find(|role| Topology::PAIR.name(*role) == board)?;
-    Some((role, kind))
-}
-
 /// A board while a log is read.
 #[derive(Default)]
 struct Board {
@@ -246,7 +240,8 @@ struct Board {
 /// State while a log is read.
 struct Reader<'a> {
     run: Run,
-    boards: [Board; 3],
+    robot: Topology,
+    boards: Vec<Board>,
     /// Latest events of the front board, which wait for their outputs of the lead node.
     front: VecDeque<Event>,
     /// Outputs of the lead node by tick, ms: of a board at a link they come later than the tick.
@@ -257,15 +252,26 @@ struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    fn new(to: &'a mut dyn FnMut(Role, Event)) -> Self {
+    fn new(robot: Topology, to: &'a mut dyn FnMut(Role, Event)) -> Self {
         Self {
             run: Run::default(),
-            boards: Default::default(),
+            robot,
+            boards: robot.boards().map(|_| Board::default()).collect(),
             front: VecDeque::new(),
             leads: HashMap::new(),
             released: None,
             to,
         }
+    }
+
+    /// Board and kind of a topic of a board.
+    fn board_of<'t>(&self, topic: &'t str) -> Option<(Role, &'t str)> {
+        let (name, kind) = topic.strip_prefix("/boards/")?.split_once('/')?;
+        let role = self
+            .robot
+            .boards()
+            .find(|role| self.robot.name(*role) == name)?;
+        Some((role, kind))
     }
 
     /// Hands over the events of the front board that are older than a time, ms; all without one.
@@ -305,7 +311,7 @@ impl<'a> Reader<'a> {
             "/bus" => {
                 let entry: BusEntry = parse(data)?;
                 let frames = entry.frames.into_iter();
-                let board = &mut self.boards[Topology::PAIR.place(entry.board)];
+                let board = &mut self.boards[self.robot.place(entry.board)];
                 if board.on {
                     let frames = frames.map(|said| (entry.tick, said.frame.0));
                     board.sent.extend(frames);
@@ -319,7 +325,7 @@ impl<'a> Reader<'a> {
                 if self.released.is_some_and(|released| tick <= released) {
                     return Err(format!("it comes more than {LATE} ms after its tick"));
                 }
-                if self.boards[Topology::PAIR.place(Role::LEAD)].on {
+                if self.boards[self.robot.place(Role::LEAD)].on {
                     self.leads.insert(tick, output);
                 }
             }
@@ -332,7 +338,7 @@ impl<'a> Reader<'a> {
                 self.push(Role::LEAD, Event::Command(entry.tick, given))?;
             }
             _ => {
-                if let Some((role, kind)) = of_board(topic) {
+                if let Some((role, kind)) = self.board_of(topic) {
                     self.of_board(role, kind, data)?;
                 }
             }
@@ -342,7 +348,7 @@ impl<'a> Reader<'a> {
 
     fn of_board(&mut self, role: Role, kind: &str, data: &[u8]) -> Result<(), String> {
         let frames = |received: Vec<Can>| received.into_iter().map(|can| can.0).collect();
-        let board = &mut self.boards[Topology::PAIR.place(role)];
+        let board = &mut self.boards[self.robot.place(role)];
         let event = match (kind, role) {
             ("start", _) => {
                 board.sent.clear();
@@ -399,7 +405,7 @@ impl<'a> Reader<'a> {
     }
 
     fn push(&mut self, role: Role, event: Event) -> Result<(), String> {
-        let board = &mut self.boards[Topology::PAIR.place(role)];
+        let board = &mut self.boards[self.robot.place(role)];
         let tick = event.tick();
         // A board that was restarted may count from zero.
         let begins = matches!(event, Event::Start { .. });
@@ -432,10 +438,29 @@ mod tests {
     use crate::entry::Hex;
 
     #[test]
+    fn topics_of_three_axles_are_those_of_their_boards() {
+        let robot = Topology::new(3).unwrap();
+        let mut roles = Vec::new();
+        let mut keep = |role, _| roles.push(role);
+        let mut reader = Reader::new(robot, &mut keep);
+        for board in ["axle-2", "rear", "beam-2", "beam"] {
+            let topic = format!("/boards/{board}/off");
+            reader
+                .take(&topic, b"{\"tick\": 1, \"reason\": \"\"}")
+                .unwrap();
+        }
+        reader.finish();
+        assert_eq!(roles, [Role::axle(1), Role::axle(2), Role::beam(1)]);
+        let topics = crate::topics::topics(robot);
+        let known = |name: &str| topics.iter().any(|topic| topic.name == name);
+        assert!(known("/boards/beam-2/tick") && !known("/boards/beam/tick"));
+    }
+
+    #[test]
     fn output_of_the_lead_node_that_comes_too_late_is_refused() {
         let mut ticks = Vec::new();
         let mut keep = |_, event: Event| ticks.push(event.tick());
-        let mut reader = Reader::new(&mut keep);
+        let mut reader = Reader::new(ROBOT, &mut keep);
         for tick in [0, 10, LATE + 5] {
             let event = Event::Command(tick, HostCommand::Lost);
             reader.push(Role::LEAD, event).unwrap();

@@ -56,7 +56,8 @@ impl std::fmt::Display for Divergence {
 
 /// A board under replay.
 struct ReplayedBoard {
-    role: Role,
+    robot: Topology,
+    name: &'static str,
     target: InProcess,
     on: bool,
     /// The lead node's latest output.
@@ -70,10 +71,11 @@ struct TickResult {
 }
 
 impl ReplayedBoard {
-    fn new(role: Role) -> Self {
+    fn new(robot: Topology, role: Role) -> Self {
         Self {
-            role,
-            target: InProcess::new(role),
+            robot,
+            name: robot.name(role),
+            target: InProcess::new(robot, role),
             on: false,
             lead: None,
         }
@@ -85,10 +87,7 @@ impl ReplayedBoard {
             Fault::Silent(why) => why,
             Fault::Restarted => "restarted".to_owned(),
         };
-        Error::input(format!(
-            "tick {tick}, {} board: {why}",
-            Topology::PAIR.name(self.role)
-        ))
+        Error::input(format!("tick {tick}, {} board: {why}", self.name))
     }
 
     /// Anything but a tick; parameters are put through `change`.
@@ -151,7 +150,7 @@ impl ReplayedBoard {
         let part = |signal: String, recorded: String, replayed: String| {
             Some(Divergence {
                 tick: step.tick,
-                board: Topology::PAIR.name(self.role),
+                board: self.name,
                 signal,
                 recorded,
                 replayed,
@@ -159,7 +158,10 @@ impl ReplayedBoard {
         };
         let count = step.sent.len().max(done.sent.len());
         if let Some(i) = (0..count).find(|&i| step.sent.get(i) != done.sent.get(i)) {
-            let show = |frame: Option<&CanFrame>| frame.map_or("absent".to_owned(), show_frame);
+            let show = |frame: Option<&CanFrame>| match frame {
+                Some(frame) => show_frame(self.robot, frame),
+                None => "absent".to_owned(),
+            };
             return part(
                 "frame on the bus".to_owned(),
                 show(step.sent.get(i)),
@@ -199,8 +201,7 @@ impl ComparedBoard {
         if !again.on {
             return Err(Error::input(format!(
                 "tick {}: the {} board has no start",
-                step.tick,
-                Topology::PAIR.name(again.role)
+                step.tick, again.name
             )));
         }
         let done = again.step(step, &step.received)?;
@@ -209,21 +210,27 @@ impl ComparedBoard {
 }
 
 /// Comparison of this program's nodes with a recording, event by event.
-pub struct Comparison([ComparedBoard; 3]);
-
-impl Default for Comparison {
-    fn default() -> Self {
-        Self(Role::PAIR.map(|role| ComparedBoard {
-            again: ReplayedBoard::new(role),
-            found: None,
-        }))
-    }
+pub struct Comparison {
+    robot: Topology,
+    boards: Vec<ComparedBoard>,
 }
 
 impl Comparison {
+    /// Comparison without events.
+    pub fn new(robot: Topology) -> Self {
+        let board = |role| ComparedBoard {
+            again: ReplayedBoard::new(robot, role),
+            found: None,
+        };
+        Self {
+            robot,
+            boards: robot.boards().map(board).collect(),
+        }
+    }
+
     /// Takes in the next event of a board; nothing after its first difference.
     pub fn take(&mut self, role: Role, event: &Event) {
-        let board = &mut self.0[Topology::PAIR.place(role)];
+        let board = &mut self.boards[self.robot.place(role)];
         if board.found.is_none() {
             let found = board.take(event).transpose();
             board.found = found.map(|found| (event.tick(), found));
@@ -233,7 +240,7 @@ impl Comparison {
     /// The first difference.
     pub fn first(self) -> Result<Option<Divergence>, Error> {
         let mut first: Option<Divergence> = None;
-        for (tick, found) in self.0.into_iter().filter_map(|board| board.found) {
+        for (tick, found) in self.boards.into_iter().filter_map(|board| board.found) {
             if first.as_ref().is_some_and(|first| first.tick < tick) {
                 continue;
             }
@@ -276,11 +283,16 @@ impl RecordedEstimates {
 
 /// The lead node's estimates with other parameters.
 pub fn estimate_again(
+    robot: Topology,
     boards: &Events,
     change: &dyn Fn(&RobotConfig) -> RobotConfig,
 ) -> Result<Estimates, Error> {
-    let mut replayed = Role::PAIR.map(ReplayedBoard::new);
-    let mut rest = boards.each_ref().map(|events| events.iter().peekable());
+    let replayed = robot.boards().map(|role| ReplayedBoard::new(robot, role));
+    let mut replayed: Vec<_> = replayed.collect();
+    let mut rest: Vec<_> = boards
+        .iter()
+        .map(|events| events.iter().peekable())
+        .collect();
     // When each frame was last sent, and what its sender sends at a tick now.
     let mut recorded: HashMap<(u16, u8, [u8; 8]), u32> = HashMap::new();
     let mut now: HashMap<(u16, u32), CanFrame> = HashMap::new();
@@ -502,7 +514,7 @@ pub(super) mod tests {
             ..Destinations::default()
         };
         let session = Session::begin(&args, &about).unwrap().unwrap();
-        let targets = session.tap(targets::in_process(), &scenario);
+        let targets = session.tap(targets::in_process(read::ROBOT), &scenario);
         let mut simulation = Simulation::on(targets, &scenario, 5, 0).unwrap();
         simulation.observe(Box::new(session.clone()));
         prepare(&mut simulation);
@@ -522,15 +534,15 @@ pub(super) mod tests {
 
     /// First difference between this program's nodes and a recording.
     pub(in crate::log) fn compare(boards: &Events) -> Result<Option<Divergence>, Error> {
-        let mut comparison = Comparison::default();
-        for (role, events) in Role::PAIR.into_iter().zip(boards) {
+        let mut comparison = Comparison::new(read::ROBOT);
+        for (role, events) in read::ROBOT.boards().zip(boards) {
             events.iter().for_each(|event| comparison.take(role, event));
         }
         comparison.first()
     }
 
     fn step(recording: &mut read::Recording, role: Role, tick: u32) -> &mut Step {
-        let events = recording.boards[Topology::PAIR.place(role)].iter_mut();
+        let events = recording.boards[read::ROBOT.place(role)].iter_mut();
         let mut steps = events.filter_map(|event| match event {
             Event::Tick(step) => Some(step),
             _ => None,
@@ -590,7 +602,7 @@ pub(super) mod tests {
         });
         let recording = read::read(&bytes, "log").unwrap();
         let starts = |role: Role| {
-            let events = recording.boards[Topology::PAIR.place(role)].iter();
+            let events = recording.boards[read::ROBOT.place(role)].iter();
             events.filter(|event| event.config().is_some()).count()
         };
         assert_eq!(Role::PAIR.map(starts), [1, 2, 2]);
@@ -601,12 +613,12 @@ pub(super) mod tests {
     fn the_same_parameters_estimate_the_same_and_others_do_not() {
         let recording = read::read(&recorded(11_000, |_| ()), "log").unwrap();
         let mut recorded = RecordedEstimates::default();
-        for event in &recording.boards[Topology::PAIR.place(Role::LEAD)] {
+        for event in &recording.boards[read::ROBOT.place(Role::LEAD)] {
             recorded.take(Role::LEAD, event);
         }
         let estimates = recorded.estimates;
         assert_eq!(estimates.len(), 1100);
-        let same = estimate_again(&recording.boards, &|config| *config).unwrap();
+        let same = estimate_again(read::ROBOT, &recording.boards, &|config| *config).unwrap();
         assert!(
             same == estimates,
             "frames were lost alike, and none came otherwise"
@@ -618,7 +630,7 @@ pub(super) mod tests {
             config.geometry.wheel_radius_m *= 1.01;
             config
         };
-        let wrong = estimate_again(&recording.boards, &larger).unwrap();
+        let wrong = estimate_again(read::ROBOT, &recording.boards, &larger).unwrap();
         let way = |estimates: &Estimates| {
             let at = |time| estimates[&time].robot.posture;
             let (start, end) = (at(200), at(7990));

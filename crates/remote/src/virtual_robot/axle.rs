@@ -2,7 +2,7 @@
 
 use super::power::{BATTERY_V, Power};
 use crate::serial_line::SerialLine;
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::AxleId;
 use host_sim::scenario::Scenario;
 use host_sim::world::drawn::Drawn;
 use host_sim::world::random::{Stream, generator, normal};
@@ -77,8 +77,8 @@ pub struct AxleParts {
 
 impl AxleParts {
     /// Those of an axle of a scenario, as they were drawn.
-    pub fn of(scenario: &Scenario, drawn: &Drawn, role: Role, seed: u64) -> Self {
-        let k = Topology::PAIR.place(role);
+    pub fn of(scenario: &Scenario, drawn: &Drawn, axle: AxleId, seed: u64) -> Self {
+        let k = axle.index();
         let (gyro, accelerometer) = (
             &scenario.world.sensors.gyro,
             &scenario.world.sensors.accelerometer,
@@ -88,7 +88,7 @@ impl AxleParts {
         let third = |value: f64| [0.0, 0.0, value];
         let first = |value: f64| [value, 0.0, 0.0];
         Self {
-            rear: role == Role::axle(1),
+            rear: axle == AxleId(1),
             lines: scenario.world.sensors.encoder.counts_per_revolution / 4,
             phase: drawn.encoder_phase[k],
             inertial: gyro.fitted.then(|| InertialConfig {

@@ -38,7 +38,7 @@ use core_algos::time::{EPOCH, Micros};
 use core_algos::topology::{Node, Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::bus::virtual_bus::BusStatistics;
-use host_sim::run::recovery::{Monitor, NODES};
+use host_sim::run::recovery::Monitor;
 use host_sim::run::robot::{FRAME_POINTS, Record, Robot, RunControl};
 use host_sim::scenario::Scenario;
 use host_sim::targets::{BoardTraffic, HostCommand, Room};
@@ -76,6 +76,7 @@ const GRAVITY: f64 = 9.806_65;
 /// The robot.
 #[derive(Clone)]
 pub struct VirtualRobot {
+    topology: Topology,
     network: Network,
     roles: Vec<Role>,
     images: Images,
@@ -85,7 +86,7 @@ pub struct VirtualRobot {
     /// Midpoint at the start.
     start: [f64; 3],
     /// Angles of the motors when the robot was put there again, rad.
-    turned: [[f64; 2]; 2],
+    turned: Vec<[f64; 2]>,
     gauges: Vec<Station>,
     outline: Outline,
     half_thickness: f64,
@@ -144,20 +145,21 @@ fn boards(
     let mut boards = Vec::new();
     for &role in roles {
         let fast_ppb = random.random_range(-CRYSTAL_PPB..=CRYSTAL_PPB);
-        let fast_ppb = options.fast_ppb[Topology::PAIR.place(role)].unwrap_or(fast_ppb);
+        let fast = options.fast_ppb.iter().find(|(board, _)| *board == role);
+        let fast_ppb = fast.map_or(fast_ppb, |(_, ppb)| *ppb);
         let part_seed: u64 = random.random();
         let mut board = match role {
             Role::Beam(_) => {
                 let circuit = BeamBoard::new(&scenario.world.sensors.bridge, bridges, seed, trial);
                 Board::new(Box::new(circuit), fast_ppb)
             }
-            Role::Axle(_) => {
-                let circuit = AxleBoard::new(&AxleParts::of(scenario, drawn, role, part_seed));
+            Role::Axle(axle) => {
+                let circuit = AxleBoard::new(&AxleParts::of(scenario, drawn, axle, part_seed));
                 Board::new(Box::new(circuit), fast_ppb)
             }
         };
         let mut variation = options::chip(part_seed);
-        if role == Role::beam(0) {
+        if role.is_beam() {
             // The converter of the world's bridges.
             variation.converter_nonlinearity = scenario.world.sensors.bridge.nonlinearity_counts;
             variation.converter_seed = drawn.converter.into();
@@ -183,7 +185,7 @@ impl VirtualRobot {
         seed: u64,
         trial: u64,
         options: &Options,
-        logs: &[BoardLog; 3],
+        logs: &[BoardLog],
     ) -> Result<Self, Error> {
         let mut robot = Self::without_power(scenario, images, seed, trial, options, logs)?;
         robot.boot(options)?;
@@ -197,7 +199,7 @@ impl VirtualRobot {
         seed: u64,
         trial: u64,
         options: &Options,
-        logs: &[BoardLog; 3],
+        logs: &[BoardLog],
     ) -> Result<Self, Error> {
         let drawn = scenario.world.draw(seed, trial);
         let plant = scenario.world.plant_of(&drawn, scenario.mission.rps);
@@ -210,10 +212,9 @@ impl VirtualRobot {
         let bridges: Vec<BridgeParts> = (0..gauges.len())
             .map(|k| BridgeParts::of(&drawn, k))
             .collect();
-        let roles: Vec<Role> = Role::PAIR
-            .into_iter()
-            .filter(|role| scenario.mission.rps || *role != Role::beam(0))
-            .collect();
+        let topology = scenario.robot.topology();
+        let fitted = |role: &Role| scenario.mission.rps || !role.is_beam();
+        let roles: Vec<Role> = topology.boards().filter(fitted).collect();
         let parts = (drawn, bridges);
         let boards = boards(scenario, images, (seed, trial), options, &roles, &parts)?;
         let mut wire = Wire::new(boards.len() + options.others, QUANTUM, seed);
@@ -221,10 +222,11 @@ impl VirtualRobot {
         let at = posture(scenario.mission.start);
         let place = scenario.robot.put_down(at, &scenario.mission.told());
         Ok(Self {
+            topology,
             network: Network::new(boards, wire, QUANTUM, options.threads),
             readers: roles
                 .iter()
-                .map(|&role| Reader::new(role, images.of(role), &logs[Topology::PAIR.place(role)]))
+                .map(|&role| Reader::new(images.of(role), &logs[topology.place(role)]))
                 .collect(),
             watches: roles.iter().map(|_| Watch::default()).collect(),
             half_thickness: scenario.world.sensors.bridge.half_thickness_m,
@@ -233,7 +235,7 @@ impl VirtualRobot {
             sensors: Box::new(sensors),
             inertial: scenario.world.sensors.gyro.fitted,
             biases: Default::default(),
-            link: BoardLink::new(Role::LEAD, 0),
+            link: BoardLink::new(topology, Role::LEAD, 0),
             others: Vec::new(),
             recorded: false,
             reported: Vec::new(),
@@ -248,14 +250,14 @@ impl VirtualRobot {
             gauges,
             plant,
             start,
-            turned: Default::default(),
+            turned: topology.axles().map(|_| [0.0; 2]).collect(),
             frames: 0,
             booted: Time(0),
             tick: 0,
             control: RunControl::default(),
-            monitor: Monitor::default(),
+            monitor: Monitor::new(topology),
             failure: None,
-            tools: Tools::default(),
+            tools: Tools::new(topology),
             blocked: None,
         })
     }
@@ -279,6 +281,7 @@ impl VirtualRobot {
                 continue;
             };
             reports.push(report::of(
+                self.topology,
                 role,
                 self.images.of(role),
                 board,
@@ -316,7 +319,9 @@ impl VirtualRobot {
     fn power_up(&mut self, options: &Options) {
         let now = self.network.now();
         for place in 0..self.roles.len() {
-            let after = options.power_on_ms[Topology::PAIR.place(self.roles[place])];
+            let role = self.roles[place];
+            let late = options.late_ms.iter().find(|(board, _)| *board == role);
+            let after = late.map_or(0, |(_, ms)| *ms);
             if now == Time::from_micros(1000 * after)
                 && let Some(board) = self.network.board(place)
             {
@@ -361,9 +366,12 @@ impl VirtualRobot {
 
     /// First node that is not ready, or `None`.
     fn waits_for(&self) -> Option<String> {
-        let fitted = |node: &Node| *node != Node::beam(0) || self.roles.contains(&Role::beam(0));
-        for node in NODES.into_iter().filter(fitted) {
-            let name = Topology::PAIR.node_name(node);
+        let fitted = |node: &Node| {
+            let board = node.board();
+            board.is_some_and(|board| self.roles.contains(&board))
+        };
+        for node in self.topology.nodes().filter(fitted) {
+            let name = self.topology.node_name(node);
             match self.monitor.latest(node) {
                 None => return Some(format!("no heartbeat of {name}")),
                 Some(status) if status.state != OperatingState::Idle || status.reason.is_some() => {
@@ -418,9 +426,9 @@ impl VirtualRobot {
         if self.booted > Time(0) {
             self.biases = self.sensors.inertial_biases();
         }
-        for (role, axle) in [Role::LEAD, Role::axle(1)].into_iter().zip(axles) {
-            let [rate, force] = self.biases[Topology::PAIR.place(role)];
-            let turned = self.turned[Topology::PAIR.place(role)];
+        for (number, axle) in self.topology.axles().zip(&axles) {
+            let [rate, force] = self.biases[number.index()];
+            let turned = self.turned[number.index()];
             let wheel = |k: usize| WheelMotion {
                 angle_rad: turned[k] + axle.motor_angle[k],
                 speed_rad_s: axle.motor_speed[k],
@@ -434,7 +442,7 @@ impl VirtualRobot {
                     force_slope: [0.0; 3],
                 },
             };
-            if let Some(board) = self.axle(role) {
+            if let Some(board) = self.axle(Role::Axle(number)) {
                 board.motion(at, &motion);
             }
         }

@@ -11,12 +11,12 @@ use virtual_board::chip::ChipVariation;
 pub struct Options {
     /// Threads that the boards are spread over.
     pub threads: usize,
-    /// Each board's power comes on so long after the first one's, ms.
-    pub power_on_ms: [u64; 3],
+    /// Boards whose power comes on so long after the others', ms.
+    pub late_ms: Vec<(Role, u64)>,
     /// True if time is counted by instruction, for [`profile`](super::tools::profile).
     pub profile: bool,
-    /// Crystals that are off by so much, parts in 10⁹; by chance, if not given.
-    pub fast_ppb: [Option<i64>; 3],
+    /// Boards whose crystals are off by so much, parts in 10⁹; the others' are by chance.
+    pub fast_ppb: Vec<(Role, i64)>,
     /// Changes a chip beyond what the seed draws.
     pub vary: fn(Role, &mut ChipVariation),
     /// Nodes at the bus beside the boards.
@@ -52,9 +52,9 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             threads: 1,
-            power_on_ms: [0; 3],
+            late_ms: Vec::new(),
             profile: false,
-            fast_ppb: [None; 3],
+            fast_ppb: Vec::new(),
             vary: |_, _| {},
             others: 0,
             host: true,

@@ -17,7 +17,9 @@ impl VirtualRobot {
         self.recorded = record;
         if record {
             let others = self.roles.iter().filter(|role| **role != Role::LEAD);
-            self.others = others.map(|role| BoardLink::new(*role, 0)).collect();
+            self.others = others
+                .map(|role| BoardLink::new(self.topology, *role, 0))
+                .collect();
         }
         // The lead node takes its place after the axles have begun anew.
         for role in self.roles.iter().rev().copied().collect::<Vec<_>>() {

@@ -150,6 +150,7 @@ impl BoardReport {
 
 /// Report of a board with this image.
 pub fn of(
+    robot: Topology,
     role: Role,
     image: &Image,
     board: &mut Board,
@@ -179,14 +180,13 @@ pub fn of(
     let reaction_us = reaction as f64 * 1e6 / watch.hclk_hz.max(1) as f64;
     let core = board.core();
     BoardReport {
-        name: Topology::PAIR.name(role),
+        name: robot.name(role),
         resets,
         findings,
         longest_tick_us: watch.longest_tick_us,
         tick_lateness_us: watch.tick_lateness_us,
         missed_ticks: watch.missed_ticks.saturating_sub(watch.boot_missed),
-        longest_current_loop_us: (role != Role::beam(0) && core.taken(ADC) > 0)
-            .then_some(reaction_us),
+        longest_current_loop_us: (!role.is_beam() && core.taken(ADC) > 0).then_some(reaction_us),
         load: 1.0 - core.asleep() as f64 / core.cycles().max(1) as f64,
         stack_used: used(core.lowest_msp()),
         stack_size: size,

@@ -25,7 +25,7 @@ pub fn sectors(
 ) -> Result<Vec<u8>, Error> {
     let base = Settings::of(role);
     let mut settings = wanted(scenario, role)?;
-    if role == Role::beam(0) {
+    if role.is_beam() {
         calibrate(scenario, &mut settings, bridges, drawn)?;
     }
     let off = Disarmed::when(true).ok_or_else(|| Error::Failure("store: armed".to_owned()))?;

@@ -24,8 +24,7 @@ fn panel(title: &str, spread: f64) -> PathsPanel {
         path: path(0),
         wheels: vec![path(0); 4],
         snapshots: vec![Snapshot {
-            front: [-1.162, -1.342, 0.1],
-            rear: [-1.522, -1.342, -0.1],
+            axles: vec![[-1.162, -1.342, 0.1], [-1.522, -1.342, -0.1]],
             frame: vec![[-1.522, -1.342], [-1.162, -1.342]],
             time_s: 0.0,
         }],

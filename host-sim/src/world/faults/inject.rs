@@ -21,9 +21,10 @@ pub struct Readings {
 
 impl Readings {
     /// In the order of [`core_algos::topology::Topology::boards`].
-    pub fn samples(&self) -> [Samples; 3] {
-        let [front, rear] = self.axles.map(Samples::Axle);
-        [front, rear, Samples::Beam(self.counts.into())]
+    pub fn samples(&self) -> Vec<Samples> {
+        let axles = self.axles.map(Samples::Axle);
+        let beam = Samples::Beam(self.counts.into());
+        axles.into_iter().chain([beam]).collect()
     }
 }
 
@@ -51,8 +52,8 @@ impl Injector {
     }
 
     /// The fault and its first tick.
-    pub fn fault(&self) -> (Fault, u32) {
-        (self.fault, self.at)
+    pub fn fault(&self) -> (&Fault, u32) {
+        (&self.fault, self.at)
     }
 
     /// Changes what the boards read at a tick.

@@ -29,7 +29,7 @@ pub enum Rail {
 }
 
 /// Fault. An axle is 0 (front) or 1 (rear); gauges count from the root, from 0.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
     /// No fault: the campaign's own check.
     None,

@@ -17,6 +17,7 @@ use gauges::Held;
 use host_sim::base::error::Error;
 use host_sim::base::statistics;
 use host_sim::paths::{Path, Waypoint};
+use host_sim::run::bit_compare::Trace;
 use host_sim::run::final_error::wrap;
 use host_sim::run::path_run;
 use host_sim::run::path_run::{PathMode, Route};
@@ -98,7 +99,9 @@ impl Bench {
             encoder_phase: placed.encoder_phase,
             ..self.robot.clone()
         };
-        let targets = self.boards.take().unwrap_or_else(targets::in_process);
+        let topology = scenario.robot.topology();
+        let boards = self.boards.take();
+        let targets = boards.unwrap_or_else(|| targets::in_process(topology));
         let mut simulation = Simulation::with(targets, &scenario, &robot, self.seed, run)?;
         simulation.record_trace();
         simulation.control_mut().interrupt = Some(self.interrupt.clone());
@@ -118,8 +121,9 @@ impl Bench {
         if let Some(why) = outcome.end.failure() {
             return Err(Error::Failure(format!("the robot did not return: {why}")));
         }
-        let trace = simulation.take_trace().unwrap_or_default();
-        trace.frames().for_each(|frame| seen.take(frame));
+        let trace = simulation.take_trace();
+        let frames = trace.iter().flat_map(Trace::frames);
+        frames.for_each(|frame| seen.take(frame));
         let mut random = generator(self.seed, run, Stream::Other(77));
         let mut tape = || normal(&mut random, TAPE_SIGMA_M);
         let axles = simulation.plant().axles();

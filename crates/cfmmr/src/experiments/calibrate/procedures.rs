@@ -4,7 +4,7 @@ use crate::experiments::calibrate::wheels;
 use crate::experiments::calibrate::wheels::{Errors, systematic};
 use crate::experiments::calibrate::{Bench, Run, believed, gauges, square, turns};
 use core_algos::params::{Parameter, Settings, find};
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::paths::Path;
 use host_sim::scenario::Scenario;
@@ -65,6 +65,14 @@ pub(super) fn parameter(name: &str) -> Result<&'static Parameter, Error> {
 }
 
 impl Report {
+    /// The report of a robot before its calibration.
+    fn of(scenario: &Scenario) -> Self {
+        Self {
+            found: Overlays::new(scenario.robot.topology()),
+            ..Self::default()
+        }
+    }
+
     /// Adds a parameter; what is found must be in its range.
     pub(super) fn find(
         &mut self,
@@ -78,7 +86,7 @@ impl Report {
         let value = parameter.validate(after as f32)?;
         self.found.put(role, &Values::from([(parameter, value)]));
         self.parameters.push(Row {
-            board: Topology::PAIR.name(role),
+            board: self.found.topology.name(role),
             name: parameter.name,
             unit: parameter.unit,
             before,
@@ -179,15 +187,18 @@ pub fn calibrate_wheels(
     bench: &mut Bench,
     laps: u32,
 ) -> Result<Report, Error> {
-    let mut report = Report::default();
+    let mut report = Report::of(scenario);
     let line = Path::line(STRAIGHT_M).map_err(|error| Error::Failure(error.to_string()))?;
     let straight = [
         bench.drive(scenario, &line, 1)?,
         bench.drive(scenario, &line, 2)?,
     ];
     let before = Squares::drive(scenario, bench, laps)?;
-    let mut creep = [0.0; 2];
-    for (i, role) in [Role::LEAD, Role::axle(1)].into_iter().enumerate() {
+    let topology = scenario.robot.topology();
+    let names = topology.axles().map(|axle| topology.name(Role::Axle(axle)));
+    let mut creep = Vec::new();
+    for (axle, name) in topology.axles().zip(names.clone()) {
+        let (i, role) = (axle.index(), Role::Axle(axle));
         let length = |[x, y, _]: [f64; 3]| libm::hypot(x, y);
         let scales = straight
             .iter()
@@ -199,13 +210,9 @@ pub fn calibrate_wheels(
             .map(|(_, _, run)| run.axles[i].clone())
             .collect();
         let old = believed(scenario, role)?;
-        let errors: Errors = wheels::fit(&returns, 2.0 * old.half_track_m).ok_or_else(|| {
-            Error::Failure(format!(
-                "{} axle: the fit of the squares failed",
-                Topology::PAIR.name(role)
-            ))
-        })?;
-        creep[i] = errors.creep;
+        let errors: Errors = wheels::fit(&returns, 2.0 * old.half_track_m)
+            .ok_or_else(|| Error::Failure(format!("{name} axle: the fit of the squares failed")))?;
+        creep.push(errors.creep);
         let new = old.corrected(scale, &errors);
         let robot = bench.robot();
         let nominal = &scenario.world.plant;
@@ -227,34 +234,38 @@ pub fn calibrate_wheels(
     }
     let after = Squares::drive(&with(scenario, &report.found)?, bench, laps)?;
     let both = [&before, &after];
-    for (i, name) in ["front axle alone", "rear axle alone"]
-        .into_iter()
-        .enumerate()
-    {
+    for (i, name) in names.clone().enumerate() {
         let measured = both.map(|runs| 1e3 * runs.systematic(|run| run.axles[i].error()));
-        report.effect(format!("E_max,syst, {name}"), "mm", measured);
+        report.effect(format!("E_max,syst, {name} axle alone"), "mm", measured);
         let left =
             both.map(|runs| 1e3 * runs.systematic(|run| run.axles[i].without_creep(creep[i])));
-        report.effect(format!("E_max,syst, {name}, less creep"), "mm", left);
+        report.effect(
+            format!("E_max,syst, {name} axle alone, less creep"),
+            "mm",
+            left,
+        );
     }
     let robot = both.map(|runs| 1e3 * runs.systematic(|run| run.robot));
     report.effect("E_max,syst, robot's estimate", "mm", robot);
+    let creep = creep.iter().zip(names);
+    let creep: Vec<_> = creep
+        .map(|(creep, name)| format!("{creep:+.4} ({name})"))
+        .collect();
     report.notes.push(format!(
-        "creep under the frame's moment: {:+.4} (front) and {:+.4} (rear) rad/s per rad of relative heading; \
+        "creep under the frame's moment: {} rad/s per rad of relative heading; \
          the joint filter estimates it, no parameter corrects it",
-        creep[0], creep[1]
+        creep.join(" and ")
     ));
     Ok(report)
 }
 
 /// Zeros and gains of the strain gauges, by a straight strip and formers.
 pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Error> {
-    let mut report = Report::default();
+    let mut report = Report::of(scenario);
     let bridge = &scenario.world.sensors.bridge;
     let middle = f64::from(bridge.full_scale_counts());
     let held = bench.hold(scenario, &FORMERS)?;
     let count = scenario.robot.beam.strip.gauges_m.count();
-    let mut blank = Overlays::default();
     let (mut zeros, mut gains) = (Vec::new(), Vec::new());
     for i in 0..count {
         let found = gauges::fit(&held, i, bridge.strain_per_count());
@@ -265,9 +276,6 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
         })?;
         zeros.push(zero);
         gains.push(gain);
-        let zero = parameter(&format!("robot.beam.calibration.zero_counts[{i}]"))?;
-        let gain = parameter(&format!("robot.beam.calibration.gain[{i}]"))?;
-        blank.put(Role::beam(0), &[(zero, middle as f32), (gain, 1.0)]);
     }
     let robot = bench.robot().clone();
     let truth = bridge.zero_counts(&robot);
@@ -282,7 +290,7 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
     }
     // A lap, with the zeros of the straight edge but the converter's gains first: without any zeros
     // the robot would not find its way.
-    let mut zeroed = Overlays::default();
+    let mut zeroed = Overlays::new(scenario.robot.topology());
     zeroed.put(Role::beam(0), &report.found.values(Role::beam(0))?);
     for i in 0..count {
         let gain = parameter(&format!("robot.beam.calibration.gain[{i}]"))?;
@@ -330,24 +338,22 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
 
 /// Gains of the gyros, by turns.
 pub fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Error> {
-    let mut report = Report::default();
+    let mut report = Report::of(scenario);
     let turned = bench.turn(scenario)?;
-    for (i, role) in [Role::LEAD, Role::axle(1)].into_iter().enumerate() {
+    let topology = scenario.robot.topology();
+    for axle in topology.axles() {
+        let (i, role) = (axle.index(), Role::Axle(axle));
+        let name = topology.name(role);
         let mut settings = Settings::new(scenario.robot);
         scenario.boards.apply(role, &mut settings)?;
-        let gain = turns::gain(&turned[i], SAMPLE_PERIOD_S).ok_or_else(|| {
-            Error::Failure(format!(
-                "{} gyro: no rotation measured",
-                Topology::PAIR.name(role)
-            ))
-        })?;
+        let gain = turns::gain(&turned[i], SAMPLE_PERIOD_S)
+            .ok_or_else(|| Error::Failure(format!("{name} gyro: no rotation measured")))?;
         let truth = 1.0 / (1.0 + bench.robot().gyro_scale_error[i]);
         let before = settings.inertial.gyro_gain.into();
         report.find(role, "inertial.gyro_gain", before, gain, truth)?;
         let bias = turned[i].iter().map(turns::Turn::bias).sum::<f64>() / turned[i].len() as f64;
         report.notes.push(format!(
-            "{} gyro: bias {:+.3} mrad/s at rest (true {:+.3}); not stored, each board estimates it at rest",
-            Topology::PAIR.name(role),
+            "{name} gyro: bias {:+.3} mrad/s at rest (true {:+.3}); not stored, each board estimates it at rest",
             1e3 * bias,
             1e3 * bench.robot().gyro_bias[i]
         ));
@@ -357,7 +363,8 @@ pub fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report,
     let lap = square(1.0)?;
     let before = bench.drive(&fitted, &lap, 4)?;
     let after = bench.drive(&with(&fitted, &report.found)?, &lap, 4)?;
-    for (i, name) in ["front", "rear"].into_iter().enumerate() {
+    for axle in topology.axles() {
+        let (i, name) = (axle.index(), topology.name(Role::Axle(axle)));
         let errors = [&before, &after].map(|run| 1e3 * run.heading[i].abs());
         report.effect(format!("{name} axle's heading after a lap"), "mrad", errors);
     }
@@ -369,7 +376,7 @@ pub fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report,
 /// The scenario with what was found laid over it.
 fn with(scenario: &Scenario, found: &Overlays) -> Result<Scenario, Error> {
     let mut scenario = scenario.clone();
-    for role in Role::PAIR {
+    for role in found.topology.boards() {
         scenario.boards.put(role, &found.values(role)?);
     }
     scenario.check()?;

@@ -53,7 +53,8 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
     };
     let frame =
         bus::encode(&message).map_err(|error| Error::input(format!("--former: {error}")))?;
-    let Some(port) = links.open(Role::LEAD, &BoardLog::default())? else {
+    let log = BoardLog::new(links.robot.name(Role::LEAD));
+    let Some(port) = links.open(Role::LEAD, &log)? else {
         return Err(Error::input(
             "--on serial: must be serial:front=PORT: the request passes the front board",
         ));
@@ -61,7 +62,8 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
     if confirm {
         wait(&hold)?;
     }
-    let (result, gauge) = request(port, sequence, &frame)?;
+    let link = BoardLink::new(links.robot, Role::LEAD, 0);
+    let (result, gauge) = request(port, link, sequence, &frame)?;
     let named = matches!(
         result,
         CalibrationResult::BadSample | CalibrationResult::Noisy | CalibrationResult::Drifting
@@ -96,10 +98,10 @@ fn wait(hold: &str) -> Result<(), Error> {
 /// Sends the request and waits for the answer of the beam board.
 fn request(
     mut port: Box<dyn Link>,
+    mut link: BoardLink,
     sequence: u8,
     frame: &CanFrame,
 ) -> Result<(CalibrationResult, u8), Error> {
-    let mut link = BoardLink::new(Role::LEAD, 0);
     link.watch();
     link.send(frame);
     let began = Instant::now();

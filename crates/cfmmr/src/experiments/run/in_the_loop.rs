@@ -5,7 +5,7 @@ use super::mission::Outcome;
 use super::place::Place;
 use super::stage::Driven;
 use super::{BoardValues, Boards, Run, happenings};
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::run::bit_compare::{Difference, Trace};
 use host_sim::run::real_time::RealTimeLimiter;
@@ -56,7 +56,7 @@ pub(super) struct Values {
 pub fn run(
     run: &Run,
     targets: Vec<Box<dyn Target>>,
-    logs: &[BoardLog; 3],
+    logs: &[BoardLog],
     compare: bool,
 ) -> Result<(), Error> {
     let output = || run.context.output();
@@ -71,27 +71,28 @@ pub fn connect(
     (place, baud): (&Place, u32),
     boards: &BoardUse,
     scenario: &mut Scenario,
-    logs: &[BoardLog; 3],
+    logs: &[BoardLog],
 ) -> Result<Vec<Box<dyn Target>>, Error> {
     let kept = boards.stored.then(|| PathBuf::from(DEFAULT_FLASH));
     let flash = boards.flash.clone().or(kept);
-    let links = Links::new(place, baud, flash)?;
+    let robot = scenario.robot.topology();
+    let links = Links::new(robot, place, baud, flash)?;
     let mut board = |role: Role| -> Result<Box<dyn Target>, Error> {
-        let link = match scenario.mission.rps || role != Role::beam(0) {
-            true => links.open(role, &logs[Topology::PAIR.place(role)])?,
+        let link = match scenario.mission.rps || !role.is_beam() {
+            true => links.open(role, &logs[robot.place(role)])?,
             false => None,
         };
         let Some(link) = link else {
-            return Ok(Box::new(InProcess::new(role)));
+            return Ok(Box::new(InProcess::new(robot, role)));
         };
-        let mut remote = Remote::new(role, link);
+        let mut remote = Remote::new(robot, role, link);
         if boards.stored {
             remote.greet()?;
             scenario.boards.put(role, &remote.own_parameters()?);
         }
         Ok(Box::new(remote))
     };
-    let targets = Topology::PAIR.boards().map(&mut board);
+    let targets = robot.boards().map(&mut board);
     let targets = targets.collect::<Result<Vec<_>, _>>()?;
     scenario.check()?;
     Ok(targets)
@@ -122,15 +123,18 @@ fn drive(
         Ok(simulation)
     };
     let (mut robot, driven) = run.on(|stage| simulation(stage.tap(targets)))?;
-    let trace = robot.take_trace().unwrap_or_default();
+    let topology = scenario.robot.topology();
+    let untraced = || Trace::new(topology);
+    let trace = robot.take_trace().unwrap_or_else(untraced);
     let difference = match compare {
         true => {
-            let mut reference = simulation(targets::in_process())?;
+            let mut reference = simulation(targets::in_process(topology))?;
             let control = reference.control_mut();
             control.span = plan.span;
             control.interrupt = Some(context.workers.interrupt().clone());
             mission.drive(&mut reference, scenario)?;
-            Some(trace.difference(&reference.take_trace().unwrap_or_default()))
+            let reference = reference.take_trace().unwrap_or_else(untraced);
+            Some(trace.difference(&reference))
         }
         false => None,
     };

@@ -14,20 +14,22 @@ use std::path::{Path, PathBuf};
 /// Folder of the flash files of boards that are not real.
 pub const DEFAULT_FLASH: &str = "out/flash";
 
-/// The file with the flash of a board.
-pub fn flash_of(directory: &Path, role: Role) -> PathBuf {
-    directory.join(format!("{}.flash", Topology::PAIR.name(role)))
+/// The file with the flash of a board of this name.
+pub fn flash_of(directory: &Path, board: &str) -> PathBuf {
+    directory.join(format!("{board}.flash"))
 }
 
-/// The serial port of a board.
-pub fn open_port(role: Role, port: &Path, baud: u32) -> Result<Box<dyn Link>, Error> {
-    let named = |error| Error::input(format!("--on serial:{}={error}", Topology::PAIR.name(role)));
+/// The serial port of a board of this name.
+pub fn open_port(board: &str, port: &Path, baud: u32) -> Result<Box<dyn Link>, Error> {
+    let named = |error| Error::input(format!("--on serial:{board}={error}"));
     let port = Serial::open(port, baud).map_err(named)?;
     Ok(Box::new(port))
 }
 
 /// Opens links.
 pub struct Links<'a> {
+    /// Axles of the robot.
+    pub robot: Topology,
     place: &'a Place,
     baud: u32,
     images: Option<Images>,
@@ -36,12 +38,18 @@ pub struct Links<'a> {
 
 impl<'a> Links<'a> {
     /// Builds the images of virtual boards, if there are to be any; their store is in this directory.
-    pub fn new(place: &'a Place, baud: u32, flash: Option<PathBuf>) -> Result<Self, Error> {
+    pub fn new(
+        robot: Topology,
+        place: &'a Place,
+        baud: u32,
+        flash: Option<PathBuf>,
+    ) -> Result<Self, Error> {
         let images = match place {
             Place::Virtual => Some(Images::open(None, None)?),
             _ => None,
         };
         Ok(Self {
+            robot,
             place,
             baud,
             images,
@@ -52,7 +60,7 @@ impl<'a> Links<'a> {
     /// The board at whose port a board is reached; none without ports.
     pub fn port_of(&self, role: Role) -> Option<Role> {
         let has_port = |role: &Role| self.place.port(*role).is_some();
-        let any = Role::PAIR.into_iter().find(has_port);
+        let any = self.robot.boards().find(has_port);
         Some(role).filter(has_port).or(any)
     }
 
@@ -61,7 +69,7 @@ impl<'a> Links<'a> {
         let relay = self.port_of(role).filter(|port| *port != role);
         match relay {
             Some(relay) => match self.open(relay, log)? {
-                Some(port) => Ok(Some(Box::new(Relay::open(relay, port, role)?))),
+                Some(port) => Ok(Some(Box::new(Relay::open(self.robot, relay, port, role)?))),
                 None => Ok(None),
             },
             None => self.open(role, log),
@@ -70,9 +78,10 @@ impl<'a> Links<'a> {
 
     /// The link to a board; none if it is in this process.
     pub fn open(&self, role: Role, log: &BoardLog) -> Result<Option<Box<dyn Link>>, Error> {
+        let name = self.robot.name(role);
         Ok(match (&self.images, self.place.port(role)) {
             (Some(images), _) => {
-                let flash = self.flash.as_ref().map(|flash| flash_of(flash, role));
+                let flash = self.flash.as_ref().map(|flash| flash_of(flash, name));
                 Some(Box::new(VirtualLink::start(
                     images,
                     role,
@@ -80,7 +89,7 @@ impl<'a> Links<'a> {
                     flash.as_deref(),
                 )?))
             }
-            (None, Some(port)) => Some(open_port(role, port, self.baud)?),
+            (None, Some(port)) => Some(open_port(name, port, self.baud)?),
             (None, None) => None,
         })
     }

@@ -62,7 +62,7 @@ impl Run<'_> {
                 self.publish(driven, Boards::default())
             }
             Place::Virtual => virtual_boards::run(self, site),
-            Place::Serial(ports) => real::run(self, ports, site.baud),
+            Place::Serial(_) => real::run(self, site),
         }
     }
 

@@ -4,6 +4,9 @@ use core_algos::topology::{Role, Topology};
 use remote::virtual_robot::Options;
 use std::path::{Path, PathBuf};
 
+/// Robot of the command line, whose boards the options name.
+pub const ROBOT: Topology = Topology::PAIR;
+
 /// Place of the boards.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Place {
@@ -12,9 +15,9 @@ pub enum Place {
     InProcess,
     /// Their images run on virtual boards.
     Virtual,
-    /// Serial ports of front, rear and beam board. A board without a port runs in this program (in the loop), or is reached
-    /// over the bus (real robot).
-    Serial([Option<PathBuf>; 3]),
+    /// Boards with their serial ports. A board without a port runs in this program (in the loop), or is reached over the bus
+    /// (real robot).
+    Serial(Vec<(Role, PathBuf)>),
 }
 
 impl Place {
@@ -27,16 +30,14 @@ impl Place {
             "virtual" => return Ok(Self::Virtual),
             _ => text.strip_prefix("serial:").ok_or(ALLOWED)?,
         };
-        let mut found = [None, None, None];
+        let mut found: Vec<(Role, PathBuf)> = Vec::new();
         for part in ports.split(',') {
             let (board, port) = part.split_once('=').ok_or(ALLOWED)?;
-            let role = Role::PAIR
-                .into_iter()
-                .find(|&role| Topology::PAIR.name(role) == board);
-            let place = &mut found[Topology::PAIR.place(role.ok_or(ALLOWED)?)];
-            if port.is_empty() || place.replace(PathBuf::from(port)).is_some() {
+            let role = board_named(board).ok_or(ALLOWED)?;
+            if port.is_empty() || found.iter().any(|(other, _)| *other == role) {
                 return Err(format!("{board}: must have one port: {ALLOWED}"));
             }
+            found.push((role, port.into()));
         }
         Ok(Self::Serial(found))
     }
@@ -44,7 +45,10 @@ impl Place {
     /// The serial port of a board.
     pub fn port(&self, role: Role) -> Option<&Path> {
         match self {
-            Self::Serial(ports) => ports[Topology::PAIR.place(role)].as_deref(),
+            Self::Serial(ports) => {
+                let own = ports.iter().find(|(board, _)| *board == role);
+                own.map(|(_, port)| port.as_path())
+            }
             _ => None,
         }
     }
@@ -58,6 +62,11 @@ impl Place {
     pub fn is_outside(&self) -> bool {
         *self != Self::InProcess
     }
+}
+
+/// The board of the robot with this name.
+pub fn board_named(name: &str) -> Option<Role> {
+    ROBOT.boards().find(|&role| ROBOT.name(role) == name)
 }
 
 /// A place, and how the boards are there.

@@ -1,7 +1,6 @@
 //! Bounds of a run, and failures of boards on the way.
 
 use core_algos::time::Micros;
-use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::run::robot::Span;
 use host_sim::scenario::Scenario;
@@ -27,8 +26,9 @@ impl Plan {
         let end = self.span.most.map_or(f64::MAX, seconds).min(limit_s);
         for failure in &self.failures {
             let at = f64::from(failure.at) * 1e-3;
-            let kill = format!("--kill {}@{at}", Topology::PAIR.name(failure.role));
-            if failure.role == Role::beam(0) && !scenario.mission.rps {
+            let board = scenario.robot.topology().name(failure.role);
+            let kill = format!("--kill {board}@{at}");
+            if failure.role.is_beam() && !scenario.mission.rps {
                 return Err(Error::input(format!(
                     "{kill}: must be front or rear: no beam board without the relative position sensor"
                 )));
@@ -46,6 +46,7 @@ impl Plan {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core_algos::topology::Role;
     use host_sim::run::robot::Span;
     use host_sim::targets::FailureMode;
 

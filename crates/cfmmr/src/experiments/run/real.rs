@@ -4,6 +4,7 @@
 use super::links::open_port;
 use super::mission::Outcome;
 use super::picture::draw;
+use super::place::Site;
 use super::stage::Driven;
 use super::{Run, failure, steps};
 use crate::experiments::Context;
@@ -19,7 +20,6 @@ use output::table::Table;
 use recording::csv;
 use remote::serial_robot::{Connect, OtherBoard, SerialRobot};
 use serde::Serialize;
-use std::path::PathBuf;
 
 /// Result of a robot whose true posture is not known.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -52,7 +52,7 @@ struct Values {
 }
 
 /// Carries out a task, and publishes the result.
-pub(super) fn run(run: &Run, ports: &[Option<PathBuf>; 3], baud: u32) -> Result<(), Error> {
+pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
     let Run {
         context,
         mission,
@@ -60,14 +60,15 @@ pub(super) fn run(run: &Run, ports: &[Option<PathBuf>; 3], baud: u32) -> Result<
         ..
     } = run;
     let scenario = &context.scenario;
+    let robot = scenario.robot.topology();
     // Opened before the recording: a port that is not there is bad input.
-    let (connect, others) = open(ports, baud, watch.records())?;
+    let (connect, others) = open(robot, site, watch.records())?;
     let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
     let told = scenario.mission.told();
     let start = scenario.robot.put_down(Posture::new(x, y, phi), &told);
     let start = mission.is_placed().then_some(start);
     let record = watch.records().then_some((scenario, others));
-    match run.on(|_| SerialRobot::open(connect, start, record)) {
+    match run.on(|_| SerialRobot::open(robot, connect, start, record)) {
         Ok((robot, driven)) => publish(run, &robot, &driven),
         Err(Error::NoAnswer(why)) => no_answer(context, why),
         Err(error) => Err(error),
@@ -75,33 +76,32 @@ pub(super) fn run(run: &Run, ports: &[Option<PathBuf>; 3], baud: u32) -> Result<
 }
 
 /// The port of the front board, and those of the boards that are recorded.
-fn open(
-    ports: &[Option<PathBuf>; 3],
-    baud: u32,
-    records: bool,
-) -> Result<(Connect, Vec<OtherBoard>), Error> {
-    let [Some(front), rear, beam] = ports else {
+fn open(robot: Topology, site: &Site, records: bool) -> Result<(Connect, Vec<OtherBoard>), Error> {
+    let (place, baud) = (&site.place, site.baud);
+    let Some(front) = place.port(Role::LEAD) else {
         return Err(Error::input(
             "--on serial: must be serial:front=PORT[,rear=PORT][,beam=PORT]: the front board's port is that of the \
              robot; the other boards are recorded at theirs",
         ));
     };
-    let others = [(Role::axle(1), rear), (Role::beam(0), beam)];
-    if others.iter().any(|(_, port)| port.is_some()) && !records {
+    let others = robot.boards().filter(|role| *role != Role::LEAD);
+    let others = others.filter_map(|role| Some((role, place.port(role)?)));
+    if others.clone().next().is_some() && !records {
         return Err(Error::input(
             "--on serial: rear=PORT, beam=PORT: only with --log, --csv or --live, which record those boards",
         ));
     }
-    let path = front.clone();
-    let mut first = Some(open_port(Role::LEAD, &path, baud)?);
+    let path = front.to_owned();
+    let name = robot.name(Role::LEAD);
+    let mut first = Some(open_port(name, &path, baud)?);
     let connect: Connect = Box::new(move || match first.take() {
         Some(port) => Ok(port),
-        None => open_port(Role::LEAD, &path, baud),
+        None => open_port(name, &path, baud),
     });
-    let others = others
-        .into_iter()
-        .filter_map(|(role, path)| Some((role, path.as_ref()?)));
-    let others = others.map(|(role, path)| Ok(OtherBoard::new(role, open_port(role, path, baud)?)));
+    let others = others.map(|(role, path)| {
+        let port = open_port(robot.name(role), path, baud)?;
+        Ok(OtherBoard::new(robot, role, port))
+    });
     Ok((connect, others.collect::<Result<_, Error>>()?))
 }
 
@@ -208,9 +208,8 @@ fn table(values: &Values) -> String {
         true => format!("{table}\n"),
         false => format!("{}\n{table}\n", steps::table(&values.steps)),
     };
-    let role = Topology::PAIR.name(Role::LEAD);
     if values.lost > 0 {
-        text += &format!("the {role} board had no room for {} frames\n", values.lost);
+        text += &format!("the front board had no room for {} frames\n", values.lost);
     }
     if values.reconnected > 0 {
         text += &format!(

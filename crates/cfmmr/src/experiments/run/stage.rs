@@ -120,7 +120,8 @@ impl<'a> Stage<'a> {
             trial,
             ..
         } = self.about;
-        Simulation::on(self.tap(targets::in_process()), scenario, seed, trial)
+        let boards = targets::in_process(scenario.robot.topology());
+        Simulation::on(self.tap(boards), scenario, seed, trial)
     }
 
     /// Has a robot carry out its task, and ends the recording.

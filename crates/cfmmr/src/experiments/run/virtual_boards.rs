@@ -5,7 +5,6 @@ use super::mission::Outcome;
 use super::place::Site;
 use super::stage::Driven;
 use super::{BoardValues, Boards, Run, happenings};
-use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::run::final_error::FinalError;
 use host_sim::run::real_time::RealTimeLimiter;
@@ -58,7 +57,7 @@ pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
         record: run.watch.records(),
         ..Options::default()
     };
-    let logs = Role::PAIR.map(|_| BoardLog::default());
+    let logs = BoardLog::of_boards(context.scenario.robot.topology());
     let driven = drive(run, &images, &options, &logs);
     let (driven, mut boards) = board_log::kept(driven, &logs, || context.output())?;
     boards.files.extend(board_log::files(&logs));
@@ -70,7 +69,7 @@ fn drive(
     run: &Run,
     images: &Images,
     options: &Options,
-    logs: &[BoardLog; 3],
+    logs: &[BoardLog],
 ) -> Result<(Driven<Outcome>, Boards), Error> {
     let Run { context, plan, .. } = run;
     let scenario = &context.scenario;

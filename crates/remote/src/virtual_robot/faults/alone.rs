@@ -14,6 +14,7 @@ use core_algos::topology::{FrameId, Node, Role};
 use firmware_common::store::Store;
 use firmware_common::store::simulated::{Flash, run};
 use host_sim::base::error::Error;
+use host_sim::run::recovery::Monitor;
 use host_sim::run::robot::Robot;
 use host_sim::world::random::{Stream, generator};
 use rand::RngExt;
@@ -153,7 +154,7 @@ pub fn brown_outs(campaign: &Campaign, seed: u64) -> Found {
         while bench.now() < at + span {
             bench.pass(1);
         }
-        bench.robot.monitor = Default::default();
+        bench.robot.monitor = Monitor::new(bench.robot.topology);
         bench.wait(Role::LEAD);
         let told = bench.robot.monitor().latest(Node::axle(0)).is_some();
         let kept = bench.stored(Role::LEAD) == before;
@@ -237,7 +238,7 @@ fn cut(
     bench.robot.network.run_until(at);
     bench.board(Role::beam(0), |board| board.power(false));
     bench.pass(3);
-    bench.robot.monitor = Default::default();
+    bench.robot.monitor = Monitor::new(bench.robot.topology);
     bench.start_alone(Role::beam(0));
     let bytes = bench.stored(Role::beam(0));
     let (found, report) = settled(&bytes, Role::beam(0));

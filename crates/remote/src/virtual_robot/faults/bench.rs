@@ -5,7 +5,7 @@ use crate::board_log::BoardLog;
 use crate::virtual_robot::axle::AxleBoard;
 use crate::virtual_robot::beam::BeamBoard;
 use crate::virtual_robot::{Options, VirtualRobot};
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -13,9 +13,6 @@ use virtual_board::Time;
 use virtual_board::board::Board;
 use virtual_board::core::{System, Transfer};
 use virtual_board::wire::{BitTiming, Fault, Settings, VirtualNode};
-
-/// Place of the node at the bus that is no board.
-pub const OTHER: usize = Role::PAIR.len();
 
 /// The robot, and whom a fault strikes.
 #[derive(Clone)]
@@ -38,12 +35,12 @@ impl Bench {
     /// The robot, its boards still off.
     pub fn new(campaign: &Campaign, options: Options, seed: u64) -> Result<Self, Error> {
         use host_sim::world::random::{Stream, generator};
-        let logs = Role::PAIR.map(|_| BoardLog::quiet());
         let options = Options {
             others: 1,
             ..options
         };
         let (scenario, images) = (&campaign.scenario, campaign.images()?);
+        let logs = BoardLog::quiet(scenario.robot.topology());
         let mut robot = VirtualRobot::without_power(scenario, images, seed, 0, &options, &logs)?;
         let mut node = VirtualNode::new(Settings::new(BitTiming::megabit()));
         node.babble(None);
@@ -56,10 +53,15 @@ impl Bench {
             wrong: None,
         };
         bench.wire(Fault::Piece {
-            node: OTHER,
+            node: bench.other(),
             piece: 1,
         });
         Ok(bench)
+    }
+
+    /// Place of the node at the bus that is no board.
+    fn other(&self) -> usize {
+        self.robot.roles.len()
     }
 
     /// The present.
@@ -96,7 +98,8 @@ impl Bench {
 
     /// Any board, by seed: it is struck.
     pub fn any(&mut self) -> Role {
-        let role = Role::PAIR[(self.seed % 3) as usize];
+        let boards = &self.robot.roles;
+        let role = boards[self.seed as usize % boards.len()];
         self.struck = Some(role);
         role
     }
@@ -156,7 +159,7 @@ impl Bench {
     pub fn intruder(&mut self, act: impl FnOnce(&mut VirtualNode, Time)) {
         let now = self.now();
         self.wire(Fault::Piece {
-            node: OTHER,
+            node: self.other(),
             piece: 0,
         });
         if let Some(node) = self.robot.network.others().first_mut() {
@@ -168,7 +171,7 @@ impl Bench {
     pub fn transceiver(&mut self, role: Role, sends: bool, hears: bool) {
         self.struck.get_or_insert(role);
         self.wire(Fault::Transceiver {
-            node: Topology::PAIR.place(role),
+            node: self.robot.topology.place(role),
             sends,
             hears,
         });
@@ -178,7 +181,7 @@ impl Bench {
     pub fn piece(&mut self, role: Role, piece: u8) {
         self.struck.get_or_insert(role);
         self.wire(Fault::Piece {
-            node: Topology::PAIR.place(role),
+            node: self.robot.topology.place(role),
             piece,
         });
     }

@@ -4,15 +4,19 @@ use super::Campaign;
 use super::bench::Bench;
 use crate::virtual_robot::Options;
 use core_algos::safety::Condition;
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::world::faults::Fault;
 use virtual_board::chip::ChipVariation;
 
+/// Some of the boards.
+pub type Boards = fn(Role) -> bool;
+/// All boards.
+pub const ALL: Boards = |_| true;
 /// The boards of the axles.
-pub const AXLES: &[Role] = &[Role::axle(0), Role::axle(1)];
-/// The board of the frame.
-pub const BEAM: &[Role] = &[Role::beam(0)];
+pub const AXLES: Boards = |board| !board.is_beam();
+/// The boards of the frames.
+pub const BEAM: Boards = Role::is_beam;
 
 /// Entries of the catalogue: name, seam, run with its acts, then how it may end.
 macro_rules! entries {
@@ -79,7 +83,7 @@ pub struct Entry {
     /// The board that is struck must have restarted and must say so.
     pub restarts: bool,
     /// Boards that may be reset.
-    pub resets: &'static [Role],
+    pub resets: Boards,
     /// The struck board must be.
     pub must_reset: bool,
     /// The robot may start although not all nodes are heard to be ready.
@@ -92,10 +96,10 @@ pub struct Entry {
     pub findings: &'static [&'static str],
     /// Time without current that counts as off, ms.
     pub rest_ms: u64,
-    /// A board's crystal is off by this, parts in 10⁹.
-    pub fast_ppb: [Option<i64>; 3],
-    /// Power-on time of each board, ms.
-    pub power_on_ms: [u64; 3],
+    /// Boards whose crystals are off by this, parts in 10⁹.
+    pub fast_ppb: Vec<(Role, i64)>,
+    /// Boards whose power comes on so long after the others', ms.
+    pub late_ms: Vec<(Role, u64)>,
     /// Changes a chip beyond what the seed draws.
     pub vary: fn(Role, &mut ChipVariation),
 }
@@ -115,15 +119,15 @@ impl Entry {
             off_within_s: STOP_S,
             own_within_s: None,
             restarts: false,
-            resets: &[],
+            resets: |_| false,
             must_reset: false,
             unready: false,
             notice: None,
             check: None,
             findings: &[],
             rest_ms: 250,
-            fast_ppb: [None; 3],
-            power_on_ms: [0; 3],
+            fast_ppb: Vec::new(),
+            late_ms: Vec::new(),
             vary: |_, _| {},
         }
     }
@@ -131,8 +135,8 @@ impl Entry {
     /// Options of its boards.
     pub fn options(&self) -> Options {
         Options {
-            power_on_ms: self.power_on_ms,
-            fast_ppb: self.fast_ppb,
+            late_ms: self.late_ms.clone(),
+            fast_ppb: self.fast_ppb.clone(),
             vary: self.vary,
             ..Options::default()
         }
@@ -195,19 +199,19 @@ impl Entry {
     /// The struck board restarts and says so.
     pub fn restarts(mut self) -> Self {
         self.restarts = true;
-        self.resets(&Role::PAIR)
+        self.resets(ALL)
     }
 
     /// These boards may be reset.
-    pub fn resets(mut self, roles: &'static [Role]) -> Self {
-        self.resets = roles;
+    pub fn resets(mut self, boards: Boards) -> Self {
+        self.resets = boards;
         self
     }
 
     /// The struck board is reset.
     pub fn must_reset(mut self) -> Self {
         self.must_reset = true;
-        self.resets(&Role::PAIR)
+        self.resets(ALL)
     }
 
     /// It may start although not all nodes are heard to be ready.
@@ -236,7 +240,7 @@ impl Entry {
 
     /// A board's crystal is fast.
     pub fn fast(mut self, role: Role, ppb: i64) -> Self {
-        self.fast_ppb[Topology::PAIR.place(role)] = Some(ppb);
+        self.fast_ppb.push((role, ppb));
         self
     }
 
@@ -246,9 +250,9 @@ impl Entry {
         self
     }
 
-    /// Sets the power-on time of each board, ms.
-    pub fn powered(mut self, after_ms: [u64; 3]) -> Self {
-        self.power_on_ms = after_ms;
+    /// A board's power comes on later than that of the others, ms.
+    pub fn late(mut self, role: Role, ms: u64) -> Self {
+        self.late_ms.push((role, ms));
         self
     }
 }

@@ -1,7 +1,7 @@
 //! Faults of supplies and crystals.
 
 use super::bench::Bench;
-use super::entry::{AXLES, BEAM, Entry, STOP_S, at, entries};
+use super::entry::{ALL, AXLES, BEAM, Entry, STOP_S, at, entries};
 use super::program::by_the_program;
 use core_algos::safety::Condition::{self, *};
 use core_algos::topology::Role;
@@ -73,7 +73,7 @@ fn crystals() -> Vec<Entry> {
             at(300, |b| crystal(b, struck, true)),
         ]).stops(FAILED).own_within(0.003).restarts().finds(&["reset", "overrun"]);
         "crystal of an axle's board fails for good", "crystal", drive(|b| crystal(b, struck, false))
-            .stops(FAILED).own_within(0.003).resets(&Role::PAIR).finds(&["reset", "overrun"]);
+            .stops(FAILED).own_within(0.003).resets(ALL).finds(&["reset", "overrun"]);
         "crystal of the beam's board fails", "crystal", drive(|b| { crystal(b, beam, false) })
             .goes_on().resets(BEAM).finds(&["reset", "overrun"]);
     }

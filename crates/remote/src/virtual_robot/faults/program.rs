@@ -3,7 +3,7 @@
 use super::bench::Bench;
 use super::entry::{Entry, at, entries};
 use core_algos::safety::Condition::{self, *};
-use core_algos::topology::{Role, Topology};
+use core_algos::topology::Role;
 use virtual_board::Time;
 use virtual_board::board::Board;
 use virtual_board::device::Drv8874;
@@ -57,7 +57,7 @@ fn without_pulses(bench: &mut Bench) {
 
 /// The struck board was reset by its program alone, so that one fault counts.
 pub fn by_the_program(bench: &mut Bench) -> Option<String> {
-    let struck = Topology::PAIR.name(bench.struck?);
+    let struck = bench.robot.topology.name(bench.struck?);
     let reports = bench.robot.reports();
     let report = reports.iter().find(|report| report.name == struck)?;
     let other = report.resets.iter().find(|(_, cause)| *cause != "software");

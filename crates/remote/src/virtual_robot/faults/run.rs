@@ -8,7 +8,7 @@ use super::outcome::{Case, End, Outcome, stopped_wrongly};
 use super::under_way::{UnderWay, kept};
 use crate::virtual_robot::Options;
 use core_algos::safety::{Condition, OperatingState};
-use core_algos::topology::{Node, Role, Topology};
+use core_algos::topology::{Node, Role};
 use host_sim::base::error::Error;
 use host_sim::run::robot::Robot;
 use virtual_board::Time;
@@ -73,17 +73,17 @@ pub fn run(
             Ok(judge(bench, case, seen, reference, &before))
         }
         Course::Start(steps) => start(campaign, case, steps),
-        Course::Model(fault) => model::run(campaign, case, *fault),
+        Course::Model(fault) => model::run(campaign, case, fault.clone()),
     }
 }
 
 /// Observations of a run.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug)]
 struct Seen {
     /// The fault began.
     from: Time,
     /// Last time at which a motor of each axle carried current.
-    last: [Time; 2],
+    last: Vec<Time>,
     /// True if a motor carried current at the end.
     driven: bool,
 }
@@ -93,7 +93,7 @@ fn watch(bench: &mut Bench, entry: &Entry, steps: &[Step]) -> Seen {
     let from = bench.now();
     let mut seen = Seen {
         from,
-        last: [from; 2],
+        last: bench.robot.topology.axles().map(|_| from).collect(),
         driven: true,
     };
     let longest = steps.iter().map(|step| step.after_ms).max().unwrap_or(0);
@@ -104,8 +104,9 @@ fn watch(bench: &mut Bench, entry: &Entry, steps: &[Step]) -> Seen {
         }
         bench.pass(1);
         let now = bench.now();
-        for (role, last) in [Role::LEAD, Role::axle(1)].into_iter().zip(&mut seen.last) {
-            if let Some(axle) = bench.robot.axle(role)
+        let axles = bench.robot.topology.axles();
+        for (axle, last) in axles.zip(&mut seen.last) {
+            if let Some(axle) = bench.robot.axle(Role::Axle(axle))
                 && axle
                     .driven_currents(now)
                     .iter()
@@ -139,7 +140,7 @@ fn stopped(bench: &Bench) -> Option<Condition> {
             status.state,
             OperatingState::SafeStop | OperatingState::Fault
         );
-        stopped && status.node != Node::beam(0)
+        stopped && !matches!(status.node, Node::Beam(_))
     });
     stops.find_map(|status| status.reason)
 }
@@ -147,9 +148,8 @@ fn stopped(bench: &Bench) -> Option<Condition> {
 /// The node of a board.
 pub fn node(role: Role) -> Node {
     match role {
-        Role::LEAD => Node::axle(0),
-        Role::Axle(_) => Node::axle(1),
-        Role::Beam(_) => Node::beam(0),
+        Role::Axle(axle) => Node::Axle(axle),
+        Role::Beam(frame) => Node::Beam(frame),
     }
 }
 
@@ -164,18 +164,14 @@ fn has_restarted(bench: &mut Bench) -> bool {
 
 /// Unexplained resets, findings and losses of a run.
 fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<String> {
-    for report in bench.robot.reports() {
+    let reports = bench.robot.reports();
+    for (role, report) in bench.robot.roles.iter().copied().zip(reports) {
         let name = report.name;
-        let is_struck = bench
-            .struck
-            .is_some_and(|role| Topology::PAIR.name(role) == name);
+        let is_struck = bench.struck == Some(role);
         if entry.must_reset && is_struck && report.resets.is_empty() {
             return Some(format!("{name} board not reset"));
         }
-        let may_reset = entry
-            .resets
-            .iter()
-            .any(|&role| Topology::PAIR.name(role) == name);
+        let may_reset = (entry.resets)(role);
         if let (Some((time_s, cause)), false) = (report.resets.first(), may_reset) {
             return Some(format!("{name} board reset by {cause} at {time_s:.3} s"));
         }
@@ -205,7 +201,7 @@ fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<Str
             return Some(format!("no notice of {}", condition.entry().name));
         }
     }
-    if entry.fast_ppb.iter().any(Option::is_some)
+    if !entry.fast_ppb.is_empty()
         && let Some(misread) = misread(bench)
     {
         return Some(misread);
@@ -225,6 +221,7 @@ fn last_pulse(bench: &mut Bench) -> Option<Time> {
 
 /// Errors on the bus; that nobody acknowledges while the others start is none.
 fn misread(bench: &mut Bench) -> Option<String> {
+    let mut boards = bench.robot.topology.boards();
     let of_board = |role| {
         let place = bench.robot.place(role)?;
         let statistics = bench.robot.network.wire().statistics(place);
@@ -234,11 +231,11 @@ fn misread(bench: &mut Bench) -> Option<String> {
         let count = statistics.errors_of(kind);
         Some(format!(
             "{} board: {count} errors: {}",
-            Topology::PAIR.name(role),
+            bench.robot.topology.name(role),
             kind.name()
         ))
     };
-    Role::PAIR.into_iter().find_map(of_board)
+    boards.find_map(of_board)
 }
 
 fn judge(
@@ -252,7 +249,7 @@ fn judge(
     let first = bench.robot.monitor().first_fault().copied();
     let reason = first.and_then(|status| status.reason);
     let off = |last: Time| (last - seen.from).seconds();
-    let off_s = (!seen.driven).then(|| off(seen.last[0].max(seen.last[1])));
+    let off_s = (!seen.driven).then(|| off(seen.last.iter().copied().fold(seen.from, Time::max)));
     let last = last_pulse(&mut bench).filter(|_| !seen.driven);
     let own_off_s = last.map(off);
     let wrong = complaint(&mut bench, entry, before).or_else(|| match off_s {
@@ -280,7 +277,8 @@ fn drives_wrongly(bench: &Bench, case: &Case, from: Time, reference: &Reference)
     if !case.entry.goes_on || reason.is_some() {
         return Some(format!("motors on at the end: {reason:?}"));
     }
-    for node in [Node::Lead, Node::axle(0), Node::axle(1)] {
+    let axles = bench.robot.topology.axles().map(Node::Axle);
+    for node in std::iter::once(Node::Lead).chain(axles) {
         let state = bench
             .robot
             .monitor()
@@ -289,7 +287,7 @@ fn drives_wrongly(bench: &Bench, case: &Case, from: Time, reference: &Reference)
         if state != Some(OperatingState::Active) {
             return Some(format!(
                 "{} at the end: {state:?}",
-                Topology::PAIR.node_name(node)
+                bench.robot.topology.node_name(node)
             ));
         }
     }
@@ -307,7 +305,8 @@ fn start(campaign: &Campaign, case: &Case, steps: &[Step]) -> Result<Outcome, Er
     let mut bench = Bench::new(campaign, options.clone(), case.seed)?;
     let before = kept(&mut bench);
     let acts = steps.iter().map(|step| step.after_ms);
-    let last = acts.chain(entry.power_on_ms).max().unwrap_or(0);
+    let late = entry.late_ms.iter().map(|(_, ms)| *ms);
+    let last = acts.chain(late).max().unwrap_or(0);
     let mut ready = 0;
     for elapsed in 0..last + READY_MS {
         bench.robot.power_up(&options);
@@ -328,8 +327,8 @@ fn start(campaign: &Campaign, case: &Case, steps: &[Step]) -> Result<Outcome, Er
     for _ in 0..DRIVE_MS / 2 {
         bench.pass(1);
         let now = bench.now();
-        for role in [Role::LEAD, Role::axle(1)] {
-            let axle = bench.robot.axle(role);
+        for axle in bench.robot.topology.axles() {
+            let axle = bench.robot.axle(Role::Axle(axle));
             driven |= axle.is_some_and(|axle| {
                 axle.driven_currents(now)
                     .iter()

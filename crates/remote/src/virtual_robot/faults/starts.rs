@@ -39,9 +39,9 @@ pub fn entries() -> Vec<Entry> {
 fn orders() -> Vec<Entry> {
     entries! {
         "boards powered together", "power", start(&[]).goes_on();
-        "front board a second later", "power", start(&[]).powered([1000, 0, 0]).goes_on();
-        "rear board a second later", "power", start(&[]).powered([0, 1000, 0]).goes_on();
-        "beam board a second later", "power", start(&[]).powered([0, 0, 1000]).goes_on();
+        "front board a second later", "power", start(&[]).late(Role::LEAD, 1000).goes_on();
+        "rear board a second later", "power", start(&[]).late(Role::axle(1), 1000).goes_on();
+        "beam board a second later", "power", start(&[]).late(Role::beam(0), 1000).goes_on();
         "a board powered twice", "power", start(&[
             at(120, |b| {
                 let role = b.any();
@@ -54,12 +54,12 @@ fn orders() -> Vec<Entry> {
         ]).goes_on();
         "bus open at the start, closed after 0.5 s", "wire", start(&[
             at(0, |b| {
-                for (piece, role) in (2..).zip(Role::PAIR) {
+                for (piece, role) in (2..).zip(b.robot.topology.boards()) {
                     b.piece(role, piece);
                 }
             }),
             at(500, |b| {
-                Role::PAIR.into_iter().for_each(|role| b.piece(role, 0))
+                b.robot.topology.boards().for_each(|role| b.piece(role, 0))
             }),
         ]).goes_on();
     }
@@ -69,7 +69,7 @@ fn buses() -> Vec<Entry> {
     entries! {
         "bus open", "wire", start(&[at(0, |b| b.piece(Role::axle(1), 2))]);
         "no acknowledgement from the start", "wire", start(&[at(0, |b| {
-            for (piece, role) in (2..).zip(Role::PAIR) {
+            for (piece, role) in (2..).zip(b.robot.topology.boards()) {
                 b.piece(role, piece);
             }
         })]);

@@ -46,7 +46,7 @@ impl Group {
             return false;
         }
         let (options, own) = (case.entry.options(), &self.options);
-        own.power_on_ms == options.power_on_ms
+        own.late_ms == options.late_ms
             && own.fast_ppb == options.fast_ppb
             && std::ptr::fn_addr_eq(own.vary, options.vary)
     }

@@ -5,23 +5,36 @@ use core_algos::topology::{Role, Topology};
 use host_sim::targets::{Event, Failure, Losses};
 
 /// Planned and past power cuts of the boards.
-#[derive(Clone, Default)]
+#[derive(Clone)]
 pub(super) struct Cuts {
+    pub topology: Topology,
     failures: Vec<Failure>,
     restart_after: Option<u32>,
     /// Time at which each board's power returns, ms.
-    revivals: [Option<u32>; 3],
-    off: [bool; 3],
+    revivals: Vec<Option<u32>>,
+    off: Vec<bool>,
     pub losses: Losses,
 }
 
 impl Cuts {
+    /// All boards have power.
+    pub fn new(topology: Topology) -> Self {
+        Self {
+            topology,
+            failures: Vec::new(),
+            restart_after: None,
+            revivals: vec![None; topology.board_count()],
+            off: vec![false; topology.board_count()],
+            losses: Losses::new(topology),
+        }
+    }
+
     pub fn events(&self) -> &[Event] {
         self.losses.events()
     }
 
     pub fn is_off(&self, role: Role) -> bool {
-        self.off[Topology::PAIR.place(role)]
+        self.off[self.topology.place(role)]
     }
 }
 
@@ -38,7 +51,7 @@ impl VirtualRobot {
         let mut restarted = Vec::new();
         let cuts = &mut self.tools.cuts;
         for (place, &role) in self.roles.iter().enumerate() {
-            let k = Topology::PAIR.place(role);
+            let k = cuts.topology.place(role);
             let due = |failure: &Failure| failure.role == role && failure.at == tick;
             let Some(board) = self.network.board(place) else {
                 continue;
@@ -85,7 +98,8 @@ impl VirtualRobot {
         }
         let (tick, now) = (self.tick as u32, self.network.now());
         // A motor that brakes in a short circuit is off.
-        let off = [Role::LEAD, Role::axle(1)].into_iter().all(|role| {
+        let mut axles = self.topology.axles().map(Role::Axle);
+        let off = axles.all(|role| {
             let on = !self.tools.cuts.is_off(role);
             !on || self.axle(role).is_none_or(|axle| !axle.is_driven(now))
         });

@@ -22,22 +22,32 @@ use host_sim::targets::{BoardTraffic, Event, Traffic};
 use virtual_board::wire::Record as Sending;
 
 /// Instruments.
-#[derive(Clone, Default)]
+#[derive(Clone)]
 pub(super) struct Tools {
     cuts: Cuts,
     recovery: Recovery,
     /// True if the front board was restarted, and has forgotten the robot's place.
     moved: bool,
     /// Frames that each board has put on the bus, and sendings of it that failed.
-    traffic: [Traffic; 3],
+    traffic: Vec<Traffic>,
 }
 
 impl Tools {
+    /// Instruments of a robot without power.
+    pub fn new(topology: Topology) -> Self {
+        Self {
+            cuts: Cuts::new(topology),
+            recovery: Recovery::default(),
+            moved: false,
+            traffic: vec![Traffic::default(); topology.board_count()],
+        }
+    }
+
     /// A sending has ended; gives whether the frame is whole.
     pub fn heard(&mut self, role: Option<Role>, sending: &Sending) -> bool {
         let whole = sending.error.is_none();
         if let Some(role) = role {
-            let traffic = &mut self.traffic[Topology::PAIR.place(role)];
+            let traffic = &mut self.traffic[self.cuts.topology.place(role)];
             traffic.frames += u64::from(whole);
             traffic.damaged += u64::from(!whole);
         }
@@ -75,10 +85,10 @@ impl VirtualRobot {
     /// The boards, with what they have put on the bus.
     pub(super) fn heard_of_boards(&self) -> Vec<BoardTraffic> {
         let of = |role: Role| BoardTraffic {
-            role,
+            name: self.topology.name(role),
             on: self.roles.contains(&role) && !self.tools.cuts.is_off(role),
-            traffic: Some(self.tools.traffic[Topology::PAIR.place(role)]),
+            traffic: Some(self.tools.traffic[self.topology.place(role)]),
         };
-        Role::PAIR.map(of).to_vec()
+        self.topology.boards().map(of).collect()
     }
 }

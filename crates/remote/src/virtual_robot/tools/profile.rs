@@ -1,7 +1,6 @@
 //! Where the boards' time went: by function and by interrupt, with the longest of each interrupt.
 
 use crate::virtual_robot::{BoardReport, VirtualRobot};
-use core_algos::topology::Topology;
 use serde::Serialize;
 use virtual_board::probe::profile::{InterruptTime, Times};
 
@@ -75,14 +74,15 @@ pub fn of(robot: &mut VirtualRobot, reports: &[BoardReport]) -> Vec<Profile> {
             longest_with_preemption_us: us(times.longest),
             longest_latency_us: us(times.longest_latency),
         };
+        let name = robot.topology.name(role);
         profiles.push(Profile {
-            board: Topology::PAIR.name(role),
+            board: name,
             functions: functions.collect(),
             interrupts: times.interrupts().iter().map(interrupt).collect(),
             stack_used: report.stack_used,
             stack_size: report.stack_size,
-            folded: times.folded(Topology::PAIR.name(role)),
-            table: format!("{} board\n{times}", Topology::PAIR.name(role)),
+            folded: times.folded(name),
+            table: format!("{name} board\n{times}"),
         });
     }
     profiles
