@@ -25,13 +25,15 @@ pub(super) const fn neighbours<T>(axles: &[T; AXLES], pair: usize) -> [&T; 2] {
 /// All that changes with one pair.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Pair {
-    /// Latest posture of the frame's tip from its root, and latest covariance, maybe not of one epoch.
+    /// Latest posture of the frame's tip from its root.
     pub(super) posture: Option<Stamped<Posture>>,
+    /// Latest covariance, maybe of another epoch.
     pub(super) uncertainty: Option<Stamped<Mat3>>,
     /// Measurements of the frame, by their epochs.
     pub(super) measured: Recent<Estimate>,
     /// Epoch of the latest measurement that was used, and the time of its use.
     pub(super) used: Option<Stamped<Micros>>,
+    /// Estimate of both axles; `None` before the start.
     pub(super) fusion: Option<robot::State>,
     /// Squared normalised innovation of the frame's measurements, its running mean.
     pub(super) nis: f32,
