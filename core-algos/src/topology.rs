@@ -203,9 +203,14 @@ impl Topology {
         }
     }
 
+    /// Number of axles.
+    pub const fn axle_count(self) -> usize {
+        self.axles as usize
+    }
+
     /// Number of boards.
     pub const fn board_count(self) -> usize {
-        2 * self.axles as usize - 1
+        2 * self.axle_count() - 1
     }
 
     /// Number of nodes.
@@ -262,7 +267,7 @@ impl Topology {
     pub const fn place(self, board: Role) -> usize {
         match board {
             Role::Axle(axle) => axle.index(),
-            Role::Beam(frame) => self.axles as usize + frame.index(),
+            Role::Beam(frame) => self.axle_count() + frame.index(),
         }
     }
 
@@ -271,7 +276,7 @@ impl Topology {
         match node {
             Node::Lead => 0,
             Node::Axle(axle) => 1 + axle.index(),
-            Node::Beam(frame) => 1 + self.axles as usize + frame.index(),
+            Node::Beam(frame) => 1 + self.axle_count() + frame.index(),
             Node::Service => self.node_count(),
         }
     }

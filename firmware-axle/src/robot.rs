@@ -29,13 +29,14 @@ use embassy_stm32::peripherals::PA0;
 use embassy_stm32::{Peri, Peripherals, uid};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch::Watch;
+use firmware_common::board_id::{REAR, Strap};
 use firmware_common::identity::Identity;
 use firmware_common::led::Led;
 use firmware_common::link::{self, Link, Route};
 use firmware_common::store::chip::Parameters;
 use firmware_common::tick_loop::{Chip, Common, TickLoop};
 use firmware_common::watchdog::Watchdog;
-use firmware_common::{board, board_id, can, executors, fault};
+use firmware_common::{board, can, executors, fault};
 
 use encoders::Encoders;
 use inertial::Inertial;
@@ -80,7 +81,7 @@ fn start(
     static COUNTS: [AtomicU32; watchdog::TASKS.len()] =
         [const { AtomicU32::new(0) }; watchdog::TASKS.len()];
 
-    let role = Role::Axle(board_id::axle(p.PC13));
+    let role = Role::Axle(Strap::read(p.PC13).axle(REAR));
     let parameters = Parameters::load(p.FLASH, role);
     let link = Link::open(p.USART3, p.PB11, p.PB10, role, env!("BUILD"));
     let (tick_end, link_end) = link::ends();

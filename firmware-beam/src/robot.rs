@@ -15,7 +15,7 @@ use core_algos::beam::calibration::StandstillLimits;
 use core_algos::beam::procedure::Procedure;
 use core_algos::config::ConfigError;
 use core_algos::node::tick_sync::TickSync;
-use core_algos::topology::Role;
+use core_algos::topology::{FrameId, Role};
 use embassy_executor::Spawner;
 use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
@@ -34,6 +34,11 @@ use firmware_common::{board, can, executors};
 use bridges::Bridges;
 use tick::{Beam, BeamTick, Report, Saving};
 use watchdog::TaskWatchdog;
+
+/// Frame of the board: a robot of two axles has one.
+const FRAME: FrameId = FrameId(0);
+/// Role of the board.
+const ROLE: Role = Role::Beam(FRAME);
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
@@ -55,8 +60,8 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
         done: Signal::new(),
     };
 
-    let parameters = Parameters::load(p.FLASH, Role::beam(0));
-    let link = Link::open(p.USART3, p.PB11, p.PB10, Role::beam(0), env!("BUILD"));
+    let parameters = Parameters::load(p.FLASH, ROLE);
+    let link = Link::open(p.USART3, p.PB11, p.PB10, ROLE, env!("BUILD"));
     let (tick_end, link_end) = link::ends();
     if let Some(route) = link::requested_session() {
         let start = || can::start(p.CAN1, p.PB8, p.PB9, tick_end.recorder());
@@ -99,13 +104,7 @@ fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), Con
     );
     let identity = Identity::new(&uid::uid(), env!("BUILD"));
     let chip = Chip::new(Led::new(p.PC12), bus.sender, bus.receiver, of_tick);
-    let common = Common::new(
-        Role::beam(0),
-        chip,
-        tick_end,
-        TickSync::following(),
-        identity,
-    );
+    let common = Common::new(ROLE, chip, tick_end, TickSync::following(), identity);
     let tick = BeamTick::new(Beam {
         bridges,
         config: settings.robot,

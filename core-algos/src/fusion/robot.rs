@@ -70,7 +70,6 @@ use super::{Estimate, constants, intersection, ipec, joint};
 use crate::math::matrix::{self, Mat3};
 use crate::math::trig::{sqrt, wrap_angle};
 use crate::math::{Posture, RelativeHeading};
-use crate::topology::AxleId;
 
 /// Constants of odometry as noise of the same size, for the weights of IPEC: over this way, m, and
 /// this time, s.
@@ -137,6 +136,15 @@ impl Increment {
             && matrix::is_finite(&self.covariance)
             && self.gyro_share.is_finite()
     }
+}
+
+/// Axle of a pair of neighbours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PairAxle {
+    /// Front axle.
+    Front,
+    /// Rear axle.
+    Rear,
 }
 
 /// Inputs since the last tick.
@@ -373,17 +381,17 @@ impl RobotFusion {
     pub fn rejoin(
         &self,
         state: &mut State,
-        known: AxleId,
+        known: PairAxle,
         last: &Output,
         beam: &Estimate,
     ) -> Output {
         let whole = self.beam_track(beam).estimate();
         let (base, chain) = match known {
-            AxleId(0) => (
+            PairAxle::Front => (
                 &last.front,
                 Chain::midpoint_from_front(last.front.posture, beam.posture),
             ),
-            _ => (
+            PairAxle::Rear => (
                 &last.rear,
                 Chain::midpoint_from_rear(last.rear.posture, beam.posture),
             ),

@@ -1,6 +1,6 @@
 //! Lead node: estimates in, references out, once an epoch.
 //!
-//! The step reads in the order of the data: reports → fusion of both axles → task → governor →
+//! The step reads in the order of the data: reports → fusion of each pair of neighbouring axles → task → governor →
 //! cascade → references. It works at [`LEAD_PHASE`](crate::time::LEAD_PHASE) after the beginning of an epoch on the
 //! reports of that epoch; its references hold for the same instant, and the axles move them on to
 //! their own time.
@@ -18,14 +18,16 @@
 mod config;
 mod frames;
 mod fuse;
+mod pair;
 mod send;
 mod task;
 mod track;
 mod watch;
 
 pub use config::{Algorithms, Config, Limits};
+use pair::{Fused, Pair};
 pub use task::{Activity, Place, Task};
-use track::{AxleTrack, Recent};
+use track::AxleTrack;
 
 use super::Outbox;
 use super::path_task;
@@ -35,14 +37,17 @@ use crate::control::cascade::{Cascade, Motion};
 use crate::control::controller::{KinematicController, Memory, Own};
 use crate::control::governor::{self, Wish};
 use crate::control::regulator::{self, Phase};
-use crate::fusion::Estimate;
 use crate::fusion::robot;
-use crate::math::matrix::Mat3;
-use crate::math::{Posture, Transform, Twist, Wrench};
+use crate::math::{Posture, Transform, Twist};
 use crate::safety::supervisor;
 use crate::safety::{Condition, OperatingState, Permit, ramp};
-use crate::time::{EPOCH, Micros, Stamped, TICK, epoch_start, seconds, sequence};
+use crate::time::{EPOCH, Micros, TICK, epoch_start, seconds, sequence};
 use crate::topology::{Node, Topology};
+
+/// Axles and frames of the robot: the lists of axles and of pairs are as long.
+const ROBOT: Topology = Topology::PAIR;
+const AXLES: usize = ROBOT.axle_count();
+const PAIRS: usize = AXLES - 1;
 
 /// Age from which a report is late: the bus has had a whole epoch for it.
 const LATE: Micros = 2 * EPOCH;
@@ -100,23 +105,16 @@ pub struct Output {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
     task: Task,
-    tracks: [AxleTrack; 2],
-    beam_posture: Option<Stamped<Posture>>,
-    beam_uncertainty: Option<Stamped<Mat3>>,
-    /// Measurements of the beam, by their epochs.
-    beam: Recent<Estimate>,
-    /// Epoch of the latest one that was used, and the time of its use.
-    beam_used: Option<Stamped<Micros>>,
-    fusion: Option<robot::State>,
-    /// Squared normalised innovation of the beam, its running mean.
-    nis: f32,
+    /// Axles, front first.
+    tracks: [AxleTrack; AXLES],
+    /// Pairs of neighbouring axles, front first.
+    pairs: [Pair; PAIRS],
     /// Posture of O in the frame `odom`.
     odom: Option<Posture>,
     regulator: regulator::State,
     /// Memory of the controller of the user.
     memory: Memory,
     governor: governor::State,
-    wrench: Option<Stamped<Wrench>>,
     /// The task is fulfilled, as of the last step.
     done: bool,
     /// Reason for which the task ended without success; stays until the next task.
@@ -223,12 +221,14 @@ impl LeadNode {
     pub fn initialize(&mut self, place: &Place) {
         self.restart();
         let (center, relative) = (&place.center, &place.relative);
-        self.state.fusion = Some(self.with.fusion.start(center, relative, place.floor_drift));
+        let [pair] = &mut self.state.pairs;
+        pair.fusion = Some(self.with.fusion.start(center, relative, place.floor_drift));
     }
 
     /// The second tier of fusion in its present state.
     pub fn fusion(&self) -> Option<&robot::State> {
-        self.state.fusion.as_ref()
+        let [pair] = &self.state.pairs;
+        pair.fusion.as_ref()
     }
 
     /// Gives the robot something to do; the present motion is taken over.
@@ -263,9 +263,8 @@ impl LeadNode {
 
     /// Activity of the robot.
     pub fn activity(&self, now: Micros) -> Activity {
-        let failed = |node| self.state.peers.failed(node, now);
-        let faulted = self.state.supervisor.operating() == OperatingState::Fault
-            || Topology::PAIR.axles().map(Node::Axle).any(failed);
+        let (_, failed) = self.state.peers.others(Node::Lead, ROBOT, now);
+        let faulted = failed || self.state.supervisor.operating() == OperatingState::Fault;
         let idle = matches!(self.state.task, Task::Idle | Task::Stop | Task::Clear);
         match idle || self.state.is_over() || self.state.released {
             _ if faulted => Activity::Faulted,
@@ -294,9 +293,11 @@ impl LeadNode {
     /// the next step that are known already. Without it the next step does all of the work, with
     /// the same result.
     pub fn prepare(&mut self) {
-        let fusion = self.state.fusion.as_mut();
-        if fusion.is_some_and(|fusion| self.with.fusion.prepare(fusion)) {
-            return;
+        for pair in &mut self.state.pairs {
+            let fusion = pair.fusion.as_mut();
+            if fusion.is_some_and(|fusion| self.with.fusion.prepare(fusion)) {
+                return;
+            }
         }
         // One of these ticks may have gone to the fusion.
         let ticks = (EPOCH / TICK) as u32 - 3;
@@ -309,11 +310,11 @@ impl LeadNode {
     pub fn step(&mut self, now: Micros, outbox: &mut Outbox) -> Output {
         self.state.silent = self.state.silent.saturating_add(EPOCH);
         let fused = self.fuse(now);
-        if let (Some(fused), Some(fusion)) = (&fused, &self.state.fusion) {
+        if let (Some(fused), Some(fusion)) = (&fused, self.fusion()) {
             // A path that stops on the way goes on as it was.
             let waits = self.state.task.is_on_path() && !self.state.is_over();
             let moving = waits || self.state.governor.motion.v.abs() > REST_M_S;
-            let (moved, map) = (fusion.moved(), fused.robot.posture);
+            let (moved, map) = (fusion.moved(), fused.robot().posture);
             self.state.odom = Some(frames::step(self.state.odom, moved, map, moving));
         }
         let supervision = self.supervise(now, fused.as_ref(), outbox);
@@ -321,7 +322,7 @@ impl LeadNode {
         let Some(fused) = fused.filter(|_| driving) else {
             return self.idle(now, fused, supervision, outbox);
         };
-        let center = Transform::from(fused.robot.posture);
+        let center = Transform::from(fused.robot().posture);
         let driven = self.state.odom.unwrap_or(center.posture);
 
         // Before it drives the robot holds still: a frame that swings has to come to rest.
@@ -333,7 +334,7 @@ impl LeadNode {
             _ if self.state.failed.is_some() => self.give_up(),
             _ => {
                 let decision = self.decide(now, &Transform::from(driven));
-                self.at_end(decision, fused.robot.posture)
+                self.at_end(decision, fused.robot().posture)
             }
         };
         match decision.wish {
@@ -352,7 +353,7 @@ impl LeadNode {
         Output {
             supervision,
             mode: decision.mode,
-            fused,
+            fused: fused.output(),
             motion,
             phase: decision.phase,
             target: decision.target,
@@ -476,7 +477,7 @@ impl LeadNode {
     fn supervise(
         &mut self,
         now: Micros,
-        fused: Option<&robot::Output>,
+        fused: Option<&Fused>,
         outbox: &mut Outbox,
     ) -> supervisor::Output {
         let motion = self.state.governor.motion;

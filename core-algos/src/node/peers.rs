@@ -4,7 +4,7 @@ use crate::bus::Message;
 use crate::bus::layout;
 use crate::safety::{OperatingState, supervisor};
 use crate::time::{Micros, Stamped, sequence};
-use crate::topology::{AxleId, MAX_AXLES, Node, Topology};
+use crate::topology::{MAX_AXLES, Node, Topology};
 
 /// Most nodes that drive: lead node and axles. Nobody waits for a heartbeat of a frame.
 const MOST: usize = 1 + MAX_AXLES;
@@ -62,12 +62,12 @@ impl Peers {
         self.heard.get(place(node))?.as_ref()?.fresh(now, TIMEOUT)
     }
 
-    /// Whether any axle but this one is lost, and whether any has failed.
-    pub fn others(&self, own: AxleId, topology: Topology, now: Micros) -> (bool, bool) {
+    /// Whether any axle except the node `own` is lost, and whether any has failed.
+    pub fn others(&self, own: Node, topology: Topology, now: Micros) -> (bool, bool) {
         let (mut lost, mut failed) = (false, false);
         let axles = self.heard.iter().skip(1).zip(topology.axles());
         for (heard, axle) in axles {
-            if axle != own {
+            if Node::Axle(axle) != own {
                 match heard.as_ref().and_then(|heard| heard.fresh(now, TIMEOUT)) {
                     Some(beat) => failed |= beat.failed(),
                     None => lost = true,
@@ -75,11 +75,6 @@ impl Peers {
             }
         }
         (lost, failed)
-    }
-
-    /// True if the node has not been heard for the time of its heartbeat, or never.
-    pub fn lost(&self, node: Node, now: Micros) -> bool {
-        self.heard(node, now).is_none()
     }
 
     /// True if the node says that its motors are off and that it is not to drive.
@@ -112,13 +107,35 @@ mod tests {
     use crate::safety::Condition;
 
     #[test]
-    fn a_silent_node_is_lost_and_a_speaking_one_is_not() {
+    fn a_silent_axle_is_lost_and_a_sending_one_is_not() {
+        let lost = |peers: &Peers, own, now| peers.others(own, Topology::PAIR, now).0;
         let mut peers = Peers::default();
-        assert!(peers.lost(Node::axle(1), 0), "never heard");
+        assert!(lost(&peers, Node::axle(0), 0), "never heard");
         peers.receive(1_000_000, &beat(Node::axle(1), 0, OperatingState::Idle, 0));
-        assert!(!peers.lost(Node::axle(1), 1_050_000));
-        assert!(peers.lost(Node::axle(1), 1_050_001));
-        assert!(peers.lost(Node::axle(0), 1_000_000));
+        assert!(!lost(&peers, Node::axle(0), 1_050_000));
+        assert!(lost(&peers, Node::axle(0), 1_050_001));
+        assert!(lost(&peers, Node::axle(1), 1_000_000));
+        assert!(lost(&peers, Node::Lead, 1_000_000));
+    }
+
+    /// One axle of three is silent or stops. The axle itself does not count; the lead node counts all.
+    #[test]
+    fn one_axle_is_lost_or_failed_for_all_nodes_except_its_own() {
+        let robot = Topology::new(3).unwrap();
+        let reason = Condition::SupplyLow.code();
+        for axle in robot.axles().map(Node::Axle) {
+            let mut silent = Peers::default();
+            for other in robot.axles().map(Node::Axle).filter(|other| *other != axle) {
+                silent.receive(0, &beat(other, 0, OperatingState::Active, 0));
+            }
+            let mut failed = silent;
+            failed.receive(0, &beat(axle, 0, OperatingState::Fault, reason));
+            for own in robot.axles().map(Node::Axle).chain([Node::Lead]) {
+                let counts = own != axle;
+                assert_eq!(silent.others(own, robot, 0), (counts, false), "{own:?}");
+                assert_eq!(failed.others(own, robot, 0), (false, counts), "{own:?}");
+            }
+        }
     }
 
     #[test]

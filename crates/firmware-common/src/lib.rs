@@ -12,7 +12,7 @@
 //! | `task_watchdog` | feeds the independent watchdog only while every task reports |
 //! | `time_driver` | time of `embassy-time` from SysTick |
 //! | `store` | parameters in flash |
-//! | `board_id` | role of an axle board |
+//! | `board_id` | axle of an axle board |
 //! | `identity` | identity of the board on the bus |
 //! | `led` | LED |
 //! | `stack` | how much stack was ever used, and the guard below it |
@@ -32,7 +32,7 @@
 mod accelerator;
 #[cfg(target_os = "none")]
 pub mod board;
-#[cfg(target_os = "none")]
+#[cfg(any(test, target_os = "none"))]
 pub mod board_id;
 #[cfg(any(test, target_os = "none"))]
 pub mod clock;

@@ -15,7 +15,7 @@ use core_algos::node::tick_sync::Step;
 use core_algos::params::Disarmed;
 use core_algos::safety::{Condition, Conditions};
 use core_algos::time::{Micros, TICK};
-use core_algos::topology::{FrameId, Role, Wheels};
+use core_algos::topology::Wheels;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use firmware_common::can::Arrived;
@@ -23,6 +23,7 @@ use firmware_common::fault;
 use firmware_common::tick_loop::{self, BoardTick, Chip, Health, TickLoop};
 
 use super::bridges::{Block, Bridges};
+use super::{FRAME, ROLE};
 use crate::rules::Motors;
 
 /// Nominal supply of the board, V; the excitation is measured against it.
@@ -91,7 +92,7 @@ pub struct BeamTick {
 
 /// The node of a configuration.
 pub fn node(config: &RobotConfig) -> Result<BeamNode, ConfigError> {
-    config.build_beam(FrameId(0))
+    config.build_beam(FRAME)
 }
 
 /// Runs the tick for ever.
@@ -137,7 +138,7 @@ impl BoardTick for BeamTick {
         self.beam.node.receive(&arrived.message);
         self.motors.receive(block.local, &arrived.message);
         if let Message::BeamCalibration {
-            frame: FrameId(0),
+            frame: FRAME,
             sequence,
             calibrate,
         } = arrived.message
@@ -167,9 +168,9 @@ impl BoardTick for BeamTick {
 
     fn report(&mut self, block: &Block, health: Health, common: &mut Common) -> Report {
         let temperature_c = self.beam.bridges.temperature();
-        common.send_identity(Role::beam(0), &health);
+        common.send_identity(ROLE, &health);
         let supply_v = block.excitation * SUPPLY_V;
-        common.send(&health.message(Role::beam(0), supply_v, temperature_c.unwrap_or(-128.0)));
+        common.send(&health.message(ROLE, supply_v, temperature_c.unwrap_or(-128.0)));
         let latest = self.beam.node.latest();
         let gauges = latest.map_or(0, |latest| latest.used.count());
         Report {
@@ -268,7 +269,7 @@ impl BeamTick {
 /// Sends the result of a calibration.
 fn reply(sequence: u8, result: CalibrationResult, gauge: u8, common: &mut Common) {
     common.send(&Message::BeamCalibrated {
-        frame: FrameId(0),
+        frame: FRAME,
         sequence,
         result,
         gauge,

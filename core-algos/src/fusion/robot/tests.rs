@@ -614,7 +614,7 @@ fn robot_restarts_from_one_axle_and_the_beam() {
         let fusion = fusion(mode);
         let mut state = start(&fusion, Posture::new(1.0, -2.0, 2.8));
         let last = fusion.step(&mut state, &inputs(forward(), None));
-        let (kept, id) = [(last.front, AxleId(0)), (last.rear, AxleId(1))][known];
+        let (kept, id) = [(last.front, PairAxle::Front), (last.rear, PairAxle::Rear)][known];
         let output = fusion.rejoin(&mut state, id, &last, &beam);
         let again = [output.front, output.rear][known];
         assert!(

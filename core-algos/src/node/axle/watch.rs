@@ -100,7 +100,9 @@ impl AxleNode {
         let dismissed = state
             .mode
             .is_some_and(|mode| matches!(mode.value, LeadMode::Idle | LeadMode::Clear));
-        let (lost, failed) = state.peers.others(self.axle, self.topology, now);
+        let (lost, failed) = state
+            .peers
+            .others(Node::Axle(self.axle), self.topology, now);
         let failed = failed || state.peers.failed(Node::Lead, now);
         samples
             .conditions

@@ -1,22 +1,21 @@
 //! Messages of the lead node: its status, and the references of the axles.
 
-use super::{LET_GO, LeadNode, Output, Task};
+use super::pair::Fused;
+use super::{AXLES, LET_GO, LeadNode, Output, ROBOT, Task};
 use crate::bus::{LeadMode, Message};
 use crate::control::cascade::AxleReference;
 use crate::control::governor;
-use crate::fusion::robot;
 use crate::math::Twist;
 use crate::node::Outbox;
 use crate::safety::{Permit, supervisor};
 use crate::time::{Micros, epoch_start, seconds, sequence};
-use crate::topology::Topology;
 
 impl LeadNode {
     /// A step without a drive: the motion comes to rest, and the status is sent.
     pub(super) fn idle(
         &mut self,
         now: Micros,
-        fused: Option<robot::Output>,
+        fused: Option<Fused>,
         supervision: supervisor::Output,
         outbox: &mut Outbox,
     ) -> Output {
@@ -37,20 +36,20 @@ impl LeadNode {
         });
         Output {
             mode,
-            fused: fused.unwrap_or_default(),
+            fused: fused.unwrap_or_default().output(),
             motion,
             supervision,
             ..Output::default()
         }
     }
 
-    /// Sends the status and the references of both axles.
+    /// Sends the status and the references of the axles.
     pub(super) fn send_references(
         &self,
         now: Micros,
         mode: LeadMode,
-        references: &[AxleReference; 2],
-        fused: &robot::Output,
+        references: &[AxleReference; AXLES],
+        fused: &Fused,
         outbox: &mut Outbox,
     ) {
         let sequence = sequence(now);
@@ -62,8 +61,7 @@ impl LeadNode {
             velocity_m_s: motion.v,
         });
         let epoch = epoch_start(now, sequence);
-        let axles = [fused.front.posture, fused.rear.posture];
-        let axles = Topology::PAIR.axles().zip(axles);
+        let axles = ROBOT.axles().zip(fused.axles());
         let known = self.state.tracks.iter().zip(references);
         for ((axle, estimate), (track, reference)) in axles.zip(known) {
             let Some(odometry) = track.odometry else {
@@ -95,8 +93,9 @@ impl LeadNode {
 
     /// Without power the frame leaves the commanded steering angle: the next drive begins with the
     /// estimated one.
-    fn settle(&mut self, fused: &robot::Output) {
-        let steering = fused.relative_heading().steering();
+    fn settle(&mut self, fused: &Fused) {
+        let [pair] = &fused.pairs;
+        let steering = pair.relative_heading().steering();
         if !((steering.0 - self.state.governor.motion.psi.0).abs() <= LET_GO) {
             self.state.governor = governor::State::at_rest(steering);
         }

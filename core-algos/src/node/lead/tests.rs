@@ -1,11 +1,12 @@
 use super::*;
 use crate::bus::Message;
-use crate::math::Steering;
+use crate::fusion::Estimate;
 use crate::math::matrix::diagonal;
+use crate::math::{Steering, Wrench};
 use crate::node::robot::RobotConfig;
 use crate::node::testing::{axle_report, beat, supervisor_in};
 use crate::safety::{Class, Condition};
-use crate::time::LEAD_PHASE;
+use crate::time::{LEAD_PHASE, Stamped};
 use crate::topology::{AxleId, FrameId};
 
 mod drives;
@@ -154,7 +155,7 @@ fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
     assert!(after[0].0.abs() < 0.05 * rate, "{after:?}");
     assert!((after[0].1 / prior[0] - 1.0).abs() < 0.02, "{after:?}");
     assert!((after[1].1 / before[1].1 - 1.0).abs() < 0.02, "{after:?}");
-    assert!((0.0..NIS_LIMIT).contains(&node.state.nis));
+    assert!((0.0..NIS_LIMIT).contains(&node.state.pairs[0].nis));
 }
 
 /// Up to 100 km and 1 km of standard deviation, and a floor that takes the robot no farther than it rolls.
@@ -249,7 +250,7 @@ fn an_axle_that_is_late_by_an_epoch_holds_the_estimate_back() {
         let mut report = node.state.tracks[0].report;
         report.uptime = Some(Stamped::new(0, 9 * EPOCH));
         report.posture = Some(Stamped::new(Posture::ORIGIN, 9 * EPOCH));
-        report.pair();
+        report.complete();
         assert_eq!(
             report.past.at(4 * EPOCH),
             None,
@@ -297,7 +298,11 @@ fn posture_and_covariance_of_one_epoch_make_a_measurement() {
             for message in &messages[..if complete { 2 } else { 1 }] {
                 node.receive(now, message);
             }
-            assert_eq!(node.state.beam.at(now).is_some(), complete, "{swapped}");
+            assert_eq!(
+                node.state.pairs[0].measured.at(now).is_some(),
+                complete,
+                "{swapped}"
+            );
         }
     }
 }
@@ -383,7 +388,7 @@ fn goal_with_a_wide_95_percent_error_is_uncertain() {
         let at = Posture::new(0.0, off, 0.0);
         fused.robot = Estimate::with_sigmas(at, [position, 1e-3, heading]);
         (node.state.aim, node.state.done) = (Some(Posture::ORIGIN), true);
-        let conditions = node.watch(EPOCH, Some(&fused));
+        let conditions = node.watch(EPOCH, Some(&Fused { pairs: [fused] }));
         let uncertain = conditions.contains(Condition::ReachedUncertain);
         assert_eq!(uncertain, !certain, "{position} {heading} {off}");
     }
@@ -428,4 +433,43 @@ fn beam_posture_without_gauges_is_passed_over() {
     };
     node.receive(EPOCH, &message);
     assert!(node == before);
+}
+
+/// The robot has axles 0 and 1 and frame 0.
+#[test]
+fn messages_of_axles_and_frames_of_another_robot_change_nothing() {
+    let mut node = node();
+    let before = node.clone();
+    let (axle, frame) = (AxleId(2), FrameId(1));
+    let sequence = sequence(EPOCH);
+    let covariance = diagonal([1e-9; 3]);
+    let posture = Posture::new(0.37, 0.0, 0.1);
+    let reports = axle_report(axle, EPOCH, posture, 1, Some(true));
+    let others = [
+        Message::AxleUncertainty {
+            axle,
+            sequence,
+            covariance,
+        },
+        Message::BeamPosture {
+            frame,
+            sequence,
+            posture,
+            gauges: 5,
+        },
+        Message::BeamUncertainty {
+            frame,
+            sequence,
+            covariance,
+        },
+        Message::BeamWrench {
+            frame,
+            sequence,
+            wrench: Wrench::ZERO,
+        },
+    ];
+    for message in reports.into_iter().chain(others) {
+        node.receive(EPOCH, &message);
+        assert!(node == before, "{message:?}");
+    }
 }

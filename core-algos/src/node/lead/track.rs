@@ -31,7 +31,8 @@ pub(super) struct AxleReport {
 }
 
 impl AxleReport {
-    pub(super) fn pair(&mut self) {
+    /// Posture and time since the start of one epoch make a whole report.
+    pub(super) fn complete(&mut self) {
         if let (Some(posture), Some(uptime)) = (self.posture, self.uptime)
             && posture.time == uptime.time
         {

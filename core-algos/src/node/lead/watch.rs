@@ -3,7 +3,7 @@
 //! # Requirements
 //!
 //! A condition counts after its time in [`crate::safety::condition`] and ends when its cause does. *Powered* is any state
-//! with motors on. Either axle by itself is enough.
+//! with motors on. Each axle and each pair by itself is enough.
 //!
 //! | cause | condition | beyond | while | reason |
 //! |---|---|---|---|---|
@@ -36,9 +36,10 @@
 //! | *active* | task done; or failed, and the commanded speed is zero | `Finish` |
 //! | *fault* | task `Clear` | `Clear` |
 
-use super::{ARMING, BEAM_PATIENCE, LATE, LeadNode, NIS_LIMIT, STILL, Task, track};
+use super::pair::{Fused, Pair};
+use super::track::AxleTrack;
+use super::{ARMING, BEAM_PATIENCE, LATE, LeadNode, NIS_LIMIT, ROBOT, STILL, Task};
 use crate::fusion::Estimate;
-use crate::fusion::ekf::Verdict;
 use crate::fusion::joint::Doubt;
 use crate::fusion::robot;
 use crate::math::matrix::is_finite;
@@ -46,11 +47,17 @@ use crate::math::trig::sqrt;
 use crate::math::{RelativeHeading, Twist};
 use crate::safety::{Condition, Conditions, OperatingState, Permit, StateRequest};
 use crate::time::Micros;
-use crate::topology::{Node, Topology};
-use track::AxleTrack;
+use crate::topology::Node;
 
 /// Relative heading up to which the strip shows no force.
 const STRAIGHT: RelativeHeading = RelativeHeading(0.05);
+
+/// Conditions of a pair whose estimate may be wrong.
+const DOUBTS: Conditions = Conditions::NONE
+    .with(Condition::WheelsInconsistent, true)
+    .with(Condition::GaugesInconsistent, true)
+    .with(Condition::GyrosInconsistent, true)
+    .with(Condition::BeamInconsistent, true);
 
 impl LeadNode {
     /// The host that commands is lost: a robot that drives stops, and its task is not done.
@@ -64,7 +71,7 @@ impl LeadNode {
     }
 
     /// Request of the task to the supervisor.
-    pub(super) fn request(&self, fused: Option<&robot::Output>) -> Option<StateRequest> {
+    pub(super) fn request(&self, fused: Option<&Fused>) -> Option<StateRequest> {
         let state = &self.state;
         let resting = state.released || matches!(state.task, Task::Idle | Task::Clear);
         match state.supervisor.operating() {
@@ -84,13 +91,12 @@ impl LeadNode {
     }
 
     /// True if the axles are at rest and the beam agrees with them.
-    fn still(&self, fused: Option<&robot::Output>) -> bool {
+    fn still(&self, fused: Option<&Fused>) -> bool {
         let at_rest = |track: &AxleTrack| {
             let Twist { v, omega } = track.report.twist;
             v.abs() <= STILL.v && omega.abs() <= STILL.omega
         };
-        self.state.tracks.iter().all(at_rest)
-            && fused.is_some_and(|fused| fused.beam.verdict != Verdict::Gated)
+        self.state.tracks.iter().all(at_rest) && fused.is_some_and(|fused| !fused.is_refused())
     }
 
     /// True if the 95 % ellipse around an estimate lies within the tolerance of the goal or target. Beyond the range of the
@@ -106,21 +112,55 @@ impl LeadNode {
     }
 
     /// Conditions present at this step; `fused` is `None` without the axles' reports.
-    pub(super) fn watch(&self, now: Micros, fused: Option<&robot::Output>) -> Conditions {
+    pub(super) fn watch(&self, now: Micros, fused: Option<&Fused>) -> Conditions {
         let state = &self.state;
-        let axles = Topology::PAIR.axles().map(Node::Axle);
-        let powered = state.supervisor.operating().permit() != Permit::Off;
-        let lost = axles.clone().any(|node| state.peers.lost(node, now));
-        let stopped = axles.clone().any(|node| state.peers.failed(node, now));
-        let mut axles = axles;
+        let operating = state.supervisor.operating();
+        let powered = operating.permit() != Permit::Off;
+        let (lost, stopped) = state.peers.others(Node::Lead, ROBOT, now);
+        let mut axles = ROBOT.axles().map(Node::Axle);
         let unarmed = state.armed > ARMING && axles.any(|node| state.peers.rests(node, now));
-        let fresh = |time: Micros| now.saturating_sub(time) <= self.with.report_timeout;
         let reports = state.tracks.iter().map(|track| track.report.whole);
         let late = powered
             && reports
                 .flatten()
                 .any(|(posture, _)| posture.age(now) > LATE);
-        let beam = state.beam_posture.filter(|posture| fresh(posture.time));
+        let mut pairs = Conditions::NONE;
+        for (i, pair) in state.pairs.iter().enumerate() {
+            let fused = fused.and_then(|fused| fused.pairs.get(i));
+            pairs = pairs.union(self.watch_pair(now, pair, fused));
+        }
+        let robot = fused.map(Fused::robot);
+        let unsound =
+            robot.is_some_and(|robot| !(robot.posture.is_finite() && is_finite(&robot.covariance)));
+        let vague = robot.is_some_and(|robot| self.with.limits.is_vague(robot));
+        // Wheels may slip while a swinging frame is brought to rest, before the drive.
+        let driving = operating == OperatingState::Active;
+        let refused = driving && fused.is_some_and(Fused::is_refused);
+        let doubtful = state.done
+            && (!pairs.both(DOUBTS).is_empty()
+                || robot.is_some_and(|robot| !self.is_certain(robot)));
+        let failed = state.failed;
+        pairs
+            .with(
+                Condition::NeighbourLost,
+                lost || (powered && fused.is_none()),
+            )
+            .with(Condition::NeighbourFault, powered && (stopped || unarmed))
+            .with(Condition::MessageLost, late)
+            .with(Condition::NotANumber, unsound)
+            .with(Condition::EstimateInconsistent, refused)
+            .with(Condition::EstimateVague, vague)
+            .with(Condition::ReachedUncertain, doubtful)
+            .with(Condition::CommanderSilent, state.is_silent())
+            .with(Condition::GaveUp, failed == Some(Condition::GaveUp))
+            .with(Condition::NoProgress, failed == Some(Condition::NoProgress))
+            .with(Condition::PathLost, self.path_task.is_lost())
+    }
+
+    /// Conditions of a pair with this estimate.
+    fn watch_pair(&self, now: Micros, pair: &Pair, fused: Option<&robot::Output>) -> Conditions {
+        let fresh = |time: Micros| now.saturating_sub(time) <= self.with.report_timeout;
+        let beam = pair.posture.filter(|posture| fresh(posture.time));
         // The beam's measurement counts most; without it, the estimates of the axles.
         let heading = beam
             .map(|posture| RelativeHeading(posture.value.phi))
@@ -128,57 +168,30 @@ impl LeadNode {
         // The fit of a straight strip has a second minimum, buckled, which zeros that drift may lead to.
         let curved = heading.is_some_and(|heading| !(heading.0.abs() <= STRAIGHT.0));
         // One that comes too late is as good as none.
-        let missed = match state.fusion {
+        let missed = match pair.fusion {
             None => beam.is_none(),
-            Some(_) => state
-                .beam_used
+            Some(_) => pair
+                .used
                 .is_none_or(|used| now.saturating_sub(used.value) > BEAM_PATIENCE),
         };
         let strained = curved
-            && state.wrench.is_some_and(|wrench| {
+            && pair.wrench.is_some_and(|wrench| {
                 fresh(wrench.time) && self.with.limits.exceeded_by(&wrench.value)
             });
         let bent = heading
             .is_some_and(|heading| !(heading.steering().0.abs() <= self.with.limits.bend_rad));
-        let unsound = fused.is_some_and(|fused| {
-            !(fused.robot.posture.is_finite() && is_finite(&fused.robot.covariance))
-        });
-        let vague = fused.is_some_and(|fused| self.with.limits.is_vague(&fused.robot));
-        // Wheels may slip while a swinging frame is brought to rest, before the drive.
-        let driving = state.supervisor.operating() == OperatingState::Active;
-        let refused = driving && fused.is_some_and(|fused| fused.beam.verdict == Verdict::Gated);
-        let doubt = state
+        let doubt = pair
             .fusion
             .as_ref()
             .and_then(|fusion| self.with.fusion.doubt(fusion));
-        let beam_doubt = !(state.nis <= NIS_LIMIT);
-        let doubtful = state.done
-            && (doubt.is_some()
-                || beam_doubt
-                || fused.is_some_and(|fused| !self.is_certain(&fused.robot)));
-        let failed = state.failed;
         Conditions::NONE
-            .with(
-                Condition::NeighbourLost,
-                lost || (powered && fused.is_none()),
-            )
-            .with(Condition::NeighbourFault, powered && (stopped || unarmed))
             .with(Condition::BeamLost, self.with.fusion.uses_beam() && missed)
-            .with(Condition::MessageLost, late)
             .with(Condition::FrameBent, bent)
             .with(Condition::WrenchHigh, strained)
-            .with(Condition::NotANumber, unsound)
-            .with(Condition::EstimateInconsistent, refused)
-            .with(Condition::EstimateVague, vague)
-            .with(Condition::ReachedUncertain, doubtful)
             .with(Condition::WheelsInconsistent, doubt == Some(Doubt::Wheels))
             .with(Condition::GaugesInconsistent, doubt == Some(Doubt::Gauges))
             .with(Condition::GyrosInconsistent, doubt == Some(Doubt::Gyros))
-            .with(Condition::BeamInconsistent, beam_doubt)
-            .with(Condition::CommanderSilent, state.is_silent())
-            .with(Condition::GaveUp, failed == Some(Condition::GaveUp))
-            .with(Condition::NoProgress, failed == Some(Condition::NoProgress))
-            .with(Condition::PathLost, self.path_task.is_lost())
+            .with(Condition::BeamInconsistent, !(pair.nis <= NIS_LIMIT))
     }
 }
 

@@ -52,9 +52,9 @@ impl World {
         }
         let uptime = self.number.min(255) as u8;
         let own = [0, 1].map(|k| (self.axles[k].relative_to(FRAMES[k]), uptime));
-        let (before, lost, mut outbox) = (node.state.nis, node.state.lost, Outbox::new());
+        let (before, lost, mut outbox) = (node.state.pairs[0].nis, node.state.lost, Outbox::new());
         let output = epoch_to(node, self.number, own, &mut outbox);
-        let (nis, after) = (output.fused.beam.nis, node.state.nis);
+        let (nis, after) = (output.fused.beam.nis, node.state.pairs[0].nis);
         let judged = matches!(output.fused.beam.verdict, Verdict::Used | Verdict::Gated);
         let mean = before + (nis.min(40.0) - before) / 256.0;
         let expected = if judged { mean } else { before };
@@ -472,12 +472,12 @@ fn the_robot_drives_as_ordered_and_stops_on_its_way() {
 impl LeadNode {
     /// A bent beam at `time` that pulls, N.
     fn pull(&mut self, time: Micros, bend: f32, force_x: f32) {
-        self.state.beam_posture = Some(Stamped::new(Posture::new(0.37, 0.0, bend), time));
+        self.state.pairs[0].posture = Some(Stamped::new(Posture::new(0.37, 0.0, bend), time));
         let wrench = Wrench {
             force_x,
             ..Wrench::ZERO
         };
-        self.state.wrench = Some(Stamped::new(wrench, time));
+        self.state.pairs[0].wrench = Some(Stamped::new(wrench, time));
     }
 }
 
@@ -527,7 +527,7 @@ fn every_condition_of_a_robot_that_drives_has_its_cause() {
             17 => Condition::NoProgress,
             _ => Condition::Restarted,
         };
-        let seen = node.watch(now, Some(&fused));
+        let seen = node.watch(now, Some(&Fused { pairs: [fused] }));
         assert_eq!(seen == Conditions::NONE, case < 6, "{case}");
         assert_eq!(seen.contains(expected), case > 5, "{case}");
     }

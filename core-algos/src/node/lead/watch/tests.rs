@@ -1,6 +1,7 @@
 use super::super::Place;
 use super::*;
 use crate::fusion::constants::{GYRO_BIAS, SCALE, ZERO};
+use crate::fusion::ekf::Verdict;
 use crate::fusion::robot::Mode;
 use crate::math::{Posture, Wrench};
 use crate::node::robot::RobotConfig;
@@ -13,7 +14,7 @@ const NOW: Micros = 1_000_000;
 #[derive(Clone)]
 struct Watched {
     node: LeadNode,
-    fused: Option<robot::Output>,
+    fused: Option<Fused>,
 }
 
 impl Watched {
@@ -26,7 +27,11 @@ impl Watched {
     }
 
     fn fused(&mut self) -> &mut robot::Output {
-        self.fused.as_mut().unwrap()
+        &mut self.fused.as_mut().unwrap().pairs[0]
+    }
+
+    fn pair(&mut self) -> &mut Pair {
+        &mut self.node.state.pairs[0]
     }
 
     fn heard(&mut self, node: Node, ago: Micros, state: OperatingState, reason: u8) {
@@ -49,11 +54,11 @@ impl Watched {
     /// Relative heading by the beam, and its age.
     fn bent(&mut self, turn: f32, ago: Micros) {
         let posture = Posture::new(0.37, 0.0, turn);
-        self.node.state.beam_posture = Some(Stamped::new(posture, NOW - ago));
+        self.pair().posture = Some(Stamped::new(posture, NOW - ago));
     }
 
     fn used(&mut self, ago: Micros) {
-        self.node.state.beam_used = Some(Stamped::new(NOW - ago, NOW));
+        self.pair().used = Some(Stamped::new(NOW - ago, NOW));
     }
 
     fn pulled(&mut self, force_x: f32, ago: Micros) {
@@ -61,7 +66,7 @@ impl Watched {
             force_x,
             ..Wrench::ZERO
         };
-        self.node.state.wrench = Some(Stamped::new(wrench, NOW - ago));
+        self.pair().wrench = Some(Stamped::new(wrench, NOW - ago));
     }
 
     fn moves(&mut self, axle: usize, v: f32, omega: f32) {
@@ -69,7 +74,7 @@ impl Watched {
     }
 
     fn learnt(&mut self, constant: usize, value: f32) {
-        let fusion = self.node.state.fusion.as_mut().unwrap();
+        let fusion = self.pair().fusion.as_mut().unwrap();
         fusion.set_constant(constant, value);
     }
 }
@@ -100,7 +105,7 @@ fn with_mode(state: OperatingState, mode: Mode) -> Watched {
     };
     let mut watched = Watched {
         node,
-        fused: Some(fused),
+        fused: Some(Fused { pairs: [fused] }),
     };
     for node in [Node::axle(0), Node::axle(1)] {
         watched.heard(node, 0, OperatingState::Active, 0);
@@ -173,7 +178,7 @@ const WHILE_DRIVING: &[Cause<Watched>] = {
             |w| w.reported(1, 20_000),
         ),
         (&[BeamLost], |w| w.used(100_001), |w| w.used(100_000)),
-        (&[BeamLost], |w| w.node.state.beam_used = None, |_| {}),
+        (&[BeamLost], |w| w.pair().used = None, |_| {}),
         (&[FrameBent], |w| w.bent(1.41, 0), |w| w.bent(1.39, 0)),
         (
             &[FrameBent],
@@ -209,13 +214,13 @@ const WHILE_DRIVING: &[Cause<Watched>] = {
         ),
         (
             &[BeamInconsistent],
-            |w| w.node.state.nis = 3.001,
-            |w| w.node.state.nis = 3.0,
+            |w| w.pair().nis = 3.001,
+            |w| w.pair().nis = 3.0,
         ),
         (
             &[BeamInconsistent],
-            |w| w.node.state.nis = f32::NAN,
-            |w| w.node.state.nis = 0.0,
+            |w| w.pair().nis = f32::NAN,
+            |w| w.pair().nis = 0.0,
         ),
         (
             &[CommanderSilent],
@@ -328,7 +333,7 @@ fn a_beam_is_missed_only_by_a_fusion_that_uses_it() {
         let mut watched = with_mode(OperatingState::Active, mode);
         watched.used(100_001);
         assert_eq!(watched.conditions().contains(lost), uses, "{mode:?}");
-        watched.node.state.fusion = None;
+        watched.pair().fusion = None;
         for (ago, old) in [(50_000, false), (50_001, true)] {
             watched.bent(0.2, ago);
             assert_eq!(
@@ -355,7 +360,7 @@ fn bend_and_wrench_are_judged_by_the_beam_before_the_estimate() {
         watched.fused().front.posture.phi = by_axles;
         match by_beam {
             Some(turn) => watched.bent(turn, 0),
-            None => watched.node.state.beam_posture = None,
+            None => watched.pair().posture = None,
         }
         let found = watched.conditions().contains(Condition::FrameBent);
         assert_eq!(found, bent, "{by_beam:?} {by_axles}");
@@ -375,7 +380,7 @@ fn bend_and_wrench_are_judged_by_the_beam_before_the_estimate() {
     }
     let mut unknown = in_state(OperatingState::Idle);
     unknown.pulled(30.0, 0);
-    (unknown.fused, unknown.node.state.beam_posture) = (None, None);
+    (unknown.fused, unknown.pair().posture) = (None, None);
     assert!(!unknown.conditions().contains(Condition::WrenchHigh));
 }
 
@@ -384,7 +389,7 @@ fn bend_and_wrench_are_judged_by_the_beam_before_the_estimate() {
 fn an_end_in_doubt_is_uncertain() {
     let doubts: [fn(&mut Watched); 3] = [
         |w| w.learnt(ZERO, 1.0),
-        |w| w.node.state.nis = 3.1,
+        |w| w.pair().nis = 3.1,
         |w| w.fused().robot.covariance[0][0] = 0.01,
     ];
     for doubt in doubts {

@@ -1,0 +1,157 @@
+//! A pair of neighbouring axles and the frame between them: measurements of the frame, and the estimate of the pair.
+//!
+//! Frame i joins axles i and i + 1. Lists of pairs and of axles are as long as the robot has pairs and axles. Where
+//! several pairs would need a decision, such as the robot's posture, the one pair is taken by a pattern `[pair]`, which
+//! does not compile for more.
+
+use super::track::{Advance, AxleTrack, Recent};
+use super::{AXLES, NIS_MOST, NIS_SHARE, PAIRS};
+use crate::fusion::Estimate;
+use crate::fusion::ekf::Verdict;
+use crate::fusion::robot::{self, PairAxle, RobotFusion};
+use crate::math::matrix::{Mat3, propagate};
+use crate::math::trig::sin_cos;
+use crate::math::{Posture, Wrench};
+use crate::time::{EPOCH, Micros, Stamped};
+
+/// Age in epochs up to which a measurement of the frame is used.
+const BEAM_EPOCHS: Micros = 3;
+
+/// The two axles of a pair, front first, from a list of all.
+pub(super) const fn neighbours<T>(axles: &[T; AXLES], pair: usize) -> [&T; 2] {
+    [&axles[pair], &axles[pair + 1]]
+}
+
+/// All that changes with one pair.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Pair {
+    /// Latest posture of the frame's tip from its root.
+    pub(super) posture: Option<Stamped<Posture>>,
+    /// Latest covariance, maybe of another epoch.
+    pub(super) uncertainty: Option<Stamped<Mat3>>,
+    /// Measurements of the frame, by their epochs.
+    pub(super) measured: Recent<Estimate>,
+    /// Epoch of the latest measurement that was used, and the time of its use.
+    pub(super) used: Option<Stamped<Micros>>,
+    /// Estimate of both axles; `None` before the start.
+    pub(super) fusion: Option<robot::State>,
+    /// Squared normalised innovation of the frame's measurements, its running mean.
+    pub(super) nis: f32,
+    /// Latest wrench of the frame.
+    pub(super) wrench: Option<Stamped<Wrench>>,
+}
+
+impl Pair {
+    /// Posture and covariance of one epoch make a measurement.
+    pub(super) fn complete(&mut self) {
+        if let (Some(posture), Some(covariance)) = (self.posture, self.uncertainty)
+            && posture.time == covariance.time
+        {
+            let measured = Estimate::new(posture.value, covariance.value);
+            self.measured.put(Stamped::new(measured, posture.time));
+        }
+    }
+
+    /// The latest measurement of the frame up to an epoch that was not used, with its own epoch. The odometry since
+    /// carries it to that epoch.
+    pub(super) fn measurement(
+        &self,
+        epoch: Micros,
+        axles: [&AxleTrack; 2],
+    ) -> Option<Stamped<Estimate>> {
+        let used = self.used.map_or(0, |used| used.time);
+        // As a rule it is of that epoch, and the copies below are spared.
+        if let (Some(measured), true) = (self.measured.at(epoch), epoch > used) {
+            return Some(Stamped::new(measured, epoch));
+        }
+        let mut ages = (1..=BEAM_EPOCHS).map(|age| epoch.saturating_sub(age * EPOCH));
+        let (time, measured) = ages.find_map(|time| Some((time, self.measured.at(time)?)))?;
+        if time <= used {
+            return None;
+        }
+        let [front, rear] = axles.map(|axle| axle.moved(time, epoch));
+        let (front, rear) = (front?, rear?);
+        let posture = measured.posture.compose(front).relative_to(rear);
+        let (sin, cos) = sin_cos(rear.phi);
+        let turn = [[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]];
+        let covariance = propagate(&turn, &measured.covariance);
+        Some(Stamped::new(Estimate::new(posture, covariance), time))
+    }
+
+    /// Brings the estimate on by the motion of the axles and a measurement of the frame. `restarted` is true for an axle
+    /// whose odometry began anew.
+    pub(super) fn step(
+        &mut self,
+        with: &RobotFusion,
+        now: Micros,
+        [front, rear]: [&Advance; 2],
+        restarted: [bool; 2],
+        beam: Option<Stamped<Estimate>>,
+    ) -> robot::Output {
+        let Some(fusion) = &mut self.fusion else {
+            return robot::Output::default();
+        };
+        let known = match restarted {
+            [false, true] => Some(PairAxle::Front),
+            [true, false] => Some(PairAxle::Rear),
+            _ => None,
+        };
+        let lost = restarted != [false; 2];
+        let inputs = robot::Inputs {
+            front: front.increment(rear),
+            rear: rear.increment(front),
+            // The frame may have bent by more than an update of the estimate can follow.
+            beam: beam.map(|beam| beam.value).filter(|_| !lost),
+        };
+        if let Some(beam) = beam {
+            self.used = Some(Stamped::new(now, beam.time));
+        }
+        let output = with.step(fusion, &inputs);
+        let judged = matches!(output.beam.verdict, Verdict::Used | Verdict::Gated);
+        if judged && fusion.joint().is_some() {
+            self.nis += NIS_SHARE * (output.beam.nis.min(NIS_MOST) - self.nis);
+        }
+        match (known, beam) {
+            (Some(axle), Some(beam)) if with.uses_beam() => {
+                with.rejoin(fusion, axle, &output, &beam.value)
+            }
+            _ => output,
+        }
+    }
+}
+
+/// Estimates of an epoch.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Fused {
+    /// By pair, front first.
+    pub(super) pairs: [robot::Output; PAIRS],
+}
+
+impl Fused {
+    /// The robot: midpoint O and its heading.
+    pub(super) fn robot(&self) -> &Estimate {
+        let [pair] = &self.pairs;
+        &pair.robot
+    }
+
+    /// Postures of the axles, front first: each from the pair behind the axle, the last one from the pair ahead.
+    pub(super) fn axles(&self) -> [Posture; AXLES] {
+        let last = &self.pairs[PAIRS - 1];
+        core::array::from_fn(|axle| match self.pairs.get(axle) {
+            Some(pair) => pair.front.posture,
+            None => last.rear.posture,
+        })
+    }
+
+    /// True if a filter refused the measurement of its frame.
+    pub(super) fn is_refused(&self) -> bool {
+        let mut pairs = self.pairs.iter();
+        pairs.any(|pair| pair.beam.verdict == Verdict::Gated)
+    }
+
+    /// The estimates in the output of the lead node.
+    pub(super) fn output(&self) -> robot::Output {
+        let [pair] = self.pairs;
+        pair
+    }
+}
