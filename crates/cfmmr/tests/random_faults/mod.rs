@@ -54,7 +54,7 @@ fn run(seed: u64, figures: &mut Figures) -> Result<(), String> {
         while let Some((_, command)) = commands.next_if(|(at, _)| *at <= tick) {
             simulation.command(command).unwrap();
         }
-        let axles = simulation.plant().axles();
+        let axles = simulation.plant().axles().to_vec();
         simulation.step().map_err(|error| error.to_string())?;
         let mut findings = findings.lock().unwrap();
         for (i, axle) in axles.iter().enumerate() {
