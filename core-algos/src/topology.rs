@@ -12,6 +12,8 @@ use core::ops::{Index, IndexMut};
 pub const MAX_AXLES: usize = 5;
 /// Most frames of a robot.
 pub const MAX_FRAMES: usize = MAX_AXLES - 1;
+/// Most boards of a robot.
+pub const MAX_BOARDS: usize = MAX_AXLES + MAX_FRAMES;
 
 /// Number of an axle, 0 at the front.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -271,14 +273,9 @@ impl Topology {
         }
     }
 
-    /// Place of a node among [`Self::nodes`]; a service tool comes after the last.
-    pub const fn place_of_node(self, node: Node) -> usize {
-        match node {
-            Node::Lead => 0,
-            Node::Axle(axle) => 1 + axle.index(),
-            Node::Beam(frame) => 1 + self.axle_count() + frame.index(),
-            Node::Service => self.node_count(),
-        }
+    /// Place of a node among [`Self::nodes`]; `None` if the robot does not have the node.
+    pub fn place_of_node(self, node: Node) -> Option<usize> {
+        self.nodes().position(|own| own == node)
     }
 
     /// Name of a board: `front`, `axle-2` …, `rear`; `beam`, or `beam-1` … from the front.
@@ -336,7 +333,11 @@ mod tests {
             let places = robot.boards().map(|board| robot.place(board));
             assert!(places.eq(0..robot.board_count()));
             let places = robot.nodes().map(|node| robot.place_of_node(node));
-            assert!(places.eq(0..robot.node_count()));
+            assert!(places.eq((0..robot.node_count()).map(Some)));
+            let stranger = Node::axle(axles as u8);
+            assert_eq!(robot.place_of_node(stranger), None);
+            assert_eq!(robot.place_of_node(Node::beam(axles as u8 - 1)), None);
+            assert_eq!(robot.place_of_node(Node::Service), None);
         }
         assert_eq!([0, 1, 6].map(Topology::new), [None; 3]);
         assert!(Topology::PAIR.boards().eq(Role::PAIR));

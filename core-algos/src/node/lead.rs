@@ -44,7 +44,7 @@ use crate::safety::{Condition, OperatingState, Permit, ramp};
 use crate::time::{EPOCH, Micros, TICK, epoch_start, seconds, sequence};
 use crate::topology::{Node, Topology};
 
-/// Axles and frames of the robot: the lists of axles and of pairs are as long.
+/// Robot of the lead node. [`AXLES`] and [`PAIRS`] are the lengths of the lists.
 const ROBOT: Topology = Topology::PAIR;
 const AXLES: usize = ROBOT.axle_count();
 const PAIRS: usize = AXLES - 1;

@@ -14,6 +14,7 @@ use cfmmr::dashboard::Dashboard;
 use core_algos::link::protocol::StackUse;
 use core_algos::link::{Endpoint, Identity};
 use core_algos::topology::Role;
+use core_algos::topology::Topology;
 use program::{assert_refused, command};
 use rustix::termios::{LocalModes, tcgetattr};
 use std::fs::{File, OpenOptions};
@@ -392,8 +393,14 @@ fn virtual_boards_are_shown_with_what_they_say_on_the_bus() {
 #[test]
 #[ignore = "a part of a_panic_leaves_the_terminal_as_it_was, which runs it on a terminal"]
 fn panics_with_the_dashboard_open() {
-    let _dashboard =
-        Dashboard::open("test", [0.0; 3], Default::default(), Default::default()).unwrap();
+    let _dashboard = Dashboard::open(
+        "test",
+        Topology::PAIR,
+        [0.0; 3],
+        Default::default(),
+        Default::default(),
+    )
+    .unwrap();
     thread::sleep(Duration::from_millis(200));
     panic!("told after the dashboard");
 }

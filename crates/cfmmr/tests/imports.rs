@@ -13,7 +13,7 @@ const ORDERS: &[(&str, &str)] = &[
     ),
     (
         "crates/plant",
-        "config elastica geometry lanes legendre reference sincos state wheel drivetrain frame loads \
+        "per_axle config elastica geometry lanes legendre reference sincos state wheel drivetrain frame loads \
          integrator drive",
     ),
     (

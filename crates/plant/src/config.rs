@@ -1,14 +1,11 @@
 //! Physical constants of the plant.
 
-use super::per_axle::PerAxle;
+use super::per_axle::{MAX_AXLES, PerAxle};
 use declare::{Allowed, Checked, ConfigError, Declared, Field, Kind, declare};
 use serde::{Deserialize, Serialize};
 
 /// Time by which [`Plant::step`](crate::Plant::step) advances, s: the tick of the robot's boards.
 pub const TICK_S: f64 = 1e-3;
-
-/// Most axles of a robot.
-pub const MAX_AXLES: usize = 5;
 
 /// Law of the tyre's force over its slip.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -91,7 +88,7 @@ impl Tyre {
 
 declare! {
     /// Physical constants of the robot, SI units. A list of axles ([`PerAxle`]) holds one entry for
-    /// every axle, or one an axle, front first; wheels are left, right. The frames are equal. The source paper gives no
+    /// all axles, or one per axle, front first; wheels are left, right. The frames are equal. The source paper gives no
     /// values: all are chosen.
     ///
     /// Defaults: aluminium axles with a spring-steel strip of 50 × 1 mm; sensing fitted; tyres of
@@ -183,7 +180,7 @@ declare! {
 }
 
 impl PlantConfig {
-    /// The constants with an entry for each of so many axles, 2 to [`MAX_AXLES`].
+    /// The constants with an entry for each of `axles` axles, 2 to [`MAX_AXLES`].
     pub fn for_axles(&self, axles: usize) -> Result<Self, ConfigError> {
         Allowed::Range(2.0, MAX_AXLES as f32).check("axles", axles as f32)?;
         let mut config = self.clone();

@@ -41,7 +41,9 @@ impl Drivetrain {
         let [[a, b], [c, d]] = [config.backlash_rad[first], config.backlash_rad[last]];
         let phase = &config.cogging_phase_rad;
         let [[e, f], [g, h]] = [phase[first], phase[last]];
-        let half_play = [0.5 * a, 0.5 * b, 0.5 * c, 0.5 * d];
+        // Wheels that fill the four have no play, which would keep them on the slower branch.
+        let half = if last == first { 0.0 } else { 0.5 };
+        let half_play = [0.5 * a, 0.5 * b, half * c, half * d];
         Self {
             half_play,
             play: half_play != [0.0; 4],
@@ -150,7 +152,7 @@ impl Drivetrain {
         }
     }
 
-    /// Tells where the motors are.
+    /// Writes angles and speeds of the motors to the axles.
     #[inline(always)]
     pub fn publish(&self, axle: &mut [AxleState]) {
         for w in 0..2 * axle.len() {

@@ -1,17 +1,17 @@
 //! The plant and its time step.
 //!
-//! **Scheme.** Linearly implicit Euler with one Richardson extrapolation: one full step and two
-//! half steps share the Jacobian of the start, and twice the second result minus the first is of
-//! second order, whatever that Jacobian leaves out. It holds what is stiff: tangent stiffness and
-//! damping of the frames, slope of the tyres, spin of the wheels. Wheel speeds are eliminated, and
-//! since a frame acts through three numbers, so is the coupling of its axles: each step solves
-//! one 3 × 3 system for each axle, and one of 3 × 3 blocks, tridiagonal, for the frames.
+//! **Scheme.** Linearly implicit (Rosenbrock–W) in two stages, with γ = 1 − 1/√2. Both stages share
+//! the Jacobian of the start, and the result is of second order, whatever that Jacobian leaves out.
+//! It holds what is stiff: tangent stiffness and damping of the frames, slope of the tyres, spin of
+//! the wheels. Wheel speeds are eliminated. A frame acts on its axles through three numbers, so their
+//! coupling is eliminated too: each stage solves a 3 × 3 system for each axle, and a system of 3 × 3
+//! blocks, tridiagonal, for the frames.
 //!
 //! Velocities are held in the axles' frames; within a step, in their frames at its start.
 //!
 //! No allocation and no failure in [`Plant::step`].
 
-use super::config::{MAX_AXLES, PlantConfig, TICK_S};
+use super::config::{PlantConfig, TICK_S};
 use super::drivetrain::Drivetrain;
 use super::frame::Column;
 use super::geometry::{
@@ -21,6 +21,7 @@ use super::geometry::{
 use super::lanes::Wide;
 use super::lanes::{Lanes, Narrow};
 use super::loads::{Body, Loads, gravity};
+use super::per_axle::MAX_AXLES;
 use super::sincos::directions;
 use super::state::{AxleState, Health};
 use super::wheel::{Conditions, Wheels};
@@ -67,7 +68,7 @@ pub struct Plant {
     health: Health,
 }
 
-/// Wheels of two neighbouring axles, four in one vector; of the last axle of an odd number alone.
+/// Wheels of two neighbouring axles, four in a vector. The last group of an odd count holds one axle.
 #[derive(Clone, Debug)]
 struct Group {
     wheels: Wheels,
@@ -76,7 +77,7 @@ struct Group {
     drivetrain: Drivetrain,
 }
 
-/// Vectors of an axle and of the one behind it; none behind the last axle.
+/// Vectors of an axle and of the axle behind it; zero behind the last axle.
 #[inline(always)]
 fn pair<const N: usize, const D: usize>(of: &[[f64; D]; N], first: usize) -> [[f64; D]; 2] {
     let last = if first + 1 < N {
@@ -87,7 +88,7 @@ fn pair<const N: usize, const D: usize>(of: &[[f64; D]; N], first: usize) -> [[f
     [of[first], last]
 }
 
-/// Numbers of the four wheels of a group, of those of all axles; 1 for wheels that it lacks, which may divide.
+/// Values of the four wheels of a group. A missing wheel gets 1, so that a division by its value is safe.
 fn of_wheels(all: &[[f64; 2]], first: usize) -> [f64; 4] {
     let [a, b] = all[first];
     let [c, d] = all.get(first + 1).copied().unwrap_or([1.0; 2]);
@@ -107,13 +108,13 @@ fn of_group_mut(axles: &mut [AxleState], group: usize) -> &mut [AxleState] {
     &mut axles[2 * group..end]
 }
 
-/// A list whose length is known.
+/// The first `N` entries.
 #[inline(always)]
 fn sized<T, const N: usize>(list: &[T]) -> &[T; N] {
     list.first_chunk().expect("as many as the robot has axles")
 }
 
-/// A list whose length is known, to be changed.
+/// The first `N` entries, to be changed.
 #[inline(always)]
 fn sized_mut<T, const N: usize>(list: &mut [T]) -> &mut [T; N] {
     list.first_chunk_mut()
@@ -182,11 +183,9 @@ impl Plant {
         self.loads.settle();
         for group in &mut self.groups {
             group.conditions = Conditions::default();
-        }
-        self.bear();
-        for group in &mut self.groups {
             group.drivetrain.place(&mut group.wheels);
         }
+        self.bear();
         self.health = Health::default();
         locate::<Narrow>(&self.axles, &mut self.frames);
         for (f, frame) in self.frames.iter_mut().enumerate() {
@@ -492,6 +491,7 @@ impl Plant {
         }
 
         let before = *axles;
+        let mut settled = [false; F];
         for k in 0..G {
             let wheels = &groups[k].wheels;
             let hub = wheels.hub(&pair(&gain2, 2 * k));
@@ -520,21 +520,31 @@ impl Plant {
             axle.posture[2] += moved[2];
             axle.velocity = unturned(&velocity, small_turn(moved[2]));
         }
-        let mut shapes = [frames[0].before(geometry[0]); F];
+        let mut shapes = [frames[0].equilibrium.shape(); F];
         for f in 1..F {
-            shapes[f] = frames[f].before(geometry[f]);
+            shapes[f] = frames[f].equilibrium.shape();
         }
         locate::<V>(axles, frames);
-        for f in 0..F {
-            let frame = &mut frames[f];
-            let end = frame.end(&frame.geometry, frame.turn(&axles[f], &axles[f + 1]));
-            if !frame.settle::<V>(end, h, force, &mut self.health) {
-                *axles = before;
-                for (frame, shape) in frames.iter_mut().zip(&shapes) {
-                    frame.restore(shape);
+        // A frame that creeps always settles. It comes last, since its shape is no equilibrium that could be restored.
+        for creeping in [false, true] {
+            for f in 0..F {
+                if frames[f].creeping != creeping || settled[f] {
+                    continue;
                 }
-                linearise(axles, frames);
-                return false;
+                settled[f] = true;
+                let frame = &mut frames[f];
+                let end = frame.end(&frame.geometry, frame.turn(&axles[f], &axles[f + 1]));
+                if !frame.settle::<V>(end, h, force, &mut self.health) {
+                    *axles = before;
+                    for f in 0..F {
+                        frames[f].geometry = geometry[f];
+                        if settled[f] {
+                            frames[f].restore(shapes[f]);
+                        }
+                    }
+                    linearise(axles, frames);
+                    return false;
+                }
             }
         }
         linearise(axles, frames);
@@ -551,7 +561,7 @@ impl Plant {
     }
 }
 
-/// Geometry of the frames from the postures of the axles.
+/// Updates the geometry of the frames from the postures of the axles.
 #[inline(always)]
 fn locate<V: Lanes>(axles: &[AxleState], frames: &mut [Frame]) {
     // Of four axles at a time.

@@ -34,8 +34,8 @@ mod sincos;
 mod state;
 mod wheel;
 
-pub use config::{Brush, Creep, MAX_AXLES, PlantConfig, TICK_S, Tyre};
+pub use config::{Brush, Creep, PlantConfig, TICK_S, Tyre};
 pub use frame::Station;
 pub use integrator::{Outline, Plant};
-pub use per_axle::PerAxle;
+pub use per_axle::{MAX_AXLES, PerAxle};
 pub use state::{AxleState, Health, Wrench};

@@ -31,7 +31,7 @@ pub struct Body {
 }
 
 impl Body {
-    /// The axles, front first, from checked constants of so many axles. A payload is a point mass.
+    /// The axles, front first, from checked constants with an entry for each axle. A payload is a point mass.
     pub fn all(config: &PlantConfig) -> Vec<Self> {
         let body = |i: usize| {
             let (payload, [x, y]) = (config.payload_kg[i], config.payload_position_m[i]);
@@ -114,9 +114,13 @@ impl Body {
 /// Load transfer is quasi-static: the moment of the inertial force at the height of the centre of
 /// mass is borne by the wheels after a short lag, which stands for the tyres' vertical springs
 /// (Gillespie, *Fundamentals of Vehicle Dynamics*, SAE 1992, chapter 1). Longitudinal acceleration
-/// shifts load between the axles (the strips stand upright and carry the moment: the axles' springs
-/// share it as under a rigid beam), lateral acceleration between the wheels of each axle (a strip is
-/// soft in torsion). The loads add up to the weight also where a wheel leaves the ground.
+/// shifts load between the axles (the strips stand upright and carry the moment), lateral
+/// acceleration between the wheels of each axle (a strip is soft in torsion). The loads add up to
+/// the weight also where a wheel leaves the ground.
+///
+/// Two axles share a pitching moment by statics. For more axles the model assumes that each axle
+/// bears its own weight and that equal springs under a rigid beam share the moment. The moment stays
+/// where the first axle lifts off.
 #[derive(Clone, Debug)]
 pub struct Loads {
     at_rest: Vec<[f64; 2]>,
@@ -130,7 +134,7 @@ pub struct Loads {
     pub now: Vec<[f64; 2]>,
 }
 
-/// Load on an axle for a pitching moment of one newton over the distance of neighbouring axles.
+/// Load on an axle per unit of pitching moment over the distance of neighbouring axles.
 fn pitch_share(axle: usize, axles: usize) -> f64 {
     let middle = (axles as f64 - 1.0) / 2.0;
     let squares: f64 = (0..axles)
@@ -192,7 +196,8 @@ impl Loads {
             }
         }
         for i in 0..axles.len() {
-            let axle = weight(i) - pitch * pitch_share(i, axles.len());
+            // Rounding may leave less than nothing.
+            let axle = (weight(i) - pitch * pitch_share(i, axles.len())).max(0.0);
             let roll = self.mass[i] * a[i][1] * self.height / (2.0 * self.half_track[i]);
             let left = 0.5 * (axle + rest[i][0] - rest[i][1]) - roll;
             self.now[i][0] = left.clamp(0.0, axle);

@@ -1,11 +1,13 @@
-//! A quantity of each axle, in files one entry for every axle or an entry an axle.
+//! A quantity of each axle; in files a list of one entry for all axles, or of one entry per axle.
 
-use crate::MAX_AXLES;
-use declare::{Allowed, Checked, ConfigError, require};
+use declare::{Allowed, Checked, ConfigError};
 use serde::{Deserialize, Serialize};
-use std::ops::{Index, IndexMut};
+use std::ops::Index;
 
-/// A quantity of each axle: one entry for every axle, or an entry an axle, front first.
+/// Most axles of a robot.
+pub const MAX_AXLES: usize = 5;
+
+/// A quantity of each axle: one entry for all axles, or one entry per axle, front first.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(try_from = "Vec<T>", bound(deserialize = "T: Deserialize<'de>"))]
 pub struct PerAxle<T>(Vec<T>);
@@ -21,7 +23,7 @@ impl<T> PerAxle<T> {
         &mut self.0
     }
 
-    /// Gives each of so many axles an entry of its own. The error names `field` and the number of entries.
+    /// Gives each of `axles` axles an entry of its own. The error names `field` and the number of entries.
     pub(super) fn spread(&mut self, field: &'static str, axles: usize) -> Result<(), ConfigError>
     where
         T: Clone,
@@ -29,9 +31,8 @@ impl<T> PerAxle<T> {
         if let [entry] = self.0.as_slice() {
             self.0 = vec![entry.clone(); axles];
         }
-        let count = self.0.len();
-        let allowed = Allowed::Condition("1 entry for every axle, or 1 an axle");
-        require(count == axles, field, count as f32, allowed).map(|_| ())
+        Allowed::Entries(axles as u8).check(field, self.0.len() as f32)?;
+        Ok(())
     }
 }
 
@@ -49,14 +50,14 @@ impl<T> TryFrom<Vec<T>> for PerAxle<T> {
         match entries.len() {
             1..=MAX_AXLES => Ok(Self(entries)),
             count => Err(format!(
-                "{count} entries: must be 1 for every axle, or 1 an axle, at most {MAX_AXLES}"
+                "{count} entries: must have 1 for all axles, or 1 per axle (at most {MAX_AXLES})"
             )),
         }
     }
 }
 
 impl<T: PartialEq> PartialEq for PerAxle<T> {
-    /// True if each axle of a robot has the same value in both.
+    /// True if every robot that both lists fit has the same values in both.
     fn eq(&self, other: &Self) -> bool {
         match (self.entries(), other.entries()) {
             ([one], all) | (all, [one]) => all.iter().all(|entry| entry == one),
@@ -73,13 +74,6 @@ impl<T> Index<usize> for PerAxle<T> {
             [entry] => entry,
             entries => &entries[axle],
         }
-    }
-}
-
-impl<T> IndexMut<usize> for PerAxle<T> {
-    /// The entry of an axle that has one of its own.
-    fn index_mut(&mut self, axle: usize) -> &mut T {
-        &mut self.0[axle]
     }
 }
 

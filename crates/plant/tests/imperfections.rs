@@ -536,9 +536,11 @@ fn a_copy_and_a_robot_placed_anew_repeat_to_the_bit() {
 fn a_bad_constant_is_named() {
     type Spoil = fn(&mut PlantConfig);
     let spoilt: [(&str, Spoil); 21] = [
-        ("mass_kg[1]", |c| c.mass_kg[1] = f64::NAN),
+        ("mass_kg[1]", |c| c.mass_kg.entries_mut()[1] = f64::NAN),
         ("strip_length_m", |c| c.strip_length_m = 0.0),
-        ("wheel_radius_m[0][1]", |c| c.wheel_radius_m[0][1] = -0.07),
+        ("wheel_radius_m[0][1]", |c| {
+            c.wheel_radius_m.entries_mut()[0][1] = -0.07
+        }),
         ("friction", |c| c.friction = f64::INFINITY),
         ("axial_stiffness_n", |c| c.axial_stiffness_n = 1e8 * 1e9),
         ("substeps", |c| c.substeps = 0),
@@ -559,28 +561,30 @@ fn a_bad_constant_is_named() {
                 velocity_m_s: f64::NAN,
             })
         }),
-        ("side_slip[0]", |c| c.side_slip[0] = 0.5),
+        ("side_slip[0]", |c| c.side_slip.entries_mut()[0] = 0.5),
         ("carpet_drift[1]", |c| c.carpet_drift[1] = f64::NAN),
         ("radius_load_sensitivity", |c| {
             c.radius_load_sensitivity = -0.1
         }),
-        ("payload_kg[0]", |c| c.payload_kg[0] = -1.0),
+        ("payload_kg[0]", |c| c.payload_kg.entries_mut()[0] = -1.0),
         ("payload_position_m[0][1]", |c| {
-            c.payload_kg[0] = 10.0;
-            c.payload_position_m[0][1] = 0.3;
+            c.payload_kg.entries_mut()[0] = 10.0;
+            c.payload_position_m.entries_mut()[0][1] = 0.3;
         }),
         ("payload_position_m[1][0]", |c| {
-            c.payload_kg[1] = 10.0;
-            c.payload_position_m[1][0] = 0.6;
+            c.payload_kg.entries_mut()[1] = 10.0;
+            c.payload_position_m.entries_mut()[1][0] = 0.6;
         }),
-        ("backlash_rad[0][1]", |c| c.backlash_rad[0][1] = 1.0),
+        ("backlash_rad[0][1]", |c| {
+            c.backlash_rad.entries_mut()[0][1] = 1.0
+        }),
         ("rotor_inertia_share", |c| c.rotor_inertia_share = 1.0),
         ("cogging_torque_n_m", |c| {
             c.cogging_torque_n_m = f64::INFINITY
         }),
         ("cogging_periods", |c| c.cogging_periods = 0.0),
         ("cogging_phase_rad[1][1]", |c| {
-            c.cogging_phase_rad[1][1] = 99.0
+            c.cogging_phase_rad.entries_mut()[1][1] = 99.0
         }),
         ("clamp_angle_tip_rad", |c| c.clamp_angle_tip_rad = 0.7),
     ];

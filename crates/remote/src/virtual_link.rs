@@ -166,7 +166,7 @@ impl VirtualLink {
         flash: Option<&Path>,
     ) -> Result<Self, Error> {
         let port = Port {
-            rear: role == Role::axle(1),
+            rear: role != Role::LEAD && !role.is_beam(),
             told: false,
             line: SerialLine::default(),
             woken: false,

@@ -3,7 +3,7 @@
 use crate::base::table::table;
 use core_algos::bus::{self, CanFrame, Message, layout};
 use core_algos::time::Micros;
-use core_algos::topology::{MAX_AXLES, Role, Topology};
+use core_algos::topology::{MAX_AXLES, MAX_BOARDS, Role, Topology};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::Serialize;
@@ -16,8 +16,7 @@ table! {
         /// Time from sending to receiving. Arbitration and transfer of the thirteen messages at the
         /// beginning of an epoch take up to 1.7 ms at 1 Mbit/s.
         pub latency_ms: u32 = 2, "ms": Range(0.0, 1000.0);
-        /// Time by which the messages of the front board, of the rear board and of the beam board come
-        /// later to the other boards.
+        /// Additional latency of each board's messages at the other boards, in the order front, rear, beam.
         pub late_ms: Vec<u32> = vec![0; 3], "ms": Range(0.0, 1000.0);
         /// Time up to which each message comes later to the other boards, drawn evenly: messages
         /// overtake each other.
@@ -47,13 +46,13 @@ pub struct BusStatistics {
     pub refused: u64,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 struct Transit {
     due: Micros,
     frame: CanFrame,
     message: Message,
     /// For each board, true if the frame reaches the board.
-    received: Vec<bool>,
+    received: [bool; MAX_BOARDS],
 }
 
 /// The bus between the boards.
@@ -113,13 +112,12 @@ impl VirtualBus {
             return None;
         }
         let origin = sender(self.topology, frame);
-        let boards = self.topology.boards();
-        let reaches = |board| {
+        let mut received = [false; MAX_BOARDS];
+        for (received, board) in received.iter_mut().zip(self.topology.boards()) {
             let lost = Some(board) != origin && self.drawn(self.config.loss);
             self.statistics.lost += u64::from(lost);
-            !lost
-        };
-        let received = boards.map(reaches).collect();
+            *received = !lost;
+        }
         let transit = Transit {
             due: now + Micros::from(self.config.latency_ms) * 1_000,
             frame: *frame,
@@ -143,15 +141,14 @@ impl VirtualBus {
     /// The way of a frame over a bus that changes frames or on which they overtake each other.
     fn carry(&mut self, mut transit: Transit, origin: Option<Role>) {
         // What stays on its own board is not disturbed.
-        let mut own = transit.clone();
+        let mut own = transit;
         for (place, board) in self.topology.boards().enumerate() {
             own.received[place] &= Some(board) == origin;
             transit.received[place] &= Some(board) != origin;
         }
         self.queue(own);
         let place = origin.map(|board| self.topology.place(board));
-        let late = place.and_then(|place| self.config.late_ms.get(place));
-        let mut late = late.copied().unwrap_or(0);
+        let mut late = place.map_or(0, |place| self.config.late_ms[place]);
         if self.config.jitter_ms > 0 {
             late += self.rng.random_range(0..=self.config.jitter_ms);
         }
@@ -169,7 +166,7 @@ impl VirtualBus {
             transit.message = message;
         }
         if self.drawn(self.config.doubling) {
-            self.queue(transit.clone());
+            self.queue(transit);
         }
         self.queue(transit);
     }
@@ -191,8 +188,8 @@ impl VirtualBus {
     pub fn deliver(&mut self, now: Micros, mut receive: impl FnMut(Role, &CanFrame, &Message)) {
         while self.transit.front().is_some_and(|first| first.due <= now) {
             if let Some(transit) = self.transit.pop_front() {
-                let boards = self.topology.boards().zip(&transit.received);
-                for (board, _) in boards.filter(|(_, reached)| **reached) {
+                let boards = self.topology.boards().zip(transit.received);
+                for (board, _) in boards.filter(|(_, reached)| *reached) {
                     receive(board, &transit.frame, &transit.message);
                 }
             }
@@ -226,7 +223,7 @@ pub fn name_of(topology: Topology, id: u16) -> Option<&'static str> {
         let names = robots.map(|robot| robot.into_iter().flat_map(names).collect());
         names.collect()
     });
-    let names = &NAMES[topology.axles().count()];
+    let names = &NAMES[topology.axle_count()];
     let place = names.binary_search_by_key(&id, |(of, _)| *of).ok()?;
     Some(&names[place].1)
 }
@@ -286,7 +283,7 @@ mod tests {
     fn frames_of_three_axles_reach_five_boards_and_are_late_by_board() {
         let config = BusConfig {
             latency_ms: 1,
-            late_ms: vec![0, 4],
+            late_ms: vec![0, 4, 0, 0, 0],
             ..BusConfig::default()
         };
         let robot = Topology::new(3).unwrap();
@@ -299,12 +296,20 @@ mod tests {
             };
             bus.send(0, &posture);
         }
-        let mut boards = Vec::new();
-        bus.deliver(1_000, |board, _, _| boards.push(board));
-        assert_eq!(boards.len(), 5 + 1 + 5);
-        bus.deliver(5_000, |board, _, _| boards.push(board));
-        assert_eq!(boards.len(), 3 * 5);
-        assert!(robot.boards().all(|board| boards.contains(&board)));
+        let mut at = |time| {
+            let mut seen = Vec::new();
+            bus.deliver(time, |board, frame, _| {
+                seen.push((sender(robot, frame).unwrap(), board));
+            });
+            seen
+        };
+        let to_all = |from: Role| robot.boards().map(move |board| (from, board));
+        let inner = Role::axle(1);
+        let mut on_time: Vec<_> = to_all(Role::axle(0)).chain([(inner, inner)]).collect();
+        on_time.extend(to_all(Role::axle(2)));
+        assert_eq!(at(1_000), on_time);
+        let late: Vec<_> = to_all(inner).filter(|(_, board)| *board != inner).collect();
+        assert_eq!(at(5_000), late);
     }
 
     #[test]

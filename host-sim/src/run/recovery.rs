@@ -136,10 +136,9 @@ impl Monitor {
         let Some(status) = message.ok().and_then(status) else {
             return;
         };
-        let place = self.topology.place_of_node(status.node);
-        if place >= self.latest.len() {
+        let Some(place) = self.topology.place_of_node(status.node) else {
             return;
-        }
+        };
         if !std::mem::take(&mut self.stale[place]) {
             let noticed = &mut self.noticed[place];
             *noticed = noticed.union(status.notices);
@@ -153,7 +152,7 @@ impl Monitor {
 
     /// The latest heartbeat of a node.
     pub fn latest(&self, node: Node) -> Option<&Status> {
-        self.latest.get(self.topology.place_of_node(node))?.as_ref()
+        self.latest[self.topology.place_of_node(node)?].as_ref()
     }
 
     /// The first heartbeat of each node, and those in which a state or reason changed.
@@ -197,8 +196,8 @@ impl Monitor {
 
     /// Every notice and degradation of a node since the task began.
     pub fn noticed(&self, node: Node) -> Conditions {
-        let noticed = self.noticed.get(self.topology.place_of_node(node));
-        noticed.copied().unwrap_or_default()
+        let place = self.topology.place_of_node(node);
+        place.map_or(Conditions::NONE, |place| self.noticed[place])
     }
 
     /// Every notice and degradation of any node since the task began.
@@ -313,8 +312,8 @@ mod tests {
                 .noticed(Node::axle(1))
                 .contains(Condition::MessageLost)
         );
-        // A robot of two axles has no third one.
-        let stranger = frame(Node::axle(3), OperatingState::Fault, 0x80, lost);
+        // A robot of two axles has no third axle; its number must not pass for the place of the beam.
+        let stranger = frame(Node::axle(2), OperatingState::Fault, 0x80, lost);
         monitor.see(30, &stranger);
         assert_eq!(
             crate::bus::virtual_bus::sender(Topology::PAIR, &stranger),
@@ -323,7 +322,7 @@ mod tests {
         assert_eq!(monitor.latest(Node::beam(0)), None);
         let mut monitor = Monitor::new(Topology::new(4).unwrap());
         monitor.see(30, &stranger);
-        let latest = monitor.latest(Node::axle(3)).unwrap();
-        assert_eq!((latest.name, latest.node), ("RearAxle", Node::axle(3)));
+        let latest = monitor.latest(Node::axle(2)).unwrap();
+        assert_eq!((latest.name, latest.node), ("Axle3", Node::axle(2)));
     }
 }

@@ -325,7 +325,7 @@ pub trait Robot {
                 let [forward, across, _] = axle.velocity;
                 libm::hypot(forward, across)
             });
-            speeds.fold(0.0, f64::max)
+            speeds.fold(f64::NAN, f64::max)
         })
     }
 }

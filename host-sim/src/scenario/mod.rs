@@ -226,12 +226,6 @@ impl Scenario {
                 Error::input(format!("boards.{}: {error}", topology.name(role)))
             })?;
         }
-        let (late, most) = (self.world.bus.late_ms.len(), topology.board_count());
-        if late > most {
-            return Err(Error::input(format!(
-                "bus.late_ms has {late} entries: must have at most {most}"
-            )));
-        }
         self.world.check()
     }
 

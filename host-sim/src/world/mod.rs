@@ -29,6 +29,7 @@ use crate::bus::virtual_bus::BusConfig;
 use crate::world::drawn::Drawn;
 use crate::world::random::{BOUND, Stream, generator, normal};
 use crate::world::sensors::SensorConfig;
+use core_algos::topology::Topology;
 use declare::{ConfigError, Declared, Field, Kind};
 use plant::{Plant, PlantConfig, Station};
 use serde::{Deserialize, Serialize};
@@ -42,8 +43,8 @@ const BASE: &str = include_str!("../../worlds/base.toml");
 /// Name of a world in which nothing but base values is set.
 const BASE_NAME: &str = "base";
 
-/// Axles of a robot.
-const AXLES: usize = 2;
+/// Robot of the drawn errors, which are of two axles.
+const ROBOT: Topology = Topology::PAIR;
 
 /// The worlds that are built in, with their texts.
 const BUILT_IN: [(&str, &str); 4] = [
@@ -193,7 +194,7 @@ impl World {
 
     /// Checks every value.
     pub fn check(&self) -> Result<(), Error> {
-        within("plant", self.plant.build(AXLES).map(drop))?;
+        within("plant", self.plant.build(ROBOT.axle_count()).map(drop))?;
         within("spread", self.spread.check_ranges())?;
         self.sensors.check()?;
         for side in [-1.0, 1.0] {
@@ -209,7 +210,14 @@ impl World {
             )));
         }
         within("told", self.told.check_ranges())?;
-        within("bus", self.bus.check_ranges())
+        within("bus", self.bus.check_ranges())?;
+        let (late, boards) = (self.bus.late_ms.len(), ROBOT.board_count());
+        match late == boards {
+            true => Ok(()),
+            false => Err(Error::input(format!(
+                "bus.late_ms has {late} entries: must have {boards}, one per board"
+            ))),
+        }
     }
 
     /// The robot whose constants all lie at the lower (-1) or upper (1) bound of their draws.
@@ -240,18 +248,18 @@ impl World {
 
     /// The plant of one robot, with or without the sensing's weight.
     pub fn plant_of(&self, robot: &Drawn, sensing: bool) -> Result<Plant, ConfigError> {
-        let mut plant = self.plant.for_axles(AXLES)?;
+        let mut plant = self.plant.for_axles(ROBOT.axle_count())?;
         if !sensing {
             plant.sensing_mass_kg = 0.0;
         }
-        for i in 0..AXLES {
-            plant.half_track_m[i] *= robot.track_factor[i];
+        for i in 0..ROBOT.axle_count() {
+            plant.half_track_m.entries_mut()[i] *= robot.track_factor[i];
             for j in 0..2 {
-                plant.wheel_radius_m[i][j] *= robot.wheel_radius_factor[i][j];
+                plant.wheel_radius_m.entries_mut()[i][j] *= robot.wheel_radius_factor[i][j];
             }
         }
         robot.plant.apply(&mut plant);
-        plant.build(AXLES)
+        plant.build(ROBOT.axle_count())
     }
 
     /// Places of the gauges of one robot on its strip.
@@ -293,7 +301,7 @@ mod tests {
 
     /// Lists of the plant: `carpet_drift` is a vector on the floor, the others hold entries of axles.
     #[test]
-    fn a_list_of_axles_holds_one_entry_for_every_axle_or_one_an_axle() {
+    fn a_list_of_axles_holds_one_entry_for_all_axles_or_one_per_axle() {
         let base: toml::Table = toml::from_str(BASE).unwrap();
         let lists = base["plant"].as_table().unwrap().iter();
         let lists = lists.filter_map(|(key, value)| Some((key, value.as_array()?)));
@@ -315,11 +323,8 @@ mod tests {
             assert_eq!(world(1).unwrap(), world(2).unwrap(), "{key}");
             for count in [0, 3, 6] {
                 let why = world(count).unwrap_err().to_string();
-                assert!(
-                    why.contains(key) && why.contains("1 for every axle")
-                        || why.contains("1 entry for every axle"),
-                    "{why}"
-                );
+                let words = [key, &format!("{count} entries"), "1 "];
+                assert!(words.iter().all(|word| why.contains(word)), "{why}");
             }
         }
     }
@@ -334,6 +339,14 @@ mod tests {
                 .to_string()
         };
         for (text, words) in [
+            (
+                "[bus]\nlate_ms = [1, 2]",
+                ["bus.late_ms has 2 entries", "must have 3"],
+            ),
+            (
+                "[bus]\nlate_ms = [1, 2, 3, 4]",
+                ["bus.late_ms has 4 entries", "must have 3"],
+            ),
             (
                 "[spread]\nside_slip = -0.002",
                 ["spread.side_slip", "-0.002"],

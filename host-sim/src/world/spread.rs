@@ -58,16 +58,26 @@ impl PlantErrors {
 
     /// Makes a plant this one.
     pub fn apply(&self, plant: &mut PlantConfig) {
-        for i in 0..2 {
-            plant.side_slip[i] += self.side_slip[i];
-            plant.carpet_drift[i] += self.carpet_drift[i];
-            for j in 0..2 {
-                if let Tyre::Brush(brush) = &mut plant.tyre {
-                    brush.slip_stiffness[i][j] *= self.slip_stiffness_factor[i][j];
-                }
-                plant.backlash_rad[i][j] += self.backlash_rad[i][j];
-            }
+        for n in 0..2 {
+            plant.carpet_drift[n] += self.carpet_drift[n];
         }
+        for (i, slip) in plant.side_slip.entries_mut().iter_mut().enumerate() {
+            *slip += self.side_slip[i];
+        }
+        if let Tyre::Brush(brush) = &mut plant.tyre {
+            let stiffness = brush.slip_stiffness.entries_mut().as_flattened_mut();
+            let factors = self.slip_stiffness_factor.as_flattened();
+            stiffness
+                .iter_mut()
+                .zip(factors)
+                .for_each(|(stiffness, factor)| *stiffness *= factor);
+        }
+        let backlash = plant.backlash_rad.entries_mut().as_flattened_mut();
+        let drawn = self.backlash_rad.as_flattened();
+        backlash
+            .iter_mut()
+            .zip(drawn)
+            .for_each(|(backlash, drawn)| *backlash += drawn);
         plant.bending_stiffness_n_m2 *= self.bending_stiffness_factor;
         plant.strip_length_m += self.strip_length_m;
         plant.radius_load_sensitivity += self.radius_load_sensitivity;

@@ -1,8 +1,7 @@
 //! A pair of neighbouring axles and the frame between them: measurements of the frame, and the estimate of the pair.
 //!
-//! Frame i joins axles i and i + 1. Lists of pairs and of axles are as long as the robot has pairs and axles. Where
-//! several pairs would need a decision, such as the robot's posture, the one pair is taken by a pattern `[pair]`, which
-//! does not compile for more.
+//! Frame i joins axles i and i + 1. The pattern `[pair]` marks code that needs a decision for several pairs, such as the
+//! robot's posture; it compiles for one pair only.
 
 use super::track::{Advance, AxleTrack, Recent};
 use super::{AXLES, NIS_MOST, NIS_SHARE, PAIRS};
@@ -22,7 +21,7 @@ pub(super) const fn neighbours<T>(axles: &[T; AXLES], pair: usize) -> [&T; 2] {
     [&axles[pair], &axles[pair + 1]]
 }
 
-/// All that changes with one pair.
+/// State of one pair.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Pair {
     /// Latest posture of the frame's tip from its root.
@@ -78,7 +77,7 @@ impl Pair {
         Some(Stamped::new(Estimate::new(posture, covariance), time))
     }
 
-    /// Brings the estimate on by the motion of the axles and a measurement of the frame. `restarted` is true for an axle
+    /// Advances the estimate by the motion of the axles and a measurement of the frame. `restarted` is true for an axle
     /// whose odometry began anew.
     pub(super) fn step(
         &mut self,

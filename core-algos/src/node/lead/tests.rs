@@ -224,7 +224,7 @@ fn place_within_its_ranges_is_sound() {
     }
 }
 
-/// The estimate is of the latest epoch of which both axles have told.
+/// The estimate is of the latest epoch that all axles have reported.
 #[test]
 fn an_axle_that_is_late_by_an_epoch_holds_the_estimate_back() {
     for late in [AxleId(0), AxleId(1)] {

@@ -32,7 +32,7 @@
 //! | *boot* | | `Ready` |
 //! | *idle* | a task | `Arm` |
 //! | *armed*, *active* | rests | `Disarm` |
-//! | *armed* | a task that is not over, both axles at rest (0.02 m/s, 0.1 rad/s), beam not refused | `Start` |
+//! | *armed* | a task that is not over, all axles at rest (0.02 m/s, 0.1 rad/s), beam not refused | `Start` |
 //! | *active* | task done; or failed, and the commanded speed is zero | `Finish` |
 //! | *fault* | task `Clear` | `Clear` |
 

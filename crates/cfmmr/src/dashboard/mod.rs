@@ -11,8 +11,10 @@ pub mod terminal;
 pub mod view;
 
 use crate::thinned::Thinned;
+use core_algos::topology::Topology;
 use host_sim::base::error::Error;
 use host_sim::run::keyboard::Keyboard;
+use host_sim::run::recovery::Monitor;
 use host_sim::run::robot::{Observer, Record, Robot};
 use output::terminal::is_interactive;
 use std::sync::Arc;
@@ -60,6 +62,7 @@ impl Dashboard {
     /// Takes the terminal until this is dropped.
     pub fn open(
         title: impl Into<String>,
+        robot: Topology,
         goal: [f64; 3],
         keyboard: Keyboard,
         interrupt: Arc<AtomicBool>,
@@ -67,7 +70,7 @@ impl Dashboard {
         let view = View {
             title: title.into(),
             goal,
-            ..View::default()
+            ..View::before(&Monitor::new(robot))
         };
         Ok(Self {
             terminal: Terminal::open(view.clone(), keyboard.clone())?,

@@ -5,7 +5,7 @@ use core_algos::topology::Role;
 use host_sim::bus::virtual_bus::BusStatistics;
 use host_sim::run::keyboard::Hand;
 use host_sim::run::real_time::RealTimeLimiter;
-use host_sim::run::recovery::Status;
+use host_sim::run::recovery::{Monitor, Status};
 use host_sim::run::robot::{Record, Robot};
 use host_sim::targets::BoardTraffic;
 
@@ -64,6 +64,21 @@ impl View {
     pub fn of(robot: &dyn Robot, record: &Record) -> Self {
         let monitor = robot.monitor();
         let pace = robot.control().pace.as_ref();
+        Self {
+            time_s: record.time_s,
+            late_ticks: pace.map_or(0, RealTimeLimiter::late),
+            most_late_s: pace.map_or(0.0, |pace| pace.worst().as_secs_f64()),
+            faults: faults(monitor.changes()),
+            boards: robot.traffic(),
+            bus: robot.bus(),
+            seen: record.seen(),
+            pace: pace.map(|pace| pace.keyboard().pace()),
+            ..Self::before(monitor)
+        }
+    }
+
+    /// The nodes as far as a monitor has seen them, before the first epoch.
+    pub fn before(monitor: &Monitor) -> Self {
         let topology = monitor.topology;
         let axle = |axle| topology.name(Role::Axle(axle));
         let node = |node| NodeView {
@@ -72,16 +87,8 @@ impl View {
             noticed: monitor.noticed(node),
         };
         Self {
-            time_s: record.time_s,
-            late_ticks: pace.map_or(0, RealTimeLimiter::late),
-            most_late_s: pace.map_or(0.0, |pace| pace.worst().as_secs_f64()),
             nodes: topology.nodes().map(node).collect(),
             axles: topology.axles().map(axle).collect(),
-            faults: faults(monitor.changes()),
-            boards: robot.traffic(),
-            bus: robot.bus(),
-            seen: record.seen(),
-            pace: pace.map(|pace| pace.keyboard().pace()),
             ..Self::default()
         }
     }

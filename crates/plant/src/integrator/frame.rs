@@ -30,14 +30,6 @@ pub struct Frame {
     pub total: Vec3,
 }
 
-/// What a frame returns to if a part of a step is given up.
-#[derive(Clone, Copy, Debug)]
-pub struct Before {
-    geometry: Geometry,
-    shape: Shape,
-    creeping: bool,
-}
-
 impl Frame {
     /// Unloaded, from checked constants, for steps of this length (s).
     pub fn new(config: &PlantConfig, step: f64) -> Self {
@@ -192,22 +184,10 @@ impl Frame {
         health.failures += 1;
     }
 
-    /// What [`Self::restore`] needs.
-    #[inline(always)]
-    pub fn before(&self, geometry: Geometry) -> Before {
-        Before {
-            geometry,
-            shape: self.equilibrium.shape(),
-            creeping: self.creeping,
-        }
-    }
-
-    /// Returns to an earlier shape.
+    /// Returns to an earlier equilibrium.
     #[cold]
-    pub fn restore(&mut self, before: &Before) {
-        self.geometry = before.geometry;
-        self.creeping = before.creeping;
-        self.strip.restore(&mut self.equilibrium, before.shape);
+    pub fn restore(&mut self, shape: Shape) {
+        self.strip.restore(&mut self.equilibrium, shape);
     }
 
     /// A wrench on the strip's end as the frame's wrench on its axles.
@@ -220,7 +200,7 @@ impl Frame {
         }
     }
 
-    /// Turn of the front axle from the rear one, with that of the clamps.
+    /// Turn of the front axle from the rear axle, plus the twist of the clamps, rad.
     #[inline(always)]
     pub fn turn(&self, front: &AxleState, rear: &AxleState) -> f64 {
         front.posture[2] - rear.posture[2] + self.clamps.twist

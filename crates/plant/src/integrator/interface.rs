@@ -112,13 +112,11 @@ impl Plant {
     /// Elastic curvature of a frame's strip (1/m) at arc length `s` (m) from its root: what a gauge
     /// bonded to the unloaded strip sees, divided by the half thickness. Positive: bent left.
     pub fn curvature(&self, frame: usize, s: f64) -> f64 {
-        let Frame {
-            strip, equilibrium, ..
-        } = &self.frames[frame];
-        if self.frames[frame].creeping {
-            strip.series_curvature(equilibrium, s)
-        } else {
-            strip.elastic_curvature(equilibrium, s)
+        let frame = &self.frames[frame];
+        match frame.creeping {
+            _ if frame.snapped => 0.0,
+            true => frame.strip.series_curvature(&frame.equilibrium, s),
+            false => frame.strip.elastic_curvature(&frame.equilibrium, s),
         }
     }
 
@@ -193,6 +191,7 @@ impl Plant {
         let strips = self
             .frames
             .iter()
+            .filter(|frame| !frame.snapped)
             .map(|frame| frame.strip.energy(&frame.equilibrium));
         let bodies = self.bodies.iter().zip(&self.axles);
         let bodies = bodies.map(|(body, axle)| body.energy(&axle.velocity));

@@ -332,11 +332,10 @@ impl Mcap {
 
     /// Tells of a node that has changed.
     fn status(&mut self, tick: u32, status: Status) {
-        let place = self.robot.place_of_node(status.node);
-        let Some(last) = self.statuses.get_mut(place) else {
+        let Some(place) = self.robot.place_of_node(status.node) else {
             return;
         };
-        let last = last.replace(status);
+        let last = self.statuses[place].replace(status);
         let same =
             last.is_some_and(|last| (last.state, last.reason) == (status.state, status.reason));
         if same {

@@ -88,7 +88,7 @@ impl AxleParts {
         let third = |value: f64| [0.0, 0.0, value];
         let first = |value: f64| [value, 0.0, 0.0];
         Self {
-            rear: axle == AxleId(1),
+            rear: axle != AxleId(0),
             lines: scenario.world.sensors.encoder.counts_per_revolution / 4,
             phase: drawn.encoder_phase[k],
             inertial: gyro.fitted.then(|| InertialConfig {

@@ -11,11 +11,11 @@ use virtual_board::chip::ChipVariation;
 pub struct Options {
     /// Threads that the boards are spread over.
     pub threads: usize,
-    /// Boards whose power comes on so long after the others', ms.
+    /// Power-on delay of boards, ms; 0 for the other boards.
     pub late_ms: Vec<(Role, u64)>,
     /// True if time is counted by instruction, for [`profile`](super::tools::profile).
     pub profile: bool,
-    /// Boards whose crystals are off by so much, parts in 10⁹; the others' are by chance.
+    /// Frequency error of the boards' crystals, parts in 10⁹; drawn for the other boards.
     pub fast_ppb: Vec<(Role, i64)>,
     /// Changes a chip beyond what the seed draws.
     pub vary: fn(Role, &mut ChipVariation),

@@ -124,8 +124,7 @@ fn drive(
     };
     let (mut robot, driven) = run.on(|stage| simulation(stage.tap(targets)))?;
     let topology = scenario.robot.topology();
-    let untraced = || Trace::new(topology);
-    let trace = robot.take_trace().unwrap_or_else(untraced);
+    let trace = robot.take_trace().unwrap_or_else(|| Trace::new(topology));
     let difference = match compare {
         true => {
             let mut reference = simulation(targets::in_process(topology))?;
@@ -133,7 +132,8 @@ fn drive(
             control.span = plan.span;
             control.interrupt = Some(context.workers.interrupt().clone());
             mission.drive(&mut reference, scenario)?;
-            let reference = reference.take_trace().unwrap_or_else(untraced);
+            let reference = reference.take_trace();
+            let reference = reference.unwrap_or_else(|| Trace::new(topology));
             Some(trace.difference(&reference))
         }
         false => None,

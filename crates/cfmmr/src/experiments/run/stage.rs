@@ -177,7 +177,8 @@ impl<'a> Stage<'a> {
         }
         let title = format!("cfmmr {}, seed {}", self.about.command, self.about.seed);
         let interrupt = self.interrupt.clone();
-        let shown = Dashboard::open(title, self.goal, self.keyboard.clone(), interrupt)?;
+        let robot = self.about.scenario.robot.topology();
+        let shown = Dashboard::open(title, robot, self.goal, self.keyboard.clone(), interrupt)?;
         Ok(Some(Box::new(shown)))
     }
 }

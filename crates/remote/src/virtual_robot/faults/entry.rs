@@ -9,7 +9,7 @@ use host_sim::base::error::Error;
 use host_sim::world::faults::Fault;
 use virtual_board::chip::ChipVariation;
 
-/// Some of the boards.
+/// Set of boards: true for a member.
 pub type Boards = fn(Role) -> bool;
 /// All boards.
 pub const ALL: Boards = |_| true;
@@ -96,9 +96,9 @@ pub struct Entry {
     pub findings: &'static [&'static str],
     /// Time without current that counts as off, ms.
     pub rest_ms: u64,
-    /// Boards whose crystals are off by this, parts in 10⁹.
+    /// Frequency error of the boards' crystals, parts in 10⁹; drawn for the other boards.
     pub fast_ppb: Vec<(Role, i64)>,
-    /// Boards whose power comes on so long after the others', ms.
+    /// Power-on delay of boards, ms; 0 for the other boards.
     pub late_ms: Vec<(Role, u64)>,
     /// Changes a chip beyond what the seed draws.
     pub vary: fn(Role, &mut ChipVariation),
