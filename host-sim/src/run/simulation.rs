@@ -6,7 +6,7 @@ use crate::plant::{Outline, Plant, Station};
 use crate::run::bit_compare::Trace;
 use crate::run::recovery::{Monitor, Recovery};
 use crate::run::rig::Rig;
-use crate::run::robot::{FRAME_POINTS, Record, Robot, RunControl};
+use crate::run::robot::{Record, Robot, RunControl, outlines};
 use crate::scenario::Scenario;
 use crate::targets::{self, BoardTraffic, Boards, HostCommand, Room, Target, What};
 use crate::world::drawn::Drawn;
@@ -25,7 +25,7 @@ pub struct Simulation {
     rig: Rig,
     truth: Truth,
     gauges: Vec<Station>,
-    outline: Outline,
+    outlines: Vec<Outline>,
     half_thickness: f64,
     control: RunControl,
     recovery: Option<Recovery>,
@@ -75,7 +75,7 @@ impl Simulation {
             },
             half_thickness: scenario.world.sensors.bridge.half_thickness_m,
             gauges,
-            outline: plant.outline(0, FRAME_POINTS),
+            outlines: outlines(&plant),
             control: RunControl::default(),
             recovery: None,
             task: Task::Idle,
@@ -232,8 +232,8 @@ impl Robot for Simulation {
     }
 
     fn record(&self) -> Record {
-        let seen = (*self.rig.lead(), self.rig.strain());
-        Record::of(self.now(), &self.plant, &self.outline, seen)
+        let (lead, strain) = (*self.rig.lead(), |_| self.rig.strain());
+        Record::of(self.now(), &self.plant, &self.outlines, lead, strain)
     }
 
     fn plant(&self) -> Option<&Plant> {

@@ -39,7 +39,7 @@ use core_algos::topology::{Node, Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::bus::virtual_bus::BusStatistics;
 use host_sim::run::recovery::Monitor;
-use host_sim::run::robot::{FRAME_POINTS, Record, Robot, RunControl};
+use host_sim::run::robot::{Record, Robot, RunControl, outlines};
 use host_sim::scenario::Scenario;
 use host_sim::targets::{BoardTraffic, HostCommand, Room};
 use host_sim::world::drawn::Drawn;
@@ -88,7 +88,7 @@ pub struct VirtualRobot {
     /// Angles of the motors when the robot was put there again, rad.
     turned: Vec<[f64; 2]>,
     gauges: Vec<Station>,
-    outline: Outline,
+    outlines: Vec<Outline>,
     half_thickness: f64,
     /// Strains at the gauges: true strain plus drift.
     strains: [f32; MAX_GAUGES],
@@ -231,7 +231,7 @@ impl VirtualRobot {
             watches: roles.iter().map(|_| Watch::default()).collect(),
             half_thickness: scenario.world.sensors.bridge.half_thickness_m,
             strains: [0.0; MAX_GAUGES],
-            outline: plant.outline(0, FRAME_POINTS),
+            outlines: outlines(&plant),
             sensors: Box::new(sensors),
             inertial: scenario.world.sensors.gyro.fitted,
             biases: Default::default(),
@@ -563,8 +563,8 @@ impl Robot for VirtualRobot {
     }
 
     fn record(&self) -> Record {
-        let seen = (self.lead, self.strains);
-        Record::of(self.now(), &self.plant, &self.outline, seen)
+        let (lead, strain) = (self.lead, |_| self.strains);
+        Record::of(self.now(), &self.plant, &self.outlines, lead, strain)
     }
 
     fn plant(&self) -> Option<&Plant> {

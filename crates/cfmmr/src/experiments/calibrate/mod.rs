@@ -110,7 +110,7 @@ impl Bench {
         let mut estimate = Posture::ORIGIN;
         let outcome =
             path_run::drive_on(&mut simulation, &scenario, &route, PathMode::Follow, |m| {
-                relative.push(m.record.relative);
+                relative.push(m.record.frames[0].relative);
                 estimate = m.record.lead.fused.robot.posture;
             })?;
         if self.interrupt.load(Relaxed) {
