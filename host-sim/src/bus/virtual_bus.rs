@@ -3,7 +3,7 @@
 use crate::base::table::table;
 use core_algos::bus::{self, CanFrame, Message, layout};
 use core_algos::time::Micros;
-use core_algos::topology::{MAX_AXLES, Role, Topology};
+use core_algos::topology::{MAX_AXLES, MAX_FRAMES, Role, Topology};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::Serialize;
@@ -53,7 +53,7 @@ struct Transit {
     frame: CanFrame,
     message: Message,
     /// For each board, true if the frame reaches the board.
-    received: Vec<bool>,
+    received: [bool; MAX_AXLES + MAX_FRAMES],
 }
 
 /// The bus between the boards.
@@ -113,13 +113,12 @@ impl VirtualBus {
             return None;
         }
         let origin = sender(self.topology, frame);
-        let boards = self.topology.boards();
-        let reaches = |board| {
+        let mut received = [false; MAX_AXLES + MAX_FRAMES];
+        for (received, board) in received.iter_mut().zip(self.topology.boards()) {
             let lost = Some(board) != origin && self.drawn(self.config.loss);
             self.statistics.lost += u64::from(lost);
-            !lost
-        };
-        let received = boards.map(reaches).collect();
+            *received = !lost;
+        }
         let transit = Transit {
             due: now + Micros::from(self.config.latency_ms) * 1_000,
             frame: *frame,
