@@ -254,13 +254,16 @@ impl World {
         plant.build(AXLES)
     }
 
-    /// Places of the gauges of one robot on its strip.
-    pub fn gauges_of(&self, robot: &Drawn, plant: &Plant) -> Vec<Station> {
-        let meant = self.sensors.bridge.gauges_m.iter();
-        meant
-            .zip(robot.gauge_shift_m)
-            .map(|(place, shift)| plant.gauge(0, place + shift))
-            .collect()
+    /// Places of the gauges of one robot on the strip of each frame.
+    pub fn gauges_of(&self, robot: &Drawn, plant: &Plant) -> Vec<Vec<Station>> {
+        let on_frame = |frame| {
+            let meant = self.sensors.bridge.gauges_m.iter();
+            meant
+                .zip(robot.gauge_shift_m)
+                .map(|(place, shift)| plant.gauge(frame, place + shift))
+                .collect()
+        };
+        (0..plant.frame_count()).map(on_frame).collect()
     }
 }
 

@@ -87,7 +87,7 @@ pub struct VirtualRobot {
     start: [f64; 3],
     /// Angles of the motors when the robot was put there again, rad.
     turned: Vec<[f64; 2]>,
-    gauges: Vec<Station>,
+    gauges: Vec<Vec<Station>>,
     outlines: Vec<Outline>,
     half_thickness: f64,
     /// Strains at the gauges: true strain plus drift.
@@ -96,7 +96,7 @@ pub struct VirtualRobot {
     sensors: Box<Sensors>,
     /// True if inertial sensors are fitted.
     inertial: bool,
-    biases: [[f64; 2]; 2],
+    biases: Vec<[f64; 2]>,
     /// Link to the front board, and those to the other boards that are recorded.
     link: BoardLink,
     others: Vec<BoardLink>,
@@ -209,7 +209,7 @@ impl VirtualRobot {
         let sensors = Sensors::new(&scenario.world.sensors, &drawn, seed, trial)
             .map_err(|error| Error::input(error.to_string()))?;
         let gauges = scenario.world.gauges_of(&drawn, &plant);
-        let bridges: Vec<BridgeParts> = (0..gauges.len())
+        let bridges: Vec<BridgeParts> = (0..gauges[0].len())
             .map(|k| BridgeParts::of(&drawn, k))
             .collect();
         let topology = scenario.robot.topology();
@@ -234,7 +234,7 @@ impl VirtualRobot {
             outlines: outlines(&plant),
             sensors: Box::new(sensors),
             inertial: scenario.world.sensors.gyro.fitted,
-            biases: Default::default(),
+            biases: vec![[0.0; 2]; topology.axles().count()],
             link: BoardLink::new(topology, Role::LEAD, 0),
             others: Vec::new(),
             recorded: false,
@@ -424,7 +424,8 @@ impl VirtualRobot {
     fn show_motion(&mut self, at: Time) {
         let axles = self.plant.axles().to_vec();
         if self.booted > Time(0) {
-            self.biases = self.sensors.inertial_biases();
+            self.biases.clear();
+            self.biases.extend(self.sensors.inertial_biases());
         }
         for (number, axle) in self.topology.axles().zip(&axles) {
             let [rate, force] = self.biases[number.index()];
@@ -448,7 +449,7 @@ impl VirtualRobot {
         }
         let mut strains = [0.0; MAX_GAUGES];
         let half = self.half_thickness;
-        self.plant.gauges(0, &self.gauges, |i, curvature| {
+        self.plant.gauges(0, &self.gauges[0], |i, curvature| {
             if let Some(strain) = strains.get_mut(i) {
                 *strain = half * curvature;
             }

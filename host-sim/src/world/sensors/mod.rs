@@ -165,43 +165,64 @@ impl SensorConfig {
     }
 }
 
-/// Inputs of the sensors from the plant at one instant. Axle 0 is the front, wheel 0 the left.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// Inputs of the sensors from the plant at one instant.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Truth {
-    /// Angle each wheel has turned against its axle since the start, rad, forward positive.
-    pub wheel_angle: [[f64; 2]; 2],
-    /// Yaw rate of each axle, rad/s, counter-clockwise positive.
-    pub yaw_rate: [f64; 2],
-    /// Specific force of each axle along its forward axis, m/s².
-    pub forward_acceleration: [f64; 2],
-    /// Strain of the outer fibre at each gauge's true place, positive where the frame bends left.
-    pub gauge_strain: [f64; MAX_GAUGES],
-    /// Number of gauges on the strip: the others are not sampled.
-    pub gauge_count: usize,
+    /// Axles, front first.
+    pub axles: Vec<AxleTruth>,
+    /// Strains of the outer fibre at the true places of each frame's gauges, positive where the frame bends left. Front
+    /// frame first.
+    pub strains: Vec<Vec<f64>>,
+}
+
+/// Inputs of an axle's sensors. Wheel 0 is the left.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AxleTruth {
+    /// Angle each wheel has turned against the axle since the start, rad, forward positive.
+    pub wheel_angle: [f64; 2],
+    /// Yaw rate, rad/s, counter-clockwise positive.
+    pub yaw_rate: f64,
+    /// Specific force along the forward axis, m/s².
+    pub forward_acceleration: f64,
 }
 
 /// Samples of the boards at one tick.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
-    /// Encoder counters, by axle and wheel; they wrap around.
-    pub encoder_counts: [[i32; 2]; 2],
-    /// Yaw rate of each axle, rad/s; none where no gyro is fitted.
-    pub gyro: [Option<f32>; 2],
-    /// Longitudinal specific force of each axle, m/s²; none where no accelerometer is fitted.
-    pub accelerometer: [Option<f32>; 2],
-    /// Converter counts of the bridges, zero at mid-scale; zero where there is no gauge.
-    pub bridge_counts: [i32; MAX_GAUGES],
+    /// Axles, front first.
+    pub axles: Vec<AxleSamples>,
+    /// Converter counts of each frame's bridges, zero at mid-scale; zero where there is no gauge. Front frame first.
+    pub frames: Vec<[i32; MAX_GAUGES]>,
+}
+
+/// Samples of an axle's board at one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AxleSamples {
+    /// Encoder counters by wheel; they wrap around.
+    pub encoder_counts: [i32; 2],
+    /// Yaw rate, rad/s; none where no gyro is fitted.
+    pub gyro: Option<f32>,
+    /// Longitudinal specific force, m/s²; none where no accelerometer is fitted.
+    pub accelerometer: Option<f32>,
+}
+
+/// Sensors of an axle.
+#[derive(Clone, Debug)]
+struct AxleSensors {
+    encoder_phase: [f64; 2],
+    encoder_delay: Delay<[i32; 2]>,
+    gyro: InertialChannel,
+    accelerometer: InertialChannel,
 }
 
 /// All sensors of one robot in one trial. One call of [`Self::sample`] a millisecond.
 #[derive(Clone, Debug)]
 pub struct Sensors {
     counts_per_radian: f64,
-    encoder_phase: [[f64; 2]; 2],
-    encoder_delay: Delay<[[i32; 2]; 2]>,
-    gyro: [InertialChannel; 2],
-    accelerometer: [InertialChannel; 2],
-    bridges: [Bridge; MAX_GAUGES],
+    axles: Vec<AxleSensors>,
+    /// Bridges of each frame.
+    frames: Vec<[Bridge; MAX_GAUGES]>,
+    samples: Samples,
 }
 
 impl Sensors {
@@ -212,64 +233,73 @@ impl Sensors {
         // the imperfections took.
         let noise = |stream: Stream| generator(mix(seed), trial, stream);
         let converter = config.bridge.converter(drawn).map(Arc::new);
+        let axle = |axle: usize| AxleSensors {
+            encoder_phase: drawn.encoder_phase[axle],
+            encoder_delay: Delay::new(config.encoder.delay_ms),
+            gyro: InertialChannel::new(
+                config.gyro.into(),
+                drawn.gyro_bias[axle],
+                drawn.gyro_scale_error[axle],
+                noise(Stream::Gyro(axle)),
+            ),
+            accelerometer: InertialChannel::new(
+                config.accelerometer.into(),
+                drawn.accelerometer_bias[axle],
+                drawn.accelerometer_scale_error[axle],
+                noise(Stream::Accelerometer(axle)),
+            ),
+        };
+        let axles: Vec<_> = (0..drawn.encoder_phase.len()).map(axle).collect();
+        let frames = vec![std::array::from_fn(|index| {
+            let random = noise(Stream::Bridge(index));
+            Bridge::new(&config.bridge, drawn, index, converter.clone(), random)
+        })];
         Ok(Self {
             counts_per_radian: f64::from(config.encoder.counts_per_revolution) / TAU,
-            encoder_phase: drawn.encoder_phase,
-            encoder_delay: Delay::new(config.encoder.delay_ms),
-            gyro: [0, 1].map(|axle| {
-                InertialChannel::new(
-                    config.gyro.into(),
-                    drawn.gyro_bias[axle],
-                    drawn.gyro_scale_error[axle],
-                    noise(Stream::Gyro(axle)),
-                )
-            }),
-            accelerometer: [0, 1].map(|axle| {
-                InertialChannel::new(
-                    config.accelerometer.into(),
-                    drawn.accelerometer_bias[axle],
-                    drawn.accelerometer_scale_error[axle],
-                    noise(Stream::Accelerometer(axle)),
-                )
-            }),
-            bridges: std::array::from_fn(|index| {
-                let random = noise(Stream::Bridge(index));
-                Bridge::new(&config.bridge, drawn, index, converter.clone(), random)
-            }),
+            samples: Samples {
+                axles: vec![AxleSamples::default(); axles.len()],
+                frames: vec![[0; MAX_GAUGES]; frames.len()],
+            },
+            axles,
+            frames,
         })
     }
 
     /// Biases of the next inertial samples by axle: gyro, rad/s, and accelerometer, m/s², after the average at
     /// rest. For sensors that are simulated elsewhere, in place of [`Self::sample`].
-    pub fn inertial_biases(&mut self) -> [[f64; 2]; 2] {
-        [0, 1].map(|axle: usize| [self.gyro[axle].bias(), self.accelerometer[axle].bias()])
+    pub fn inertial_biases(&mut self) -> impl Iterator<Item = [f64; 2]> {
+        let axles = self.axles.iter_mut();
+        axles.map(|axle| [axle.gyro.bias(), axle.accelerometer.bias()])
     }
 
-    /// The readings one millisecond after the last call; no allocation.
-    pub fn sample(&mut self, truth: &Truth) -> Samples {
-        let mut samples = Samples::default();
-        for axle in 0..2 {
-            for wheel in 0..2 {
-                let counts = (truth.wheel_angle[axle][wheel] * self.counts_per_radian
-                    + self.encoder_phase[axle][wheel])
+    /// Latest samples.
+    pub fn samples(&self) -> &Samples {
+        &self.samples
+    }
+
+    /// The readings one millisecond after the last call; no allocation. An axle or gauge without a truth is not sampled.
+    pub fn sample(&mut self, truth: &Truth) -> &Samples {
+        let axles = self.axles.iter_mut().zip(&truth.axles);
+        for (samples, (axle, truth)) in self.samples.axles.iter_mut().zip(axles) {
+            let counts = std::array::from_fn(|wheel| {
+                let counts = (truth.wheel_angle[wheel] * self.counts_per_radian
+                    + axle.encoder_phase[wheel])
                     .floor();
                 // Through i64: a hardware counter wraps where a float conversion would saturate.
-                samples.encoder_counts[axle][wheel] = counts as i64 as i32;
+                counts as i64 as i32
+            });
+            *samples = AxleSamples {
+                encoder_counts: axle.encoder_delay.pass(counts),
+                gyro: axle.gyro.sample(truth.yaw_rate),
+                accelerometer: axle.accelerometer.sample(truth.forward_acceleration),
+            };
+        }
+        let frames = self.frames.iter_mut().zip(&truth.strains);
+        for (samples, (bridges, strains)) in self.samples.frames.iter_mut().zip(frames) {
+            for ((counts, bridge), &strain) in samples.iter_mut().zip(bridges).zip(strains) {
+                *counts = bridge.sample(strain);
             }
-            samples.gyro[axle] = self.gyro[axle].sample(truth.yaw_rate[axle]);
-            samples.accelerometer[axle] =
-                self.accelerometer[axle].sample(truth.forward_acceleration[axle]);
         }
-        samples.encoder_counts = self.encoder_delay.pass(samples.encoder_counts);
-        let strains = truth.gauge_strain.iter().take(truth.gauge_count);
-        for ((counts, bridge), &strain) in samples
-            .bridge_counts
-            .iter_mut()
-            .zip(&mut self.bridges)
-            .zip(strains)
-        {
-            *counts = bridge.sample(strain);
-        }
-        samples
+        &self.samples
     }
 }

@@ -28,7 +28,7 @@ use host_sim::targets;
 use host_sim::targets::Target;
 use host_sim::world::drawn::Drawn;
 use host_sim::world::random::{Stream, generator, normal};
-use host_sim::world::sensors::{Sensors, Truth};
+use host_sim::world::sensors::{AxleTruth, Sensors, Truth};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -179,13 +179,12 @@ impl Bench {
             let former = normal(&mut random, FORMER_SIGMA);
             let bent = bridge.half_thickness_m * curvature * (1.0 + former);
             let truth = Truth {
-                gauge_strain: [bent + edge; MAX_GAUGES],
-                gauge_count: MAX_GAUGES,
+                strains: vec![vec![bent + edge; MAX_GAUGES]],
                 ..Truth::default()
             };
             let mut sums = [0.0; MAX_GAUGES];
             for k in 0..SAMPLES + SETTLE {
-                let counts = sensors.sample(&truth).bridge_counts;
+                let counts = sensors.sample(&truth).frames[0];
                 for (sum, count) in sums.iter_mut().zip(counts) {
                     *sum += if k < SETTLE { 0.0 } else { f64::from(count) };
                 }
@@ -205,6 +204,10 @@ impl Bench {
         config.gyro.fitted = true;
         let mut sensors = Sensors::new(&config, &self.robot, self.seed, 1)?;
         let mut random = generator(self.seed, 1, Stream::Other(79));
+        let mut truth = Truth {
+            axles: vec![AxleTruth::default(); 2],
+            ..Truth::default()
+        };
         let mut all = [Vec::new(), Vec::new()];
         for angle in [3.0 * TAU, -3.0 * TAU] {
             let turned = angle + normal(&mut random, MARK_SIGMA_RAD);
@@ -220,13 +223,12 @@ impl Bench {
                     }
                     _ => 0.0,
                 };
-                let truth = Truth {
-                    yaw_rate: [rate; 2],
-                    ..Truth::default()
-                };
+                for axle in &mut truth.axles {
+                    axle.yaw_rate = rate;
+                }
                 let samples = sensors.sample(&truth);
-                for (sums, reading) in sums.iter_mut().zip(samples.gyro) {
-                    sums[part].add(reading.map_or(0.0, f64::from));
+                for (sums, axle) in sums.iter_mut().zip(&samples.axles) {
+                    sums[part].add(axle.gyro.map_or(0.0, f64::from));
                 }
             }
             for (turns, [before, turning, after]) in all.iter_mut().zip(sums) {
