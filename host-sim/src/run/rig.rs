@@ -256,7 +256,7 @@ pub fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
     calibration.full_scale_counts = 2 * bridge.full_scale_counts() - 1;
     calibration.strain_per_count = bridge.strain_per_count() as f32;
     let gauges = config.beam.strip.gauges_m.count();
-    let zeros = bridge.zero_counts(imperfections);
+    let zeros = bridge.zero_counts(&imperfections.frames[0]);
     let zeros = zeros.map(|count| (count + middle) as f32);
     if let Some(zeros) = zeros.get(..gauges).and_then(PerGauge::new) {
         calibration.zero_counts = zeros;

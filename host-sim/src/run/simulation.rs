@@ -49,7 +49,7 @@ impl Simulation {
         seed: u64,
         trial: u64,
     ) -> Result<Self, Error> {
-        let imperfections = scenario.world.draw(seed, trial);
+        let imperfections = scenario.world.draw(scenario.robot.topology(), seed, trial);
         Self::with(targets, scenario, &imperfections, seed, trial)
     }
 

@@ -2,6 +2,7 @@
 
 use crate::base::table::table;
 use crate::world::random::{BOUND, bounded};
+use core_algos::topology::Topology;
 use plant::{PlantConfig, Tyre};
 use rand_pcg::Pcg64;
 use serde::Serialize;
@@ -31,26 +32,29 @@ table! {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct PlantErrors {
     /// Slip stiffness of each wheel over the mean.
-    pub slip_stiffness_factor: [[f64; 2]; 2],
+    pub slip_stiffness_factor: Vec<[f64; 2]>,
     /// Bending stiffness over the mean.
     pub bending_stiffness_factor: f64,
     /// Length of the strip less the mean, m.
     pub strip_length_m: f64,
     /// Side slip of each axle beyond the mean.
-    pub side_slip: [f64; 2],
+    pub side_slip: Vec<f64>,
     /// Carpet drift beyond the mean.
     pub carpet_drift: [f64; 2],
     /// Play of each gear beyond the mean, rad.
-    pub backlash_rad: [[f64; 2]; 2],
+    pub backlash_rad: Vec<[f64; 2]>,
     /// Load sensitivity of the radii beyond the mean.
     pub radius_load_sensitivity: f64,
 }
 
 impl PlantErrors {
     /// A plant as it is configured.
-    pub fn none() -> Self {
+    pub fn none(topology: Topology) -> Self {
+        let axles = topology.axle_count();
         Self {
-            slip_stiffness_factor: [[1.0; 2]; 2],
+            slip_stiffness_factor: vec![[1.0; 2]; axles],
+            side_slip: vec![0.0; axles],
+            backlash_rad: vec![[0.0; 2]; axles],
             bending_stiffness_factor: 1.0,
             ..Self::default()
         }
@@ -58,9 +62,11 @@ impl PlantErrors {
 
     /// Makes a plant this one.
     pub fn apply(&self, plant: &mut PlantConfig) {
-        for i in 0..2 {
-            plant.side_slip[i] += self.side_slip[i];
-            plant.carpet_drift[i] += self.carpet_drift[i];
+        for (drift, error) in plant.carpet_drift.iter_mut().zip(self.carpet_drift) {
+            *drift += error;
+        }
+        for (i, slip) in self.side_slip.iter().enumerate() {
+            plant.side_slip[i] += slip;
             for j in 0..2 {
                 if let Tyre::Brush(brush) = &mut plant.tyre {
                     brush.slip_stiffness[i][j] *= self.slip_stiffness_factor[i][j];
@@ -76,17 +82,17 @@ impl PlantErrors {
 
 impl Spread {
     /// One robot's errors; the same numbers whatever the spread.
-    pub fn draw(&self, random: &mut Pcg64) -> PlantErrors {
-        self.errors(|sigma| bounded(random, sigma))
+    pub fn draw(&self, topology: Topology, random: &mut Pcg64) -> PlantErrors {
+        self.errors(topology, |sigma| bounded(random, sigma))
     }
 
     /// Errors of the robot whose draws all lie at the lower (-1) or upper (1) bound.
-    pub fn extreme(&self, side: f64) -> PlantErrors {
-        self.errors(|sigma| side * BOUND * sigma)
+    pub fn extreme(&self, topology: Topology, side: f64) -> PlantErrors {
+        self.errors(topology, |sigma| side * BOUND * sigma)
     }
 
-    fn errors(&self, mut draw: impl FnMut(f64) -> f64) -> PlantErrors {
-        let mut drawn = PlantErrors::none();
+    fn errors(&self, topology: Topology, mut draw: impl FnMut(f64) -> f64) -> PlantErrors {
+        let mut drawn = PlantErrors::none(topology);
         for factor in drawn.slip_stiffness_factor.as_flattened_mut() {
             *factor = libm::exp(draw(self.slip_stiffness));
         }

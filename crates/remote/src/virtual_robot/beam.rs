@@ -48,11 +48,12 @@ pub struct BridgeParts {
 impl BridgeParts {
     /// Those of bridge `k`, as they were drawn.
     pub fn of(drawn: &Drawn, k: usize) -> Self {
+        let frame = &drawn.frames[0];
         Self {
-            gain_error: drawn.bridge_gain_error[k],
-            offset: drawn.bridge_offset[k],
-            drift: drawn.bridge_drift[k],
-            zero_per_k: drawn.bridge_zero_per_k[k],
+            gain_error: frame.bridge_gain_error[k],
+            offset: frame.bridge_offset[k],
+            drift: frame.bridge_drift[k],
+            zero_per_k: frame.bridge_zero_per_k[k],
             creep_error: drawn.gauge_creep_error,
         }
     }

@@ -162,7 +162,7 @@ fn boards(
         if role.is_beam() {
             // The converter of the world's bridges.
             variation.converter_nonlinearity = scenario.world.sensors.bridge.nonlinearity_counts;
-            variation.converter_seed = drawn.converter.into();
+            variation.converter_seed = drawn.frames[0].converter.into();
         }
         (options.vary)(role, &mut variation);
         board.chip().set_variation(variation);
@@ -201,7 +201,8 @@ impl VirtualRobot {
         options: &Options,
         logs: &[BoardLog],
     ) -> Result<Self, Error> {
-        let drawn = scenario.world.draw(seed, trial);
+        let topology = scenario.robot.topology();
+        let drawn = scenario.world.draw(topology, seed, trial);
         let plant = scenario.world.plant_of(&drawn, scenario.mission.rps);
         let mut plant = plant.map_err(|error| Error::input(format!("plant.{error}")))?;
         let start = std::array::from_fn(|i| scenario.mission.start[i] + drawn.placement[i]);
@@ -212,7 +213,6 @@ impl VirtualRobot {
         let bridges: Vec<BridgeParts> = (0..gauges[0].len())
             .map(|k| BridgeParts::of(&drawn, k))
             .collect();
-        let topology = scenario.robot.topology();
         let fitted = |role: &Role| scenario.mission.rps || !role.is_beam();
         let roles: Vec<Role> = topology.boards().filter(fitted).collect();
         let parts = (drawn, bridges);

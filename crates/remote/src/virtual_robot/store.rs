@@ -79,7 +79,7 @@ fn calibrate(
     drawn: &Drawn,
 ) -> Result<(), Error> {
     let config = &scenario.world.sensors.bridge;
-    let converter = config.converter(drawn);
+    let converter = config.converter(&drawn.frames[0]);
     let amplified =
         f64::from(config.active_gauges) / 4.0 * config.gauge_factor * config.amplifier_gain;
     let nominal = 1.0 / (f64::from(FULL_SCALE) * amplified);

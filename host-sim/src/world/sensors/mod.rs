@@ -22,10 +22,11 @@ pub use inertial::{Accelerometer, Gyro};
 
 use crate::base::error::{Error, within};
 use crate::base::table::table;
-use crate::world::drawn::Drawn;
+use crate::world::drawn::{Drawn, FrameErrors};
 use crate::world::random::SMALL;
 use crate::world::random::{BOUND, Stream, bounded, generator, mix, normal};
 use bridge::Bridge;
+use core_algos::topology::Topology;
 use delay::Delay;
 use inertial::{Channel, InertialChannel};
 use rand::RngExt;
@@ -90,12 +91,8 @@ table! {
 
 impl GeometryConfig {
     /// Factors of wheel radius and track at the lower (-1) or upper (1) bound of their draws.
-    pub fn extreme(&self, side: f64) -> ([[f64; 2]; 2], [f64; 2]) {
-        let factor = |sigma: f64| 1.0 + side * BOUND * sigma;
-        (
-            [[factor(self.wheel_radius_sigma); 2]; 2],
-            [factor(self.track_sigma); 2],
-        )
+    pub fn extreme(&self, side: f64) -> [f64; 2] {
+        [self.wheel_radius_sigma, self.track_sigma].map(|sigma| 1.0 + side * BOUND * sigma)
     }
 }
 
@@ -112,8 +109,8 @@ impl SensorConfig {
 
     /// The errors of one robot's sensors; [`World::draw`](crate::world::World::draw) adds those of the
     /// plant. The configuration only scales the numbers that are drawn.
-    pub fn draw(&self, seed: u64, trial: u64) -> Drawn {
-        let mut drawn = Drawn::none();
+    pub fn draw(&self, topology: Topology, seed: u64, trial: u64) -> Drawn {
+        let mut drawn = Drawn::none(topology);
 
         let mut random = generator(seed, trial, Stream::Geometry);
         for factor in drawn.wheel_radius_factor.as_flattened_mut() {
@@ -138,7 +135,7 @@ impl SensorConfig {
             *phase = unit.sample(&mut random);
         }
 
-        for axle in 0..2 {
+        for axle in 0..topology.axle_count() {
             let mut random = generator(seed, trial, Stream::Gyro(axle));
             drawn.gyro_bias[axle] = Channel::from(self.gyro).draw_bias(&mut random);
             drawn.gyro_scale_error[axle] = normal(&mut random, self.gyro.scale_sigma);
@@ -150,16 +147,20 @@ impl SensorConfig {
         }
 
         let bridge = &self.bridge;
-        let mut random = generator(seed, trial, Stream::BridgeCommon);
-        let common = normal(&mut random, bridge.common_sigma_strain);
-        drawn.converter = generator(seed, trial, Stream::Converter).random();
-        for index in 0..MAX_GAUGES {
-            let mut random = generator(seed, trial, Stream::Bridge(index));
-            drawn.bridge_gain_error[index] = normal(&mut random, bridge.gain_sigma);
-            drawn.bridge_offset[index] = normal(&mut random, bridge.offset_sigma_strain);
-            drawn.bridge_drift[index] = common + normal(&mut random, bridge.drift_sigma_strain);
-            drawn.gauge_shift_m[index] = normal(&mut random, bridge.position_sigma_m);
-            drawn.bridge_zero_per_k[index] = normal(&mut random, bridge.zero_per_k_sigma_strain);
+        let mut of_common = generator(seed, trial, Stream::BridgeCommon);
+        let mut of_converter = generator(seed, trial, Stream::Converter);
+        for (frame, drawn) in drawn.frames.iter_mut().enumerate() {
+            let common = normal(&mut of_common, bridge.common_sigma_strain);
+            drawn.converter = of_converter.random();
+            for index in 0..MAX_GAUGES {
+                let mut random = generator(seed, trial, Stream::Bridge(frame, index));
+                drawn.bridge_gain_error[index] = normal(&mut random, bridge.gain_sigma);
+                drawn.bridge_offset[index] = normal(&mut random, bridge.offset_sigma_strain);
+                drawn.bridge_drift[index] = common + normal(&mut random, bridge.drift_sigma_strain);
+                drawn.gauge_shift_m[index] = normal(&mut random, bridge.position_sigma_m);
+                drawn.bridge_zero_per_k[index] =
+                    normal(&mut random, bridge.zero_per_k_sigma_strain);
+            }
         }
         drawn
     }
@@ -232,7 +233,6 @@ impl Sensors {
         // Noise continues on streams of their own, so that it does not depend on how many numbers
         // the imperfections took.
         let noise = |stream: Stream| generator(mix(seed), trial, stream);
-        let converter = config.bridge.converter(drawn).map(Arc::new);
         let axle = |axle: usize| AxleSensors {
             encoder_phase: drawn.encoder_phase[axle],
             encoder_delay: Delay::new(config.encoder.delay_ms),
@@ -250,10 +250,16 @@ impl Sensors {
             ),
         };
         let axles: Vec<_> = (0..drawn.encoder_phase.len()).map(axle).collect();
-        let frames = vec![std::array::from_fn(|index| {
-            let random = noise(Stream::Bridge(index));
-            Bridge::new(&config.bridge, drawn, index, converter.clone(), random)
-        })];
+        let creep = drawn.gauge_creep_error;
+        let frame = |(frame, errors): (usize, &FrameErrors)| {
+            let converter = config.bridge.converter(errors).map(Arc::new);
+            std::array::from_fn(|index| {
+                let random = noise(Stream::Bridge(frame, index));
+                let converter = converter.clone();
+                Bridge::new(&config.bridge, (errors, creep), index, converter, random)
+            })
+        };
+        let frames: Vec<_> = drawn.frames.iter().enumerate().map(frame).collect();
         Ok(Self {
             counts_per_radian: f64::from(config.encoder.counts_per_revolution) / TAU,
             samples: Samples {

@@ -50,8 +50,8 @@ fn gauges_creep_and_warm() {
     config.bridge.warming_k = 10.0;
     config.bridge.warming_time_s = 0.25;
     config.bridge.gain_per_k = 1e-4;
-    let mut drawn = Drawn::none();
-    drawn.bridge_zero_per_k[1] = 0.4e-6;
+    let mut drawn = Drawn::none(Topology::PAIR);
+    drawn.frames[0].bridge_zero_per_k[1] = 0.4e-6;
     let mut sensors = Sensors::new(&config, &drawn, 1, 1).unwrap();
     let mut truth = at_rest(2);
     truth.strains[0].fill(1e-3);
@@ -100,14 +100,14 @@ fn bad_parameters_are_named() {
         let (key, _) = entry.split_once(" = ").unwrap();
         let why = config.check().unwrap_err().to_string();
         assert!(why.starts_with(&format!("sensors.{key} = ")), "{why}");
-        assert!(Sensors::new(&config, &Drawn::none(), 0, 0).is_err());
+        assert!(Sensors::new(&config, &Drawn::none(Topology::PAIR), 0, 0).is_err());
     }
 }
 
 #[test]
 fn encoder_counts_one_revolution_and_wraps() {
     let config = clean();
-    let mut sensors = sensors(&config, &Drawn::none());
+    let mut sensors = sensors(&config, &Drawn::none(Topology::PAIR));
     let mut at = |angle: f64| {
         let mut truth = at_rest(0);
         truth.axles[1].wheel_angle[0] = angle;
@@ -125,7 +125,7 @@ fn encoder_phase_spreads_the_edges() {
     let config = clean();
     let phases: Vec<f64> = (0..500)
         .flat_map(|trial| {
-            let drawn = config.draw(3, trial);
+            let drawn = config.draw(Topology::PAIR, 3, trial);
             drawn.encoder_phase.into_iter().flatten()
         })
         .collect();
@@ -138,7 +138,9 @@ fn encoder_phase_spreads_the_edges() {
 #[test]
 fn imperfections_have_the_stated_spread_and_are_the_same_in_pairs() {
     let config = SensorConfig::default();
-    let drawn: Vec<_> = (0..2000).map(|trial| config.draw(7, trial)).collect();
+    let drawn: Vec<_> = (0..2000)
+        .map(|trial| config.draw(Topology::PAIR, 7, trial))
+        .collect();
     let spread = |value: &dyn Fn(&Drawn) -> f64, mean: f64, sigma: f64| {
         let values: Vec<f64> = drawn.iter().map(value).collect();
         let (m, s) = mean_and_sd(&values);
@@ -148,12 +150,12 @@ fn imperfections_have_the_stated_spread_and_are_the_same_in_pairs() {
     spread(&|d| d.wheel_radius_factor[1][0], 1.0, 1e-3);
     spread(&|d| d.track_factor[0], 1.0, 3e-3);
     spread(&|d| d.placement[2], 0.0, 2e-3);
-    spread(&|d| d.bridge_offset[4], 0.0, 200e-6);
-    spread(&|d| d.gauge_shift_m[2], 0.0, 0.3e-3);
+    spread(&|d| d.frames[0].bridge_offset[4], 0.0, 200e-6);
+    spread(&|d| d.frames[0].gauge_shift_m[2], 0.0, 0.3e-3);
     // Own and common part together; two bridges share the common part only.
-    spread(&|d| d.bridge_drift[3], 0.0, 2f64.sqrt() * 1e-6);
+    spread(&|d| d.frames[0].bridge_drift[3], 0.0, 2f64.sqrt() * 1e-6);
     spread(
-        &|d| d.bridge_drift[3] - d.bridge_drift[0],
+        &|d| d.frames[0].bridge_drift[3] - d.frames[0].bridge_drift[0],
         0.0,
         2f64.sqrt() * 1e-6,
     );
@@ -164,8 +166,8 @@ fn imperfections_have_the_stated_spread_and_are_the_same_in_pairs() {
     let mut other = config.clone();
     other.gyro.fitted = true;
     other.geometry.wheel_radius_sigma = 2e-3;
-    let twin = other.draw(7, 5);
-    assert_eq!(twin.bridge_drift, drawn[5].bridge_drift);
+    let twin = other.draw(Topology::PAIR, 7, 5);
+    assert_eq!(twin.frames[0].bridge_drift, drawn[5].frames[0].bridge_drift);
     for (one, two) in drawn[5].wheel_radius_factor[0]
         .iter()
         .zip(twin.wheel_radius_factor[0])
@@ -173,7 +175,7 @@ fn imperfections_have_the_stated_spread_and_are_the_same_in_pairs() {
         assert!(((two - 1.0) - 2.0 * (one - 1.0)).abs() < 1e-12);
     }
     assert_ne!(drawn[5], drawn[6]);
-    assert_ne!(drawn[5], config.draw(8, 5));
+    assert_ne!(drawn[5], config.draw(Topology::PAIR, 8, 5));
 }
 
 #[test]
@@ -182,7 +184,7 @@ fn streams_do_not_depend_on_what_else_is_fitted() {
     let mut full = bare.clone();
     full.gyro.fitted = true;
     full.accelerometer.fitted = true;
-    let drawn = bare.draw(11, 0);
+    let drawn = bare.draw(Topology::PAIR, 11, 0);
     let run = |config: &SensorConfig, gauge_count| {
         let mut sensors = Sensors::new(config, &drawn, 11, 0).unwrap();
         let mut truth = at_rest(gauge_count);
@@ -204,7 +206,7 @@ fn noise_of_the_sensors_is_white_and_uncorrelated() {
     let mut config = clean();
     config.bridge.noise_strain = 5e-6;
     config.gyro.noise_density = 4.9e-5;
-    let mut sensors = sensors(&config, &Drawn::none());
+    let mut sensors = sensors(&config, &Drawn::none(Topology::PAIR));
     let truth = at_rest(2);
     let n = 20_000;
     let mut series = [const { Vec::new() }; 4];
@@ -241,27 +243,31 @@ fn bridge_chain_gives_the_counts_of_a_hand_calculation() {
     // 1000 µε · 2.1 = 2.1 mV/V; ·60 = 0.126 of the reference; ·2^14 = 2064.4 counts.
     let mut truth = at_rest(1);
     truth.strains[0][0] = 1e-3;
-    let mut ideal = sensors(&config, &Drawn::none());
+    let mut ideal = sensors(&config, &Drawn::none(Topology::PAIR));
     assert_eq!(ideal.sample(&truth).frames[0][0], 2064);
     // Half a bridge gives half as much.
     let mut half = config.clone();
     half.bridge.active_gauges = 2;
-    let mut half = sensors(&half, &Drawn::none());
+    let mut half = sensors(&half, &Drawn::none(Topology::PAIR));
     assert_eq!(half.sample(&truth).frames[0][0], 1032);
     // Gain error acts on the strain, not on the offset: 1110 µε, not 1111.
-    let mut bad = Drawn::none();
-    bad.bridge_gain_error[0] = 0.01;
-    bad.bridge_offset[0] = 100e-6;
+    let mut bad = Drawn::none(Topology::PAIR);
+    bad.frames[0].bridge_gain_error[0] = 0.01;
+    bad.frames[0].bridge_offset[0] = 100e-6;
     let mut bad = sensors(&config, &bad);
     assert_eq!(bad.sample(&truth).frames[0][0], 2291);
     truth.strains[0][0] = 1.0;
     assert_eq!(
-        sensors(&config, &Drawn::none()).sample(&truth).frames[0][0],
+        sensors(&config, &Drawn::none(Topology::PAIR))
+            .sample(&truth)
+            .frames[0][0],
         8191
     );
     truth.strains[0][0] = -1.0;
     assert_eq!(
-        sensors(&config, &Drawn::none()).sample(&truth).frames[0][0],
+        sensors(&config, &Drawn::none(Topology::PAIR))
+            .sample(&truth)
+            .frames[0][0],
         -8192
     );
 }
@@ -269,9 +275,9 @@ fn bridge_chain_gives_the_counts_of_a_hand_calculation() {
 #[test]
 fn stored_zero_leaves_the_drift_alone() {
     let config = clean();
-    let mut drawn = config.draw(5, 9);
-    drawn.bridge_drift = [3e-6; MAX_GAUGES];
-    let zero = config.bridge.zero_counts(&drawn);
+    let mut drawn = config.draw(Topology::PAIR, 5, 9);
+    drawn.frames[0].bridge_drift = [3e-6; MAX_GAUGES];
+    let zero = config.bridge.zero_counts(&drawn.frames[0]);
     let mut sensors = sensors(&config, &drawn);
     let sample = sensors.sample(&at_rest(MAX_GAUGES));
     for (counts, zero) in sample.frames[0].iter().zip(zero) {
@@ -303,7 +309,7 @@ fn samples_arrive_as_old_as_configured() {
     config.gyro.delay_ms = 1;
     config.bridge.delay_ms = 31;
     config.bridge.bandwidth_hz = 1e9;
-    let mut sensors = sensors(&config, &Drawn::none());
+    let mut sensors = sensors(&config, &Drawn::none(Topology::PAIR));
     for k in 0..100 {
         let t = f64::from(k);
         let mut truth = at_rest(1);
@@ -324,9 +330,9 @@ fn samples_arrive_as_old_as_configured() {
 #[test]
 fn inertial_readings_are_scaled_biased_quantised_and_limited() {
     let config = clean();
-    let mut drawn = Drawn::none();
-    drawn.gyro_bias = [0.01, -0.02];
-    drawn.gyro_scale_error = [0.0, 0.005];
+    let mut drawn = Drawn::none(Topology::PAIR);
+    drawn.gyro_bias = vec![0.01, -0.02];
+    drawn.gyro_scale_error = vec![0.0, 0.005];
     let mut sensors = sensors(&config, &drawn);
     let mut truth = at_rest(0);
     for (axle, (rate, force)) in truth.axles.iter_mut().zip([(1.0, 100.0), (2.0, -100.0)]) {
@@ -350,7 +356,7 @@ fn bias_walks_with_the_square_root_of_time() {
     config.gyro.bias_walk = 0.01;
     let ends: Vec<f64> = (0..400)
         .map(|trial| {
-            let none = Drawn::none();
+            let none = Drawn::none(Topology::PAIR);
             let mut sensors = Sensors::new(&config, &none, 21, trial).unwrap();
             let truth = at_rest(0);
             let mut sample = |_| sensors.sample(&truth).axles[0].gyro;

@@ -74,7 +74,7 @@ impl Bench {
     /// The robot of a seed; its boards are in this process, or the given ones.
     pub fn new(scenario: &Scenario, seed: u64, boards: Option<Vec<Box<dyn Target>>>) -> Self {
         Self {
-            robot: scenario.world.draw(seed, 0),
+            robot: scenario.world.draw(scenario.robot.topology(), seed, 0),
             seed,
             remote: boards.is_some(),
             boards,
@@ -93,13 +93,13 @@ impl Bench {
         let route = Route::new(path, 1, &scenario);
         let route = route.map_err(|error| Error::input(format!("path: {error}")))?;
         scenario.mission.start = route.start();
-        let placed = scenario.world.draw(self.seed, run);
+        let topology = scenario.robot.topology();
+        let placed = scenario.world.draw(topology, self.seed, run);
         let robot = Drawn {
             placement: placed.placement,
             encoder_phase: placed.encoder_phase,
             ..self.robot.clone()
         };
-        let topology = scenario.robot.topology();
         let boards = self.boards.take();
         let targets = boards.unwrap_or_else(|| targets::in_process(topology));
         let mut simulation = Simulation::with(targets, &scenario, &robot, self.seed, run)?;
@@ -167,10 +167,8 @@ impl Bench {
         let mut random = generator(self.seed, 1, Stream::Other(78));
         // What all bridges share after zeroing comes from the edge, and there has been no drift yet.
         let edge = normal(&mut random, bridge.common_sigma_strain);
-        let robot = Drawn {
-            bridge_drift: [0.0; MAX_GAUGES],
-            ..self.robot.clone()
-        };
+        let mut robot = self.robot.clone();
+        robot.frames[0].bridge_drift = [0.0; MAX_GAUGES];
         let mut sensors = Sensors::new(&scenario.world.sensors, &robot, self.seed, 1)?;
         let middle = f64::from(bridge.full_scale_counts());
         let mut held = Vec::new();
