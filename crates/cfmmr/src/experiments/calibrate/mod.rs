@@ -60,13 +60,13 @@ pub struct Bench {
 /// Result of a run on a path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Run {
-    /// Odometry of the axles and their true ends.
-    pub axles: [Return; 2],
+    /// Odometry of the axles and their true ends, front first.
+    pub axles: Vec<Return>,
     /// True turn of each axle less that of its odometry, rad.
-    pub heading: [f64; 2],
+    pub heading: Vec<f64>,
     /// The robot's own estimate of where it came to, against the truth.
     pub robot: [f64; 2],
-    /// Root mean square error of the frame's measured end: m, m, rad.
+    /// Root mean square error of the first frame's measured end: m, m, rad.
     pub beam: [f64; 3],
 }
 
@@ -126,11 +126,11 @@ impl Bench {
         frames.for_each(|frame| seen.take(frame));
         let mut random = generator(self.seed, run, Stream::Other(77));
         let mut tape = || normal(&mut random, TAPE_SIGMA_M);
-        let axles = simulation.plant().axles();
-        let mut heading = [0.0; 2];
-        let axles = std::array::from_fn(|i| {
-            let [x, y, phi] = between(seen.axles[i], axles[i].posture);
-            heading[i] = wrap(phi - seen.laps[i].end()[2]);
+        let axles = simulation.plant().axles().iter().enumerate();
+        let mut heading = Vec::new();
+        let axles = axles.map(|(i, axle)| {
+            let [x, y, phi] = between(seen.axles[i], axle.posture);
+            heading.push(wrap(phi - seen.laps[i].end()[2]));
             Return {
                 lap: seen.laps[i].clone(),
                 // Marks at both wheels.
@@ -141,6 +141,7 @@ impl Bench {
                 ],
             }
         });
+        let axles = axles.collect();
         let truth = between(seen.midpoint, simulation.plant().midpoint());
         let estimate = [estimate.x, estimate.y, estimate.phi].map(f64::from);
         let estimate = between(route.start(), estimate);
@@ -193,9 +194,9 @@ impl Bench {
         Ok(held)
     }
 
-    /// Readings of both gyros while the robot is turned by hand on the spot: three times around to the
+    /// Readings of the axles' gyros while the robot is turned by hand on the spot: three times around to the
     /// left, then to the right, with rests.
-    pub fn turn(&self, scenario: &Scenario) -> Result<[Vec<Turn>; 2], Error> {
+    pub fn turn(&self, scenario: &Scenario) -> Result<Vec<Vec<Turn>>, Error> {
         const REST: usize = 3000;
         const TURNING: usize = 18_000;
         let mut config = scenario.world.sensors.clone();
@@ -203,13 +204,13 @@ impl Bench {
         let mut sensors = Sensors::new(&config, &self.robot, self.seed, 1)?;
         let mut random = generator(self.seed, 1, Stream::Other(79));
         let mut truth = Truth {
-            axles: vec![AxleTruth::default(); 2],
+            axles: vec![AxleTruth::default(); self.robot.gyro_bias.len()],
             ..Truth::default()
         };
-        let mut all = [Vec::new(), Vec::new()];
+        let mut all = vec![Vec::new(); truth.axles.len()];
         for angle in [3.0 * TAU, -3.0 * TAU] {
             let turned = angle + normal(&mut random, MARK_SIGMA_RAD);
-            let mut sums = [[Sum::default(); 3]; 2];
+            let mut sums = vec![[Sum::default(); 3]; all.len()];
             for k in 0..REST + TURNING + REST {
                 let part = usize::from(k >= REST) + usize::from(k >= REST + TURNING);
                 // Begun and ended smoothly, so that no reading of the turn falls into a rest.
@@ -272,11 +273,11 @@ pub fn square(way: f64) -> Result<Path, Error> {
 
 /// Odometry of the boards from the bus, and the start posture.
 struct Seen {
-    axles: [[f64; 3]; 2],
+    axles: Vec<[f64; 3]>,
     midpoint: [f64; 3],
-    laps: [Lap; 2],
+    laps: Vec<Lap>,
     /// Believed by each axle, m.
-    track_m: [f64; 2],
+    track_m: Vec<f64>,
     relative_heading: f64,
     beam: Vec<[f64; 3]>,
 }
@@ -285,11 +286,13 @@ impl Seen {
     fn new(simulation: &Simulation, scenario: &Scenario) -> Self {
         let believed =
             |role| believed(scenario, role).map_or(0.324, |axle| 2.0 * axle.half_track_m);
+        let axles = simulation.plant().axles();
+        let roles = scenario.robot.topology().axles().map(Role::Axle);
         Self {
-            axles: [0, 1].map(|i| simulation.plant().axles()[i].posture),
+            axles: axles.iter().map(|axle| axle.posture).collect(),
             midpoint: simulation.plant().midpoint(),
-            laps: [Lap::default(), Lap::default()],
-            track_m: [believed(Role::LEAD), believed(Role::axle(1))],
+            laps: vec![Lap::default(); axles.len()],
+            track_m: roles.map(believed).collect(),
             relative_heading: 0.0,
             beam: Vec::new(),
         }
