@@ -25,7 +25,7 @@ fn run(path: &Path, path_mode: PathMode, scenario: &Scenario, seed: u64) -> (Out
     scenario.mission.start = route.start();
     let mut moments = Vec::new();
     let outcome = drive(&scenario, &route, path_mode, seed, |moment| {
-        moments.push(*moment);
+        moments.push(moment.clone());
     });
     (outcome, moments)
 }

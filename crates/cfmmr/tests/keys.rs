@@ -7,6 +7,7 @@ use core_algos::params::TABLE;
 use core_algos::topology::{Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::paths::Path;
+use host_sim::plant::Wrench;
 use host_sim::run::path_run;
 use host_sim::run::path_run::{PathMode, Route};
 use host_sim::run::regulate::regulate_on;
@@ -247,9 +248,18 @@ impl Observer for Epochs {
                 .collect::<Vec<_>>()
         };
         bits(&record.midpoint).hash(&mut hash);
-        bits(record.torque.as_flattened()).hash(&mut hash);
-        bits(&record.wrench).hash(&mut hash);
-        record.strain.map(f32::to_bits).hash(&mut hash);
+        for axle in &record.axles {
+            bits(&axle.torque).hash(&mut hash);
+        }
+        for frame in &record.frames {
+            let Wrench {
+                force,
+                root_moment,
+                end_moment,
+            } = frame.wrench;
+            bits(&[force[0], force[1], root_moment, end_moment]).hash(&mut hash);
+            frame.strain.map(f32::to_bits).hash(&mut hash);
+        }
         format!("{:?} {:?}", record.lead, robot.monitor().changes().last()).hash(&mut hash);
         let (mut seen, hash) = (self.seen.lock().unwrap(), hash.finish());
         let same = self.before.is_empty() || self.before.get(seen.len()) == Some(&hash);

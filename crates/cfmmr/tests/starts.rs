@@ -49,7 +49,7 @@ fn the_figures_of_a_trial_follow_from_its_states() {
             }
         }
         last = Some(record.midpoint);
-        steering = steering.max(0.5 * (record.axles[0][2] - record.axles[1][2]).abs());
+        steering = steering.max(0.5 * (record.frames[0].relative[2]).abs());
         commanded = commanded.max(f64::from(record.lead.motion.psi.0).abs());
     })
     .unwrap();

@@ -25,8 +25,10 @@ impl Run {
         let mut simulation = Simulation::new(scenario, 1, 0).unwrap();
         simulation.inject(fault, tick);
         let mut records = Vec::new();
-        let outcome =
-            regulate_on(&mut simulation, scenario, |record| records.push(*record)).unwrap();
+        let outcome = regulate_on(&mut simulation, scenario, |record| {
+            records.push(record.clone())
+        })
+        .unwrap();
         for change in simulation.monitor().changes() {
             println!("{change}");
         }
@@ -57,7 +59,7 @@ impl Run {
     /// Largest true steering angle |ψ| from a time on, rad.
     fn steering_from(&self, time_s: f64) -> f64 {
         let late = self.records.iter().filter(|record| record.time_s >= time_s);
-        late.map(|record| 0.5 * record.relative[2].abs())
+        late.map(|record| 0.5 * record.frames[0].relative[2].abs())
             .fold(0.0, f64::max)
     }
 
@@ -75,7 +77,7 @@ impl Run {
     /// The robot has stopped in order: no further bent on the way, motors off, at rest.
     fn assert_stopped(&self, since: f64) {
         let before = self.records.iter().rfind(|record| record.time_s <= since);
-        let steering = 0.5 * before.unwrap().relative[2].abs();
+        let steering = 0.5 * before.unwrap().frames[0].relative[2].abs();
         let later = self.steering_from(since);
         assert!(
             later < steering + 0.03,

@@ -93,10 +93,13 @@ pub fn of_records(records: &[Record]) -> Csv {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core_algos::node::lead;
+    use core_algos::topology::Topology;
 
     #[test]
     fn every_row_has_every_column() {
-        let text = of_records(&[Record::default(), Record::default()]).into_bytes();
+        let record = Record::without_truth(0, Topology::PAIR, lead::Output::default());
+        let text = of_records(&[record.clone(), record]).into_bytes();
         let mut reader = ::csv::Reader::from_reader(text.as_slice());
         // Time; 12 of postures and 20 of lists in `/truth`; 5 words, 36 of estimates and 11 more in `/lead`.
         assert_eq!(reader.headers().unwrap().len(), 85);

@@ -386,20 +386,21 @@ impl LeadEntry {
 
 impl From<&Record> for TruthEntry {
     fn from(record: &Record) -> Self {
-        let [front, rear] = record.axles.map(Pose::from);
-        let [force_x, force_y, root, end] = record.wrench;
-        let four = |pairs: [[f64; 2]; 2]| [pairs[0][0], pairs[0][1], pairs[1][0], pairs[1][1]];
+        // The entry of a robot of two axles.
+        let [front, rear] = [0, 1].map(|i| record.axles[i]);
+        let frame = record.frames[0];
+        let four = |[left, right]: [f64; 2], rear: [f64; 2]| [left, right, rear[0], rear[1]];
         Self {
             time_s: record.time_s,
             robot: record.midpoint.into(),
-            front,
-            rear,
-            relative: record.relative.into(),
-            wheel_speed_rad_s: four(record.wheel_speed),
-            torque_nm: four(record.torque),
-            force_n: [force_x, force_y],
-            moment_nm: [root, end],
-            strain: record.strain,
+            front: front.posture.into(),
+            rear: rear.posture.into(),
+            relative: frame.relative.into(),
+            wheel_speed_rad_s: four(front.wheel_speed, rear.wheel_speed),
+            torque_nm: four(front.torque, rear.torque),
+            force_n: frame.wrench.force,
+            moment_nm: [frame.wrench.root_moment, frame.wrench.end_moment],
+            strain: frame.strain,
         }
     }
 }

@@ -201,7 +201,7 @@ impl Session {
 
 impl Observer for Session {
     fn epoch(&mut self, _robot: &dyn Robot, record: &Record) -> Result<(), Error> {
-        self.writer().take(Note::Epoch(Box::new(*record)));
+        self.writer().take(Note::Epoch(Box::new(record.clone())));
         Ok(())
     }
 

@@ -75,7 +75,7 @@ impl Tables {
 
     /// One more epoch.
     pub fn epoch(&mut self, record: &Record) {
-        self.records.push(*record);
+        self.records.push(record.clone());
     }
 
     fn all(&self) -> bool {

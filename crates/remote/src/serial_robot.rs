@@ -532,7 +532,7 @@ impl Robot for SerialRobot {
     }
 
     fn record(&self) -> Record {
-        Record::without_truth(self.now(), self.lead)
+        Record::without_truth(self.now(), self.monitor.topology, self.lead)
     }
 
     fn plant(&self) -> Option<&Plant> {

@@ -9,7 +9,7 @@ use crate::style::{
 };
 use host_sim::run::end::Verdict;
 use host_sim::run::final_error::FinalError;
-use host_sim::run::robot::Record;
+use host_sim::run::robot::{FrameRecord, Record};
 use host_sim::world::body::Body;
 
 /// Distance below which θ and α are not drawn, m: there they are the direction of a residue.
@@ -22,17 +22,18 @@ pub struct Snapshot {
     pub time_s: f64,
     /// Postures of the axles, front first.
     pub axles: Vec<[f64; 3]>,
-    /// Points of the bent frame from the rear axle to the front axle.
-    pub frame: Vec<[f64; 2]>,
+    /// Points of each bent frame from its root to its tip, front first.
+    pub frames: Vec<Vec<[f64; 2]>>,
 }
 
 impl Snapshot {
     /// The robot of a record.
     pub fn of(record: &Record) -> Self {
+        let frame = |frame: &FrameRecord| frame.points.map(|p| p.map(f64::from)).to_vec();
         Self {
             time_s: record.time_s,
-            axles: record.axles.into(),
-            frame: record.frame.iter().map(|p| p.map(f64::from)).collect(),
+            axles: record.axles.iter().map(|axle| axle.posture).collect(),
+            frames: record.frames.iter().map(frame).collect(),
         }
     }
 }
@@ -164,7 +165,7 @@ fn times(snapshots: &[Snapshot]) -> String {
     }
 }
 
-/// Wheels, axles, frame and an arrow at the front.
+/// Wheels, axles, frames and an arrow at the front.
 fn robot(panel: &mut Panel, body: &Body, snapshot: &Snapshot) {
     for &axle in snapshot.axles.iter().rev() {
         let ends = [body.half_track_m, -body.half_track_m].map(|y| ahead(axle, [0.0, y]));
@@ -176,8 +177,9 @@ fn robot(panel: &mut Panel, body: &Body, snapshot: &Snapshot) {
             panel.area("", corners, BODY.stroke.color);
         }
     }
-    let frame = snapshot.frame.iter().copied();
-    panel.line("frame, arrow in front", frame, FRAME.stroke);
+    for frame in &snapshot.frames {
+        panel.line("frame, arrow in front", frame.iter().copied(), FRAME.stroke);
+    }
     let tip = 0.9 * body.wheel_radius_m;
     let arrow = [[tip, 0.0], [0.0, 0.6 * tip], [0.0, -0.6 * tip]];
     if let Some(&front) = snapshot.axles.first() {

@@ -7,6 +7,7 @@ use crate::style;
 use crate::style::{ESTIMATE, TRUTH};
 use core_algos::control::regulator::Phase;
 use core_algos::math::Posture;
+use core_algos::topology::Role;
 use host_sim::run::end::{EndKind, RunEnd};
 use host_sim::run::final_error::wrap;
 use host_sim::run::robot::Record;
@@ -82,7 +83,7 @@ pub struct Run<'a> {
 
 #[derive(Serialize)]
 struct Series {
-    name: &'static str,
+    name: String,
     /// CSS variable of its colour and dash.
     look: String,
     data: Vec<Rounded<4>>,
@@ -90,7 +91,7 @@ struct Series {
 
 #[derive(Serialize)]
 struct Plot {
-    title: &'static str,
+    title: String,
     unit: &'static str,
     series: Vec<Series>,
 }
@@ -113,13 +114,13 @@ impl Run<'_> {
     }
 
     fn plots(&self, shown: &[usize]) -> Vec<Plot> {
-        let column = |name, look: &str, value: &dyn Fn(usize) -> f64| Series {
-            name,
+        let column = |name: &str, look: &str, value: &dyn Fn(usize) -> f64| Series {
+            name: name.to_owned(),
             look: format!("--{look}"),
             data: shown.iter().map(|&i| Rounded(value(i))).collect(),
         };
         // Values of a sample and of the n-th series.
-        let numbered = |names: &[&'static str], value: &dyn Fn(usize, usize) -> f64| {
+        let numbered = |names: &[&str], value: &dyn Fn(usize, usize) -> f64| {
             let names = names.iter().enumerate();
             names
                 .map(|(n, name)| column(name, &format!("c{n}"), &|i| value(i, n)))
@@ -131,8 +132,8 @@ impl Run<'_> {
                 column("as estimated", ESTIMATE.name, &|i| value(i, 1)),
             ]
         };
-        let plot = |title, unit, series| Plot {
-            title,
+        let plot = |title: &str, unit, series| Plot {
+            title: title.to_owned(),
             unit,
             series,
         };
@@ -153,10 +154,15 @@ impl Run<'_> {
             0 => degrees(off(i, 2)),
             _ => 2.0 * sigma(i, 2).to_degrees(),
         };
-        let torque = |i: usize, n: usize| record(i).torque.as_flattened()[n];
-        let strain = |i: usize, n: usize| 1e6 * f64::from(record(i).strain[n]);
+        let torque = |i: usize, n: usize| record(i).axles[n / 2].torque[n % 2];
         let names = ["x", "y", "2σ x", "2σ y"];
-        let wheels = ["front left", "front right", "rear left", "rear right"];
+        let topology = self.scenario.robot.topology();
+        let wheels: Vec<String> = topology
+            .axles()
+            .map(|axle| topology.name(Role::Axle(axle)))
+            .flat_map(|axle| ["left", "right"].map(|side| format!("{axle} {side}")))
+            .collect();
+        let wheels: Vec<&str> = wheels.iter().map(String::as_str).collect();
         let strains = ["1", "2", "3", "4", "5", "6", "7", "8"];
         let fitted = self.scenario.robot.beam.strip.gauges_m.count();
         let gauges = if self.scenario.mission.rps { fitted } else { 0 };
@@ -177,10 +183,13 @@ impl Run<'_> {
             ),
             plot("Wheel torques", "N m", numbered(&wheels, &torque)),
         ];
-        if gauges > 0 {
+        let frames = topology.frames().filter(|_| gauges > 0);
+        plots.extend(frames.map(|frame| {
+            let strain =
+                |i: usize, n: usize| 1e6 * f64::from(record(i).frames[frame.index()].strain[n]);
             let series = numbered(&strains[..gauges], &strain);
-            plots.push(plot("Strains, from the rear end on", "µm/m", series));
-        }
+            plot("Strains, from the rear end on", "µm/m", series)
+        }));
         // The truth of a real robot is not known.
         for plot in &mut plots {
             let known = |series: &Series| series.data.iter().any(|value| value.0.is_finite());
@@ -197,10 +206,10 @@ impl Run<'_> {
             let values = seen.iter().map(value);
             values.map(places).collect()
         };
-        // The frame's points beside the midpoint.
+        // The frames' points beside the midpoint, from the rear on.
         let frame = |record: &Record| -> Vec<Place> {
             let [x, y, _] = record.midpoint;
-            let points = record.frame.iter();
+            let points = record.frames.iter().rev().flat_map(|frame| &frame.points);
             points
                 .flat_map(|&[a, b]| [Rounded(f64::from(a) - x), Rounded(f64::from(b) - y)])
                 .collect()
@@ -242,8 +251,8 @@ impl Run<'_> {
             "reference": self.reference.iter().map(|&p| places(p)).collect::<Vec<_>>(),
             "t": shown.iter().map(|&i| Rounded::<3>(self.records[i].time_s)).collect::<Vec<_>>(),
             "truth": list(&|record| record.midpoint),
-            "front": list(&|record| record.axles[0]),
-            "rear": list(&|record| record.axles[1]),
+            "front": list(&|record| record.axles[0].posture),
+            "rear": list(&|record| record.axles[record.axles.len() - 1].posture),
             // Near the truth, so that a value between two samples is between them too.
             "estimate": list(&|record| {
                 let [x, y, phi] = posture(record.lead.fused.robot.posture);
@@ -301,6 +310,7 @@ fn page(subtitle: &str, body: &Body, runs: &[Run]) -> String {
 mod tests {
     use super::*;
     use core_algos::safety::{Condition, Conditions};
+    use host_sim::run::robot::{AxleRecord, FrameRecord};
 
     fn data(page: &str) -> serde_json::Value {
         let (_, rest) = page.split_once("id=\"data\">").unwrap();
@@ -315,6 +325,8 @@ mod tests {
             .map(|epoch| Record {
                 time_s: 0.01 * f64::from(epoch),
                 midpoint: [f64::from(epoch) * 1e-3, f64::NAN, 0.0],
+                axles: vec![AxleRecord::default(); 2],
+                frames: vec![FrameRecord::default()],
                 ..Record::default()
             })
             .collect();

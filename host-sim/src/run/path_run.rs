@@ -211,7 +211,7 @@ impl Deviation {
 }
 
 /// One epoch of a run.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Moment {
     /// The state.
     pub record: Record,
@@ -331,13 +331,13 @@ impl<R: Robot, F: FnMut(&Moment)> Errand<R> for Drive<'_, F> {
         let deviations = self
             .route
             .deviations(self.path_mode, record, times, &mut self.places);
-        let [x, y, heading] = record.relative;
+        let [x, y, heading] = record.frames[0].relative;
         self.moment = Moment {
             target: self.route.path.at(self.places[0]),
             truth: deviations[0],
             estimate: deviations[1],
             curvature: 2.0 * libm::tan(0.5 * heading) / libm::hypot(x, y),
-            record: *record,
+            record: record.clone(),
         };
         self.max_curvature = self.max_curvature.max(self.moment.curvature.abs());
         (self.observe)(&self.moment);

@@ -196,6 +196,7 @@ pub fn regulate_on(
     let curvature = |steering| curvature(geometry, steering);
     let drive = regulation.drive;
     let mission = &scenario.mission;
+    let relative = record.frames[0].relative;
     Ok(Outcome {
         midpoint: record.midpoint,
         end,
@@ -209,7 +210,7 @@ pub fn regulate_on(
         path_m: drive.path_m,
         cusps: drive.cusps,
         plans: drive.plans,
-        relative_error: std::array::from_fn(|i| seen[i] - record.relative[i]),
+        relative_error: std::array::from_fn(|i| seen[i] - relative[i]),
     })
 }
 

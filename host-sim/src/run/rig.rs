@@ -35,7 +35,9 @@ pub struct Rig {
     /// Heartbeats of the nodes.
     pub monitor: Monitor,
     /// Torques that the boards commanded at the latest tick, `[axle][left, right]`, N m.
-    torque: [[f64; 2]; 2],
+    torque: Vec<[f64; 2]>,
+    /// Torques of the motors at the latest tick, likewise.
+    given: Vec<[f64; 2]>,
     tick: u64,
     /// Latest output of the lead node.
     lead: lead::Output,
@@ -43,12 +45,10 @@ pub struct Rig {
     pub(super) trace: Option<Trace>,
     injector: Option<Injector>,
     calibration: Calibration,
-    /// True if the relative position sensor is fitted.
-    sensed: bool,
-    /// Number of gauges at the latest tick.
+    /// Number of gauges of each frame; 0 without the relative position sensor.
     gauges: usize,
-    /// Latest counts of the strain bridges.
-    counts: [i32; MAX_GAUGES],
+    /// Readings of the boards at the latest tick.
+    readings: Readings,
     /// Count of the beam's converter at half of its range.
     converter_middle: i32,
     /// Largest count of the beam's converter.
@@ -74,6 +74,7 @@ impl Rig {
         let calibration = believed.calibration.build(gauges)?;
         let bridge = &scenario.world.sensors.bridge;
         let rps = scenario.mission.rps;
+        let axles = topology.axles().count();
         Ok(Self {
             sensors: Sensors::new(&scenario.world.sensors, imperfections, seed, trial)?,
             topology,
@@ -85,15 +86,18 @@ impl Rig {
                 seed ^ trial.wrapping_mul(0x9e37_79b9_7f4a_7c15),
             ),
             monitor: Monitor::new(topology),
-            torque: [[0.0; 2]; 2],
+            torque: vec![[0.0; 2]; axles],
+            given: vec![[0.0; 2]; axles],
             tick: 0,
             lead: lead::Output::default(),
             trace: None,
             injector: None,
             calibration,
-            sensed: rps,
-            gauges: 0,
-            counts: [0; MAX_GAUGES],
+            gauges: if rps { bridge.gauges_m.len() } else { 0 },
+            readings: Readings {
+                axles: vec![axle::Samples::default(); axles],
+                frames: vec![[0; MAX_GAUGES]; topology.frames().count()],
+            },
             converter_middle: bridge.full_scale_counts(),
             full_scale: 2 * bridge.full_scale_counts() - 1,
         })
@@ -105,8 +109,8 @@ impl Rig {
     }
 
     /// Torques that the boards commanded at the latest tick, `[axle][left, right]`, N m.
-    pub fn torque(&self) -> [[f64; 2]; 2] {
-        self.torque
+    pub fn torque(&self) -> &[[f64; 2]] {
+        &self.torque
     }
 
     /// Latest output of the lead node.
@@ -136,10 +140,10 @@ impl Rig {
 
     /// One tick of the boards with the true state at its beginning; gives the torques of the motors until the next tick,
     /// `[axle][left, right]`, N m. A command takes effect one tick late, as on the boards.
-    pub fn step(&mut self, truth: &Truth) -> Result<[[f64; 2]; 2], Error> {
+    pub fn step(&mut self, truth: &Truth) -> Result<&[[f64; 2]], Error> {
         let (now, tick) = (self.now(), self.tick as u32);
-        let mut readings = self.read(truth);
-        self.disturb(tick, &mut readings)?;
+        self.read(truth);
+        self.disturb(tick)?;
         let Self {
             boards,
             bus,
@@ -150,7 +154,7 @@ impl Rig {
         bus.deliver(now, |role, frame, message| {
             boards.receive(role, now, frame, message);
         });
-        let outputs = boards.tick(tick, &readings.samples(), &mut |posted| {
+        let outputs = boards.tick(tick, self.readings.samples(), &mut |posted| {
             let frame = match posted {
                 Posted::Message(message) => bus.send(now, message),
                 Posted::Frame(frame) => bus.send_frame(now, frame),
@@ -166,12 +170,15 @@ impl Rig {
         if let Some(lead) = outputs[0].lead {
             self.lead = lead;
         }
-        let commanded = [0, 1].map(|axle: usize| outputs[axle].torque_nm.list());
-        let mut given = self.torque;
+        self.given.copy_from_slice(&self.torque);
         if let Some(injector) = &self.injector {
-            injector.torque(tick, &mut given);
+            injector.torque(tick, &mut self.given);
         }
-        self.torque = commanded.map(|axle| axle.map(f64::from));
+        let axles = self.torque.len();
+        let commanded = outputs.iter().take(axles).map(|it| it.torque_nm.list());
+        for (torque, commanded) in self.torque.iter_mut().zip(commanded.clone()) {
+            *torque = commanded.map(f64::from);
+        }
         self.tick += 1;
         if let Some(trace) = &mut self.trace {
             trace.torque(commanded);
@@ -179,15 +186,15 @@ impl Rig {
                 trace.lead(&self.lead);
             }
         }
-        Ok(given)
+        Ok(&self.given)
     }
 
     /// Applies the injected fault to the readings, the boards and the bus.
-    fn disturb(&mut self, tick: u32, readings: &mut Readings) -> Result<(), Error> {
+    fn disturb(&mut self, tick: u32) -> Result<(), Error> {
         let Some(injector) = &mut self.injector else {
             return Ok(());
         };
-        injector.readings(tick, readings);
+        injector.readings(tick, &mut self.readings);
         for role in self.topology.boards() {
             let frozen = injector.frozen(role, tick);
             let behind = injector.behind(role, tick);
@@ -200,38 +207,35 @@ impl Rig {
         Ok(())
     }
 
-    /// Samples of each board.
-    fn read(&mut self, truth: &Truth) -> Readings {
+    /// Takes the samples of each board.
+    fn read(&mut self, truth: &Truth) {
         let samples = self.sensors.sample(truth);
-        let axle = |i: usize| axle::Samples {
-            encoder: samples.encoder_counts[i].map(Some).into(),
-            gyro_rad_s: samples.gyro[i].map(|rate| self.inertial[i].gyro_gain * rate),
-            acceleration_m_s2: samples.accelerometer[i]
-                .map(|value| self.inertial[i].accelerometer_gain * value),
-            conditions: Conditions::NONE,
-        };
-        // The board's converter counts from the lower rail; where there is no gauge it reads none.
-        let mut counts = samples.bridge_counts;
-        for count in counts.iter_mut().take(truth.gauge_count) {
-            *count += self.converter_middle;
+        let axles = samples.axles.iter().zip(&self.inertial);
+        for (reading, (samples, inertial)) in self.readings.axles.iter_mut().zip(axles) {
+            let accelerometer = samples.accelerometer;
+            *reading = axle::Samples {
+                encoder: samples.encoder_counts.map(Some).into(),
+                gyro_rad_s: samples.gyro.map(|rate| inertial.gyro_gain * rate),
+                acceleration_m_s2: accelerometer.map(|value| inertial.accelerometer_gain * value),
+                conditions: Conditions::NONE,
+            };
         }
-        self.counts = counts;
-        self.gauges = truth.gauge_count;
-        Readings {
-            axles: [axle(0), axle(1)],
-            counts,
+        // The board's converter counts from the lower rail; where there is no gauge it reads none.
+        let frames = samples.frames.iter().zip(&truth.strains);
+        for (reading, (counts, strains)) in self.readings.frames.iter_mut().zip(frames) {
+            *reading = *counts;
+            for count in reading.iter_mut().take(strains.len()) {
+                *count += self.converter_middle;
+            }
         }
     }
 
-    /// Strains of the latest sample; zero where there is no gauge, and without the relative position sensor.
-    pub fn strain(&self) -> [f32; MAX_GAUGES] {
-        let mut strain = self
-            .calibration
-            .strain(&self.counts.map(|count| count as f32));
-        strain
-            .iter_mut()
-            .skip(if self.sensed { self.gauges } else { 0 })
-            .for_each(|strain| *strain = 0.0);
+    /// Strains of a frame at the latest sample; zero where there is no gauge, and without the relative position sensor.
+    pub fn strain(&self, frame: usize) -> [f32; MAX_GAUGES] {
+        let counts = self.sensors.samples().frames[frame];
+        let counts = counts.map(|count| (count + self.converter_middle) as f32);
+        let mut strain = self.calibration.strain(&counts);
+        strain[self.gauges..].fill(0.0);
         strain
     }
 
@@ -252,7 +256,7 @@ pub fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
     calibration.full_scale_counts = 2 * bridge.full_scale_counts() - 1;
     calibration.strain_per_count = bridge.strain_per_count() as f32;
     let gauges = config.beam.strip.gauges_m.count();
-    let zeros = bridge.zero_counts(imperfections);
+    let zeros = bridge.zero_counts(&imperfections.frames[0]);
     let zeros = zeros.map(|count| (count + middle) as f32);
     if let Some(zeros) = zeros.get(..gauges).and_then(PerGauge::new) {
         calibration.zero_counts = zeros;

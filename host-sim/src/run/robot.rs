@@ -8,11 +8,12 @@ use crate::targets::board_record::BoardEvent;
 use crate::targets::{BoardTraffic, HostCommand, Room};
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::CanFrame;
+use core_algos::fusion::Estimate;
 use core_algos::node::lead::{self, Task};
 use core_algos::safety::Permit;
 use core_algos::time::{EPOCH, Micros};
-use core_algos::topology::Role;
-use plant::{Outline, Plant};
+use core_algos::topology::{Role, Topology};
+use plant::{AxleState, Outline, Plant, Wrench};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
@@ -22,96 +23,132 @@ const STOP: Micros = 5_000_000;
 const REST_M_S: f32 = 1e-3;
 
 /// State of the robot at the beginning of an epoch, for logs and pictures.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Record {
     /// Time, s.
     pub time_s: f64,
     /// True posture of the midpoint.
     pub midpoint: [f64; 3],
-    /// True postures of the axles, front first.
-    pub axles: [[f64; 3]; 2],
+    /// Axles, front first.
+    pub axles: Vec<AxleRecord>,
+    /// Frames, front first.
+    pub frames: Vec<FrameRecord>,
     /// Latest output of the lead node.
     pub lead: lead::Output,
-    /// Wheel torques `[axle][left, right]`, N m.
-    pub torque: [[f64; 2]; 2],
-    /// Force and moments of the frame: x, y (rear axle's frame, N), root, end (N m).
-    pub wrench: [f64; 4],
-    /// True posture of the front axle in the rear axle's frame.
+}
+
+/// State of an axle in a [`Record`].
+#[derive(Clone, Copy, Debug, Default)]
+pub struct AxleRecord {
+    /// True posture.
+    pub posture: [f64; 3],
+    /// Wheel torques, left and right, N m.
+    pub torque: [f64; 2],
+    /// True wheel speeds, left and right, rad/s.
+    pub wheel_speed: [f64; 2],
+}
+
+/// State of a frame in a [`Record`].
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FrameRecord {
+    /// Wrench on the axle behind.
+    pub wrench: Wrench,
+    /// True posture of the axle ahead in the coordinates of the axle behind.
     pub relative: [f64; 3],
-    /// Points of the bent frame from rear to front, global, m.
-    pub frame: [[f32; 2]; FRAME_POINTS],
-    /// True wheel speeds `[axle][left, right]`, rad/s.
-    pub wheel_speed: [[f64; 2]; 2],
+    /// Points of the bent frame from its root to its tip, global, m.
+    pub points: [[f32; 2]; FRAME_POINTS],
     /// Strains as measured, from the root; zero where there is no gauge.
     pub strain: [f32; MAX_GAUGES],
 }
 
 impl Record {
     /// The lead node's output of a robot whose true state is not known: that is NaN.
-    pub fn without_truth(now: Micros, lead: lead::Output) -> Self {
+    pub fn without_truth(now: Micros, topology: Topology, lead: lead::Output) -> Self {
         const UNKNOWN: f64 = f64::NAN;
+        let axle = AxleRecord {
+            posture: [UNKNOWN; 3],
+            torque: [UNKNOWN; 2],
+            wheel_speed: [UNKNOWN; 2],
+        };
+        let frame = FrameRecord {
+            wrench: Wrench {
+                force: [UNKNOWN; 2],
+                root_moment: UNKNOWN,
+                end_moment: UNKNOWN,
+            },
+            relative: [UNKNOWN; 3],
+            points: [[f32::NAN; 2]; FRAME_POINTS],
+            strain: [f32::NAN; MAX_GAUGES],
+        };
         Self {
             time_s: now as f64 * 1e-6,
             midpoint: [UNKNOWN; 3],
-            axles: [[UNKNOWN; 3]; 2],
+            axles: vec![axle; topology.axles().count()],
+            frames: vec![frame; topology.frames().count()],
             lead,
-            torque: [[UNKNOWN; 2]; 2],
-            wrench: [UNKNOWN; 4],
-            relative: [UNKNOWN; 3],
-            frame: [[f32::NAN; 2]; FRAME_POINTS],
-            wheel_speed: [[UNKNOWN; 2]; 2],
-            strain: [f32::NAN; MAX_GAUGES],
         }
     }
 
-    /// The same with the estimate in place of a truth that is not known: postures and frame.
+    /// The same with the estimate in place of a truth that is not known: postures and frames.
     pub fn seen(&self) -> Self {
+        let mut seen = self.clone();
         if !self.midpoint[0].is_nan() {
-            return *self;
+            return seen;
         }
         let fused = &self.lead.fused;
-        let [midpoint, front, rear] = [fused.robot, fused.front, fused.rear]
-            .map(|at| [at.posture.x, at.posture.y, at.posture.phi].map(f64::from));
-        Self {
-            midpoint,
-            axles: [front, rear],
-            frame: strip([front, rear]),
-            ..*self
+        let posture = |at: &Estimate| [at.posture.x, at.posture.y, at.posture.phi].map(f64::from);
+        seen.midpoint = posture(&fused.robot);
+        for (axle, at) in seen.axles.iter_mut().zip([&fused.front, &fused.rear]) {
+            axle.posture = posture(at);
         }
+        for (frame, axles) in seen.frames.iter_mut().zip(seen.axles.windows(2)) {
+            frame.points = strip([axles[0].posture, axles[1].posture]);
+        }
+        seen
     }
 
-    /// The plant as it is at `now`, with what is known of the boards: the lead node's latest step, and
-    /// the strains of the gauges.
+    /// The plant as it is at `now`, with the lead node's latest step and the strains of each frame.
     pub fn of(
         now: Micros,
         plant: &Plant,
-        outline: &Outline,
-        (lead, strain): (lead::Output, [f32; MAX_GAUGES]),
+        outlines: &[Outline],
+        lead: lead::Output,
+        strain: impl Fn(usize) -> [f32; MAX_GAUGES],
     ) -> Self {
-        let (axles, wrench) = (plant.axles(), plant.wrench(0));
-        let mut frame = [[0.0; 2]; FRAME_POINTS];
-        plant.draw(outline, &mut frame);
+        let axle = |axle: &AxleState| AxleRecord {
+            posture: axle.posture,
+            torque: axle.torque,
+            wheel_speed: axle.wheel_speed,
+        };
+        let frame = |(frame, outline)| {
+            let mut points = [[0.0; 2]; FRAME_POINTS];
+            plant.draw(outline, &mut points);
+            FrameRecord {
+                wrench: plant.wrench(frame),
+                relative: plant.relative_posture(frame),
+                points: points.map(|point| point.map(|value| value as f32)),
+                strain: strain(frame),
+            }
+        };
         Self {
             time_s: now as f64 * 1e-6,
             midpoint: plant.midpoint(),
-            axles: [0, 1].map(|i| axles[i].posture),
+            axles: plant.axles().iter().map(axle).collect(),
+            frames: outlines.iter().enumerate().map(frame).collect(),
             lead,
-            torque: [0, 1].map(|i| axles[i].torque),
-            wrench: [
-                wrench.force[0],
-                wrench.force[1],
-                wrench.root_moment,
-                wrench.end_moment,
-            ],
-            relative: plant.relative_posture(0),
-            frame: frame.map(|point| point.map(|value| value as f32)),
-            wheel_speed: [0, 1].map(|i| axles[i].wheel_speed),
-            strain,
         }
     }
 }
 
-/// The strip between the axles: the cubic with their headings at its ends.
+/// Places of [`FRAME_POINTS`] points along each frame of a plant.
+pub fn outlines(plant: &Plant) -> Vec<Outline> {
+    let frames = 0..plant.frame_count();
+    frames
+        .map(|frame| plant.outline(frame, FRAME_POINTS))
+        .collect()
+}
+
+/// The strip between two axles: the cubic with their headings at its ends.
 fn strip([front, rear]: [[f64; 3]; 2]) -> [[f32; 2]; FRAME_POINTS] {
     let length = libm::hypot(front[0] - rear[0], front[1] - rear[1]);
     std::array::from_fn(|i| {
@@ -154,7 +191,7 @@ pub trait Observer: Send {
 /// Observers of a run.
 pub type Observers = Vec<Box<dyn Observer>>;
 
-/// Points of the frame's curve in a record.
+/// Points of a frame's curve in a record.
 pub const FRAME_POINTS: usize = 13;
 
 /// Bounds of the time of a run, µs from the start of the simulation.
@@ -338,7 +375,7 @@ fn has_stopped(robot: &impl Robot, task: Task) -> bool {
         latest.is_some_and(|latest| latest.state.permit() != Permit::Off)
     };
     let off = !monitor.topology.nodes().any(on);
-    robot.record().lead.motion.v.abs() <= REST_M_S && (off || task != Task::Idle)
+    (off || task != Task::Idle) && robot.record().lead.motion.v.abs() <= REST_M_S
 }
 
 #[cfg(test)]

@@ -6,12 +6,12 @@ use crate::plant::{Outline, Plant, Station};
 use crate::run::bit_compare::Trace;
 use crate::run::recovery::{Monitor, Recovery};
 use crate::run::rig::Rig;
-use crate::run::robot::{FRAME_POINTS, Record, Robot, RunControl};
+use crate::run::robot::{Record, Robot, RunControl, outlines};
 use crate::scenario::Scenario;
 use crate::targets::{self, BoardTraffic, Boards, HostCommand, Room, Target, What};
 use crate::world::drawn::Drawn;
 use crate::world::faults::{Fault, Wheel};
-use crate::world::sensors::Truth;
+use crate::world::sensors::{AxleTruth, Truth};
 use core_algos::node::lead::{self, Task};
 use core_algos::time::{Micros, TICK};
 use core_algos::topology::Node;
@@ -24,8 +24,9 @@ pub struct Simulation {
     plant: Plant,
     rig: Rig,
     truth: Truth,
-    gauges: Vec<Station>,
-    outline: Outline,
+    /// Places of the gauges of each frame.
+    gauges: Vec<Vec<Station>>,
+    outlines: Vec<Outline>,
     half_thickness: f64,
     control: RunControl,
     recovery: Option<Recovery>,
@@ -48,7 +49,7 @@ impl Simulation {
         seed: u64,
         trial: u64,
     ) -> Result<Self, Error> {
-        let imperfections = scenario.world.draw(seed, trial);
+        let imperfections = scenario.world.draw(scenario.robot.topology(), seed, trial);
         Self::with(targets, scenario, &imperfections, seed, trial)
     }
 
@@ -70,12 +71,12 @@ impl Simulation {
         Ok(Self {
             rig: Rig::new(targets, scenario, imperfections, (seed, trial))?,
             truth: Truth {
-                gauge_count: gauges.len(),
-                ..Truth::default()
+                axles: vec![AxleTruth::default(); plant.axles().len()],
+                strains: gauges.iter().map(|it| vec![0.0; it.len()]).collect(),
             },
             half_thickness: scenario.world.sensors.bridge.half_thickness_m,
             gauges,
-            outline: plant.outline(0, FRAME_POINTS),
+            outlines: outlines(&plant),
             control: RunControl::default(),
             recovery: None,
             task: Task::Idle,
@@ -111,7 +112,7 @@ impl Simulation {
     }
 
     /// Torques that the boards commanded at the latest tick, `[axle][left, right]`, N m.
-    pub fn torque(&self) -> [[f64; 2]; 2] {
+    pub fn torque(&self) -> &[[f64; 2]] {
         self.rig.torque()
     }
 
@@ -170,17 +171,19 @@ impl Simulation {
 
     /// Updates the true state that the sensors measure.
     fn measure(&mut self) {
-        for (i, axle) in self.plant.axles().iter().enumerate() {
-            self.truth.wheel_angle[i] = axle.motor_angle;
-            self.truth.yaw_rate[i] = axle.velocity[2];
-            self.truth.forward_acceleration[i] = axle.acceleration[0];
+        for (truth, axle) in self.truth.axles.iter_mut().zip(self.plant.axles()) {
+            *truth = AxleTruth {
+                wheel_angle: axle.motor_angle,
+                yaw_rate: axle.velocity[2],
+                forward_acceleration: axle.acceleration[0],
+            };
         }
-        let (strain, half) = (&mut self.truth.gauge_strain, self.half_thickness);
-        self.plant.gauges(0, &self.gauges, |i, curvature| {
-            if let Some(strain) = strain.get_mut(i) {
-                *strain = half * curvature;
-            }
-        });
+        let frames = self.truth.strains.iter_mut().zip(&self.gauges);
+        for (frame, (strains, gauges)) in frames.enumerate() {
+            self.plant.gauges(frame, gauges, |i, curvature| {
+                strains[i] = self.half_thickness * curvature;
+            });
+        }
     }
 }
 
@@ -227,13 +230,13 @@ impl Robot for Simulation {
         self.measure();
         self.disturb(tick);
         let torque = self.rig.step(&self.truth)?;
-        self.plant.step(&torque);
+        self.plant.step(torque);
         self.show()
     }
 
     fn record(&self) -> Record {
-        let seen = (*self.rig.lead(), self.rig.strain());
-        Record::of(self.now(), &self.plant, &self.outline, seen)
+        let (lead, strain) = (*self.rig.lead(), |frame| self.rig.strain(frame));
+        Record::of(self.now(), &self.plant, &self.outlines, lead, strain)
     }
 
     fn plant(&self) -> Option<&Plant> {

@@ -82,6 +82,8 @@ pub struct Boards {
     failures: Vec<Failure>,
     restart_after: Option<u32>,
     losses: Losses,
+    /// Outputs of the latest tick.
+    outputs: Vec<Output>,
 }
 
 /// Place of the board with the lead node.
@@ -120,6 +122,7 @@ impl Boards {
             failures: Vec::new(),
             restart_after: None,
             losses: Losses::new(topology),
+            outputs: Vec::new(),
         })
     }
 
@@ -230,33 +233,35 @@ impl Boards {
     pub fn tick(
         &mut self,
         tick: u32,
-        samples: &[Samples],
+        samples: impl IntoIterator<Item = Samples>,
         post: &mut dyn FnMut(Posted),
-    ) -> Result<Vec<Output>, Error> {
+    ) -> Result<&[Output], Error> {
         self.switch(tick)?;
-        for (i, samples) in samples.iter().enumerate() {
+        for (i, samples) in samples.into_iter().enumerate() {
             let slot = &mut self.slots[i];
             if slot.on && !slot.held {
-                let begun = slot.begin(tick, samples);
+                let begun = slot.begin(tick, &samples);
                 self.judge(i, tick, begun)?;
             }
         }
-        let mut outputs = vec![Output::default(); self.slots.len()];
-        for (i, output) in outputs.iter_mut().enumerate() {
+        self.outputs.clear();
+        for i in 0..self.slots.len() {
+            let mut output = Output::default();
             let slot = &mut self.slots[i];
             if slot.on && slot.held {
-                *output = Output {
+                output = Output {
                     lead: None,
                     ..slot.last
                 };
             } else if slot.on {
                 let finished = slot.target.finish(post);
-                *output = self.judge(i, tick, finished)?.unwrap_or_default();
-                self.slots[i].last = *output;
+                output = self.judge(i, tick, finished)?.unwrap_or_default();
+                self.slots[i].last = output;
             }
+            self.outputs.push(output);
         }
-        self.watch(tick, &outputs);
-        Ok(outputs)
+        self.watch(tick);
+        Ok(&self.outputs)
     }
 
     /// Switches boards off and on.
@@ -331,11 +336,10 @@ impl Boards {
     }
 
     /// Notes when the motors of the others are off.
-    fn watch(&mut self, tick: u32, outputs: &[Output]) {
+    fn watch(&mut self, tick: u32) {
         // A board that has been lost has no motors that it could drive.
-        let off = outputs
-            .iter()
-            .all(|output| output.torque_nm == Wheels::both(0.0));
+        let mut outputs = self.outputs.iter();
+        let off = outputs.all(|output| output.torque_nm == Wheels::both(0.0));
         self.losses.watch(tick, off);
     }
 }

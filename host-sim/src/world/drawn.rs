@@ -2,27 +2,39 @@
 
 use crate::world::spread::PlantErrors;
 use core_algos::beam::MAX_GAUGES;
+use core_algos::topology::Topology;
 use serde::Serialize;
 
-/// Errors of one drawn robot, constant within a trial. Axle 0 is the front, wheel 0 the left.
+/// Errors of one drawn robot, constant within a trial. Lists by axle and by frame begin at the front; wheel 0 is the left.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Drawn {
     /// True rolling radius over nominal, by axle and wheel.
-    pub wheel_radius_factor: [[f64; 2]; 2],
+    pub wheel_radius_factor: Vec<[f64; 2]>,
     /// True track over nominal, by axle.
-    pub track_factor: [f64; 2],
+    pub track_factor: Vec<f64>,
     /// True start posture of O minus the intended one: x (m), y (m), heading (rad).
     pub placement: [f64; 3],
-    /// Phase of each encoder within a count, in [0, 1).
-    pub encoder_phase: [[f64; 2]; 2],
-    /// Bias of each gyro at the start as the driver hands it on, rad/s.
-    pub gyro_bias: [f64; 2],
-    /// Relative error of each gyro's scale factor.
-    pub gyro_scale_error: [f64; 2],
-    /// Bias of each accelerometer at the start as the driver hands it on, m/s².
-    pub accelerometer_bias: [f64; 2],
-    /// Relative error of each accelerometer's scale factor.
-    pub accelerometer_scale_error: [f64; 2],
+    /// Phase of each encoder within a count, in [0, 1), by axle and wheel.
+    pub encoder_phase: Vec<[f64; 2]>,
+    /// Bias of each axle's gyro at the start as the driver hands it on, rad/s.
+    pub gyro_bias: Vec<f64>,
+    /// Relative error of the scale factor of each axle's gyro.
+    pub gyro_scale_error: Vec<f64>,
+    /// Bias of each axle's accelerometer at the start as the driver hands it on, m/s².
+    pub accelerometer_bias: Vec<f64>,
+    /// Relative error of the scale factor of each axle's accelerometer.
+    pub accelerometer_scale_error: Vec<f64>,
+    /// Bridges of each frame.
+    pub frames: Vec<FrameErrors>,
+    /// Creep of the gauges beyond the mean share.
+    pub gauge_creep_error: f64,
+    /// Errors of the plant's constants.
+    pub plant: PlantErrors,
+}
+
+/// Errors of the strain bridges of one frame, by gauge from the root.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct FrameErrors {
     /// Relative error of each bridge's gain.
     pub bridge_gain_error: [f64; MAX_GAUGES],
     /// Unbalance of each bridge when it was zeroed, strain.
@@ -36,19 +48,22 @@ pub struct Drawn {
     pub gauge_shift_m: [f64; MAX_GAUGES],
     /// Seed of the nonlinearity of the bridges' converter.
     pub converter: u32,
-    /// Creep of the gauges beyond the mean share.
-    pub gauge_creep_error: f64,
-    /// Errors of the plant's constants.
-    pub plant: PlantErrors,
 }
 
 impl Drawn {
     /// A robot without any: for tests and comparisons.
-    pub fn none() -> Self {
+    pub fn none(topology: Topology) -> Self {
+        let axles = topology.axle_count();
         Self {
-            wheel_radius_factor: [[1.0; 2]; 2],
-            track_factor: [1.0; 2],
-            plant: PlantErrors::none(),
+            wheel_radius_factor: vec![[1.0; 2]; axles],
+            track_factor: vec![1.0; axles],
+            encoder_phase: vec![[0.0; 2]; axles],
+            gyro_bias: vec![0.0; axles],
+            gyro_scale_error: vec![0.0; axles],
+            accelerometer_bias: vec![0.0; axles],
+            accelerometer_scale_error: vec![0.0; axles],
+            frames: vec![FrameErrors::default(); topology.frames().count()],
+            plant: PlantErrors::none(topology),
             ..Self::default()
         }
     }

@@ -26,7 +26,7 @@ use crate::base::spelling;
 use crate::base::table::table;
 use crate::base::toml_file;
 use crate::bus::virtual_bus::BusConfig;
-use crate::world::drawn::Drawn;
+use crate::world::drawn::{Drawn, FrameErrors};
 use crate::world::random::{BOUND, Stream, generator, normal};
 use crate::world::sensors::SensorConfig;
 use core_algos::topology::Topology;
@@ -43,7 +43,7 @@ const BASE: &str = include_str!("../../worlds/base.toml");
 /// Name of a world in which nothing but base values is set.
 const BASE_NAME: &str = "base";
 
-/// Robot of the drawn errors, which are of two axles.
+/// Robot of a world.
 const ROBOT: Topology = Topology::PAIR;
 
 /// The worlds that are built in, with their texts.
@@ -222,24 +222,24 @@ impl World {
 
     /// The robot whose constants all lie at the lower (-1) or upper (1) bound of their draws.
     fn extreme(&self, side: f64) -> Drawn {
-        let (wheel_radius_factor, track_factor) = self.sensors.geometry.extreme(side);
-        Drawn {
-            wheel_radius_factor,
-            track_factor,
-            plant: self.spread.extreme(side),
-            ..Drawn::none()
-        }
+        let mut drawn = Drawn::none(ROBOT);
+        let [radius, track] = self.sensors.geometry.extreme(side);
+        drawn.wheel_radius_factor.fill([radius; 2]);
+        drawn.track_factor.fill(track);
+        drawn.plant = self.spread.extreme(ROBOT, side);
+        drawn
     }
 
     /// One robot: what differs from its means. The same numbers are drawn whatever the world; it only
     /// scales them.
-    pub fn draw(&self, seed: u64, trial: u64) -> Drawn {
-        let mut drawn = self.sensors.draw(seed, trial);
+    pub fn draw(&self, topology: Topology, seed: u64, trial: u64) -> Drawn {
+        let mut drawn = self.sensors.draw(topology, seed, trial);
         let mut random = generator(seed, trial, Stream::Plant);
-        drawn.plant = self.spread.draw(&mut random);
+        drawn.plant = self.spread.draw(topology, &mut random);
         let mut random = generator(seed, trial, Stream::BridgeMakeup);
         let common = normal(&mut random, self.sensors.bridge.common_gain_sigma);
-        for error in &mut drawn.bridge_gain_error {
+        let frames = drawn.frames.iter_mut();
+        for error in frames.flat_map(|frame| &mut frame.bridge_gain_error) {
             *error += common;
         }
         drawn.gauge_creep_error = normal(&mut random, self.sensors.bridge.creep_sigma);
@@ -248,27 +248,31 @@ impl World {
 
     /// The plant of one robot, with or without the sensing's weight.
     pub fn plant_of(&self, robot: &Drawn, sensing: bool) -> Result<Plant, ConfigError> {
-        let mut plant = self.plant.for_axles(ROBOT.axle_count())?;
+        let axles = robot.track_factor.len();
+        let mut plant = self.plant.for_axles(axles)?;
         if !sensing {
             plant.sensing_mass_kg = 0.0;
         }
-        for i in 0..ROBOT.axle_count() {
+        for i in 0..axles {
             plant.half_track_m.entries_mut()[i] *= robot.track_factor[i];
             for j in 0..2 {
                 plant.wheel_radius_m.entries_mut()[i][j] *= robot.wheel_radius_factor[i][j];
             }
         }
         robot.plant.apply(&mut plant);
-        plant.build(ROBOT.axle_count())
+        plant.build(axles)
     }
 
-    /// Places of the gauges of one robot on its strip.
-    pub fn gauges_of(&self, robot: &Drawn, plant: &Plant) -> Vec<Station> {
-        let meant = self.sensors.bridge.gauges_m.iter();
-        meant
-            .zip(robot.gauge_shift_m)
-            .map(|(place, shift)| plant.gauge(0, place + shift))
-            .collect()
+    /// Places of the gauges of one robot on the strip of each frame.
+    pub fn gauges_of(&self, robot: &Drawn, plant: &Plant) -> Vec<Vec<Station>> {
+        let on_frame = |(frame, errors): (usize, &FrameErrors)| {
+            let meant = self.sensors.bridge.gauges_m.iter();
+            meant
+                .zip(errors.gauge_shift_m)
+                .map(|(place, shift)| plant.gauge(frame, place + shift))
+                .collect()
+        };
+        robot.frames.iter().enumerate().map(on_frame).collect()
     }
 }
 
@@ -523,7 +527,8 @@ mod tests {
         assert!(robot.truth() != before);
         // What boards are told of it is what a straight edge shows, and no more.
         let told = [&plain, &other].map(|scenario| {
-            let mut told = crate::run::rig::board_config(scenario, &scenario.world.draw(7, 3));
+            let mut told =
+                crate::run::rig::board_config(scenario, &scenario.world.draw(Topology::PAIR, 7, 3));
             told.beam.calibration.zero_counts = plain.robot.beam.calibration.zero_counts;
             told
         });
@@ -534,7 +539,9 @@ mod tests {
     fn a_draw_scatters_as_the_world_says() {
         let world = World::load("careful").unwrap();
         let n = 4000;
-        let draws: Vec<_> = (0..n).map(|trial| world.draw(5, trial)).collect();
+        let draws: Vec<_> = (0..n)
+            .map(|trial| world.draw(Topology::PAIR, 5, trial))
+            .collect();
         let sigma = |value: &dyn Fn(&Drawn) -> f64| {
             (draws.iter().map(|d| value(d).powi(2)).sum::<f64>() / n as f64).sqrt()
         };
@@ -544,8 +551,14 @@ mod tests {
             (sigma(&|d| d.plant.slip_stiffness_factor[0][1].ln()), 0.3),
             (sigma(&|d| d.plant.bending_stiffness_factor - 1.0), 0.05),
             // Own and common together.
-            (sigma(&|d| d.bridge_gain_error[2]), 0.5e-2_f64.hypot(1e-2)),
-            (sigma(&|d| d.bridge_drift[4]), 2e-6_f64.hypot(3e-6)),
+            (
+                sigma(&|d| d.frames[0].bridge_gain_error[2]),
+                0.5e-2_f64.hypot(1e-2),
+            ),
+            (
+                sigma(&|d| d.frames[0].bridge_drift[4]),
+                2e-6_f64.hypot(3e-6),
+            ),
             (sigma(&|d| d.gauge_creep_error), 5e-3),
             (sigma(&|d| d.wheel_radius_factor[0][0] - 1.0), 3e-3),
             (sigma(&|d| d.placement[2]), 5e-3),

@@ -5,6 +5,7 @@
 //! that they can be compared in pairs.
 
 use super::normal::standard_normal;
+use core_algos::beam::MAX_GAUGES;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
@@ -17,12 +18,12 @@ pub enum Stream {
     Placement,
     /// Phases of the encoders.
     Encoder,
-    /// Gyro of an axle (0 front, 1 rear).
+    /// Gyro of an axle, 0 at the front.
     Gyro(usize),
-    /// Accelerometer of an axle (0 front, 1 rear).
+    /// Accelerometer of an axle, 0 at the front.
     Accelerometer(usize),
-    /// A strain bridge.
-    Bridge(usize),
+    /// A strain bridge, by frame and gauge.
+    Bridge(usize, usize),
     /// Errors common to all bridges.
     BridgeCommon,
     /// The plant's constants.
@@ -47,7 +48,7 @@ impl Stream {
             Self::Converter => 7,
             Self::Gyro(axle) => 0x100 + axle as u64,
             Self::Accelerometer(axle) => 0x200 + axle as u64,
-            Self::Bridge(index) => 0x300 + index as u64,
+            Self::Bridge(frame, index) => 0x300 + (MAX_GAUGES * frame + index) as u64,
             Self::Other(number) => (1 << 32) + number,
         }
     }

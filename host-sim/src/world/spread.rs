@@ -2,6 +2,7 @@
 
 use crate::base::table::table;
 use crate::world::random::{BOUND, bounded};
+use core_algos::topology::Topology;
 use plant::{PlantConfig, Tyre};
 use rand_pcg::Pcg64;
 use serde::Serialize;
@@ -31,26 +32,29 @@ table! {
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct PlantErrors {
     /// Slip stiffness of each wheel over the mean.
-    pub slip_stiffness_factor: [[f64; 2]; 2],
+    pub slip_stiffness_factor: Vec<[f64; 2]>,
     /// Bending stiffness over the mean.
     pub bending_stiffness_factor: f64,
     /// Length of the strip less the mean, m.
     pub strip_length_m: f64,
     /// Side slip of each axle beyond the mean.
-    pub side_slip: [f64; 2],
+    pub side_slip: Vec<f64>,
     /// Carpet drift beyond the mean.
     pub carpet_drift: [f64; 2],
     /// Play of each gear beyond the mean, rad.
-    pub backlash_rad: [[f64; 2]; 2],
+    pub backlash_rad: Vec<[f64; 2]>,
     /// Load sensitivity of the radii beyond the mean.
     pub radius_load_sensitivity: f64,
 }
 
 impl PlantErrors {
     /// A plant as it is configured.
-    pub fn none() -> Self {
+    pub fn none(topology: Topology) -> Self {
+        let axles = topology.axle_count();
         Self {
-            slip_stiffness_factor: [[1.0; 2]; 2],
+            slip_stiffness_factor: vec![[1.0; 2]; axles],
+            side_slip: vec![0.0; axles],
+            backlash_rad: vec![[0.0; 2]; axles],
             bending_stiffness_factor: 1.0,
             ..Self::default()
         }
@@ -58,26 +62,18 @@ impl PlantErrors {
 
     /// Makes a plant this one.
     pub fn apply(&self, plant: &mut PlantConfig) {
-        for n in 0..2 {
-            plant.carpet_drift[n] += self.carpet_drift[n];
+        for (drift, error) in plant.carpet_drift.iter_mut().zip(self.carpet_drift) {
+            *drift += error;
         }
-        for (i, slip) in plant.side_slip.entries_mut().iter_mut().enumerate() {
-            *slip += self.side_slip[i];
+        for (i, error) in self.side_slip.iter().enumerate() {
+            plant.side_slip.entries_mut()[i] += error;
+            for j in 0..2 {
+                if let Tyre::Brush(brush) = &mut plant.tyre {
+                    brush.slip_stiffness.entries_mut()[i][j] *= self.slip_stiffness_factor[i][j];
+                }
+                plant.backlash_rad.entries_mut()[i][j] += self.backlash_rad[i][j];
+            }
         }
-        if let Tyre::Brush(brush) = &mut plant.tyre {
-            let stiffness = brush.slip_stiffness.entries_mut().as_flattened_mut();
-            let factors = self.slip_stiffness_factor.as_flattened();
-            stiffness
-                .iter_mut()
-                .zip(factors)
-                .for_each(|(stiffness, factor)| *stiffness *= factor);
-        }
-        let backlash = plant.backlash_rad.entries_mut().as_flattened_mut();
-        let drawn = self.backlash_rad.as_flattened();
-        backlash
-            .iter_mut()
-            .zip(drawn)
-            .for_each(|(backlash, drawn)| *backlash += drawn);
         plant.bending_stiffness_n_m2 *= self.bending_stiffness_factor;
         plant.strip_length_m += self.strip_length_m;
         plant.radius_load_sensitivity += self.radius_load_sensitivity;
@@ -86,17 +82,17 @@ impl PlantErrors {
 
 impl Spread {
     /// One robot's errors; the same numbers whatever the spread.
-    pub fn draw(&self, random: &mut Pcg64) -> PlantErrors {
-        self.errors(|sigma| bounded(random, sigma))
+    pub fn draw(&self, topology: Topology, random: &mut Pcg64) -> PlantErrors {
+        self.errors(topology, |sigma| bounded(random, sigma))
     }
 
     /// Errors of the robot whose draws all lie at the lower (-1) or upper (1) bound.
-    pub fn extreme(&self, side: f64) -> PlantErrors {
-        self.errors(|sigma| side * BOUND * sigma)
+    pub fn extreme(&self, topology: Topology, side: f64) -> PlantErrors {
+        self.errors(topology, |sigma| side * BOUND * sigma)
     }
 
-    fn errors(&self, mut draw: impl FnMut(f64) -> f64) -> PlantErrors {
-        let mut drawn = PlantErrors::none();
+    fn errors(&self, topology: Topology, mut draw: impl FnMut(f64) -> f64) -> PlantErrors {
+        let mut drawn = PlantErrors::none(topology);
         for factor in drawn.slip_stiffness_factor.as_flattened_mut() {
             *factor = libm::exp(draw(self.slip_stiffness));
         }

@@ -289,18 +289,17 @@ fn motion_lines(view: &View) -> Vec<Line<'static>> {
             Line::raw(format!("to go {:>7.3} m {turn:>6.1}°", left.e_m)),
         );
     }
-    let speeds = view.axles.iter().zip(view.seen.wheel_speed);
-    let known = speeds.filter(|(_, [left, _])| !left.is_nan());
-    lines.extend(known.map(|(name, speeds)| wheels(name, speeds)));
+    let axles = view.axles.iter().zip(&view.seen.axles);
+    let known = axles.filter(|(_, axle)| !axle.wheel_speed[0].is_nan());
+    lines.extend(known.map(|(name, axle)| wheels(name, axle.wheel_speed)));
     lines
 }
 
 /// Strains of the gauges, as far as the width allows.
 fn strains(view: &View, width: u16) -> String {
-    let known = view
-        .seen
-        .strain
-        .iter()
+    let frames = view.seen.frames.iter();
+    let known = frames
+        .flat_map(|frame| &frame.strain)
         .filter(|strain| strain.is_finite() && **strain != 0.0);
     let shown: String = known
         .take((usize::from(width).saturating_sub(9)) / 6)
@@ -403,6 +402,7 @@ mod tests {
     use core_algos::bus::LeadMode;
     use core_algos::math::Posture;
     use core_algos::topology::{AxleId, Node, Role, Topology};
+    use host_sim::run::robot::AxleRecord;
     use host_sim::targets::Traffic;
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
@@ -457,7 +457,12 @@ mod tests {
             ..View::default()
         };
         view.seen.midpoint = view.truth;
-        view.seen.wheel_speed = [[1.25, -2.5], [3.75, 4.5]];
+        view.seen.axles = [[1.25, -2.5], [3.75, 4.5]]
+            .map(|wheel_speed| AxleRecord {
+                wheel_speed,
+                ..AxleRecord::default()
+            })
+            .to_vec();
         view.bus.sent = 98_765;
         view.bus.lost = 43;
         let node = |node| NodeView {

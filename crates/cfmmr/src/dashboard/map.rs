@@ -40,11 +40,12 @@ pub fn draw(frame: &mut Frame, area: Rect, view: &View) {
                     context.draw(&Line::new(x1, y1, x2, y2, color));
                 }
             };
-            lines(
-                &view.seen.frame.map(|point| point.map(f64::from)),
-                Color::White,
-            );
-            for [x, y, phi] in view.seen.axles {
+            for frame in &view.seen.frames {
+                let points = frame.points.map(|point| point.map(f64::from));
+                lines(&points, Color::White);
+            }
+            for axle in &view.seen.axles {
+                let [x, y, phi] = axle.posture;
                 let (s, c) = libm::sincos(phi);
                 let end = |side: f64| [x - side * HALF_TRACK_M * s, y + side * HALF_TRACK_M * c];
                 lines(&[end(1.0), end(-1.0)], Color::White);
@@ -62,7 +63,8 @@ pub fn draw(frame: &mut Frame, area: Rect, view: &View) {
 
 /// Center and half size of the map, m, with the same scale in both directions: a cell is twice as high as wide.
 fn bounds(view: &View, area: Rect) -> Option<([f64; 2], [f64; 2])> {
-    let corners = view.seen.axles.iter().chain([&view.goal]);
+    let axles = view.seen.axles.iter().map(|axle| &axle.posture);
+    let corners = axles.chain([&view.goal]);
     let corners = corners
         .map(|at| [at[0], at[1]])
         .chain(view.trail.iter().copied());

@@ -82,14 +82,14 @@ impl Observer {
     }
 
     fn observe(&mut self, record: &Record) {
-        let before = self.before.replace(*record);
+        let before = self.before.replace(record.clone());
         let Some(truth) = before.filter(|before| before.time_s >= self.start_s - 1e-6) else {
             return;
         };
         let fused = &record.lead.fused;
         let checks = [
-            Check::of(&fused.front, truth.axles[0]),
-            Check::of(&fused.rear, truth.axles[1]),
+            Check::of(&fused.front, truth.axles[0].posture),
+            Check::of(&fused.rear, truth.axles[1].posture),
             Check::of(&fused.robot, truth.midpoint),
         ];
         if self.epochs.is_multiple_of(INTERVAL) {

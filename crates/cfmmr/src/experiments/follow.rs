@@ -166,7 +166,7 @@ pub fn publish(
         curvature_bound: route.curvature_bound(),
         end: outcome.end.clone(),
     };
-    let records: Vec<Record> = moments.iter().map(|moment| moment.record).collect();
+    let records: Vec<Record> = moments.iter().map(|moment| moment.record.clone()).collect();
     let run = followed(route, path_mode, moments, &records);
     let shape = FilePath::new(&course.name).file_stem();
     let shape = shape.map_or(course.name.clone(), |stem| {

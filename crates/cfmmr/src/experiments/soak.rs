@@ -281,7 +281,7 @@ impl Soak<'_> {
     /// Takes in what the lead node estimates.
     fn observe(&mut self, record: &Record) {
         let fused = record.lead.fused;
-        let truth = record.relative;
+        let truth = record.frames[0].relative;
         let seen = fused.front.posture.relative_to(fused.rear.posture);
         let [x, y, phi] = [seen.x, seen.y, seen.phi].map(f64::from);
         let turned = libm::remainder(phi - truth[2], std::f64::consts::TAU);

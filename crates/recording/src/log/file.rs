@@ -369,11 +369,12 @@ impl Mcap {
         // The true state of a real robot is not known.
         let known = record.midpoint[0].is_finite();
         let robot = Pose::from(record.midpoint);
-        let [front, rear] = record.axles.map(Pose::from);
-        let mut frames = match known {
-            true => vec![("robot", robot), ("front_axle", front), ("rear_axle", rear)],
-            false => Vec::new(),
-        };
+        let mut frames = Vec::new();
+        if known {
+            let axles = ["front_axle", "rear_axle"].into_iter().zip(&record.axles);
+            frames.push(("robot", robot));
+            frames.extend(axles.map(|(name, axle)| (name, axle.posture.into())));
+        }
         if let Some((held, posture)) = self.estimate {
             let estimate = Pose::from(posture);
             let pose = standard::in_world(held, &estimate);

@@ -83,7 +83,7 @@ const fn color(r: f64, g: f64, b: f64) -> Color {
     Color { r, g, b, a: 1.0 }
 }
 
-/// Wheels, axles and the bent frame.
+/// Wheels, axles and the bent frames.
 pub fn scene(nanos: u64, record: &Record, body: &Body) -> SceneUpdate {
     let mut cubes = Vec::new();
     let mut lines = Vec::new();
@@ -97,7 +97,8 @@ pub fn scene(nanos: u64, record: &Record, body: &Body) -> SceneUpdate {
         colors: Vec::new(),
         indices: Vec::new(),
     };
-    for [x, y, phi] in record.axles {
+    for axle in &record.axles {
+        let [x, y, phi] = axle.posture;
         let (s, c) = libm::sincos(phi);
         let wheels = [body.half_track_m, -body.half_track_m].map(|d| (x - d * s, y + d * c));
         for (x_m, y_m) in wheels {
@@ -119,12 +120,14 @@ pub fn scene(nanos: u64, record: &Record, body: &Body) -> SceneUpdate {
         let ends = wheels.map(|(x, y)| Point3 { x, y, z });
         lines.push(line(ends.to_vec(), 0.02, color(0.4, 0.4, 0.45)));
     }
-    let points = record.frame.iter().map(|&[x, y]| Point3 {
-        x: x.into(),
-        y: y.into(),
-        z: FRAME_HEIGHT_M,
-    });
-    lines.push(line(points.collect(), 0.01, color(0.85, 0.35, 0.1)));
+    for frame in &record.frames {
+        let points = frame.points.map(|[x, y]| Point3 {
+            x: x.into(),
+            y: y.into(),
+            z: FRAME_HEIGHT_M,
+        });
+        lines.push(line(points.to_vec(), 0.01, color(0.85, 0.35, 0.1)));
+    }
     let entity = SceneEntity {
         timestamp: Some(stamp(nanos)),
         frame_id: WORLD.to_owned(),

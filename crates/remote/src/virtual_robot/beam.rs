@@ -2,6 +2,8 @@
 
 use super::power::{BATTERY_V, Power};
 use crate::serial_line::SerialLine;
+use core_algos::beam::MAX_GAUGES;
+use core_algos::topology::FrameId;
 use host_sim::world::drawn::Drawn;
 use host_sim::world::random::{Stream, generator, normal};
 use host_sim::world::sensors::{BridgeConfig, GaugeAgeing};
@@ -46,13 +48,14 @@ pub struct BridgeParts {
 }
 
 impl BridgeParts {
-    /// Those of bridge `k`, as they were drawn.
-    pub fn of(drawn: &Drawn, k: usize) -> Self {
+    /// Those of bridge `k` of a frame, as they were drawn.
+    pub fn of(drawn: &Drawn, frame: FrameId, k: usize) -> Self {
+        let frame = &drawn.frames[frame.index()];
         Self {
-            gain_error: drawn.bridge_gain_error[k],
-            offset: drawn.bridge_offset[k],
-            drift: drawn.bridge_drift[k],
-            zero_per_k: drawn.bridge_zero_per_k[k],
+            gain_error: frame.bridge_gain_error[k],
+            offset: frame.bridge_offset[k],
+            drift: frame.bridge_drift[k],
+            zero_per_k: frame.bridge_zero_per_k[k],
             creep_error: drawn.gauge_creep_error,
         }
     }
@@ -107,10 +110,16 @@ pub fn zero(config: &BridgeConfig, parts: &BridgeParts) -> f64 {
 
 impl BeamBoard {
     /// The parts on a straight strip.
-    pub fn new(config: &BridgeConfig, parts: &[BridgeParts], seed: u64, trial: u64) -> Self {
+    pub fn new(
+        config: &BridgeConfig,
+        parts: &[BridgeParts],
+        frame: FrameId,
+        (seed, trial): (u64, u64),
+    ) -> Self {
         let bridge = |(k, parts): (usize, &BridgeParts)| {
-            let stream = Stream::Other(0x100 + k as u64);
-            let noise = seed ^ (trial << 16) ^ k as u64;
+            let number = (MAX_GAUGES * frame.index() + k) as u64;
+            let stream = Stream::Other(0x100 + number);
+            let noise = seed ^ (trial << 16) ^ number;
             Drifting {
                 bridge: Bridge::new(device(config, parts), LOGIC_V, noise),
                 random: generator(seed, trial, stream),

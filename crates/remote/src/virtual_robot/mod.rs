@@ -35,11 +35,11 @@ use core_algos::math::Posture;
 use core_algos::node::lead::{self, Task};
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::time::{EPOCH, Micros};
-use core_algos::topology::{Node, Role, Topology};
+use core_algos::topology::{FrameId, Node, Role, Topology};
 use host_sim::base::error::Error;
 use host_sim::bus::virtual_bus::BusStatistics;
 use host_sim::run::recovery::Monitor;
-use host_sim::run::robot::{FRAME_POINTS, Record, Robot, RunControl};
+use host_sim::run::robot::{Record, Robot, RunControl, outlines};
 use host_sim::scenario::Scenario;
 use host_sim::targets::{BoardTraffic, HostCommand, Room};
 use host_sim::world::drawn::Drawn;
@@ -87,16 +87,16 @@ pub struct VirtualRobot {
     start: [f64; 3],
     /// Angles of the motors when the robot was put there again, rad.
     turned: Vec<[f64; 2]>,
-    gauges: Vec<Station>,
-    outline: Outline,
+    gauges: Vec<Vec<Station>>,
+    outlines: Vec<Outline>,
     half_thickness: f64,
-    /// Strains at the gauges: true strain plus drift.
-    strains: [f32; MAX_GAUGES],
+    /// Strains at the gauges of each frame: true strain plus drift.
+    strains: Vec<[f32; MAX_GAUGES]>,
     /// Biases of the inertial sensors since their average at rest, which ends before all nodes are ready.
     sensors: Box<Sensors>,
     /// True if inertial sensors are fitted.
     inertial: bool,
-    biases: [[f64; 2]; 2],
+    biases: Vec<[f64; 2]>,
     /// Link to the front board, and those to the other boards that are recorded.
     link: BoardLink,
     others: Vec<BoardLink>,
@@ -138,7 +138,7 @@ fn boards(
     (seed, trial): (u64, u64),
     options: &Options,
     roles: &[Role],
-    parts: &(Drawn, Vec<BridgeParts>),
+    parts: &(Drawn, Vec<Vec<BridgeParts>>),
 ) -> Result<Vec<Board>, Error> {
     let (drawn, bridges) = parts;
     let mut random = generator(seed, trial, Stream::Other(0x200));
@@ -149,8 +149,9 @@ fn boards(
         let fast_ppb = fast.map_or(fast_ppb, |(_, ppb)| *ppb);
         let part_seed: u64 = random.random();
         let mut board = match role {
-            Role::Beam(_) => {
-                let circuit = BeamBoard::new(&scenario.world.sensors.bridge, bridges, seed, trial);
+            Role::Beam(frame) => {
+                let (config, bridges) = (&scenario.world.sensors.bridge, &bridges[frame.index()]);
+                let circuit = BeamBoard::new(config, bridges, frame, (seed, trial));
                 Board::new(Box::new(circuit), fast_ppb)
             }
             Role::Axle(axle) => {
@@ -159,10 +160,10 @@ fn boards(
             }
         };
         let mut variation = options::chip(part_seed);
-        if role.is_beam() {
+        if let Role::Beam(frame) = role {
             // The converter of the world's bridges.
             variation.converter_nonlinearity = scenario.world.sensors.bridge.nonlinearity_counts;
-            variation.converter_seed = drawn.converter.into();
+            variation.converter_seed = drawn.frames[frame.index()].converter.into();
         }
         (options.vary)(role, &mut variation);
         board.chip().set_variation(variation);
@@ -201,7 +202,8 @@ impl VirtualRobot {
         options: &Options,
         logs: &[BoardLog],
     ) -> Result<Self, Error> {
-        let drawn = scenario.world.draw(seed, trial);
+        let topology = scenario.robot.topology();
+        let drawn = scenario.world.draw(topology, seed, trial);
         let plant = scenario.world.plant_of(&drawn, scenario.mission.rps);
         let mut plant = plant.map_err(|error| Error::input(format!("plant.{error}")))?;
         let start = std::array::from_fn(|i| scenario.mission.start[i] + drawn.placement[i]);
@@ -209,10 +211,11 @@ impl VirtualRobot {
         let sensors = Sensors::new(&scenario.world.sensors, &drawn, seed, trial)
             .map_err(|error| Error::input(error.to_string()))?;
         let gauges = scenario.world.gauges_of(&drawn, &plant);
-        let bridges: Vec<BridgeParts> = (0..gauges.len())
-            .map(|k| BridgeParts::of(&drawn, k))
-            .collect();
-        let topology = scenario.robot.topology();
+        let bridges = topology.frames().map(|frame| {
+            let gauges = 0..gauges[frame.index()].len();
+            gauges.map(|k| BridgeParts::of(&drawn, frame, k)).collect()
+        });
+        let bridges: Vec<Vec<BridgeParts>> = bridges.collect();
         let fitted = |role: &Role| scenario.mission.rps || !role.is_beam();
         let roles: Vec<Role> = topology.boards().filter(fitted).collect();
         let parts = (drawn, bridges);
@@ -230,11 +233,11 @@ impl VirtualRobot {
                 .collect(),
             watches: roles.iter().map(|_| Watch::default()).collect(),
             half_thickness: scenario.world.sensors.bridge.half_thickness_m,
-            strains: [0.0; MAX_GAUGES],
-            outline: plant.outline(0, FRAME_POINTS),
+            strains: vec![[0.0; MAX_GAUGES]; topology.frames().count()],
+            outlines: outlines(&plant),
             sensors: Box::new(sensors),
             inertial: scenario.world.sensors.gyro.fitted,
-            biases: Default::default(),
+            biases: vec![[0.0; 2]; topology.axles().count()],
             link: BoardLink::new(topology, Role::LEAD, 0),
             others: Vec::new(),
             recorded: false,
@@ -301,8 +304,8 @@ impl VirtualRobot {
         self.network.board(place)?.chip().circuit::<AxleBoard>()
     }
 
-    fn beam(&mut self) -> Option<&mut BeamBoard> {
-        let place = self.place(Role::beam(0))?;
+    fn beam(&mut self, frame: FrameId) -> Option<&mut BeamBoard> {
+        let place = self.place(Role::Beam(frame))?;
         self.network.board(place)?.chip().circuit::<BeamBoard>()
     }
 
@@ -400,31 +403,30 @@ impl VirtualRobot {
     /// The plant moves by what the boards did, and they are listened to.
     fn follow(&mut self) {
         let until = self.network.now();
-        let torque = [Role::LEAD, Role::axle(1)].map(|role| {
+        let axles = self.topology.axles().map(Role::Axle);
+        let torque = axles.map(|role| {
             let axle = self.axle(role);
             axle.map_or([0.0; 2], |axle| axle.take_torque(until))
         });
-        self.plant.step(&self.hindered(torque));
+        let mut torque: Vec<_> = torque.collect();
+        // A blocked wheel is held against its motor.
+        if let Some((axle, side)) = self.blocked {
+            let speed = self.plant.axles()[axle].wheel_speed[side];
+            torque[axle][side] = -BLOCKED_NM_S * speed;
+        }
+        self.plant.step(&torque);
         self.hear();
         for (reader, board) in self.readers.iter_mut().zip(self.network.boards()) {
             reader.read(board);
         }
     }
 
-    /// Torques at the wheels; a blocked one is held against its motor.
-    fn hindered(&self, mut torque: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
-        if let Some((axle, side)) = self.blocked {
-            let speed = self.plant.axles()[axle].wheel_speed[side];
-            torque[axle][side] = -BLOCKED_NM_S * speed;
-        }
-        torque
-    }
-
     /// The parts around the boards move as the plant does.
     fn show_motion(&mut self, at: Time) {
         let axles = self.plant.axles().to_vec();
         if self.booted > Time(0) {
-            self.biases = self.sensors.inertial_biases();
+            self.biases.clear();
+            self.biases.extend(self.sensors.inertial_biases());
         }
         for (number, axle) in self.topology.axles().zip(&axles) {
             let [rate, force] = self.biases[number.index()];
@@ -446,16 +448,18 @@ impl VirtualRobot {
                 board.motion(at, &motion);
             }
         }
-        let mut strains = [0.0; MAX_GAUGES];
-        let half = self.half_thickness;
-        self.plant.gauges(0, &self.gauges, |i, curvature| {
-            if let Some(strain) = strains.get_mut(i) {
-                *strain = half * curvature;
+        for frame in self.topology.frames() {
+            let mut strains = [0.0; MAX_GAUGES];
+            let (half, gauges) = (self.half_thickness, &self.gauges[frame.index()]);
+            self.plant.gauges(frame.index(), gauges, |i, curvature| {
+                if let Some(strain) = strains.get_mut(i) {
+                    *strain = half * curvature;
+                }
+            });
+            if let Some(beam) = self.beam(frame) {
+                beam.strain(at, &mut strains);
+                self.strains[frame.index()] = strains.map(|strain| strain as f32);
             }
-        });
-        if let Some(beam) = self.beam() {
-            beam.strain(at, &mut strains);
-            self.strains = strains.map(|strain| strain as f32);
         }
         for board in self.network.boards() {
             board.chip().refresh();
@@ -563,8 +567,8 @@ impl Robot for VirtualRobot {
     }
 
     fn record(&self) -> Record {
-        let seen = (self.lead, self.strains);
-        Record::of(self.now(), &self.plant, &self.outline, seen)
+        let (lead, strain) = (self.lead, |frame: usize| self.strains[frame]);
+        Record::of(self.now(), &self.plant, &self.outlines, lead, strain)
     }
 
     fn plant(&self) -> Option<&Plant> {

@@ -9,7 +9,7 @@ use firmware_common::store::Store;
 use firmware_common::store::simulated::{Flash, run};
 use host_sim::base::error::Error;
 use host_sim::scenario::Scenario;
-use host_sim::world::drawn::Drawn;
+use host_sim::world::drawn::{Drawn, FrameErrors};
 
 /// Sectors 1 to 3, 16 KiB each.
 const SECTOR: usize = 16 << 10;
@@ -21,11 +21,12 @@ pub const FIRST: usize = SECTOR;
 pub fn sectors(
     scenario: &Scenario,
     role: Role,
-    (drawn, bridges): &(Drawn, Vec<BridgeParts>),
+    (drawn, bridges): &(Drawn, Vec<Vec<BridgeParts>>),
 ) -> Result<Vec<u8>, Error> {
     let base = Settings::of(role);
     let mut settings = wanted(scenario, role)?;
-    if role.is_beam() {
+    if let Role::Beam(frame) = role {
+        let (bridges, drawn) = (&bridges[frame.index()], &drawn.frames[frame.index()]);
         calibrate(scenario, &mut settings, bridges, drawn)?;
     }
     let off = Disarmed::when(true).ok_or_else(|| Error::Failure("store: armed".to_owned()))?;
@@ -76,7 +77,7 @@ fn calibrate(
     scenario: &Scenario,
     settings: &mut Settings,
     bridges: &[BridgeParts],
-    drawn: &Drawn,
+    drawn: &FrameErrors,
 ) -> Result<(), Error> {
     let config = &scenario.world.sensors.bridge;
     let converter = config.converter(drawn);

@@ -25,7 +25,7 @@ fn panel(title: &str, spread: f64) -> PathsPanel {
         wheels: vec![path(0); 4],
         snapshots: vec![Snapshot {
             axles: vec![[-1.162, -1.342, 0.1], [-1.522, -1.342, -0.1]],
-            frame: vec![[-1.522, -1.342], [-1.162, -1.342]],
+            frames: vec![vec![[-1.522, -1.342], [-1.162, -1.342]]],
             time_s: 0.0,
         }],
         goal: Some([0.0; 3]),

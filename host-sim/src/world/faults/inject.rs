@@ -11,20 +11,20 @@ use core_algos::topology::{Role, Wheels};
 pub type Drift = u32;
 
 /// Samples of the boards at a tick.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Readings {
-    /// Front and rear axle.
-    pub axles: [axle::Samples; 2],
-    /// Counts of the beam's bridges.
-    pub counts: [i32; MAX_GAUGES],
+    /// Axles, front first.
+    pub axles: Vec<axle::Samples>,
+    /// Counts of each frame's bridges, front first.
+    pub frames: Vec<[i32; MAX_GAUGES]>,
 }
 
 impl Readings {
     /// In the order of [`core_algos::topology::Topology::boards`].
-    pub fn samples(&self) -> Vec<Samples> {
-        let axles = self.axles.map(Samples::Axle);
-        let beam = Samples::Beam(self.counts.into());
-        axles.into_iter().chain([beam]).collect()
+    pub fn samples(&self) -> impl Iterator<Item = Samples> {
+        let axles = self.axles.iter().copied().map(Samples::Axle);
+        let frames = self.frames.iter();
+        axles.chain(frames.map(|&counts| Samples::Beam(counts.into())))
     }
 }
 
@@ -35,8 +35,8 @@ pub struct Injector {
     /// First tick of the fault.
     at: u32,
     full_scale: i32,
-    held: [i32; MAX_GAUGES],
-    encoder: [Wheels<Option<i32>>; 2],
+    /// Latest readings without the fault.
+    held: Readings,
 }
 
 impl Injector {
@@ -46,8 +46,7 @@ impl Injector {
             fault,
             at,
             full_scale,
-            held: [0; MAX_GAUGES],
-            encoder: [Wheels::default(); 2],
+            held: Readings::default(),
         }
     }
 
@@ -59,11 +58,12 @@ impl Injector {
     /// Changes what the boards read at a tick.
     pub fn readings(&mut self, tick: u32, readings: &mut Readings) {
         let Some(since) = tick.checked_sub(self.at) else {
-            self.held = readings.counts;
-            self.encoder = readings.axles.map(|axle| axle.encoder);
+            self.held.axles.clone_from(&readings.axles);
+            self.held.frames.clone_from(&readings.frames);
             return;
         };
-        let Readings { axles, counts } = readings;
+        let Readings { axles, frames } = readings;
+        let counts = &mut frames[0];
         match self.fault {
             Fault::GaugeRail { count, rail } => {
                 let rail = match rail {
@@ -73,7 +73,7 @@ impl Injector {
                 let gauges = counts.iter_mut().take(count);
                 gauges.for_each(|gauge| *gauge = rail);
             }
-            Fault::GaugeStuck(i) => counts[i] = self.held[i],
+            Fault::GaugeStuck(i) => counts[i] = self.held.frames[0][i],
             Fault::GaugesShifted(by) => {
                 let gauges = counts.iter_mut().zip(by);
                 gauges.for_each(|(gauge, by)| *gauge += by);
@@ -87,7 +87,7 @@ impl Injector {
                 *gauge = (*gauge + drift.round() as i32).clamp(0, self.full_scale);
             }
             Fault::EncoderStuck(Wheel { axle, side }) => {
-                axles[axle].encoder[side] = self.encoder[axle][side];
+                axles[axle].encoder[side] = self.held.axles[axle].encoder[side];
             }
             Fault::EncoderJumps {
                 wheel: Wheel { axle, side },
@@ -121,7 +121,7 @@ impl Injector {
     }
 
     /// Changes what the motors give at a tick; `wanted` is what the boards commanded.
-    pub fn torque(&self, tick: u32, wanted: &mut [[f64; 2]; 2]) {
+    pub fn torque(&self, tick: u32, wanted: &mut [[f64; 2]]) {
         if tick < self.at {
             return;
         }

@@ -13,7 +13,7 @@ use core_algos::topology::{Role, Side};
 /// A wheel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wheel {
-    /// 0 front, 1 rear.
+    /// Number of the axle, 0 at the front.
     pub axle: usize,
     /// Side of the axle.
     pub side: Side,
@@ -28,7 +28,7 @@ pub enum Rail {
     FullScale,
 }
 
-/// Fault. An axle is 0 (front) or 1 (rear); gauges count from the root, from 0.
+/// Fault. Axles count from 0 at the front; gauges are those of the first frame and count from 0 at its root.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
     /// No fault: the campaign's own check.

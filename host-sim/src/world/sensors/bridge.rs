@@ -4,7 +4,7 @@ use super::SAMPLE_PERIOD_S;
 use super::converter::ConverterError;
 use super::delay::{Delay, Drift, MAX_DELAY_MS};
 use crate::base::table::table;
-use crate::world::drawn::Drawn;
+use crate::world::drawn::FrameErrors;
 use crate::world::random::SMALL;
 use crate::world::random::normal;
 use core_algos::beam::{MAX_GAUGES, strip};
@@ -98,8 +98,8 @@ impl BridgeConfig {
         self.gauge_factor * f64::from(self.active_gauges) / 4.0 * self.amplifier_gain
     }
 
-    /// Error of the converter of a drawn robot; `None` for an ideal one.
-    pub fn converter(&self, drawn: &Drawn) -> Option<ConverterError> {
+    /// Error of the converter of a drawn frame; `None` for an ideal one.
+    pub fn converter(&self, drawn: &FrameErrors) -> Option<ConverterError> {
         let noise = self.noise_strain * self.range_per_strain();
         ConverterError::new(self.nonlinearity_counts, noise, drawn.converter)
     }
@@ -114,9 +114,9 @@ impl BridgeConfig {
         1 << (self.converter_bits - 1)
     }
 
-    /// Counts of the bridges of the unbent robot, without noise and quantisation. The board keeps
+    /// Counts of the bridges of the unbent frame, without noise and quantisation. The board keeps
     /// them as its calibration.
-    pub fn zero_counts(&self, drawn: &Drawn) -> [f64; MAX_GAUGES] {
+    pub fn zero_counts(&self, drawn: &FrameErrors) -> [f64; MAX_GAUGES] {
         let limit = f64::from(self.full_scale_counts());
         let converter = self.converter(drawn);
         drawn.bridge_offset.map(|strain| {
@@ -229,10 +229,10 @@ pub(super) struct Bridge {
 }
 
 impl Bridge {
-    /// A bridge of one robot; `random` gives its noise.
+    /// A bridge of one frame, whose gauges creep by so much more than their kind; `random` gives its noise.
     pub fn new(
         config: &BridgeConfig,
-        drawn: &Drawn,
+        (drawn, creep_error): (&FrameErrors, f64),
         index: usize,
         converter: Option<Arc<ConverterError>>,
         random: Pcg64,
@@ -241,11 +241,7 @@ impl Bridge {
             random,
             converter,
             gain: 1.0 + drawn.bridge_gain_error[index],
-            ageing: GaugeAgeing::new(
-                config,
-                drawn.bridge_zero_per_k[index],
-                drawn.gauge_creep_error,
-            ),
+            ageing: GaugeAgeing::new(config, drawn.bridge_zero_per_k[index], creep_error),
             offset: Drift::new(
                 drawn.bridge_offset[index] + drawn.bridge_drift[index],
                 config.drift_walk_strain,

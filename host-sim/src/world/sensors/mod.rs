@@ -22,10 +22,11 @@ pub use inertial::{Accelerometer, Gyro};
 
 use crate::base::error::{Error, within};
 use crate::base::table::table;
-use crate::world::drawn::Drawn;
+use crate::world::drawn::{Drawn, FrameErrors};
 use crate::world::random::SMALL;
 use crate::world::random::{BOUND, Stream, bounded, generator, mix, normal};
 use bridge::Bridge;
+use core_algos::topology::Topology;
 use delay::Delay;
 use inertial::{Channel, InertialChannel};
 use rand::RngExt;
@@ -90,12 +91,8 @@ table! {
 
 impl GeometryConfig {
     /// Factors of wheel radius and track at the lower (-1) or upper (1) bound of their draws.
-    pub fn extreme(&self, side: f64) -> ([[f64; 2]; 2], [f64; 2]) {
-        let factor = |sigma: f64| 1.0 + side * BOUND * sigma;
-        (
-            [[factor(self.wheel_radius_sigma); 2]; 2],
-            [factor(self.track_sigma); 2],
-        )
+    pub fn extreme(&self, side: f64) -> [f64; 2] {
+        [self.wheel_radius_sigma, self.track_sigma].map(|sigma| 1.0 + side * BOUND * sigma)
     }
 }
 
@@ -112,8 +109,8 @@ impl SensorConfig {
 
     /// The errors of one robot's sensors; [`World::draw`](crate::world::World::draw) adds those of the
     /// plant. The configuration only scales the numbers that are drawn.
-    pub fn draw(&self, seed: u64, trial: u64) -> Drawn {
-        let mut drawn = Drawn::none();
+    pub fn draw(&self, topology: Topology, seed: u64, trial: u64) -> Drawn {
+        let mut drawn = Drawn::none(topology);
 
         let mut random = generator(seed, trial, Stream::Geometry);
         for factor in drawn.wheel_radius_factor.as_flattened_mut() {
@@ -138,7 +135,7 @@ impl SensorConfig {
             *phase = unit.sample(&mut random);
         }
 
-        for axle in 0..2 {
+        for axle in 0..topology.axle_count() {
             let mut random = generator(seed, trial, Stream::Gyro(axle));
             drawn.gyro_bias[axle] = Channel::from(self.gyro).draw_bias(&mut random);
             drawn.gyro_scale_error[axle] = normal(&mut random, self.gyro.scale_sigma);
@@ -150,58 +147,83 @@ impl SensorConfig {
         }
 
         let bridge = &self.bridge;
-        let mut random = generator(seed, trial, Stream::BridgeCommon);
-        let common = normal(&mut random, bridge.common_sigma_strain);
-        drawn.converter = generator(seed, trial, Stream::Converter).random();
-        for index in 0..MAX_GAUGES {
-            let mut random = generator(seed, trial, Stream::Bridge(index));
-            drawn.bridge_gain_error[index] = normal(&mut random, bridge.gain_sigma);
-            drawn.bridge_offset[index] = normal(&mut random, bridge.offset_sigma_strain);
-            drawn.bridge_drift[index] = common + normal(&mut random, bridge.drift_sigma_strain);
-            drawn.gauge_shift_m[index] = normal(&mut random, bridge.position_sigma_m);
-            drawn.bridge_zero_per_k[index] = normal(&mut random, bridge.zero_per_k_sigma_strain);
+        let mut of_common = generator(seed, trial, Stream::BridgeCommon);
+        let mut of_converter = generator(seed, trial, Stream::Converter);
+        for (frame, drawn) in drawn.frames.iter_mut().enumerate() {
+            let common = normal(&mut of_common, bridge.common_sigma_strain);
+            drawn.converter = of_converter.random();
+            for index in 0..MAX_GAUGES {
+                let mut random = generator(seed, trial, Stream::Bridge(frame, index));
+                drawn.bridge_gain_error[index] = normal(&mut random, bridge.gain_sigma);
+                drawn.bridge_offset[index] = normal(&mut random, bridge.offset_sigma_strain);
+                drawn.bridge_drift[index] = common + normal(&mut random, bridge.drift_sigma_strain);
+                drawn.gauge_shift_m[index] = normal(&mut random, bridge.position_sigma_m);
+                drawn.bridge_zero_per_k[index] =
+                    normal(&mut random, bridge.zero_per_k_sigma_strain);
+            }
         }
         drawn
     }
 }
 
-/// Inputs of the sensors from the plant at one instant. Axle 0 is the front, wheel 0 the left.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+/// Inputs of the sensors from the plant at one instant.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Truth {
-    /// Angle each wheel has turned against its axle since the start, rad, forward positive.
-    pub wheel_angle: [[f64; 2]; 2],
-    /// Yaw rate of each axle, rad/s, counter-clockwise positive.
-    pub yaw_rate: [f64; 2],
-    /// Specific force of each axle along its forward axis, m/s².
-    pub forward_acceleration: [f64; 2],
-    /// Strain of the outer fibre at each gauge's true place, positive where the frame bends left.
-    pub gauge_strain: [f64; MAX_GAUGES],
-    /// Number of gauges on the strip: the others are not sampled.
-    pub gauge_count: usize,
+    /// Axles, front first.
+    pub axles: Vec<AxleTruth>,
+    /// Strains of the outer fibre at the true places of each frame's gauges, positive where the frame bends left. Front
+    /// frame first.
+    pub strains: Vec<Vec<f64>>,
+}
+
+/// Inputs of an axle's sensors. Wheel 0 is the left.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AxleTruth {
+    /// Angle each wheel has turned against the axle since the start, rad, forward positive.
+    pub wheel_angle: [f64; 2],
+    /// Yaw rate, rad/s, counter-clockwise positive.
+    pub yaw_rate: f64,
+    /// Specific force along the forward axis, m/s².
+    pub forward_acceleration: f64,
 }
 
 /// Samples of the boards at one tick.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Samples {
-    /// Encoder counters, by axle and wheel; they wrap around.
-    pub encoder_counts: [[i32; 2]; 2],
-    /// Yaw rate of each axle, rad/s; none where no gyro is fitted.
-    pub gyro: [Option<f32>; 2],
-    /// Longitudinal specific force of each axle, m/s²; none where no accelerometer is fitted.
-    pub accelerometer: [Option<f32>; 2],
-    /// Converter counts of the bridges, zero at mid-scale; zero where there is no gauge.
-    pub bridge_counts: [i32; MAX_GAUGES],
+    /// Axles, front first.
+    pub axles: Vec<AxleSamples>,
+    /// Converter counts of each frame's bridges, zero at mid-scale; zero where there is no gauge. Front frame first.
+    pub frames: Vec<[i32; MAX_GAUGES]>,
+}
+
+/// Samples of an axle's board at one tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AxleSamples {
+    /// Encoder counters by wheel; they wrap around.
+    pub encoder_counts: [i32; 2],
+    /// Yaw rate, rad/s; none where no gyro is fitted.
+    pub gyro: Option<f32>,
+    /// Longitudinal specific force, m/s²; none where no accelerometer is fitted.
+    pub accelerometer: Option<f32>,
+}
+
+/// Sensors of an axle.
+#[derive(Clone, Debug)]
+struct AxleSensors {
+    encoder_phase: [f64; 2],
+    encoder_delay: Delay<[i32; 2]>,
+    gyro: InertialChannel,
+    accelerometer: InertialChannel,
 }
 
 /// All sensors of one robot in one trial. One call of [`Self::sample`] a millisecond.
 #[derive(Clone, Debug)]
 pub struct Sensors {
     counts_per_radian: f64,
-    encoder_phase: [[f64; 2]; 2],
-    encoder_delay: Delay<[[i32; 2]; 2]>,
-    gyro: [InertialChannel; 2],
-    accelerometer: [InertialChannel; 2],
-    bridges: [Bridge; MAX_GAUGES],
+    axles: Vec<AxleSensors>,
+    /// Bridges of each frame.
+    frames: Vec<[Bridge; MAX_GAUGES]>,
+    samples: Samples,
 }
 
 impl Sensors {
@@ -211,65 +233,79 @@ impl Sensors {
         // Noise continues on streams of their own, so that it does not depend on how many numbers
         // the imperfections took.
         let noise = |stream: Stream| generator(mix(seed), trial, stream);
-        let converter = config.bridge.converter(drawn).map(Arc::new);
+        let axle = |axle: usize| AxleSensors {
+            encoder_phase: drawn.encoder_phase[axle],
+            encoder_delay: Delay::new(config.encoder.delay_ms),
+            gyro: InertialChannel::new(
+                config.gyro.into(),
+                drawn.gyro_bias[axle],
+                drawn.gyro_scale_error[axle],
+                noise(Stream::Gyro(axle)),
+            ),
+            accelerometer: InertialChannel::new(
+                config.accelerometer.into(),
+                drawn.accelerometer_bias[axle],
+                drawn.accelerometer_scale_error[axle],
+                noise(Stream::Accelerometer(axle)),
+            ),
+        };
+        let axles: Vec<_> = (0..drawn.encoder_phase.len()).map(axle).collect();
+        let creep = drawn.gauge_creep_error;
+        let frame = |(frame, errors): (usize, &FrameErrors)| {
+            let converter = config.bridge.converter(errors).map(Arc::new);
+            std::array::from_fn(|index| {
+                let random = noise(Stream::Bridge(frame, index));
+                let converter = converter.clone();
+                Bridge::new(&config.bridge, (errors, creep), index, converter, random)
+            })
+        };
+        let frames: Vec<_> = drawn.frames.iter().enumerate().map(frame).collect();
         Ok(Self {
             counts_per_radian: f64::from(config.encoder.counts_per_revolution) / TAU,
-            encoder_phase: drawn.encoder_phase,
-            encoder_delay: Delay::new(config.encoder.delay_ms),
-            gyro: [0, 1].map(|axle| {
-                InertialChannel::new(
-                    config.gyro.into(),
-                    drawn.gyro_bias[axle],
-                    drawn.gyro_scale_error[axle],
-                    noise(Stream::Gyro(axle)),
-                )
-            }),
-            accelerometer: [0, 1].map(|axle| {
-                InertialChannel::new(
-                    config.accelerometer.into(),
-                    drawn.accelerometer_bias[axle],
-                    drawn.accelerometer_scale_error[axle],
-                    noise(Stream::Accelerometer(axle)),
-                )
-            }),
-            bridges: std::array::from_fn(|index| {
-                let random = noise(Stream::Bridge(index));
-                Bridge::new(&config.bridge, drawn, index, converter.clone(), random)
-            }),
+            samples: Samples {
+                axles: vec![AxleSamples::default(); axles.len()],
+                frames: vec![[0; MAX_GAUGES]; frames.len()],
+            },
+            axles,
+            frames,
         })
     }
 
     /// Biases of the next inertial samples by axle: gyro, rad/s, and accelerometer, m/s², after the average at
     /// rest. For sensors that are simulated elsewhere, in place of [`Self::sample`].
-    pub fn inertial_biases(&mut self) -> [[f64; 2]; 2] {
-        [0, 1].map(|axle: usize| [self.gyro[axle].bias(), self.accelerometer[axle].bias()])
+    pub fn inertial_biases(&mut self) -> impl Iterator<Item = [f64; 2]> {
+        let axles = self.axles.iter_mut();
+        axles.map(|axle| [axle.gyro.bias(), axle.accelerometer.bias()])
     }
 
-    /// The readings one millisecond after the last call; no allocation.
-    pub fn sample(&mut self, truth: &Truth) -> Samples {
-        let mut samples = Samples::default();
-        for axle in 0..2 {
-            for wheel in 0..2 {
-                let counts = (truth.wheel_angle[axle][wheel] * self.counts_per_radian
-                    + self.encoder_phase[axle][wheel])
+    /// Latest samples.
+    pub fn samples(&self) -> &Samples {
+        &self.samples
+    }
+
+    /// The readings one millisecond after the last call; no allocation. An axle or gauge without a truth is not sampled.
+    pub fn sample(&mut self, truth: &Truth) -> &Samples {
+        let axles = self.axles.iter_mut().zip(&truth.axles);
+        for (samples, (axle, truth)) in self.samples.axles.iter_mut().zip(axles) {
+            let counts = std::array::from_fn(|wheel| {
+                let counts = (truth.wheel_angle[wheel] * self.counts_per_radian
+                    + axle.encoder_phase[wheel])
                     .floor();
                 // Through i64: a hardware counter wraps where a float conversion would saturate.
-                samples.encoder_counts[axle][wheel] = counts as i64 as i32;
+                counts as i64 as i32
+            });
+            *samples = AxleSamples {
+                encoder_counts: axle.encoder_delay.pass(counts),
+                gyro: axle.gyro.sample(truth.yaw_rate),
+                accelerometer: axle.accelerometer.sample(truth.forward_acceleration),
+            };
+        }
+        let frames = self.frames.iter_mut().zip(&truth.strains);
+        for (samples, (bridges, strains)) in self.samples.frames.iter_mut().zip(frames) {
+            for ((counts, bridge), &strain) in samples.iter_mut().zip(bridges).zip(strains) {
+                *counts = bridge.sample(strain);
             }
-            samples.gyro[axle] = self.gyro[axle].sample(truth.yaw_rate[axle]);
-            samples.accelerometer[axle] =
-                self.accelerometer[axle].sample(truth.forward_acceleration[axle]);
         }
-        samples.encoder_counts = self.encoder_delay.pass(samples.encoder_counts);
-        let strains = truth.gauge_strain.iter().take(truth.gauge_count);
-        for ((counts, bridge), &strain) in samples
-            .bridge_counts
-            .iter_mut()
-            .zip(&mut self.bridges)
-            .zip(strains)
-        {
-            *counts = bridge.sample(strain);
-        }
-        samples
+        &self.samples
     }
 }

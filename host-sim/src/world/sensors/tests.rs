@@ -26,6 +26,14 @@ fn sensors(config: &SensorConfig, imperfections: &Drawn) -> Sensors {
     Sensors::new(config, imperfections, 1, 2).unwrap()
 }
 
+/// Inputs of two axles at rest and of a straight frame with so many gauges.
+fn at_rest(gauges: usize) -> Truth {
+    Truth {
+        axles: vec![AxleTruth::default(); 2],
+        strains: vec![vec![0.0; gauges]],
+    }
+}
+
 fn mean_and_sd(values: &[f64]) -> (f64, f64) {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
@@ -42,17 +50,14 @@ fn gauges_creep_and_warm() {
     config.bridge.warming_k = 10.0;
     config.bridge.warming_time_s = 0.25;
     config.bridge.gain_per_k = 1e-4;
-    let mut drawn = Drawn::none();
-    drawn.bridge_zero_per_k[1] = 0.4e-6;
+    let mut drawn = Drawn::none(Topology::PAIR);
+    drawn.frames[0].bridge_zero_per_k[1] = 0.4e-6;
     let mut sensors = Sensors::new(&config, &drawn, 1, 1).unwrap();
-    let mut truth = Truth {
-        gauge_count: 2,
-        ..Truth::default()
-    };
-    truth.gauge_strain[..2].fill(1e-3);
+    let mut truth = at_rest(2);
+    truth.strains[0].fill(1e-3);
     let per_count = config.bridge.strain_per_count();
     for tick in 1..=3000 {
-        let counts = sensors.sample(&truth).bridge_counts;
+        let counts = sensors.sample(&truth).frames[0];
         if ![500, 3000].contains(&tick) {
             continue;
         }
@@ -95,18 +100,18 @@ fn bad_parameters_are_named() {
         let (key, _) = entry.split_once(" = ").unwrap();
         let why = config.check().unwrap_err().to_string();
         assert!(why.starts_with(&format!("sensors.{key} = ")), "{why}");
-        assert!(Sensors::new(&config, &Drawn::none(), 0, 0).is_err());
+        assert!(Sensors::new(&config, &Drawn::none(Topology::PAIR), 0, 0).is_err());
     }
 }
 
 #[test]
 fn encoder_counts_one_revolution_and_wraps() {
     let config = clean();
-    let mut sensors = sensors(&config, &Drawn::none());
+    let mut sensors = sensors(&config, &Drawn::none(Topology::PAIR));
     let mut at = |angle: f64| {
-        let mut truth = Truth::default();
-        truth.wheel_angle[1][0] = angle;
-        sensors.sample(&truth).encoder_counts[1][0]
+        let mut truth = at_rest(0);
+        truth.axles[1].wheel_angle[0] = angle;
+        sensors.sample(&truth).axles[1].encoder_counts[0]
     };
     assert_eq!(at(0.0), 0);
     assert_eq!(at(TAU * 1.000_001), 8192);
@@ -120,7 +125,7 @@ fn encoder_phase_spreads_the_edges() {
     let config = clean();
     let phases: Vec<f64> = (0..500)
         .flat_map(|trial| {
-            let drawn = config.draw(3, trial);
+            let drawn = config.draw(Topology::PAIR, 3, trial);
             drawn.encoder_phase.into_iter().flatten()
         })
         .collect();
@@ -133,7 +138,9 @@ fn encoder_phase_spreads_the_edges() {
 #[test]
 fn imperfections_have_the_stated_spread_and_are_the_same_in_pairs() {
     let config = SensorConfig::default();
-    let drawn: Vec<_> = (0..2000).map(|trial| config.draw(7, trial)).collect();
+    let drawn: Vec<_> = (0..2000)
+        .map(|trial| config.draw(Topology::PAIR, 7, trial))
+        .collect();
     let spread = |value: &dyn Fn(&Drawn) -> f64, mean: f64, sigma: f64| {
         let values: Vec<f64> = drawn.iter().map(value).collect();
         let (m, s) = mean_and_sd(&values);
@@ -143,12 +150,12 @@ fn imperfections_have_the_stated_spread_and_are_the_same_in_pairs() {
     spread(&|d| d.wheel_radius_factor[1][0], 1.0, 1e-3);
     spread(&|d| d.track_factor[0], 1.0, 3e-3);
     spread(&|d| d.placement[2], 0.0, 2e-3);
-    spread(&|d| d.bridge_offset[4], 0.0, 200e-6);
-    spread(&|d| d.gauge_shift_m[2], 0.0, 0.3e-3);
+    spread(&|d| d.frames[0].bridge_offset[4], 0.0, 200e-6);
+    spread(&|d| d.frames[0].gauge_shift_m[2], 0.0, 0.3e-3);
     // Own and common part together; two bridges share the common part only.
-    spread(&|d| d.bridge_drift[3], 0.0, 2f64.sqrt() * 1e-6);
+    spread(&|d| d.frames[0].bridge_drift[3], 0.0, 2f64.sqrt() * 1e-6);
     spread(
-        &|d| d.bridge_drift[3] - d.bridge_drift[0],
+        &|d| d.frames[0].bridge_drift[3] - d.frames[0].bridge_drift[0],
         0.0,
         2f64.sqrt() * 1e-6,
     );
@@ -159,8 +166,8 @@ fn imperfections_have_the_stated_spread_and_are_the_same_in_pairs() {
     let mut other = config.clone();
     other.gyro.fitted = true;
     other.geometry.wheel_radius_sigma = 2e-3;
-    let twin = other.draw(7, 5);
-    assert_eq!(twin.bridge_drift, drawn[5].bridge_drift);
+    let twin = other.draw(Topology::PAIR, 7, 5);
+    assert_eq!(twin.frames[0].bridge_drift, drawn[5].frames[0].bridge_drift);
     for (one, two) in drawn[5].wheel_radius_factor[0]
         .iter()
         .zip(twin.wheel_radius_factor[0])
@@ -168,7 +175,7 @@ fn imperfections_have_the_stated_spread_and_are_the_same_in_pairs() {
         assert!(((two - 1.0) - 2.0 * (one - 1.0)).abs() < 1e-12);
     }
     assert_ne!(drawn[5], drawn[6]);
-    assert_ne!(drawn[5], config.draw(8, 5));
+    assert_ne!(drawn[5], config.draw(Topology::PAIR, 8, 5));
 }
 
 #[test]
@@ -177,21 +184,19 @@ fn streams_do_not_depend_on_what_else_is_fitted() {
     let mut full = bare.clone();
     full.gyro.fitted = true;
     full.accelerometer.fitted = true;
-    let drawn = bare.draw(11, 0);
+    let drawn = bare.draw(Topology::PAIR, 11, 0);
     let run = |config: &SensorConfig, gauge_count| {
         let mut sensors = Sensors::new(config, &drawn, 11, 0).unwrap();
-        let truth = Truth {
-            gauge_strain: [1e-4; MAX_GAUGES],
-            gauge_count,
-            ..Truth::default()
-        };
-        (0..300).map(|_| sensors.sample(&truth)).collect::<Vec<_>>()
+        let mut truth = at_rest(gauge_count);
+        truth.strains[0].fill(1e-4);
+        let mut sample = |_| sensors.sample(&truth).clone();
+        (0..300).map(&mut sample).collect::<Vec<_>>()
     };
     let (few, many) = (run(&bare, 3), run(&full, 5));
     for (a, b) in few.iter().zip(&many) {
-        assert_eq!(a.bridge_counts[..3], b.bridge_counts[..3]);
-        assert_eq!(a.bridge_counts[3], 0);
-        assert!(a.gyro[0].is_none() && b.gyro[0].is_some());
+        assert_eq!(a.frames[0][..3], b.frames[0][..3]);
+        assert_eq!(a.frames[0][3], 0);
+        assert!(a.axles[0].gyro.is_none() && b.axles[0].gyro.is_some());
     }
     assert_eq!(many, run(&full, 5));
 }
@@ -201,20 +206,17 @@ fn noise_of_the_sensors_is_white_and_uncorrelated() {
     let mut config = clean();
     config.bridge.noise_strain = 5e-6;
     config.gyro.noise_density = 4.9e-5;
-    let mut sensors = sensors(&config, &Drawn::none());
-    let truth = Truth {
-        gauge_count: 2,
-        ..Truth::default()
-    };
+    let mut sensors = sensors(&config, &Drawn::none(Topology::PAIR));
+    let truth = at_rest(2);
     let n = 20_000;
     let mut series = [const { Vec::new() }; 4];
     for _ in 0..n {
         let sample = sensors.sample(&truth);
         let scale = config.bridge.strain_per_count();
-        series[0].push(f64::from(sample.bridge_counts[0]) * scale);
-        series[1].push(f64::from(sample.bridge_counts[1]) * scale);
-        series[2].push(f64::from(sample.gyro[0].unwrap()));
-        series[3].push(f64::from(sample.gyro[1].unwrap()));
+        series[0].push(f64::from(sample.frames[0][0]) * scale);
+        series[1].push(f64::from(sample.frames[0][1]) * scale);
+        series[2].push(f64::from(sample.axles[0].gyro.unwrap()));
+        series[3].push(f64::from(sample.axles[1].gyro.unwrap()));
     }
     let correlation = |a: &[f64], b: &[f64]| {
         let ((ma, sa), (mb, sb)) = (mean_and_sd(a), mean_and_sd(b));
@@ -239,36 +241,33 @@ fn noise_of_the_sensors_is_white_and_uncorrelated() {
 fn bridge_chain_gives_the_counts_of_a_hand_calculation() {
     let config = clean();
     // 1000 µε · 2.1 = 2.1 mV/V; ·60 = 0.126 of the reference; ·2^14 = 2064.4 counts.
-    let mut truth = Truth {
-        gauge_count: 1,
-        ..Truth::default()
-    };
-    truth.gauge_strain[0] = 1e-3;
-    let mut ideal = sensors(&config, &Drawn::none());
-    assert_eq!(ideal.sample(&truth).bridge_counts[0], 2064);
+    let mut truth = at_rest(1);
+    truth.strains[0][0] = 1e-3;
+    let mut ideal = sensors(&config, &Drawn::none(Topology::PAIR));
+    assert_eq!(ideal.sample(&truth).frames[0][0], 2064);
     // Half a bridge gives half as much.
     let mut half = config.clone();
     half.bridge.active_gauges = 2;
-    let mut half = sensors(&half, &Drawn::none());
-    assert_eq!(half.sample(&truth).bridge_counts[0], 1032);
+    let mut half = sensors(&half, &Drawn::none(Topology::PAIR));
+    assert_eq!(half.sample(&truth).frames[0][0], 1032);
     // Gain error acts on the strain, not on the offset: 1110 µε, not 1111.
-    let mut bad = Drawn::none();
-    bad.bridge_gain_error[0] = 0.01;
-    bad.bridge_offset[0] = 100e-6;
+    let mut bad = Drawn::none(Topology::PAIR);
+    bad.frames[0].bridge_gain_error[0] = 0.01;
+    bad.frames[0].bridge_offset[0] = 100e-6;
     let mut bad = sensors(&config, &bad);
-    assert_eq!(bad.sample(&truth).bridge_counts[0], 2291);
-    truth.gauge_strain[0] = 1.0;
+    assert_eq!(bad.sample(&truth).frames[0][0], 2291);
+    truth.strains[0][0] = 1.0;
     assert_eq!(
-        sensors(&config, &Drawn::none())
+        sensors(&config, &Drawn::none(Topology::PAIR))
             .sample(&truth)
-            .bridge_counts[0],
+            .frames[0][0],
         8191
     );
-    truth.gauge_strain[0] = -1.0;
+    truth.strains[0][0] = -1.0;
     assert_eq!(
-        sensors(&config, &Drawn::none())
+        sensors(&config, &Drawn::none(Topology::PAIR))
             .sample(&truth)
-            .bridge_counts[0],
+            .frames[0][0],
         -8192
     );
 }
@@ -276,15 +275,12 @@ fn bridge_chain_gives_the_counts_of_a_hand_calculation() {
 #[test]
 fn stored_zero_leaves_the_drift_alone() {
     let config = clean();
-    let mut drawn = config.draw(5, 9);
-    drawn.bridge_drift = [3e-6; MAX_GAUGES];
-    let zero = config.bridge.zero_counts(&drawn);
+    let mut drawn = config.draw(Topology::PAIR, 5, 9);
+    drawn.frames[0].bridge_drift = [3e-6; MAX_GAUGES];
+    let zero = config.bridge.zero_counts(&drawn.frames[0]);
     let mut sensors = sensors(&config, &drawn);
-    let sample = sensors.sample(&Truth {
-        gauge_count: MAX_GAUGES,
-        ..Truth::default()
-    });
-    for (counts, zero) in sample.bridge_counts.iter().zip(zero) {
+    let sample = sensors.sample(&at_rest(MAX_GAUGES));
+    for (counts, zero) in sample.frames[0].iter().zip(zero) {
         let strain = (f64::from(*counts) - zero) * config.bridge.strain_per_count();
         assert!((strain - 3e-6).abs() < 0.51 * config.bridge.strain_per_count());
     }
@@ -313,44 +309,44 @@ fn samples_arrive_as_old_as_configured() {
     config.gyro.delay_ms = 1;
     config.bridge.delay_ms = 31;
     config.bridge.bandwidth_hz = 1e9;
-    let mut sensors = sensors(&config, &Drawn::none());
+    let mut sensors = sensors(&config, &Drawn::none(Topology::PAIR));
     for k in 0..100 {
         let t = f64::from(k);
-        let mut truth = Truth {
-            wheel_angle: [[(t + 0.25) * TAU / 8192.0; 2]; 2],
-            yaw_rate: [t * 0.01; 2],
-            gauge_count: 1,
-            ..Truth::default()
-        };
-        truth.gauge_strain[0] = t * config.bridge.strain_per_count();
+        let mut truth = at_rest(1);
+        truth.axles.fill(AxleTruth {
+            wheel_angle: [(t + 0.25) * TAU / 8192.0; 2],
+            yaw_rate: t * 0.01,
+            ..AxleTruth::default()
+        });
+        truth.strains[0][0] = t * config.bridge.strain_per_count();
         let sample = sensors.sample(&truth);
-        assert_eq!(sample.encoder_counts[0][1], (k - 3).max(0));
+        assert_eq!(sample.axles[0].encoder_counts[1], (k - 3).max(0));
         let late = f64::from((k - 1).max(0)) * 0.01;
-        assert!((f64::from(sample.gyro[1].unwrap()) - late).abs() < 1e-4);
-        assert_eq!(sample.bridge_counts[0], (k - 31).max(0));
+        assert!((f64::from(sample.axles[1].gyro.unwrap()) - late).abs() < 1e-4);
+        assert_eq!(sample.frames[0][0], (k - 31).max(0));
     }
 }
 
 #[test]
 fn inertial_readings_are_scaled_biased_quantised_and_limited() {
     let config = clean();
-    let mut drawn = Drawn::none();
-    drawn.gyro_bias = [0.01, -0.02];
-    drawn.gyro_scale_error = [0.0, 0.005];
+    let mut drawn = Drawn::none(Topology::PAIR);
+    drawn.gyro_bias = vec![0.01, -0.02];
+    drawn.gyro_scale_error = vec![0.0, 0.005];
     let mut sensors = sensors(&config, &drawn);
-    let mut truth = Truth {
-        yaw_rate: [1.0, 2.0],
-        forward_acceleration: [100.0, -100.0],
-        ..Truth::default()
-    };
+    let mut truth = at_rest(0);
+    for (axle, (rate, force)) in truth.axles.iter_mut().zip([(1.0, 100.0), (2.0, -100.0)]) {
+        axle.yaw_rate = rate;
+        axle.forward_acceleration = force;
+    }
     let sample = sensors.sample(&truth);
     let step = 2.0 * 4.36 / 65536.0;
-    assert!((f64::from(sample.gyro[0].unwrap()) - 1.01).abs() < 0.51 * step);
-    assert!((f64::from(sample.gyro[1].unwrap()) - 1.99).abs() < 0.51 * step);
-    assert!((sample.accelerometer[0].unwrap() - 19.6).abs() < 1e-3);
-    assert_eq!(sample.accelerometer[1], Some(-19.6));
-    truth.yaw_rate[0] = 0.0;
-    let counts = f64::from(sensors.sample(&truth).gyro[0].unwrap()) / step;
+    assert!((f64::from(sample.axles[0].gyro.unwrap()) - 1.01).abs() < 0.51 * step);
+    assert!((f64::from(sample.axles[1].gyro.unwrap()) - 1.99).abs() < 0.51 * step);
+    assert!((sample.axles[0].accelerometer.unwrap() - 19.6).abs() < 1e-3);
+    assert_eq!(sample.axles[1].accelerometer, Some(-19.6));
+    truth.axles[0].yaw_rate = 0.0;
+    let counts = f64::from(sensors.sample(&truth).axles[0].gyro.unwrap()) / step;
     assert!((counts - counts.round()).abs() < 1e-4);
 }
 
@@ -360,11 +356,12 @@ fn bias_walks_with_the_square_root_of_time() {
     config.gyro.bias_walk = 0.01;
     let ends: Vec<f64> = (0..400)
         .map(|trial| {
-            let none = Drawn::none();
+            let none = Drawn::none(Topology::PAIR);
             let mut sensors = Sensors::new(&config, &none, 21, trial).unwrap();
-            let truth = Truth::default();
-            let last = (0..4001).map(|_| sensors.sample(&truth)).last().unwrap();
-            f64::from(last.gyro[0].unwrap())
+            let truth = at_rest(0);
+            let mut sample = |_| sensors.sample(&truth).axles[0].gyro;
+            let last = (0..4001).map(&mut sample).last().unwrap();
+            f64::from(last.unwrap())
         })
         .collect();
     // 0.01 rad/s/√s over 4 s.

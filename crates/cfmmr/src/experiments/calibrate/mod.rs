@@ -28,7 +28,7 @@ use host_sim::targets;
 use host_sim::targets::Target;
 use host_sim::world::drawn::Drawn;
 use host_sim::world::random::{Stream, generator, normal};
-use host_sim::world::sensors::{Sensors, Truth};
+use host_sim::world::sensors::{AxleTruth, Sensors, Truth};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
@@ -60,13 +60,13 @@ pub struct Bench {
 /// Result of a run on a path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Run {
-    /// Odometry of the axles and their true ends.
-    pub axles: [Return; 2],
+    /// Odometry of the axles and their true ends, front first.
+    pub axles: Vec<Return>,
     /// True turn of each axle less that of its odometry, rad.
-    pub heading: [f64; 2],
+    pub heading: Vec<f64>,
     /// The robot's own estimate of where it came to, against the truth.
     pub robot: [f64; 2],
-    /// Root mean square error of the frame's measured end: m, m, rad.
+    /// Root mean square error of the first frame's measured end: m, m, rad.
     pub beam: [f64; 3],
 }
 
@@ -74,7 +74,7 @@ impl Bench {
     /// The robot of a seed; its boards are in this process, or the given ones.
     pub fn new(scenario: &Scenario, seed: u64, boards: Option<Vec<Box<dyn Target>>>) -> Self {
         Self {
-            robot: scenario.world.draw(seed, 0),
+            robot: scenario.world.draw(scenario.robot.topology(), seed, 0),
             seed,
             remote: boards.is_some(),
             boards,
@@ -93,13 +93,13 @@ impl Bench {
         let route = Route::new(path, 1, &scenario);
         let route = route.map_err(|error| Error::input(format!("path: {error}")))?;
         scenario.mission.start = route.start();
-        let placed = scenario.world.draw(self.seed, run);
+        let topology = scenario.robot.topology();
+        let placed = scenario.world.draw(topology, self.seed, run);
         let robot = Drawn {
             placement: placed.placement,
             encoder_phase: placed.encoder_phase,
             ..self.robot.clone()
         };
-        let topology = scenario.robot.topology();
         let boards = self.boards.take();
         let targets = boards.unwrap_or_else(|| targets::in_process(topology));
         let mut simulation = Simulation::with(targets, &scenario, &robot, self.seed, run)?;
@@ -110,7 +110,7 @@ impl Bench {
         let mut estimate = Posture::ORIGIN;
         let outcome =
             path_run::drive_on(&mut simulation, &scenario, &route, PathMode::Follow, |m| {
-                relative.push(m.record.relative);
+                relative.push(m.record.frames[0].relative);
                 estimate = m.record.lead.fused.robot.posture;
             })?;
         if self.interrupt.load(Relaxed) {
@@ -126,11 +126,11 @@ impl Bench {
         frames.for_each(|frame| seen.take(frame));
         let mut random = generator(self.seed, run, Stream::Other(77));
         let mut tape = || normal(&mut random, TAPE_SIGMA_M);
-        let axles = simulation.plant().axles();
-        let mut heading = [0.0; 2];
-        let axles = std::array::from_fn(|i| {
-            let [x, y, phi] = between(seen.axles[i], axles[i].posture);
-            heading[i] = wrap(phi - seen.laps[i].end()[2]);
+        let axles = simulation.plant().axles().iter().enumerate();
+        let mut heading = Vec::new();
+        let axles = axles.map(|(i, axle)| {
+            let [x, y, phi] = between(seen.axles[i], axle.posture);
+            heading.push(wrap(phi - seen.laps[i].end()[2]));
             Return {
                 lap: seen.laps[i].clone(),
                 // Marks at both wheels.
@@ -141,6 +141,7 @@ impl Bench {
                 ],
             }
         });
+        let axles = axles.collect();
         let truth = between(seen.midpoint, simulation.plant().midpoint());
         let estimate = [estimate.x, estimate.y, estimate.phi].map(f64::from);
         let estimate = between(route.start(), estimate);
@@ -167,10 +168,8 @@ impl Bench {
         let mut random = generator(self.seed, 1, Stream::Other(78));
         // What all bridges share after zeroing comes from the edge, and there has been no drift yet.
         let edge = normal(&mut random, bridge.common_sigma_strain);
-        let robot = Drawn {
-            bridge_drift: [0.0; MAX_GAUGES],
-            ..self.robot.clone()
-        };
+        let mut robot = self.robot.clone();
+        robot.frames[0].bridge_drift = [0.0; MAX_GAUGES];
         let mut sensors = Sensors::new(&scenario.world.sensors, &robot, self.seed, 1)?;
         let middle = f64::from(bridge.full_scale_counts());
         let mut held = Vec::new();
@@ -179,13 +178,12 @@ impl Bench {
             let former = normal(&mut random, FORMER_SIGMA);
             let bent = bridge.half_thickness_m * curvature * (1.0 + former);
             let truth = Truth {
-                gauge_strain: [bent + edge; MAX_GAUGES],
-                gauge_count: MAX_GAUGES,
+                strains: vec![vec![bent + edge; MAX_GAUGES]],
                 ..Truth::default()
             };
             let mut sums = [0.0; MAX_GAUGES];
             for k in 0..SAMPLES + SETTLE {
-                let counts = sensors.sample(&truth).bridge_counts;
+                let counts = sensors.sample(&truth).frames[0];
                 for (sum, count) in sums.iter_mut().zip(counts) {
                     *sum += if k < SETTLE { 0.0 } else { f64::from(count) };
                 }
@@ -196,19 +194,23 @@ impl Bench {
         Ok(held)
     }
 
-    /// Readings of both gyros while the robot is turned by hand on the spot: three times around to the
+    /// Readings of the axles' gyros while the robot is turned by hand on the spot: three times around to the
     /// left, then to the right, with rests.
-    pub fn turn(&self, scenario: &Scenario) -> Result<[Vec<Turn>; 2], Error> {
+    pub fn turn(&self, scenario: &Scenario) -> Result<Vec<Vec<Turn>>, Error> {
         const REST: usize = 3000;
         const TURNING: usize = 18_000;
         let mut config = scenario.world.sensors.clone();
         config.gyro.fitted = true;
         let mut sensors = Sensors::new(&config, &self.robot, self.seed, 1)?;
         let mut random = generator(self.seed, 1, Stream::Other(79));
-        let mut all = [Vec::new(), Vec::new()];
+        let mut truth = Truth {
+            axles: vec![AxleTruth::default(); self.robot.gyro_bias.len()],
+            ..Truth::default()
+        };
+        let mut all = vec![Vec::new(); truth.axles.len()];
         for angle in [3.0 * TAU, -3.0 * TAU] {
             let turned = angle + normal(&mut random, MARK_SIGMA_RAD);
-            let mut sums = [[Sum::default(); 3]; 2];
+            let mut sums = vec![[Sum::default(); 3]; all.len()];
             for k in 0..REST + TURNING + REST {
                 let part = usize::from(k >= REST) + usize::from(k >= REST + TURNING);
                 // Begun and ended smoothly, so that no reading of the turn falls into a rest.
@@ -220,13 +222,12 @@ impl Bench {
                     }
                     _ => 0.0,
                 };
-                let truth = Truth {
-                    yaw_rate: [rate; 2],
-                    ..Truth::default()
-                };
+                for axle in &mut truth.axles {
+                    axle.yaw_rate = rate;
+                }
                 let samples = sensors.sample(&truth);
-                for (sums, reading) in sums.iter_mut().zip(samples.gyro) {
-                    sums[part].add(reading.map_or(0.0, f64::from));
+                for (sums, axle) in sums.iter_mut().zip(&samples.axles) {
+                    sums[part].add(axle.gyro.map_or(0.0, f64::from));
                 }
             }
             for (turns, [before, turning, after]) in all.iter_mut().zip(sums) {
@@ -272,11 +273,11 @@ pub fn square(way: f64) -> Result<Path, Error> {
 
 /// Odometry of the boards from the bus, and the start posture.
 struct Seen {
-    axles: [[f64; 3]; 2],
+    axles: Vec<[f64; 3]>,
     midpoint: [f64; 3],
-    laps: [Lap; 2],
+    laps: Vec<Lap>,
     /// Believed by each axle, m.
-    track_m: [f64; 2],
+    track_m: Vec<f64>,
     relative_heading: f64,
     beam: Vec<[f64; 3]>,
 }
@@ -285,11 +286,13 @@ impl Seen {
     fn new(simulation: &Simulation, scenario: &Scenario) -> Self {
         let believed =
             |role| believed(scenario, role).map_or(0.324, |axle| 2.0 * axle.half_track_m);
+        let axles = simulation.plant().axles();
+        let roles = scenario.robot.topology().axles().map(Role::Axle);
         Self {
-            axles: [0, 1].map(|i| simulation.plant().axles()[i].posture),
+            axles: axles.iter().map(|axle| axle.posture).collect(),
             midpoint: simulation.plant().midpoint(),
-            laps: [Lap::default(), Lap::default()],
-            track_m: [believed(Role::LEAD), believed(Role::axle(1))],
+            laps: vec![Lap::default(); axles.len()],
+            track_m: roles.map(believed).collect(),
             relative_heading: 0.0,
             beam: Vec::new(),
         }

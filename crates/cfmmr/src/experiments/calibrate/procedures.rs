@@ -278,14 +278,15 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
         gains.push(gain);
     }
     let robot = bench.robot().clone();
-    let truth = bridge.zero_counts(&robot);
+    let frame = &robot.frames[0];
+    let truth = bridge.zero_counts(frame);
     for (i, zero) in zeros.iter().enumerate() {
         let name = format!("robot.beam.calibration.zero_counts[{i}]");
         report.find(Role::beam(0), &name, middle, *zero, middle + truth[i])?;
     }
     for (i, gain) in gains.iter().enumerate() {
         let name = format!("robot.beam.calibration.gain[{i}]");
-        let truth = 1.0 / (1.0 + robot.bridge_gain_error[i]);
+        let truth = 1.0 / (1.0 + frame.bridge_gain_error[i]);
         report.find(Role::beam(0), &name, 1.0, *gain, truth)?;
     }
     // A lap, with the zeros of the straight edge but the converter's gains first: without any zeros
@@ -319,7 +320,7 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
     // What the zeros do is known without driving: the mean strain they leave turns the frame's end.
     let geometry = &scenario.robot.geometry;
     let [length, half] = [geometry.frame_length_m, geometry.half_thickness_m].map(f64::from);
-    let unzeroed = robot.bridge_offset[..count].iter().sum::<f64>() / count as f64;
+    let unzeroed = frame.bridge_offset[..count].iter().sum::<f64>() / count as f64;
     let strain = bridge.strain_per_count();
     let left = (0..count).map(|i| (truth[i] + middle - zeros[i]) * strain);
     let left = left.sum::<f64>() / count as f64;

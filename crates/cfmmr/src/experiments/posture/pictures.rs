@@ -143,17 +143,17 @@ fn estimate(record: &Record) -> [f64; 3] {
     [p.x, p.y, p.phi].map(f64::from)
 }
 
-/// Paths of the four wheels, at 20 Hz.
+/// Paths of the wheels, at 20 Hz.
 pub fn wheel_paths(records: &[Record], half_track: f64) -> Vec<Vec<[f64; 2]>> {
     let mut paths = Vec::new();
-    for axle in 0..2 {
+    for axle in 0..records.first().map_or(0, |record| record.axles.len()) {
         for side in [half_track, -half_track] {
             paths.push(
                 records
                     .iter()
                     .step_by(5)
                     .map(|record| {
-                        let [x, y, phi] = record.axles[axle];
+                        let [x, y, phi] = record.axles[axle].posture;
                         [x - side * libm::sin(phi), y + side * libm::cos(phi)]
                     })
                     .collect(),

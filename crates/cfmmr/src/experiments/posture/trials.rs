@@ -33,7 +33,7 @@ impl Trial {
             self.path.push([record.midpoint[0], record.midpoint[1]]);
         }
         if all {
-            self.records.push(*record);
+            self.records.push(record.clone());
         }
     }
 }

@@ -78,7 +78,7 @@ impl Outcome {
     pub fn records(&self) -> Vec<Record> {
         match self {
             Self::Posture(trial) => trial.records.clone(),
-            Self::Path(_, moments) => moments.iter().map(|moment| moment.record).collect(),
+            Self::Path(_, moments) => moments.iter().map(|moment| moment.record.clone()).collect(),
             Self::Script(steps) => steps.records.clone(),
         }
     }
@@ -136,7 +136,7 @@ impl Mission {
             }
             Self::Path(course, path_mode) => {
                 let mut kept = Thinned::new(MOST_ROWS);
-                let see = |moment: &Moment| kept.push(*moment);
+                let see = |moment: &Moment| kept.push(moment.clone());
                 let outcome = path_run::drive_on(robot, scenario, &course.route, *path_mode, see)?;
                 Outcome::Path(Box::new(outcome), kept.into_values())
             }

@@ -39,7 +39,7 @@ impl Steps {
     /// Has a robot take the steps.
     pub fn taken(robot: &mut impl Robot, scenario: &Scenario, lines: &[Line]) -> Self {
         let (mut records, mut ends) = (Thinned::new(MOST_ROWS), Vec::new());
-        let see = |record: &Record| records.push(*record);
+        let see = |record: &Record| records.push(record.clone());
         // An error is the end of the last step.
         let _ = script::carry_out(robot, scenario, lines, see, &mut ends);
         Self {

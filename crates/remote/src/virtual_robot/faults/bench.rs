@@ -5,7 +5,7 @@ use crate::board_log::BoardLog;
 use crate::virtual_robot::axle::AxleBoard;
 use crate::virtual_robot::beam::BeamBoard;
 use crate::virtual_robot::{Options, VirtualRobot};
-use core_algos::topology::Role;
+use core_algos::topology::{FrameId, Role};
 use host_sim::base::error::Error;
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -144,7 +144,7 @@ impl Bench {
     pub fn beam(&mut self, act: impl FnOnce(&mut BeamBoard, Time)) {
         self.struck.get_or_insert(Role::beam(0));
         let now = self.now();
-        if let Some(beam) = self.robot.beam() {
+        if let Some(beam) = self.robot.beam(FrameId(0)) {
             act(beam, now);
         }
     }
