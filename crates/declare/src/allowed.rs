@@ -17,8 +17,6 @@ pub enum Allowed {
     Range(f32, f32),
     /// One of a list.
     OneOf(&'static [f32]),
-    /// Of a number of entries: 1 for all axles, or this number, one per axle.
-    Entries(u8),
     /// A condition that a range cannot state; refuses every value.
     Condition(&'static str),
 }
@@ -41,7 +39,6 @@ impl fmt::Display for Allowed {
                 }
                 Ok(())
             }
-            Self::Entries(axles) => write!(f, "1 (for all axles) or {axles} (one per axle)"),
             Self::Condition(text) => f.write_str(text),
         }
     }
@@ -56,7 +53,6 @@ impl Allowed {
             Self::Finite => value.is_finite(),
             Self::Range(low, high) => value >= low && value <= high,
             Self::OneOf(values) => values.contains(&value),
-            Self::Entries(axles) => value == 1.0 || value == f32::from(axles),
             Self::Condition(_) => false,
         }
     }
@@ -95,12 +91,7 @@ impl fmt::Display for ConfigError {
         for index in self.index.into_iter().flatten() {
             write!(f, "[{index}]")?;
         }
-        match self.allowed {
-            Allowed::Entries(_) => {
-                write!(f, " has {} entries: must have {}", self.value, self.allowed)
-            }
-            _ => write!(f, " = {}: must be {}", self.value, self.allowed),
-        }
+        write!(f, " = {}: must be {}", self.value, self.allowed)
     }
 }
 
@@ -240,10 +231,6 @@ mod tests {
         assert_eq!(
             text(Allowed::OneOf(&[1.0, 2.0, 4.0]), 3.0),
             "p = 3: must be 1, 2 or 4"
-        );
-        assert_eq!(
-            text(Allowed::Entries(4), 3.0),
-            "p has 3 entries: must have 1 (for all axles) or 4 (one per axle)"
         );
         let wheels = [[0.1, 0.1], [0.1, -0.2]];
         let error = wheels.check("radius_m", Allowed::Positive).unwrap_err();

@@ -184,25 +184,18 @@ impl PlantConfig {
     pub fn for_axles(&self, axles: usize) -> Result<Self, ConfigError> {
         Allowed::Range(2.0, MAX_AXLES as f32).check("axles", axles as f32)?;
         let mut config = self.clone();
-        config.mass_kg.spread("mass_kg", axles)?;
-        config
-            .yaw_inertia_kg_m2
-            .spread("yaw_inertia_kg_m2", axles)?;
-        config.half_track_m.spread("half_track_m", axles)?;
-        config.wheel_radius_m.spread("wheel_radius_m", axles)?;
-        config.side_slip.spread("side_slip", axles)?;
-        config.payload_kg.spread("payload_kg", axles)?;
-        config
-            .payload_position_m
-            .spread("payload_position_m", axles)?;
-        config.backlash_rad.spread("backlash_rad", axles)?;
-        config
-            .cogging_phase_rad
-            .spread("cogging_phase_rad", axles)?;
+        macro_rules! spread {
+            ($($list:ident)*) => {
+                $(config.$list.spread(concat!(stringify!($list), " (number of entries)"), axles)?;)*
+            };
+        }
+        spread! {
+            mass_kg yaw_inertia_kg_m2 half_track_m wheel_radius_m side_slip payload_kg payload_position_m
+            backlash_rad cogging_phase_rad
+        }
         if let Tyre::Brush(brush) = &mut config.tyre {
-            brush
-                .slip_stiffness
-                .spread("tyre.brush.slip_stiffness", axles)?;
+            let field = "tyre.brush.slip_stiffness (number of entries)";
+            brush.slip_stiffness.spread(field, axles)?;
         }
         Ok(config)
     }

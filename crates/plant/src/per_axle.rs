@@ -1,6 +1,6 @@
 //! A quantity of each axle; in files a list of one entry for all axles, or of one entry per axle.
 
-use declare::{Allowed, Checked, ConfigError};
+use declare::{Allowed, Checked, ConfigError, require};
 use serde::{Deserialize, Serialize};
 use std::ops::Index;
 
@@ -23,7 +23,7 @@ impl<T> PerAxle<T> {
         &mut self.0
     }
 
-    /// Gives each of `axles` axles an entry of its own. The error names `field` and the number of entries.
+    /// Gives each of `axles` axles an entry of its own. The error has this `field` and the number of entries.
     pub(super) fn spread(&mut self, field: &'static str, axles: usize) -> Result<(), ConfigError>
     where
         T: Clone,
@@ -31,8 +31,9 @@ impl<T> PerAxle<T> {
         if let [entry] = self.0.as_slice() {
             self.0 = vec![entry.clone(); axles];
         }
-        Allowed::Entries(axles as u8).check(field, self.0.len() as f32)?;
-        Ok(())
+        let count = self.0.len();
+        let allowed = Allowed::Condition("1 for all axles, or 1 per axle");
+        require(count == axles, field, count as f32, allowed).map(|_| ())
     }
 }
 

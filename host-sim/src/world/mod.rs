@@ -327,7 +327,7 @@ mod tests {
             assert_eq!(world(1).unwrap(), world(2).unwrap(), "{key}");
             for count in [0, 3, 6] {
                 let why = world(count).unwrap_err().to_string();
-                let words = [key, &format!("{count} entries"), "1 "];
+                let words = [key, &count.to_string(), "1 for all axles", "entries"];
                 assert!(words.iter().all(|word| why.contains(word)), "{why}");
             }
         }
