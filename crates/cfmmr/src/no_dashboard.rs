@@ -1,5 +1,6 @@
 //! In place of [`dashboard`](self) in a build without it.
 
+use core_algos::topology::Topology;
 use host_sim::base::error::Error;
 use host_sim::run::keyboard::Keyboard;
 use host_sim::run::robot::{Observer, Record, Robot};
@@ -14,6 +15,7 @@ impl Dashboard {
     /// Refuses.
     pub fn open(
         _title: impl Into<String>,
+        _robot: Topology,
         _goal: [f64; 3],
         _keyboard: Keyboard,
         _interrupt: Arc<AtomicBool>,

@@ -241,6 +241,7 @@ impl Run<'_> {
         let each = |value: &dyn Fn(&Record) -> serde_json::Value| -> Vec<serde_json::Value> {
             seen.iter().map(value).collect()
         };
+        let axles = self.scenario.robot.topology().axles();
         let configuration = self.scenario.to_toml().unwrap_or_default();
         let world = [("world".to_owned(), self.scenario.world.label())].into_iter();
         json!({
@@ -251,8 +252,7 @@ impl Run<'_> {
             "reference": self.reference.iter().map(|&p| places(p)).collect::<Vec<_>>(),
             "t": shown.iter().map(|&i| Rounded::<3>(self.records[i].time_s)).collect::<Vec<_>>(),
             "truth": list(&|record| record.midpoint),
-            "front": list(&|record| record.axles[0].posture),
-            "rear": list(&|record| record.axles[record.axles.len() - 1].posture),
+            "axles": axles.map(|axle| list(&|record| record.axles[axle.index()].posture)).collect::<Vec<_>>(),
             // Near the truth, so that a value between two samples is between them too.
             "estimate": list(&|record| {
                 let [x, y, phi] = posture(record.lead.fused.robot.posture);

@@ -303,13 +303,16 @@ mod tests {
             });
             seen
         };
-        let to_all = |from: Role| robot.boards().map(move |board| (from, board));
-        let inner = Role::axle(1);
-        let mut on_time: Vec<_> = to_all(Role::axle(0)).chain([(inner, inner)]).collect();
-        on_time.extend(to_all(Role::axle(2)));
+        // A board has its own frames first.
+        let others = |from: Role| robot.boards().filter(move |board| *board != from);
+        let to = |from: Role| others(from).map(move |board| (from, board));
+        let [front, inner, rear] = [0, 1, 2].map(Role::axle);
+        let mut on_time = vec![(front, front)];
+        on_time.extend(to(front));
+        on_time.extend([(inner, inner), (rear, rear)]);
+        on_time.extend(to(rear));
         assert_eq!(at(1_000), on_time);
-        let late: Vec<_> = to_all(inner).filter(|(_, board)| *board != inner).collect();
-        assert_eq!(at(5_000), late);
+        assert_eq!(at(5_000), to(inner).collect::<Vec<_>>());
     }
 
     #[test]

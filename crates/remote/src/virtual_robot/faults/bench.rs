@@ -88,12 +88,10 @@ impl Bench {
 
     /// A wheel, by seed: its axle is struck.
     pub fn wheel(&mut self) -> (Role, usize) {
-        let role = match self.seed % 2 {
-            0 => Role::LEAD,
-            _ => Role::axle(1),
-        };
+        let axles = self.robot.topology.axle_count() as u64;
+        let role = Role::axle((self.seed % axles) as u8);
         self.struck = Some(role);
-        (role, (self.seed / 2 % 2) as usize)
+        (role, (self.seed / axles % 2) as usize)
     }
 
     /// Any board, by seed: it is struck.

@@ -45,18 +45,20 @@ fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bo
     bench.pass(CHOCK_MS);
     bench.robot.blocked = None;
     bench.pass(DRIVE_MS);
+    let robot = bench.robot.topology;
     let mut seen = Vec::new();
     for ms in 0..=WATCH_MS {
         if ms == 1 {
-            for role in [Role::LEAD, Role::axle(1)] {
+            for role in robot.axles().map(Role::Axle) {
                 bench.axle(role, |axle, now| axle.stop(true, now));
             }
         }
         bench.pass(1);
-        let [front, rear] = [0, 1].map(|i| bench.robot.plant.axles()[i].velocity[0]);
-        let speed = 0.5 * (front + rear).abs();
+        let axles = bench.robot.plant.axles();
+        let sum: f64 = axles.iter().map(|axle| axle.velocity[0]).sum();
+        let speed = sum.abs() / axles.len() as f64;
         let mut awake = true;
-        for role in [Role::LEAD, Role::axle(1)] {
+        for role in robot.axles().map(Role::Axle) {
             bench.axle(role, |axle, _| awake &= axle.is_awake());
         }
         seen.push((speed, awake));

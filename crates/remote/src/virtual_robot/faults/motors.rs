@@ -3,7 +3,6 @@
 use super::bench::Bench;
 use super::entry::{Entry, at, entries};
 use core_algos::safety::Condition::{self, *};
-use core_algos::topology::Role;
 use virtual_board::Time;
 use virtual_board::device::{AmplifierFault, Half};
 
@@ -101,7 +100,7 @@ fn motors() -> Vec<Entry> {
         }).goes_on().stops(MOTOR);
         "motor stalled", "wheel", drive(|b| {
             let (role, side) = b.wheel();
-            b.robot.blocked = Some((usize::from(role == Role::axle(1)), side));
+            b.robot.blocked = Some((b.robot.topology.place(role), side));
         }).stops(MOTOR);
         "half bridge stays on: OUT1 high", "DRV8874", drive(|b| { stuck(b, Half::One, true); })
             .stops(MOTOR).stops(NOTICED);

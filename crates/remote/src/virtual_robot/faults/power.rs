@@ -32,7 +32,8 @@ pub fn beam(_: &mut Bench) -> Role {
 
 /// The battery's voltage from now on.
 fn battery(bench: &mut Bench, volts: f64) {
-    for role in [Role::LEAD, Role::axle(1)] {
+    let robot = bench.robot.topology;
+    for role in robot.axles().map(Role::Axle) {
         bench.axle(role, |axle, _| {
             axle.power.battery.open_v = Profile::constant(volts);
         });
