@@ -210,6 +210,11 @@ impl Topology {
         self.axles as usize
     }
 
+    /// Number of frames.
+    pub const fn frame_count(self) -> usize {
+        self.axle_count() - 1
+    }
+
     /// Number of boards.
     pub const fn board_count(self) -> usize {
         2 * self.axle_count() - 1

@@ -119,8 +119,8 @@ impl Body {
 /// the weight also where a wheel leaves the ground.
 ///
 /// Two axles share a pitching moment by statics. For more axles the model assumes that each axle
-/// bears its own weight and that equal springs under a rigid beam share the moment. The moment stays
-/// where the first axle lifts off.
+/// bears its own weight and that equal springs under a rigid beam share the moment. The moment grows no
+/// further once an axle lifts off.
 #[derive(Clone, Debug)]
 pub struct Loads {
     at_rest: Vec<[f64; 2]>,

@@ -114,7 +114,7 @@ fn the_reference_sees_each_imperfection() {
 #[test]
 fn a_chain_of_axles_follows_the_reference() {
     let creep = PlantConfig::default();
-    // Every list differs from axle to axle, so that each entry has to be that of its axle.
+    // What the reference covers differs from axle to axle, so that each entry has to be that of its axle.
     let crooked = PlantConfig {
         tyre: Tyre::Brush(Brush {
             slip_stiffness: [[15.0, 20.0], [26.0, 18.0], [22.0, 30.0], [12.0, 16.0]].into(),
@@ -144,22 +144,15 @@ fn a_chain_of_axles_follows_the_reference() {
         static_excess: 0.2,
         ..PlantConfig::default()
     };
-    for (axles, config, drive) in [
-        (3, &creep, HARSH),
-        (4, &crooked, HARSH),
-        (5, &creep, NORMAL),
+    for (axles, config, drive, allowed) in [
+        (3, &creep, HARSH, [5e-6, 2e-4]),
+        (4, &crooked, HARSH, [5e-5, 2e-4]),
+        (5, &creep, NORMAL, [1e-6, 2e-5]),
     ] {
         let [position, heading] = drive.error(config, axles, 0.2).unwrap();
-        println!("{axles} axles, {}: {position} m, {heading} rad", drive.name);
-        assert!(
-            position < 5e-5,
-            "{axles} axles, {}: {position} m",
-            drive.name
-        );
-        assert!(
-            heading < 2e-4,
-            "{axles} axles, {}: {heading} rad",
-            drive.name
-        );
+        let found = format!("{axles} axles, {}: {position} m, {heading} rad", drive.name);
+        println!("{found}");
+        assert!(position < allowed[0], "{found}");
+        assert!(heading < allowed[1], "{found}");
     }
 }

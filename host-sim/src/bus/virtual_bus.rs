@@ -148,7 +148,8 @@ impl VirtualBus {
         }
         self.queue(own);
         let place = origin.map(|board| self.topology.place(board));
-        let mut late = place.map_or(0, |place| self.config.late_ms[place]);
+        let late = place.and_then(|place| self.config.late_ms.get(place));
+        let mut late = late.copied().unwrap_or(0);
         if self.config.jitter_ms > 0 {
             late += self.rng.random_range(0..=self.config.jitter_ms);
         }

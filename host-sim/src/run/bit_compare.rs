@@ -79,7 +79,7 @@ impl Trace {
 
     /// Number of ticks.
     pub fn ticks(&self) -> usize {
-        self.torques.len() / self.topology.axles().count()
+        self.torques.len() / self.topology.axle_count()
     }
 
     /// First difference of the traces; `None` if every bit is identical.

@@ -74,7 +74,7 @@ impl Rig {
         let calibration = believed.calibration.build(gauges)?;
         let bridge = &scenario.world.sensors.bridge;
         let rps = scenario.mission.rps;
-        let axles = topology.axles().count();
+        let axles = topology.axle_count();
         Ok(Self {
             sensors: Sensors::new(&scenario.world.sensors, imperfections, seed, trial)?,
             topology,
@@ -96,7 +96,7 @@ impl Rig {
             gauges: if rps { bridge.gauges_m.len() } else { 0 },
             readings: Readings {
                 axles: vec![axle::Samples::default(); axles],
-                frames: vec![[0; MAX_GAUGES]; topology.frames().count()],
+                frames: vec![[0; MAX_GAUGES]; topology.frame_count()],
             },
             converter_middle: bridge.full_scale_counts(),
             full_scale: 2 * bridge.full_scale_counts() - 1,
@@ -135,7 +135,8 @@ impl Rig {
             Fault::Loss(role) => self.boards.plan(vec![failure(role)], None),
             _ => {}
         }
-        self.injector = Some(Injector::new(fault, tick, self.full_scale));
+        let held = self.readings.clone();
+        self.injector = Some(Injector::new(fault, tick, self.full_scale, held));
     }
 
     /// One tick of the boards with the true state at its beginning; gives the torques of the motors until the next tick,

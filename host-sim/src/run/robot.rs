@@ -51,7 +51,7 @@ pub struct AxleRecord {
 /// State of a frame in a [`Record`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FrameRecord {
-    /// Wrench on the axle behind.
+    /// Wrench of the frame on its axles.
     pub wrench: Wrench,
     /// True posture of the axle ahead in the coordinates of the axle behind.
     pub relative: [f64; 3],
@@ -83,8 +83,8 @@ impl Record {
         Self {
             time_s: now as f64 * 1e-6,
             midpoint: [UNKNOWN; 3],
-            axles: vec![axle; topology.axles().count()],
-            frames: vec![frame; topology.frames().count()],
+            axles: vec![axle; topology.axle_count()],
+            frames: vec![frame; topology.frame_count()],
             lead,
         }
     }

@@ -273,6 +273,7 @@ mod tests {
     use super::*;
     use core_algos::bus::LeadMode;
     use core_algos::math::Posture;
+    use core_algos::topology::Side;
 
     #[test]
     fn torques_take_effect_one_tick_late_and_only_when_asked_for() {
@@ -302,6 +303,22 @@ mod tests {
         // The lead's epoch and the bus come before the axle, and the motors a tick after it.
         let bus = u64::from(Scenario::default().world.bus.latency_ms);
         assert!(ticks > bus + 1, "{ticks}");
+    }
+
+    #[test]
+    fn a_sensor_that_is_stuck_from_the_first_tick_leaves_the_run_going() {
+        use crate::world::faults::{Fault, Wheel};
+        let wheel = Wheel {
+            axle: 1,
+            side: Side::Right,
+        };
+        for fault in [Fault::GaugeStuck(2), Fault::EncoderStuck(wheel)] {
+            let mut simulation = Simulation::new(&Scenario::default(), 1, 0).unwrap();
+            simulation.inject(fault, 0);
+            for _ in 0..20 {
+                simulation.step().unwrap();
+            }
+        }
     }
 
     #[test]

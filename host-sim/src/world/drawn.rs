@@ -24,7 +24,7 @@ pub struct Drawn {
     pub accelerometer_bias: Vec<f64>,
     /// Relative error of the scale factor of each axle's accelerometer.
     pub accelerometer_scale_error: Vec<f64>,
-    /// Bridges of each frame.
+    /// Errors of each frame's bridges.
     pub frames: Vec<FrameErrors>,
     /// Creep of the gauges beyond the mean share.
     pub gauge_creep_error: f64,
@@ -62,7 +62,7 @@ impl Drawn {
             gyro_scale_error: vec![0.0; axles],
             accelerometer_bias: vec![0.0; axles],
             accelerometer_scale_error: vec![0.0; axles],
-            frames: vec![FrameErrors::default(); topology.frames().count()],
+            frames: vec![FrameErrors::default(); topology.frame_count()],
             plant: PlantErrors::none(topology),
             ..Self::default()
         }

@@ -29,7 +29,7 @@ use crate::bus::virtual_bus::BusConfig;
 use crate::world::drawn::{Drawn, FrameErrors};
 use crate::world::random::{BOUND, Stream, generator, normal};
 use crate::world::sensors::SensorConfig;
-use core_algos::topology::Topology;
+use core_algos::topology::{MAX_AXLES, Topology};
 use declare::{ConfigError, Declared, Field, Kind};
 use plant::{Plant, PlantConfig, Station};
 use serde::{Deserialize, Serialize};
@@ -45,6 +45,7 @@ const BASE_NAME: &str = "base";
 
 /// Robot of a world.
 const ROBOT: Topology = Topology::PAIR;
+const _: () = assert!(plant::MAX_AXLES == MAX_AXLES);
 
 /// The worlds that are built in, with their texts.
 const BUILT_IN: [(&str, &str); 4] = [
@@ -303,6 +304,28 @@ mod tests {
         }
     }
 
+    #[test]
+    fn frames_and_gyros_of_five_axles_have_draws_of_their_own_and_begin_with_those_of_two() {
+        let world = World::load("careful").unwrap();
+        let two = world.draw(Topology::PAIR, 3, 1);
+        let five = world.draw(Topology::new(5).unwrap(), 3, 1);
+        assert_eq!(five.frames[..1], two.frames);
+        assert_eq!(five.gyro_bias[..2], two.gyro_bias);
+        assert_eq!(five.accelerometer_bias[..2], two.accelerometer_bias);
+        for i in 0..4 {
+            assert!(
+                five.frames[i + 1..]
+                    .iter()
+                    .all(|other| *other != five.frames[i])
+            );
+            assert!(
+                five.gyro_bias[i + 1..]
+                    .iter()
+                    .all(|other| *other != five.gyro_bias[i])
+            );
+        }
+    }
+
     /// Lists of the plant: `carpet_drift` is a vector on the floor, the others hold entries of axles.
     #[test]
     fn a_list_of_axles_holds_one_entry_for_all_axles_or_one_per_axle() {
@@ -327,8 +350,15 @@ mod tests {
             assert_eq!(world(1).unwrap(), world(2).unwrap(), "{key}");
             for count in [0, 3, 6] {
                 let why = world(count).unwrap_err().to_string();
-                let words = [key, &count.to_string(), "1 for all axles", "entries"];
-                assert!(words.iter().all(|word| why.contains(word)), "{why}");
+                let number = [
+                    format!("{count} entries"),
+                    format!("(number of entries) = {count}"),
+                ];
+                assert!(number.iter().any(|text| why.contains(text)), "{why}");
+                assert!(
+                    why.contains(key) && why.contains("1 for all axles"),
+                    "{why}"
+                );
             }
         }
     }

@@ -5,7 +5,6 @@
 //! that they can be compared in pairs.
 
 use super::normal::standard_normal;
-use core_algos::beam::MAX_GAUGES;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
@@ -24,13 +23,13 @@ pub enum Stream {
     Accelerometer(usize),
     /// A strain bridge, by frame and gauge.
     Bridge(usize, usize),
-    /// Errors common to all bridges.
+    /// Errors common to the bridges of a frame, front frame first.
     BridgeCommon,
     /// The plant's constants.
     Plant,
     /// Make of all bridges.
     BridgeMakeup,
-    /// Nonlinearity of the bridges' converter.
+    /// Nonlinearity of each frame's converter, front frame first.
     Converter,
     /// Any further stream, for users of this module.
     Other(u64),
@@ -48,7 +47,7 @@ impl Stream {
             Self::Converter => 7,
             Self::Gyro(axle) => 0x100 + axle as u64,
             Self::Accelerometer(axle) => 0x200 + axle as u64,
-            Self::Bridge(frame, index) => 0x300 + (MAX_GAUGES * frame + index) as u64,
+            Self::Bridge(frame, index) => 0x300 + (0x10 * frame + index) as u64,
             Self::Other(number) => (1 << 32) + number,
         }
     }

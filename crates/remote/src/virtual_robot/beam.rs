@@ -2,7 +2,6 @@
 
 use super::power::{BATTERY_V, Power};
 use crate::serial_line::SerialLine;
-use core_algos::beam::MAX_GAUGES;
 use core_algos::topology::FrameId;
 use host_sim::world::drawn::Drawn;
 use host_sim::world::random::{Stream, generator, normal};
@@ -117,9 +116,9 @@ impl BeamBoard {
         (seed, trial): (u64, u64),
     ) -> Self {
         let bridge = |(k, parts): (usize, &BridgeParts)| {
-            let number = (MAX_GAUGES * frame.index() + k) as u64;
-            let stream = Stream::Other(0x100 + number);
-            let noise = seed ^ (trial << 16) ^ number;
+            let (frame, k) = (frame.index() as u64, k as u64);
+            let stream = Stream::Other(0x100 + 0x10 * frame + k);
+            let noise = seed ^ (trial << 16) ^ k ^ (frame << 40);
             Drifting {
                 bridge: Bridge::new(device(config, parts), LOGIC_V, noise),
                 random: generator(seed, trial, stream),

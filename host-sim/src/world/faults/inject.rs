@@ -40,13 +40,13 @@ pub struct Injector {
 }
 
 impl Injector {
-    /// `full_scale` is the largest count of the beam's converter.
-    pub fn new(fault: Fault, at: u32, full_scale: i32) -> Self {
+    /// `full_scale` is the largest count of the beam's converter, `held` the latest readings.
+    pub fn new(fault: Fault, at: u32, full_scale: i32, held: Readings) -> Self {
         Self {
             fault,
             at,
             full_scale,
-            held: Readings::default(),
+            held,
         }
     }
 

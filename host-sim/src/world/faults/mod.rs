@@ -116,7 +116,7 @@ pub enum Fault {
     },
     /// A wheel does not touch the ground.
     WheelLifted(Wheel),
-    /// The frame is in two pieces.
+    /// The first frame is in two pieces.
     FrameSnapped,
     /// The drivers of an axle report a condition.
     Reported {

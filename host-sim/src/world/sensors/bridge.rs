@@ -229,7 +229,7 @@ pub(super) struct Bridge {
 }
 
 impl Bridge {
-    /// A bridge of one frame, whose gauges creep by so much more than their kind; `random` gives its noise.
+    /// A bridge of one frame. `creep_error` is the creep of its gauges beyond the mean share; `random` gives its noise.
     pub fn new(
         config: &BridgeConfig,
         (drawn, creep_error): (&FrameErrors, f64),

@@ -12,7 +12,7 @@ use core_algos::bus::{self, CanFrame, Message};
 use core_algos::math::{Posture, Steering};
 use core_algos::params::Settings;
 use core_algos::time::EPOCH;
-use core_algos::topology::Role;
+use core_algos::topology::{FrameId, Role};
 use gauges::Held;
 use host_sim::base::error::Error;
 use host_sim::base::statistics;
@@ -312,7 +312,10 @@ impl Seen {
                 }
             }
             Ok(Message::BeamPosture {
-                posture, gauges, ..
+                frame: FrameId(0),
+                posture,
+                gauges,
+                ..
             }) => {
                 let bad = if gauges > 0 { 0.0 } else { f64::NAN };
                 let place = [posture.x, posture.y, posture.phi].map(|v| f64::from(v) + bad);

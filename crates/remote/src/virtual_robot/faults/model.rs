@@ -187,7 +187,10 @@ impl Errand<Simulation> for Watch {
             return Progress::Driving;
         }
         self.wrong = self.exceeded(simulation);
-        let (speed, off) = (simulation.speed(), simulation.torque() == [[0.0; 2]; 2]);
+        let (speed, off) = (
+            simulation.speed(),
+            simulation.torque().iter().all(|torque| *torque == [0.0; 2]),
+        );
         self.rest = (self.rest + 1) * u32::from(off && speed < REST_M_S);
         let faulted = simulation.monitor().first_fault().is_some();
         match self.stopped {
