@@ -55,7 +55,7 @@ struct Part {
 }
 
 impl Tree {
-    /// Copies what git tracks of core-algos and of the crate that it needs.
+    /// Copies what git tracks of core-algos and of the crates that it needs.
     pub fn copy(root: &Path) -> Result<Self> {
         let folder = root.join("target/meaning");
         let listed = Command::new("git")
@@ -66,7 +66,7 @@ impl Tree {
                 "Cargo.lock",
                 "rust-toolchain.toml",
             ])
-            .args(["core-algos", "crates/square-root"])
+            .args(["core-algos", "crates/declare", "crates/square-root"])
             .current_dir(root)
             .output()
             .context("git ls-files")?;
@@ -77,7 +77,7 @@ impl Tree {
         let workspace = fs::read_to_string(root.join("Cargo.toml"))?;
         let lines = workspace.lines().map(|line| match line {
             _ if line.starts_with("members =") => {
-                r#"members = ["core-algos", "crates/square-root"]"#
+                r#"members = ["core-algos", "crates/declare", "crates/square-root"]"#
             }
             _ if line.starts_with("default-members =") => "",
             _ => line,
