@@ -262,6 +262,15 @@ fn an_axle_that_is_late_by_an_epoch_holds_the_estimate_back() {
 
 /// A stop or a drive without orders is done at less than 4 mm/s.
 #[test]
+fn reports_older_than_the_timeout_give_no_estimate() {
+    let mut node = node();
+    epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]);
+    let last = EPOCH + node.with.report_timeout;
+    assert!(node.clone().fuse(last).is_some());
+    assert!(node.fuse(last + 1).is_none());
+}
+
+#[test]
 fn a_stop_is_done_below_the_speed_of_rest() {
     let by_hand = Task::Drive {
         speed_m_s: 0.0,

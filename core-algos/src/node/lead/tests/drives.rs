@@ -68,9 +68,19 @@ impl World {
             _ => output.mode,
         };
         assert_eq!(output.mode, expected);
+        let statuses = outbox.iter().filter_map(|message| match *message {
+            Message::LeadStatus {
+                mode,
+                steering_rad,
+                velocity_m_s,
+                ..
+            } => Some((mode, steering_rad, velocity_m_s)),
+            _ => None,
+        });
+        let motion = output.motion;
+        assert!(statuses.eq([(expected, motion.psi.0, motion.v)]));
         for message in outbox.iter() {
             match *message {
-                Message::LeadStatus { mode, .. } => assert_eq!(mode, expected),
                 Message::ReferencePosture { axle, posture, .. } => {
                     self.axles[axle.index()] = FRAMES[axle.index()].compose(posture);
                 }
