@@ -5,8 +5,8 @@
 //! postures are cumulative, so a lost message delays information and loses none; their positions are sent modulo
 //! [`POSITION_SPAN_M`](super::field::POSITION_SPAN_M), and only differences are used.
 //!
-//! An identifier is 16 times the number of a function, plus the number of the axle or frame. Boards of frames have
-//! identifiers 16 above those of axles.
+//! An identifier is 16 times the number of a function, plus the number of the axle or frame. A message of a
+//! board has a greater identifier for frame i than for axle i, by 16.
 
 use super::field::{
     Calibrate, CalibrationResult, Field, Hash24, LeadMode, Odometric, POSITION_BITS,

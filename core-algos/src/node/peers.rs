@@ -62,7 +62,7 @@ impl Peers {
         self.heard.get(place(node))?.as_ref()?.fresh(now, TIMEOUT)
     }
 
-    /// Whether any axle except the node `own` is lost, and whether any has failed.
+    /// Two flags of the axles except the node `own`: an axle is lost, an axle has failed.
     pub fn others(&self, own: Node, topology: Topology, now: Micros) -> (bool, bool) {
         let (mut lost, mut failed) = (false, false);
         let axles = self.heard.iter().skip(1).zip(topology.axles());

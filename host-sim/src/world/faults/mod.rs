@@ -28,7 +28,7 @@ pub enum Rail {
     FullScale,
 }
 
-/// Fault. Axles count from 0 at the front; gauges are those of the first frame and count from 0 at its root.
+/// Fault. Axles count from 0 at the front. Gauges are those of the first frame and count from 0 at the root.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
     /// No fault: the campaign's own check.
