@@ -92,6 +92,111 @@ fn odometry_that_begins_anew_is_no_motion() {
     assert!((output.fused.rear.posture.x - rear.x - 0.01).abs() < 1e-4);
 }
 
+/// The beam tells where a restarted axle is: at once when its filter has settled, and without the front axle moving.
+#[test]
+fn the_beam_finds_a_restarted_axle_as_soon_as_it_has_settled() {
+    let mut node = node();
+    let straight = Posture::new(0.37, 0.0, 0.0);
+    let bent = Posture::new(0.33, 0.14, 0.8);
+    let mut step = |number: u64, frame, uptimes: [u64; 2]| {
+        for message in beam(number * EPOCH, frame) {
+            node.receive(number * EPOCH, &message);
+        }
+        let axles = uptimes.map(|uptime| (Posture::ORIGIN, uptime as u8));
+        let output = epoch(&mut node, number, axles);
+        (output.fused, node.state.pairs[0].nis)
+    };
+    let mut before = step(0, straight, [0, 0]);
+    for number in 1..100 {
+        before = step(number, straight, [number; 2]);
+    }
+    // The rear axle starts anew, and meanwhile the frame was bent.
+    for number in 130..140 {
+        let (fused, _) = step(number, bent, [number, number - 130]);
+        assert_eq!(fused, robot::Output::default(), "{number}");
+    }
+    let (fused, nis) = step(140, bent, [140, 10]);
+    let moved = fused.front.posture.relative_to(before.0.front.posture);
+    assert!(
+        moved.x.hypot(moved.y) < 1e-5 && moved.phi.abs() < 1e-5,
+        "{moved:?}"
+    );
+    let found = fused.front.posture.relative_to(fused.rear.posture);
+    let off = found.relative_to(bent);
+    assert!(
+        off.x.hypot(off.y) < 1e-4 && off.phi.abs() < 1e-4,
+        "{found:?}"
+    );
+    // A jump of the frame says nothing about the filter.
+    assert_eq!(nis, before.1);
+}
+
+#[test]
+fn posture_and_motion_of_an_axle_arrive_in_either_order() {
+    for swapped in [false, true] {
+        let mut node = node();
+        for axle in [AxleId(0), AxleId(1)] {
+            let mut messages = axle_report(axle, EPOCH, Posture::ORIGIN, 1, None);
+            if swapped {
+                messages.reverse();
+            }
+            for message in &messages {
+                node.receive(EPOCH, message);
+            }
+        }
+        assert!(node.fuse(EPOCH).is_some(), "{swapped}");
+    }
+}
+
+#[test]
+fn the_covariance_of_an_axle_counts_once_an_epoch() {
+    let mut node = node();
+    let covariance = diagonal([1e-9, 2e-9, 3e-9]);
+    epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]);
+    let message = Message::AxleUncertainty {
+        axle: AxleId(1),
+        sequence: sequence(4 * EPOCH),
+        covariance,
+    };
+    node.receive(4 * EPOCH, &message);
+    for axle in [AxleId(0), AxleId(1)] {
+        for message in axle_report(axle, 4 * EPOCH, Posture::ORIGIN, 4, None) {
+            node.receive(4 * EPOCH, &message);
+        }
+    }
+    let covariances = node
+        .state
+        .tracks
+        .each_mut()
+        .map(|track| match track.advance(4 * EPOCH) {
+            track::Advance::Moved(increment) => increment.covariance,
+            other => panic!("{other:?}"),
+        });
+    let expected = [diagonal([0.0; 3]), diagonal([3e-9, 6e-9, 9e-9])];
+    for (covariance, expected) in covariances.iter().flatten().zip(expected.iter().flatten()) {
+        for (value, expected) in covariance.iter().zip(expected) {
+            assert!((value - expected).abs() < 1e-14, "{covariances:?}");
+        }
+    }
+}
+
+#[test]
+fn a_measurement_of_the_frame_is_used_once() {
+    let mut node = node();
+    for number in 1..=3 {
+        for message in beam(number * EPOCH, Posture::new(0.37, 0.0, 0.0)) {
+            node.receive(number * EPOCH, &message);
+        }
+        let measurement = |node: &LeadNode| {
+            let tracks = [&node.state.tracks[0], &node.state.tracks[1]];
+            node.state.pairs[0].measurement(number * EPOCH, tracks)
+        };
+        assert!(measurement(&node).is_some(), "{number}");
+        epoch(&mut node, number, [(Posture::ORIGIN, number as u8); 2]);
+        assert_eq!(measurement(&node), None, "{number}");
+    }
+}
+
 #[test]
 fn a_long_silence_of_the_bus_is_no_restart() {
     let mut node = node();
@@ -260,7 +365,6 @@ fn an_axle_that_is_late_by_an_epoch_holds_the_estimate_back() {
     }
 }
 
-/// A stop or a drive without orders is done at less than 4 mm/s.
 #[test]
 fn reports_older_than_the_timeout_give_no_estimate() {
     let mut node = node();
@@ -270,6 +374,7 @@ fn reports_older_than_the_timeout_give_no_estimate() {
     assert!(node.fuse(last + 1).is_none());
 }
 
+/// A stop or a drive without orders is done at less than 4 mm/s.
 #[test]
 fn a_stop_is_done_below_the_speed_of_rest() {
     let by_hand = Task::Drive {
