@@ -92,43 +92,130 @@ fn odometry_that_begins_anew_is_no_motion() {
     assert!((output.fused.rear.posture.x - rear.x - 0.01).abs() < 1e-4);
 }
 
-/// The beam tells where a restarted axle is: at once when its filter has settled, and without the front axle moving.
+/// After its filter has settled, the posture follows from the other axle and the bend of the frame.
 #[test]
-fn the_beam_finds_a_restarted_axle_as_soon_as_it_has_settled() {
-    let mut node = node();
+fn restarted_axle_is_found_by_the_beam_once_its_filter_has_settled() {
     let straight = Posture::new(0.37, 0.0, 0.0);
     let bent = Posture::new(0.33, 0.14, 0.8);
-    let mut step = |number: u64, frame, uptimes: [u64; 2]| {
-        for message in beam(number * EPOCH, frame) {
-            node.receive(number * EPOCH, &message);
+    for restarted in [0, 1] {
+        let mut node = node();
+        let mut step = |number: u64, frame, restart: u64| {
+            for message in beam(number * EPOCH, frame) {
+                node.receive(number * EPOCH, &message);
+            }
+            let mut uptimes = [number; 2];
+            uptimes[restarted] -= restart;
+            let axles = uptimes.map(|uptime| (Posture::ORIGIN, uptime as u8));
+            let output = epoch(&mut node, number, axles);
+            (output.fused, node.state.pairs[0].nis)
+        };
+        let mut before = step(0, straight, 0);
+        for number in 1..100 {
+            before = step(number, straight, 0);
         }
-        let axles = uptimes.map(|uptime| (Posture::ORIGIN, uptime as u8));
-        let output = epoch(&mut node, number, axles);
-        (output.fused, node.state.pairs[0].nis)
+        // The axle restarts, and meanwhile the frame was bent.
+        for number in 130..140 {
+            let (fused, _) = step(number, bent, 130);
+            assert_eq!(fused, robot::Output::default(), "{number}");
+        }
+        let (fused, nis) = step(140, bent, 130);
+        let other = |fused: &robot::Output| match restarted {
+            0 => fused.rear.posture,
+            _ => fused.front.posture,
+        };
+        let moved = other(&fused).relative_to(other(&before.0));
+        assert!(moved.x.hypot(moved.y) < 1e-5, "{moved:?}");
+        assert!(moved.phi.abs() < 1e-5, "{moved:?}");
+        let found = fused.front.posture.relative_to(fused.rear.posture);
+        let off = found.relative_to(bent);
+        assert!(off.x.hypot(off.y) < 1e-4, "{found:?}");
+        assert!(off.phi.abs() < 1e-4, "{found:?}");
+        // The jump of the frame is no innovation of the filter.
+        assert_eq!(nis, before.1);
+    }
+}
+
+/// Without the beam.
+#[test]
+fn restarted_axle_moves_like_its_neighbour() {
+    for restarted in [0, 1] {
+        let mut node = node();
+        let mut step = |number: u64, x: f32, restart: u64| {
+            let mut axles = [(Posture::new(x, 0.0, 0.0), number as u8); 2];
+            if restart > 0 {
+                axles[restarted] = (Posture::ORIGIN, (number - restart) as u8);
+            }
+            let fused = epoch(&mut node, number, axles).fused;
+            [fused.front.posture, fused.rear.posture][restarted]
+        };
+        step(0, 0.0, 0);
+        let before = step(1, 0.0, 0);
+        let after = step(150, 0.2, 100);
+        assert!((after.x - before.x - 0.2).abs() < 2e-3, "{after:?}");
+    }
+}
+
+/// A late measurement is carried on in the coordinates of the rear axle, which has turned by 45°.
+#[test]
+fn covariance_of_a_late_measurement_turns_with_the_rear_axle() {
+    let mut node = node();
+    let turned = Posture::new(0.0, 0.0, core::f32::consts::FRAC_PI_4);
+    epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]);
+    let [_, posture] = beam(EPOCH, Posture::new(0.37, 0.0, 0.0));
+    let covariance = Message::BeamUncertainty {
+        frame: FrameId(0),
+        sequence: sequence(EPOCH),
+        covariance: diagonal([1e-9, 3e-9, 1e-8]),
     };
-    let mut before = step(0, straight, [0, 0]);
-    for number in 1..100 {
-        before = step(number, straight, [number; 2]);
+    for message in [covariance, posture] {
+        node.receive(2 * EPOCH, &message);
     }
-    // The rear axle starts anew, and meanwhile the frame was bent.
-    for number in 130..140 {
-        let (fused, _) = step(number, bent, [number, number - 130]);
-        assert_eq!(fused, robot::Output::default(), "{number}");
+    epoch(&mut node, 2, [(Posture::ORIGIN, 2), (turned, 2)]);
+    let tracks = [&node.state.tracks[0], &node.state.tracks[1]];
+    node.state.pairs[0].used = None;
+    let measurement = node.state.pairs[0].measurement(2 * EPOCH, tracks).unwrap();
+    let turned = measurement.value.covariance;
+    // (b - a) / 2 and (a + b) / 2 of the variances a and b.
+    for (value, expected) in [
+        (turned[0][1], 1e-9),
+        (turned[0][0], 2e-9),
+        (turned[1][1], 2e-9),
+        (turned[2][2], 1e-8),
+    ] {
+        assert!((value - expected).abs() < 1e-13, "{turned:?}");
     }
-    let (fused, nis) = step(140, bent, [140, 10]);
-    let moved = fused.front.posture.relative_to(before.0.front.posture);
-    assert!(
-        moved.x.hypot(moved.y) < 1e-5 && moved.phi.abs() < 1e-5,
-        "{moved:?}"
-    );
-    let found = fused.front.posture.relative_to(fused.rear.posture);
-    let off = found.relative_to(bent);
-    assert!(
-        off.x.hypot(off.y) < 1e-4 && off.phi.abs() < 1e-4,
-        "{found:?}"
-    );
-    // A jump of the frame says nothing about the filter.
-    assert_eq!(nis, before.1);
+}
+
+#[test]
+fn wrench_and_speed_are_those_last_received() {
+    let mut node = node();
+    let wrench = Wrench {
+        force_x: 1.0,
+        force_y: 2.0,
+        moment_root: 3.0,
+        moment_end: 4.0,
+    };
+    let (frame, sequence) = (FrameId(0), sequence(EPOCH));
+    let message = Message::BeamWrench {
+        frame,
+        sequence,
+        wrench,
+    };
+    node.receive(EPOCH, &message);
+    let expected = Some(Stamped::new(wrench, EPOCH));
+    assert_eq!(node.state.pairs[0].wrench, expected);
+    let [_, mut motion] = axle_report(AxleId(1), EPOCH, Posture::ORIGIN, 1, None);
+    if let Message::AxleMotion {
+        velocity_m_s,
+        yaw_rate_rad_s,
+        ..
+    } = &mut motion
+    {
+        (*velocity_m_s, *yaw_rate_rad_s) = (0.125, -0.25);
+    }
+    node.receive(EPOCH, &motion);
+    let twist = node.state.tracks[1].report.twist;
+    assert_eq!((twist.v, twist.omega), (0.125, -0.25));
 }
 
 #[test]
