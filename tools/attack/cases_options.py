@@ -25,6 +25,8 @@ COMMANDS = {
     "campaign merge": ["gone"],
     "campaign status": ["gone"],
     "consistency": ["--trials 2", "--fusion odometry", "--threads 1"],
+    "paper": ["--trials 1", "--threads 1"],
+    "glossary": ["claim"],
     "eval": ["rps"],
     "parameters": [],
     "params list": [],

@@ -110,6 +110,7 @@ class Signals(Kind):
         ["track", "--laps", "50", "--csv", "x.csv", "--out", "out", "--json", "x.json"],
         ["consistency", "--trials", "200", "--threads", "1", "--out", "out", "--json", "x.json"],
         ["soak", "--ticks", "2000000", "--json", "x.json"],
+        ["paper", "--trials", "200", "--threads", "1", "--out", "out", "--json", "x.json"],
         ["drive", "--script", "script.txt", "--log", "x.mcap", "--out", "out"],
         ["calibrate", "wheels", "--laps", "20", "--out", "x.toml", "--json", "x.json"],
         ["faults", "--seeds", "2", "--threads", "1", "--json", "x.json"],

@@ -21,6 +21,7 @@ fn run(cli: Cli) -> Result<(), Error> {
     match &cli.command {
         None => cli::posture::run(&cli.posture),
         Some(Command::Posture(args)) => cli::posture::run(args),
+        Some(Command::Paper(args)) => cli::paper::run(args),
         Some(Command::Follow(args)) => cli::follow::run(args, PathMode::Follow),
         Some(Command::Track(args)) => cli::follow::run(args, PathMode::Track),
         Some(Command::Drive(args)) => cli::drive::run(args),
@@ -41,6 +42,7 @@ fn run(cli: Cli) -> Result<(), Error> {
         Some(Command::Faults(args)) => cli::faults::run(args),
         Some(Command::Soak(args)) => cli::soak::run(args),
         Some(Command::Campaign(args)) => cli::campaign::run(args),
+        Some(Command::Glossary(args)) => cli::glossary::run(args),
         Some(Command::Doctor(args)) => cli::doctor::run(args),
         Some(Command::Completions(args)) => cli::completions::run(args),
     }

@@ -223,20 +223,22 @@ fn robot_held_by_friction_before_the_end_rests_within_the_tolerance() {
 }
 
 #[test]
-fn every_table_of_posture_counts_its_ends_and_every_trial_is_written() {
+fn posture_and_paper_count_their_ends_and_write_every_trial() {
     let folder = tempfile::tempdir().unwrap();
-    let out = succeed(
-        folder.path(),
-        "posture --trials 3 --seed 5 --out out --from=-1.3,-1.3,0",
-    );
-    assert!(
-        out.contains("--from, --world, --scenario and") && !out.contains("NaN"),
-        "{out}"
-    );
-    let result = json_file(folder.path(), "out/result.json");
-    let mut trials = 0;
-    for table in ["rows", "paper"] {
-        for of in result[table].as_array().unwrap() {
+    let posture = "posture --trials 3 --seed 5 --out posture --from=-1.3,-1.3,0";
+    let paper = "paper --trials 3 --seed 5 --out paper";
+    for (command, out, rows) in [(posture, "posture", 3), (paper, "paper", 2)] {
+        let printed = succeed(folder.path(), command);
+        assert!(!printed.contains("NaN"), "{printed}");
+        // The bound of encoders alone is marked as one, and each word of an end has its meaning.
+        let bound = |line: &str| line.contains("encoders") && line.contains("≤");
+        assert_eq!(printed.lines().any(bound), out == "posture", "{printed}");
+        let meaning = format!("uncertain: {}", EndKind::Uncertain.meaning());
+        let words = printed.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(words.contains(&meaning), out == "posture", "{printed}");
+        let result = json_file(folder.path(), &format!("{out}/result.json"));
+        let mut trials = 0;
+        for of in result["rows"].as_array().unwrap() {
             let ends = of["ends"].as_object().unwrap();
             let counted: f64 = ends.values().map(float).sum();
             assert_eq!(
@@ -245,8 +247,7 @@ fn every_table_of_posture_counts_its_ends_and_every_trial_is_written() {
                 "{of}"
             );
             for run in of["runs"].as_array().unwrap() {
-                let cell = row(folder.path(), "out/trials.csv", trials);
-                assert_eq!(cell("table"), if table == "rows" { "main" } else { table });
+                let cell = row(folder.path(), &format!("{out}/trials.csv"), trials);
                 let kind: EndKind = serde_json::from_value(run["kind"].clone()).unwrap();
                 assert_eq!(cell("end"), kind.name(), "{run}");
                 let e = cell("error_95_m").parse::<f64>().unwrap();
@@ -254,14 +255,8 @@ fn every_table_of_posture_counts_its_ends_and_every_trial_is_written() {
                 trials += 1;
             }
         }
+        assert_eq!(trials, 3 * rows);
     }
-    assert_eq!(trials, 3 * 5);
-    // The bound of encoders alone is marked as one.
-    assert!(
-        out.lines()
-            .any(|line| line.contains("encoders") && line.contains("≤")),
-        "{out}"
-    );
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The whole loop on the plant: nodes, bus, sensors and the frame.
 
-use cfmmr::experiments::posture::{Trial, Variant, paper, summarize};
+use cfmmr::experiments::paper;
+use cfmmr::experiments::posture::{Trial, Variant, summarize};
 use host_sim::base::statistics::mean;
 use host_sim::run::final_error::FinalError;
 use host_sim::run::regulate::{Outcome, regulate};

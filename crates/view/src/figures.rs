@@ -4,8 +4,8 @@
 
 use crate::plot::{Figure, Height, Panel, extent};
 use crate::style::{
-    BODY, ESTIMATE, FRAME, GOAL_MARK, Mark, OTHERS, REFERENCE, Rgb, Shape, TRUTH, WHEELS,
-    color_scale, mark_of, stroke_of,
+    BODY, ESTIMATE, FRAME, GOAL_MARK, Mark, OTHERS, PAPER, PAPER_MARK, REFERENCE, Rgb, Shape,
+    TRUTH, WHEELS, color_scale, mark_of, stroke_of,
 };
 use host_sim::run::end::Verdict;
 use host_sim::run::final_error::FinalError;
@@ -57,6 +57,44 @@ pub struct PathsPanel {
     pub tolerance: [f64; 2],
     /// Verdict and final posture of O in every trial.
     pub ends: Vec<(Verdict, [f64; 3])>,
+    /// Measured final errors of the paper's robot, if the panel repeats its experiment.
+    pub measured: Option<MeasuredEnd>,
+}
+
+/// Final errors of the paper's robot (paper Table 1): mean and standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeasuredEnd {
+    /// Distance from the goal, m.
+    pub e_m: [f64; 2],
+    /// Line of sight to the goal, rad.
+    pub theta_rad: [f64; 2],
+    /// Line of sight to the goal less the robot's heading, rad.
+    pub alpha_rad: [f64; 2],
+}
+
+impl MeasuredEnd {
+    /// Posture in the coordinates of the goal, cm and rad, whose errors are the means.
+    fn mean_posture(&self) -> [f64; 3] {
+        let [x, y] = position_cm(self.e_m[0], self.theta_rad[0]);
+        [x, y, self.theta_rad[0] - self.alpha_rad[0]]
+    }
+
+    /// Outline of the positions, cm, whose errors e and θ lie within one standard deviation of their means.
+    fn outline(&self) -> Vec<[f64; 2]> {
+        let ([e, e_sd], [theta, theta_sd]) = (self.e_m, self.theta_rad);
+        let arc = |e: f64, side: f64| {
+            (-20..=20).map(move |k| position_cm(e, theta + side * theta_sd * f64::from(k) / 20.0))
+        };
+        let outer = arc(e + e_sd, 1.0);
+        let start = position_cm(e + e_sd, theta - theta_sd);
+        outer.chain(arc(e - e_sd, -1.0)).chain([start]).collect()
+    }
+}
+
+/// Position, cm, at a distance (m) from the goal that lies in the direction `theta`.
+fn position_cm(e_m: f64, theta: f64) -> [f64; 2] {
+    let (sin, cos) = libm::sincos(theta);
+    [-100.0 * e_m * cos, -100.0 * e_m * sin]
 }
 
 /// Robot paths during posture regulation (paper figure 7): one panel for each configuration on
@@ -131,6 +169,12 @@ fn end_map(data: &PathsPanel) -> Panel {
         let at = [100.0 * (cos * dx + sin * dy), 100.0 * (cos * dy - sin * dx)];
         let mark = mark_of(*verdict, 3.0).heading(posture[2] - phi);
         panel.mark(verdict.label(data.tolerance), at, mark);
+    }
+    if let Some(measured) = data.measured {
+        let name = "paper, Table 1: mean ± standard deviation";
+        panel.line(name, measured.outline(), PAPER.stroke);
+        let [x, y, heading] = measured.mean_posture();
+        panel.mark(name, [x, y], PAPER_MARK.heading(heading));
     }
     goal(&mut panel, [0.0; 3]);
     panel
@@ -209,6 +253,8 @@ pub struct ErrorsColumn {
     pub estimate: Vec<(f64, FinalError)>,
     /// Time, s, and true errors.
     pub truth: Vec<(f64, FinalError)>,
+    /// Final e (m), θ and α (rad) that the paper prints for its robot's own estimate, if it does.
+    pub measured: Option<[f64; 3]>,
 }
 
 /// One of the three errors: label, caption unit, factor of the caption and plotted value.
@@ -257,7 +303,11 @@ pub fn errors(title: &str, columns: &[ErrorsColumn]) -> Figure {
             .iter()
             .map(|column| error_panel(axis, row, column))
             .collect();
-        let [time, values] = shared_limits(&panels, 0.0);
+        let [mut time, values] = shared_limits(&panels, 0.0);
+        // Marks at the end of the time are drawn whole.
+        if columns.iter().any(|column| column.measured.is_some()) {
+            time[1] += 0.03 * (time[1] - time[0]);
+        }
         let pad = (0.06 * (values[1] - values[0])).max(1e-6);
         let limits = [values[0] - pad, values[1] + pad];
         let panels = panels
@@ -292,6 +342,14 @@ fn error_panel(axis: &ErrorAxis, row: usize, column: &ErrorsColumn) -> Panel {
                 }),
         );
         panel.line(name, with_gaps(points, 180.0), look.stroke);
+    }
+    let end = column.estimate.last().zip(column.measured);
+    if let Some(((time, _), measured)) = end {
+        let value = match row {
+            0 => measured[0],
+            _ => measured[row].to_degrees(),
+        };
+        panel.mark("paper, final value by odometry", [*time, value], PAPER_MARK);
     }
     match last.as_slice() {
         [truth, estimate] => panel.caption(format!("final: {truth}; estimate: {estimate}")),

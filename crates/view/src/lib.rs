@@ -13,6 +13,7 @@
 #[path = "../../../core-algos/src/properties.rs"]
 mod properties;
 
+pub mod animation;
 pub mod figures;
 pub mod page;
 pub mod plot;

@@ -181,9 +181,12 @@ pub const BAND: Look = look(
     Dash::Solid,
 );
 
+/// Figures that the paper prints for its robot.
+pub const PAPER: Look = look("paper", SERIES[6], 1.8, Dash::DashDot);
+
 /// Every kind of thing.
-pub const TABLE: [Look; 11] = [
-    TRUTH, ESTIMATE, REFERENCE, GOAL, FAILURE, OUTSIDE, FRAME, BODY, WHEELS, OTHERS, BAND,
+pub const TABLE: [Look; 12] = [
+    TRUTH, ESTIMATE, REFERENCE, GOAL, FAILURE, OUTSIDE, FRAME, BODY, WHEELS, OTHERS, BAND, PAPER,
 ];
 
 /// Line by two numbers: `color` by colour, `dash` by pattern.
@@ -199,6 +202,8 @@ pub const fn series(n: usize) -> Look {
 
 /// Colour of text and of lines that stand for all series.
 pub const INK: Rgb = BLACK;
+/// Mark of a figure that the paper prints.
+pub const PAPER_MARK: Mark = Mark::new(Shape::Ring, 5.0, PAPER.stroke.color);
 /// Mark of the goal.
 pub const GOAL_MARK: Mark = Mark::new(Shape::Target, 6.0, GOAL.stroke.color);
 

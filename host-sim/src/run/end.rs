@@ -70,6 +70,23 @@ impl EndKind {
         }
     }
 
+    /// Meaning in one line, for a legend.
+    pub const fn meaning(self) -> &'static str {
+        match self {
+            Self::Reached => "at rest at the goal, with its 95 % error within the tolerance",
+            Self::Uncertain => {
+                "at rest at the goal by its own estimate, but it cannot guarantee the tolerance"
+            }
+            Self::Done => "step carried out",
+            Self::Stopped => "stopped by a fault",
+            Self::GaveUp => "at rest away from the goal after its last attempt",
+            Self::NoProgress => "was to move and did not",
+            Self::TimeLimit => "time limit of the run reached",
+            Self::NoAnswer => "the robot does not answer",
+            Self::Interrupted => "ended by the user",
+        }
+    }
+
     /// True if the task was carried out.
     pub const fn is_success(self) -> bool {
         matches!(self, Self::Reached | Self::Uncertain | Self::Done)

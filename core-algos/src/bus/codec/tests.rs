@@ -373,6 +373,35 @@ fn unknown_and_short_frames_are_refused() {
     }
 }
 
+/// Frames of five axles and four strips exist; the identifier after the last of them is unknown.
+#[test]
+fn identifiers_end_with_the_last_axle_and_the_last_frame() {
+    use crate::topology::{MAX_AXLES, MAX_FRAMES};
+    let posture = |axle: usize| Message::AxlePosture {
+        axle: AxleId(axle as u8),
+        sequence: 0,
+        posture: Posture::ORIGIN,
+    };
+    let wrench = |frame: usize| Message::BeamWrench {
+        frame: FrameId(frame as u8),
+        sequence: 0,
+        wrench: Wrench::ZERO,
+    };
+    for (message, count) in [
+        (&posture as &dyn Fn(usize) -> Message, MAX_AXLES),
+        (&wrench, MAX_FRAMES),
+    ] {
+        let last = encode(&message(count - 1)).unwrap();
+        assert_eq!(decode(&last), Ok(message(count - 1)));
+        assert!(encode(&message(count)).is_err());
+        let beyond = CanFrame {
+            id: last.id + 1,
+            ..last
+        };
+        assert_eq!(decode(&beyond), Err(DecodeError::UnknownId(beyond.id)));
+    }
+}
+
 #[test]
 fn bytes_of_a_known_message() {
     // sequence 7, force_x 1 N = 20 units, force_y −0.05 N = −1 unit, moments 0.002 and 0.

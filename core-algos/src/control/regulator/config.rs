@@ -107,7 +107,7 @@ impl Config {
             Allowed::Condition("greater than steering_tolerance_rad"),
         )?;
         require(
-            self.accept_distance_m >= self.latch_distance_m && self.accept_distance_m.is_finite(),
+            self.accept_distance_m >= self.latch_distance_m,
             "accept_distance_m",
             self.accept_distance_m,
             Allowed::Condition("at least latch_distance_m"),

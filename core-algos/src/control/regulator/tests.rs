@@ -339,12 +339,12 @@ fn bad_parameters_are_named() {
         ("accept_distance_m", |c| c.accept_distance_m = f32::NAN),
         ("accept_distance_m", |c| c.accept_distance_m = f32::INFINITY),
         ("accept_distance_m", |c| {
-            c.accept_distance_m = c.latch_distance_m.next_down()
+            c.latch_distance_m = c.accept_distance_m.next_up()
         }),
         ("approach.circle_radius_m", |c| c.approach = c.law),
     ]);
     let equal = Config {
-        accept_distance_m: 0.003,
+        latch_distance_m: Config::default().accept_distance_m,
         ..Config::default()
     };
     assert!(equal.build().is_ok());

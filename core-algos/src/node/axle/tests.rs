@@ -708,6 +708,14 @@ fn nan_in_gives_zero_torque() {
         step(&mut node, tick * TICK, &samples);
     }
     assert!(node.state.filter.posture().is_finite());
+    // The first sound reading counts again.
+    let before = node.state.gyro_samples;
+    let samples = Samples {
+        gyro_rad_s: Some(0.0),
+        ..still()
+    };
+    step(&mut node, 51 * TICK, &samples);
+    assert_eq!(node.state.gyro_samples, before + 1);
 }
 
 #[test]

@@ -88,6 +88,22 @@ pub struct Common {
     /// The scenario.
     #[command(flatten)]
     pub scenario: ScenarioArgs,
+    /// Seed, threads and output.
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+impl Common {
+    /// Scenario, threads and output of a command.
+    pub fn context(&self, name: &str) -> Result<Context, Error> {
+        let scenario = self.scenario.load()?;
+        self.run.context(name, scenario, self.scenario.given()?)
+    }
+}
+
+/// Seed, threads and output of an experiment.
+#[derive(Clone, Debug, Args)]
+pub struct RunArgs {
     /// Seed of all random draws; one seed gives the same bytes
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
@@ -102,12 +118,17 @@ pub struct Common {
     pub threads: Option<u16>,
 }
 
-impl Common {
-    /// Scenario, threads and output of a command.
-    pub fn context(&self, name: &str) -> Result<Context, Error> {
+impl RunArgs {
+    /// Context of a command that runs this scenario.
+    pub fn context(
+        &self,
+        name: &str,
+        scenario: Scenario,
+        given: GivenKeys,
+    ) -> Result<Context, Error> {
         let inputs = Inputs {
-            scenario: self.scenario.load()?,
-            given: self.scenario.given()?,
+            scenario,
+            given,
             seed: self.seed,
             threads: self.threads,
             out: self.out.clone(),

@@ -96,7 +96,7 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
         Place::Virtual => context.check_keys(STEPS, &[(&context.scenario, Use::Virtual)])?,
         Place::Serial(_) => context.check_mission_keys()?,
     }
-    let threads = args.common.threads;
+    let threads = args.common.run.threads;
     args.robot.run(&context, &mission, &args.log, threads)
 }
 

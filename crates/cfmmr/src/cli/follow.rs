@@ -85,6 +85,6 @@ pub fn run(args: &FollowArgs, path_mode: PathMode) -> Result<(), Error> {
         context.check_mission_keys()?;
     }
     let mission = Mission::Path(Box::new(course), path_mode);
-    let threads = args.common.threads;
+    let threads = args.common.run.threads;
     args.robot.run(&context, &mission, &args.log, threads)
 }

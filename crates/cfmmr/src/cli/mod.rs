@@ -17,9 +17,11 @@ pub mod drive;
 pub mod eval;
 pub mod faults;
 pub mod follow;
+pub mod glossary;
 pub mod hil;
 pub mod keys;
 mod outputs;
+pub mod paper;
 pub mod parameters;
 pub mod params;
 pub mod posture;
@@ -41,11 +43,13 @@ use drive::DriveArgs;
 use eval::EvalArgs;
 use faults::FaultsArgs;
 use follow::FollowArgs;
+use glossary::GlossaryArgs;
 use hil::HilArgs;
 use host_sim::base::error::Error;
 use keys::KeysArgs;
 use output::terminal;
 use output::terminal::note;
+use paper::PaperArgs;
 use params::ParamsArgs;
 use posture::PostureArgs;
 use replay::ReplayArgs;
@@ -140,6 +144,8 @@ pub fn command() -> clap::Command {
 pub enum Command {
     /// Drive to the origin: paired trials with and without strain gauges, with each fusion
     Posture(PostureArgs),
+    /// Run the paper's experiment and compare it with the figures that the paper prints
+    Paper(PaperArgs),
     /// Follow a path: line, circle, figure eight or waypoints from a CSV file
     Follow(FollowArgs),
     /// Track a trajectory: a path of `follow` with a time law
@@ -181,6 +187,8 @@ pub enum Command {
     Faults(FaultsArgs),
     /// Drive for hours and measure the estimator's health and the memory
     Soak(SoakArgs),
+    /// Print the meaning of a word, or the whole glossary
+    Glossary(GlossaryArgs),
     /// Check toolchain, debug probe and serial ports, and print what to type
     Doctor(DoctorArgs),
     /// Print the completions of a shell: `source <(cfmmr completions bash)`

@@ -34,6 +34,7 @@ const RESULTS: &[&str] = &[
     "board-front.log",
     "board-rear.log",
     "board-beam.log",
+    "drive.svg",
     "paths.svg",
     "paths.png",
     "errors.svg",
@@ -44,6 +45,10 @@ const RESULTS: &[&str] = &[
     "track.png",
     "consistency.svg",
     "consistency.png",
+    "figure-7.svg",
+    "figure-7.png",
+    "figure-8.svg",
+    "figure-8.png",
 ];
 
 /// Commands whose `--out` names a file.

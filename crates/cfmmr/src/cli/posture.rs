@@ -90,7 +90,7 @@ fn on_boards(args: &PostureArgs, mut context: Context) -> Result<(), Error> {
         context.check_mission_keys()?;
     }
     let mission = Mission::Posture(Variant::of(&context.scenario));
-    let threads = args.common.threads;
+    let threads = args.common.run.threads;
     args.robot.run(&context, &mission, &args.log, threads)
 }
 

@@ -358,8 +358,7 @@ pub fn publish(context: &Context, report: &Report, variants: &[Variant]) -> Resu
     let text = table(report, variants);
     let mut files = context.output()?;
     let figure = figure(report);
-    files.text("consistency.svg", figure.svg());
-    files.bytes("consistency.png", figure.png());
+    figure.add(&mut files, "consistency");
     files.csv("consistency.csv", csv(report));
     context.finish(&text, report, files, &[], None)
 }

@@ -174,8 +174,7 @@ pub fn publish(
     });
     let heading = format!("{title}: {shape}, {}", variant.label());
     let figure = figures::follow(&heading, &context.body(), &run);
-    files.text(&format!("{name}.svg"), figure.svg());
-    files.bytes(&format!("{name}.png"), figure.png());
+    figure.add(&mut files, &name);
     files.csv("errors.csv", errors(moments));
     files.csv("ends.csv", csv::of_ends([&outcome.end]));
     files.csv("log.csv", csv::of_records(&records));

@@ -10,6 +10,7 @@ pub mod consistency;
 pub mod eval;
 pub mod faults;
 pub mod follow;
+pub mod paper;
 pub mod posture;
 #[cfg(feature = "full")]
 pub mod replay;

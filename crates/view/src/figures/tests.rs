@@ -34,6 +34,7 @@ fn panel(title: &str, spread: f64) -> PathsPanel {
             .map(|k| [0.0, spread * f64::from(k).sin(), 0.02])
             .map(|end| (Verdict::of(EndKind::Reached, end[1].abs() < 0.03), end))
             .collect(),
+        measured: None,
     }
 }
 
@@ -53,6 +54,7 @@ fn column(title: &str) -> ErrorsColumn {
         title: title.into(),
         estimate: trace(0.015),
         truth: trace(0.095),
+        measured: None,
     }
 }
 
@@ -118,6 +120,7 @@ fn empty_results_still_give_figures() {
         title: "none".into(),
         estimate: Vec::new(),
         truth: Vec::new(),
+        measured: None,
     };
     for figure in [
         paths("", &BODY, &[empty]),
@@ -197,4 +200,34 @@ fn ends_are_shown_in_the_frame_of_the_goal() {
         (x[1] - 1.0).abs() < 1e-9 && (y[0] + 2.0).abs() < 1e-9,
         "{x:?} {y:?}"
     );
+}
+
+/// Table 1: e = 9.5 ± 2.1 cm, θ = −13.3 ± 14.2°, α = −21.6 ± 14.9°; by eq. 1 the heading is θ − α.
+#[test]
+fn measured_end_lies_where_its_polar_errors_put_it() {
+    let [theta, alpha] = [[-13.3, 14.2], [-21.6, 14.9]].map(|pair| pair.map(f64::to_radians));
+    let measured = MeasuredEnd {
+        e_m: [0.095, 0.021],
+        theta_rad: theta,
+        alpha_rad: alpha,
+    };
+    let [x, y, heading] = measured.mean_posture();
+    let error = FinalError::of([0.01 * x, 0.01 * y, heading], [0.0; 3]);
+    assert!((error.e_m - 0.095).abs() < 1e-12);
+    assert!((error.theta_rad - theta[0]).abs() < 1e-12);
+    assert!((error.alpha_rad - alpha[0]).abs() < 1e-12);
+    // Every point of the outline has one standard deviation in e or in θ, and none more.
+    for [x, y] in measured.outline() {
+        let error = FinalError::of([0.01 * x, 0.01 * y, 0.0], [0.0; 3]);
+        let e = (error.e_m - 0.095).abs() / 0.021;
+        let angle = (error.theta_rad - theta[0]).abs() / theta[1];
+        assert!((e.max(angle) - 1.0).abs() < 1e-9, "{x} {y}");
+    }
+    let mut shown = panel("the paper's robot", 0.01);
+    shown.measured = Some(measured);
+    let svg = paths("", &BODY, &[shown]).svg();
+    assert!(svg.contains("paper, Table 1"));
+    let mut column = column("encoders");
+    column.measured = Some([0.015, 0.035, 0.18]);
+    assert!(errors("", &[column]).svg().contains("paper, final value"));
 }

@@ -4,7 +4,7 @@ use super::*;
 use kuva::render::render::{Primitive, TextAnchor};
 
 /// Values of an attribute in all elements of a kind.
-pub(super) fn attributes(svg: &str, element: &str, attribute: &str) -> Vec<String> {
+pub(crate) fn attributes(svg: &str, element: &str, attribute: &str) -> Vec<String> {
     let (open, key) = (format!("<{element} "), format!(" {attribute}=\""));
     let starts = svg.match_indices(&open).map(|(start, _)| start);
     starts

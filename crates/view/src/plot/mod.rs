@@ -12,6 +12,7 @@ mod thin;
 use crate::style::{Mark, Rgb, Stroke};
 use kuva::backend::raster::RasterBackend;
 use kuva::backend::svg::SvgBackend;
+use output::files::OutputDir;
 
 /// Width of every picture, in units of the SVG.
 const WIDTH: f64 = 800.0;
@@ -257,6 +258,12 @@ impl Figure {
             }
         }
         entries
+    }
+
+    /// Adds the picture to the files, as NAME.svg and NAME.png.
+    pub fn add(&self, files: &mut OutputDir, name: &str) {
+        files.text(&format!("{name}.svg"), self.svg());
+        files.bytes(&format!("{name}.png"), self.png());
     }
 
     /// The picture as text of an SVG file.

@@ -207,8 +207,7 @@ pub fn merge(
     let correlations = pictures::correlations(study, &runs, &report.influences);
     pictures.extend(correlations.map(|figure| ("correlations", figure)));
     for (name, figure) in pictures {
-        files.text(&format!("{name}.svg"), figure.svg());
-        files.bytes(&format!("{name}.png"), figure.png());
+        figure.add(&mut files, &name);
     }
     Ok(Merged {
         report,

@@ -1,6 +1,5 @@
 //! Posture regulation with and without the relative position sensor, as the paper's experiment has it.
 
-pub mod paper;
 pub mod pictures;
 mod publish;
 mod report;
@@ -10,8 +9,9 @@ mod variant;
 use crate::experiments::run::stage::Watch;
 use crate::experiments::{Context, Seeds};
 use host_sim::base::error::Error;
-pub use publish::publish;
-pub use report::{CHI_SQUARE_99, Report, Row, summarize, table};
+use host_sim::scenario::Scenario;
+pub use publish::{publish, summaries};
+pub use report::{CHI_SQUARE_99, Report, Row, summarize, table, trials_csv};
 pub use trials::Trial;
 pub use variant::{ROWS, Variant};
 
@@ -31,7 +31,11 @@ pub fn run(
             (vec![vec![trial]], recorded)
         }
         false => {
-            let blocks = trials::run(&context.workers, &context.scenario, seeds, variants)?;
+            let rows = variants.iter().map(|row| row.apply(&context.scenario));
+            let rows: Vec<Scenario> = rows.collect();
+            let pictured = trials::pictured(variants);
+            let is_shown = |row: usize| pictured.contains(&variants[row]);
+            let blocks = trials::run(&context.workers, &rows, seeds, is_shown)?;
             let records = watch.records() && !context.workers.is_interrupted();
             let recorded = match records {
                 true => trials::first(context, watch, variants)?.1,
@@ -40,5 +44,5 @@ pub fn run(
             (blocks, recorded)
         }
     };
-    publish::trials(context, variants, blocks, &recorded)
+    publish::trials(context, variants, &blocks, &recorded)
 }

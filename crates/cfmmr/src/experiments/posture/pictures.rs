@@ -7,7 +7,7 @@ use host_sim::run::robot::Record;
 use host_sim::scenario::Scenario;
 use output::table::plus_minus;
 use view::figures::{ErrorsColumn, PathsPanel, Snapshot};
-use view::page;
+use view::{animation, page};
 
 /// Index of the trial with the median final position error e: of an even number of trials, the lower
 /// of the middle two. An error that is not a number counts as the largest.
@@ -74,6 +74,7 @@ impl<'a> Picture<'a> {
             goal: Some(self.goal()),
             tolerance: [mission.tolerance_m, mission.tolerance_rad],
             ends: self.trials.iter().map(end).collect(),
+            measured: None,
         }
     }
 
@@ -84,6 +85,26 @@ impl<'a> Picture<'a> {
             title: self.title(),
             estimate: trace(records, self.goal(), estimate),
             truth: trace(records, self.goal(), |record| record.midpoint),
+            measured: None,
+        }
+    }
+
+    /// The trial for the animated picture.
+    pub fn animation(&self) -> animation::Run<'a> {
+        let Trial {
+            outcome, records, ..
+        } = &self.trials[self.shown];
+        let end = FinalError::of(outcome.midpoint, self.goal());
+        animation::Run {
+            title: self.variant.label(),
+            result: format!(
+                "ends {:.1} cm from the goal: {}",
+                100.0 * end.e_m,
+                outcome.end.kind.name()
+            ),
+            records,
+            goal: self.goal(),
+            tolerance_m: self.scenario.mission.tolerance_m,
         }
     }
 

@@ -2,54 +2,44 @@
 
 use super::pictures::Picture;
 use super::trials::pictured;
-use super::{Report, Row, Trial, Variant, paper, report, summarize};
+use super::{Report, Row, Trial, Variant, report, summarize};
 use crate::experiments::Context;
 use host_sim::base::error::Error;
 use host_sim::scenario::Scenario;
 use output::files::OutputDir;
-use output::terminal::wrapped;
 use recording::csv;
 use std::path::PathBuf;
-use view::{figures, page};
+use view::{animation, figures, page};
 
-/// Writes and prints the result of trials: a block of each variant, then those of the paper's robot.
+/// Writes and prints the result of trials: a block of each variant.
 pub fn trials(
     context: &Context,
     variants: &[Variant],
-    mut blocks: Vec<Vec<Trial>>,
+    blocks: &[Vec<Trial>],
     recorded: &[PathBuf],
 ) -> Result<(), Error> {
-    let of_paper = blocks.split_off(variants.len());
-    let blocks = (blocks.as_slice(), of_paper.as_slice());
     let (report, files) = publish(context, variants, &pictured(variants), blocks)?;
     let text = screen(context, &report, variants);
     let failed = failure(&report, variants);
     context.finish(&text, &report, files, recorded, failed)
 }
 
-/// Result and files of trials: a block of each variant, and one of each row of the paper's robot. The variants in
-/// `shown` get pictures and logs.
-pub fn publish<'a>(
+/// Result and files of trials: a block of each variant. The variants in `shown` get pictures and logs.
+pub fn publish(
     context: &Context,
     variants: &[Variant],
     shown: &[Variant],
-    (blocks, of_paper): (&'a [Vec<Trial>], &'a [Vec<Trial>]),
+    blocks: &[Vec<Trial>],
 ) -> Result<(Report, OutputDir), Error> {
     let goal = context.scenario.mission.goal;
-    if blocks.iter().chain(of_paper).any(Vec::is_empty) {
-        let text = "interrupted before each row had a trial: nothing is written";
-        return Err(Error::Interrupted(text.to_owned()));
-    }
-    let pairs = variants.iter().zip(blocks);
-    let rows: Vec<Row> = pairs
-        .map(|(variant, block)| summarize(variant, block, goal))
-        .collect();
+    let pairs = || variants.iter().zip(blocks);
+    let rows = summaries(pairs(), goal)?;
     let mut files = context.output()?;
     let body = context.body();
     let mut panels = Vec::new();
     let mut columns = Vec::new();
     let applied: Vec<Scenario> = shown.iter().map(|v| v.apply(&context.scenario)).collect();
-    let mut runs = Vec::new();
+    let (mut runs, mut animated) = (Vec::new(), Vec::new());
     for (variant, scenario) in shown.iter().zip(&applied) {
         let Some(row) = variants.iter().position(|v| v == variant) else {
             continue;
@@ -60,52 +50,49 @@ pub fn publish<'a>(
         let log = format!("log-{}.csv", variant.fusion());
         files.csv(&log, csv::of_records(&blocks[row][0].records));
         runs.push(picture.page(&rows[row]));
+        animated.push(picture.animation());
     }
+    files.text("drive.svg", animation::svg(&body, &animated));
     page::add(&mut files, &context.subtitle(), &body, &runs);
-    let figure = figures::paths("Robot paths during posture regulation", &body, &panels);
-    files.text("paths.svg", figure.svg());
-    files.bytes("paths.png", figure.png());
-    let figure = figures::errors("Posture errors", &columns);
-    files.text("errors.svg", figure.svg());
-    files.bytes("errors.png", figure.png());
-    let named = |table: &'static str| {
-        move |(variant, block): (_, &'a Vec<Trial>)| (table, variant, block.as_slice())
-    };
-    let all = variants.iter().zip(blocks).map(named("main"));
-    let all = all.chain(paper::ROWS.iter().zip(of_paper).map(named("paper")));
-    files.csv("trials.csv", report::trials_csv(all, goal));
-    let report = Report {
-        trials: blocks.iter().map(Vec::len).max().unwrap_or(0) as u32,
-        rows,
-        paper: paper::ROWS
-            .iter()
-            .zip(of_paper)
-            .map(|(variant, block)| summarize(variant, block, goal))
-            .collect(),
-    };
-    Ok((report, files))
+    figures::paths("Robot paths during posture regulation", &body, &panels)
+        .add(&mut files, "paths");
+    figures::errors("Posture errors", &columns).add(&mut files, "errors");
+    files.csv("trials.csv", report::trials_csv(pairs(), goal));
+    let trials = blocks.iter().map(Vec::len).max().unwrap_or(0) as u32;
+    Ok((Report { trials, rows }, files))
 }
 
-/// The tables on the screen, and commands to type next.
+/// A row of each variant; refused if an interrupt left one without a trial.
+pub fn summaries<'a>(
+    blocks: impl Iterator<Item = (&'a Variant, &'a Vec<Trial>)>,
+    goal: [f64; 3],
+) -> Result<Vec<Row>, Error> {
+    let rows = blocks.map(|(variant, block)| match block.is_empty() {
+        true => Err(Error::Interrupted(
+            "interrupted before each row had a trial: nothing is written".to_owned(),
+        )),
+        false => Ok(summarize(variant, block, goal)),
+    });
+    rows.collect()
+}
+
+/// Verdict, table, meaning of its words, and commands to type next.
 fn screen(context: &Context, report: &Report, variants: &[Variant]) -> String {
     let world = context.scenario.world.label();
-    let mut text = format!(
-        "Posture regulation, {} trials a row, seed {}, world {world}\n\n{}",
+    let folder = context.folder().display();
+    let tolerance = [
+        context.scenario.mission.tolerance_m,
+        context.scenario.mission.tolerance_rad,
+    ];
+    format!(
+        "{}Posture regulation, {} trials a row, seed {}, world {world}\n\n{}{}\n\
+         open {folder}/report.html (one run, animated), {folder}/paths.png (all runs)\n\
+         next: cargo cfmmr follow, cargo cfmmr paper, cargo cfmmr glossary\n",
+        report::verdict(&report.rows, variants),
         report.trials,
         context.seed,
-        report::table(&report.rows, variants)
-    );
-    if !report.paper.is_empty() {
-        text += &format!(
-            "\nThe paper's algorithms in world paper (constants fitted, see docs/worlds.md)\n\n{}{}",
-            paper::table(&report.paper),
-            wrapped(paper::FIXED)
-        );
-    }
-    let folder = context.folder().display();
-    text + &format!(
-        "\nopen {folder}/report.html, {folder}/paths.png\n\
-         type cargo cfmmr follow, cargo cfmmr posture --rows all, cargo cfmmr --help\n"
+        report::table(&report.rows, variants),
+        report::meanings(&report.rows, tolerance),
     )
 }
 

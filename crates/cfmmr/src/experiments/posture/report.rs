@@ -8,7 +8,7 @@ use host_sim::run::end::{EndKind, Ends, RunEnd};
 use host_sim::run::final_error::FinalError;
 use host_sim::run::regulate::Outcome;
 use output::files::Csv;
-use output::table::Table;
+use output::table::{Table, plus_minus};
 use output::terminal::wrapped;
 use recording::csv;
 use serde::Serialize;
@@ -70,9 +70,6 @@ pub struct Report {
     pub trials: u32,
     /// The rows.
     pub rows: Vec<Row>,
-    /// Rows of the paper's algorithms in the world `paper`, if they were run.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub paper: Vec<Row>,
 }
 
 /// Summarises the trials of one configuration.
@@ -122,40 +119,83 @@ pub fn summarize(variant: &Variant, trials: &[Trial], goal: [f64; 3]) -> Row {
     }
 }
 
+/// The row with the smallest mean goal error against the first row, in one line; empty for a single row.
+pub fn verdict(rows: &[Row], variants: &[Variant]) -> String {
+    let pairs = || rows.iter().zip(variants);
+    let best = pairs().min_by(|(a, _), (b, _)| a.e_m.mean.total_cmp(&b.e_m.mean));
+    let (Some(best), Some(first)) = (best, pairs().next()) else {
+        return String::new();
+    };
+    let named = |(row, variant): (&Row, &Variant)| {
+        let alone = if variant.rps || variant.imu {
+            ""
+        } else {
+            " alone"
+        };
+        format!("{}{alone}: {} cm", variant.sensors(), row.e_text())
+    };
+    match (rows.len(), best.1 == first.1) {
+        (1, _) => String::new(),
+        (_, true) => format!("Smallest goal error with {}.\n\n", named(first)),
+        (_, false) => format!(
+            "Goal error with {}; with {}.\n\n",
+            named(best),
+            named(first)
+        ),
+    }
+}
+
+/// Meaning of the columns and of the ends that occur. `tolerance`: position, m, and heading, rad.
+pub fn meanings(rows: &[Row], [position, heading]: [f64; 2]) -> String {
+    let claim = match rows.iter().any(|row| row.error_95_is_bound) {
+        false => "",
+        true => "; ≤: a bound, since without gauges and gyros tyre slip is not observed",
+    };
+    let mut lines = vec![
+        "goal: distance of the true midpoint from the goal, mean ± standard deviation".to_owned(),
+        "heading: true heading less that of the goal, mean of the magnitude".to_owned(),
+        format!("claim: 95 % error of the position by the robot's own estimate{claim}"),
+    ];
+    for kind in EndKind::ALL {
+        let mut ends = rows.iter().flat_map(|row| &row.runs);
+        if ends.any(|end| end.kind == kind) {
+            lines.push(format!("{}: {}", kind.name(), kind.meaning()));
+        }
+    }
+    let [cm, degrees] = [100.0 * position, heading.to_degrees()];
+    lines.push(format!("tolerance: {cm:.0} cm and {degrees:.0}°"));
+    lines.iter().map(|line| wrapped(line)).collect()
+}
+
 /// The rows as a table for the screen.
 pub fn table(rows: &[Row], variants: &[Variant]) -> String {
     let mut table = Table::new([
         "sensors",
         "fusion",
-        "goal error (cm)",
-        "heading error (°)",
-        "95 % error (cm)",
+        "goal (cm)",
+        "heading (°)",
+        "claim (cm)",
         "ends",
     ]);
     for (row, variant) in rows.iter().zip(variants) {
         table.row([
             variant.sensors().to_owned(),
             variant.fusion().to_owned(),
-            format!("{:.1}", 100.0 * row.e_m.mean),
+            row.e_text(),
             format!("{:.2}", row.heading_rad.mean_abs.to_degrees()),
             row.error_95_text(),
             row.ends.text(),
         ]);
     }
-    let mut text = table.to_string();
-    text += &wrapped(
-        "goal error, heading error: true midpoint against the goal, means over all trials whatever their end; \
-         95 % error: of the estimated position, as the robot states it, mean",
-    );
-    if rows.iter().any(|row| row.error_95_is_bound) {
-        text += &wrapped(
-            "≤: an upper bound, since without gauges and gyros the friction of the tyres is not known",
-        );
-    }
-    text
+    table.to_string()
 }
 
 impl Row {
+    /// Goal error, mean and standard deviation, cm.
+    fn e_text(&self) -> String {
+        plus_minus(100.0 * self.e_m.mean, 100.0 * self.e_m.sd, 1)
+    }
+
     /// Mean 95 % error of the position, cm.
     fn error_95_text(&self) -> String {
         let bound = if self.error_95_is_bound { "≤ " } else { "" };
@@ -163,20 +203,19 @@ impl Row {
     }
 }
 
-/// End of each trial. `table` names the table of the rows.
+/// End of each trial.
 pub fn trials_csv<'a>(
-    blocks: impl IntoIterator<Item = (&'a str, &'a Variant, &'a [Trial])>,
+    blocks: impl IntoIterator<Item = (&'a Variant, &'a Vec<Trial>)>,
     goal: [f64; 3],
 ) -> Csv {
-    let trials = blocks.into_iter().flat_map(|(table, variant, block)| {
+    let trials = blocks.into_iter().flat_map(|(variant, block)| {
         let numbered = block.iter().enumerate();
-        numbered.map(move |(trial, Trial { outcome, .. })| (table, variant, trial, outcome))
+        numbered.map(move |(trial, Trial { outcome, .. })| (variant, trial, outcome))
     });
-    csv::Row::table(trials.map(|(table, variant, trial, outcome)| {
+    csv::Row::table(trials.map(|(variant, trial, outcome)| {
         let error = FinalError::of(outcome.midpoint, goal);
         let [dx, dy, _] = outcome.relative_error;
         let mut row = csv::Row::default();
-        row.put("table", &[table]);
         row.put("rps imu", &[variant.rps, variant.imu]);
         row.put("fusion", &[variant.fusion()]);
         row.put("trial", &[trial]);

@@ -1,6 +1,6 @@
 //! Trials of each row, and the one that is recorded or shown.
 
-use super::{Variant, paper, pictures};
+use super::{Variant, pictures};
 use crate::experiments::run::plan::Plan;
 use crate::experiments::run::stage::{Stage, Watch};
 use crate::experiments::{Context, Seeds, Workers};
@@ -38,21 +38,14 @@ impl Trial {
     }
 }
 
-/// Trials of each variant of a scenario, then those of the paper's robot if the variants are the main ones. Of an
-/// interrupted command they are fewer. Trials that are pictured keep their paths, and one of them every epoch.
+/// Trials of each scenario; an interrupted command has fewer. Rows for which `is_shown` is true keep the paths of
+/// their trials, and every epoch of the median trial.
 pub fn run(
     workers: &Workers,
-    scenario: &Scenario,
+    rows: &[Scenario],
     seeds: Seeds,
-    variants: &[Variant],
+    is_shown: impl Fn(usize) -> bool + Sync,
 ) -> Result<Vec<Vec<Trial>>, Error> {
-    let rows = variants.iter().map(|variant| variant.apply(scenario));
-    let mut rows: Vec<Scenario> = rows.collect();
-    if variants == Variant::MAIN {
-        rows.extend(paper::scenarios()?);
-    }
-    let shown = pictured(variants);
-    let is_shown = |row: usize| variants.get(row).is_some_and(|it| shown.contains(it));
     let mut blocks = workers.run_rows("trials", (rows.len(), seeds.trials), |row, trial| {
         let keep = is_shown(row) && trial < PICTURED;
         let mut kept = Trial::default();

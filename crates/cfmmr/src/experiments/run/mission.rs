@@ -154,9 +154,8 @@ impl Mission {
             (Self::Posture(variant), Outcome::Posture(trial)) => {
                 let variants = [*variant];
                 let end = trial.outcome.end.clone();
-                let blocks = ([vec![*trial]], []);
-                let (report, files) =
-                    posture::publish(context, &variants, &variants, (&blocks.0, &blocks.1))?;
+                let blocks = [vec![*trial]];
+                let (report, files) = posture::publish(context, &variants, &variants, &blocks)?;
                 let text = posture::table(&report.rows, &variants);
                 let text = format!("{text}{}", end_lines(&end, "goal"));
                 (text, serde_json::to_value(report), files)

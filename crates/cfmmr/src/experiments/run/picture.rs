@@ -40,14 +40,14 @@ pub fn draw(
         goal,
         tolerance: [mission.tolerance_m, mission.tolerance_rad],
         ends: vec![(Verdict::of(end.kind, within), last.midpoint)],
+        measured: None,
     };
     let heading = match records[0].midpoint[0].is_nan() {
         true => "Path of the robot, as estimated",
         false => "Path of the robot",
     };
     let figure = figures::paths(heading, &body, &[panel]);
-    files.text("paths.svg", figure.svg());
-    files.bytes("paths.png", figure.png());
+    figure.add(files, "paths");
     let error = |record: &Record| {
         let at = record.lead.fused.robot.posture;
         let [x, y, phi] = record.midpoint;
