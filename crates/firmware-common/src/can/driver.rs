@@ -4,10 +4,12 @@
 //!   leaves it. The controller joins the bus after eleven recessive bits. No code waits for the bus: while it is held
 //!   dominant, the board runs, [`is_off`] is true, and the controller joins once the bus is free.
 //! - **Sending**: `CAN1_TX` moves frames from the queue to free mailboxes, records when a `TimeSync` had left, and
-//!   drops frames that are too old ([`queues`](super::queues)). The controller repeats a frame until a node acknowledges it.
+//!   drops frames that are too old ([`queues`](super::queues)). The controller repeats a frame until
+//!   a node acknowledges it.
 //! - **Receiving**: `CAN1_RX0` empties the FIFO of three frames and timestamps each frame.
 //! - **Errors**: `CAN1_SCE` counts the first error between two checks of [`supervise`]; on a bus without an
-//!   acknowledging node an error occurs every 0.1 ms. The controller leaves bus-off by itself after 128 times eleven recessive bits.
+//!   acknowledging node an error occurs every 0.1 ms. The controller leaves bus-off by itself after 128 times
+//!   eleven recessive bits.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};
