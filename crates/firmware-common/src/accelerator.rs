@@ -8,8 +8,8 @@
 //! | prefetch of the next 128 bits | except on chips of revision A, where it does not work (errata sheet ES0182) |
 //!
 //! Prefetch reads the flash during ADC conversions, which adds noise (AN4073). Later chips of the family can mask
-//! prefetch (ADCDC1 of PWR_CR), the STM32F405 cannot. Without prefetch the beam board's longest tick is 0.10 to 0.13
-//! ms longer and exceeds its limit, so prefetch stays on.
+//! prefetch (ADCDC1 of PWR_CR), the STM32F405 cannot. Prefetch stays on: without prefetch the beam board's longest
+//! tick is 0.10 to 0.13 ms longer and exceeds its limit.
 //!
 //! A cache may be reset only while it is off (RM0090, 3.5). A write to the flash updates the data cache, an erase
 //! does not: call [`flush`] after each erase.

@@ -13,10 +13,10 @@ use crate::{accelerator, can, critical, crystal, fault, stack, supply, time_driv
 /// Starts the board and returns its peripherals; call it once, first. `build` names the image and is the first line
 /// of the log.
 ///
-/// The core runs at 168 MHz from the crystal through the PLL, AHB at 168 MHz, APB1 at 42 MHz, APB2 at 84 MHz; the 48
-/// MHz for USB are unused. Prefetch, caches and the crystal's clock security are on. The first step sets the guard
-/// below the stack; then supply and crystal are checked. At the end the clock of `embassy-time` runs, and the log
-/// shows the cause of the reset and the faults since power-on.
+/// The core and AHB run at 168 MHz from the crystal through the PLL, APB1 at 42 MHz, APB2 at 84 MHz; the 48 MHz for
+/// USB are unused. Prefetch, caches and the crystal's clock security are on. The guard below the stack is set first;
+/// then supply and crystal are checked. At the end the clock of `embassy-time` runs, and the log shows the cause of
+/// the reset and the faults since power-on.
 pub fn start(build: &str) -> Peripherals {
     stack::guard();
     stop_with_core();
@@ -102,7 +102,7 @@ pub enum ResetCause {
     WindowWatchdog,
     /// Software reset, after a fault or on command.
     Software,
-    /// The reset pin, which a debug probe drives too.
+    /// Reset pin, which a debug probe also drives.
     Pin,
     /// None of the flags is set.
     Unknown,

@@ -19,7 +19,7 @@ pub const REAR: AxleId = AxleId(1);
 pub enum Strap {
     /// Not connected.
     Open,
-    /// To ground.
+    /// Connected to ground.
     Ground,
 }
 

@@ -5,7 +5,7 @@
 
 use core::fmt::{self, Write};
 
-/// Faults since power came on.
+/// Counts of faults since power-on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Faults {
@@ -29,7 +29,7 @@ impl Faults {
     };
 }
 
-/// Longest message that is kept, bytes.
+/// Longest message, bytes.
 pub const ROOM: usize = 160;
 
 /// Marks memory as a record of this layout; each layout has its own value.
@@ -74,12 +74,12 @@ impl Write for Text {
     }
 }
 
-/// Kept data.
+/// Crash record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct Record {
     magic: u32,
-    /// Counts.
+    /// Counts of faults.
     pub faults: Faults,
     /// Message of the last fault.
     pub message: Text,

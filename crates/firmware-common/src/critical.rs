@@ -1,8 +1,8 @@
 //! Critical sections that do not delay the motor current loop.
 //!
-//! A critical section of the program (`critical_section::with`, used by all of embassy) raises BASEPRI to priority 1,
-//! which holds off every interrupt of priority 1 and below. Two handlers have priority 0: the current loop and the
-//! voltage detector.
+//! A critical section of the program (`critical_section::with`, used by all of embassy) raises BASEPRI to priority 1.
+//! Every interrupt of priority 1 and below then waits. Two handlers have priority 0: the current loop and the voltage
+//! detector.
 //!
 //! The current loop's handler starts within a dozen cycles at any time. It must therefore use no data guarded by a
 //! critical section: it cannot wake a task, log or read the time. Data that it shares with the rest of the program
@@ -12,10 +12,11 @@
 //!
 //! # Short handlers
 //!
-//! Arm erratum 776924: an interrupted VDIV or VSQRT may give a wrong result if the handler uses no floating point and
-//! returns before the 14 cycles of the instruction are over. No handler of the images is that short. The shortest
-//! handlers are those of the executors, with two barriers and an exclusive access before they look for a task, and
-//! the bus's status handler, with a write over APB1 and a critical section.
+//! Arm erratum 776924: an interrupted VDIV or VSQRT may give a wrong result. The handler must use no floating point
+//! and return before the 14 cycles of the instruction are over. No handler of the images is that short. The shortest
+//! handlers are those of the executors and the bus's status handler. An executor's handler has two barriers and an
+//! exclusive access before it looks for a task. The bus's status handler has a write over APB1 and a critical
+//! section.
 
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::register::{basepri, basepri_max};

@@ -34,7 +34,7 @@ pub fn on_fault(make_safe: fn()) {
     MAKE_SAFE.store(make_safe as *mut (), Ordering::Release);
 }
 
-/// Counts of faults since power came on.
+/// Counts of faults since power-on.
 pub fn counts() -> Faults {
     with_record(|record| record.faults)
 }

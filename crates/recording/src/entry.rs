@@ -310,11 +310,11 @@ pub struct LoggedFrame {
 /// Position and heading.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
-    /// m.
+    /// x, m.
     pub x_m: f64,
-    /// m.
+    /// y, m.
     pub y_m: f64,
-    /// rad.
+    /// Heading, rad.
     pub phi_rad: f64,
 }
 

@@ -1,5 +1,6 @@
-//! Link to a board of a robot that drives, over its serial port: bus frames and record; at the front board also
-//! orders for the lead node, and the lead node's output.
+//! Link to a board of a robot that drives, over its serial port: bus frames and record, at the front board also
+//! orders and output of the lead node. A host commands the robot while it holds the lease
+//! ([`core_algos::link::lease`]).
 //!
 //! The link has no clock and no port: the caller passes received bytes to [`BoardLink::take`] and sends the bytes of
 //! [`BoardLink::to_send`].
@@ -79,7 +80,7 @@ impl Clone for Sequence {
 }
 
 impl Sequence {
-    /// A handle to the same counter.
+    /// Second handle to this counter.
     fn shared(&self) -> Self {
         Self(self.0.clone())
     }
@@ -280,7 +281,7 @@ impl BoardLink {
         self.ask(Subject::Other("watch"), &Request::Watch);
     }
 
-    /// Continues after the port was reopened. A waiting order is sent first: the board knows its number, so it
+    /// Continues after the port was reopened. A waiting order is sent first: the board recognises its number and
     /// executes the order only once.
     pub fn rejoin(&mut self) {
         self.end_record("the port was closed");

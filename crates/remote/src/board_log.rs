@@ -119,8 +119,8 @@ impl BoardLog {
     }
 }
 
-/// Returns the result of a run. If it is an error, writes the logs to the output folder first, where they may show
-/// the reason.
+/// Returns the result of a run. On an error, writes the logs to the output folder first, where they may show the
+/// reason.
 pub fn kept<T>(
     result: Result<T, Error>,
     logs: &[BoardLog],

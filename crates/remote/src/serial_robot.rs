@@ -339,7 +339,7 @@ impl SerialRobot {
         self.link.build()
     }
 
-    /// Bus frames that the front board had no room for.
+    /// Bus frames and events lost because the front board had no room.
     pub fn lost(&self) -> u16 {
         self.link.lost()
     }

@@ -59,8 +59,8 @@ pub struct PathsPanel {
     pub ends: Vec<(Verdict, [f64; 3])>,
 }
 
-/// Robot paths during posture regulation (paper figure 7): one panel per configuration, all on the same scale, and a
-/// row with the final postures below.
+/// Robot paths during posture regulation (paper figure 7): one panel per configuration with a common scale, and a row
+/// with the final postures below.
 pub fn paths(title: &str, body: &Body, panels: &[PathsPanel]) -> Figure {
     let maps: Vec<Panel> = panels.iter().map(|panel| path_map(body, panel)).collect();
     let [x, y] = shared_limits(&maps, 0.07);
@@ -154,7 +154,7 @@ fn goal(panel: &mut Panel, [x, y, heading]: [f64; 3]) {
     panel.mark("goal", [x, y], GOAL_MARK.heading(heading));
 }
 
-/// Caption with the times of the snapshots. The times stand outside the panel, where they cover no track.
+/// Caption with the times of the snapshots, outside the panel, where it covers no track.
 fn times(snapshots: &[Snapshot]) -> String {
     let mut times: Vec<f64> = snapshots.iter().map(|snapshot| snapshot.time_s).collect();
     times.sort_by(f64::total_cmp);

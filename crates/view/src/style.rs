@@ -172,7 +172,7 @@ pub const BODY: Look = look("body", (GREY, Rgb(160, 169, 179)), 2.5, Dash::Solid
 pub const WHEELS: Look = look("wheels", (GREY, Rgb(160, 169, 179)), 1.1, Dash::Dotted);
 /// Trials that are not drawn in full.
 pub const OTHERS: Look = look("others", SERIES[5], 0.9, Dash::Solid);
-/// Tolerance band, and band of a claim.
+/// Tolerance, and 95 % band.
 pub const BAND: Look = look(
     "band",
     (Rgb(214, 214, 214), Rgb(60, 66, 74)),

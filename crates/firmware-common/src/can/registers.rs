@@ -58,7 +58,7 @@ pub fn start(
     enable_interrupts(true);
 }
 
-/// One filter that accepts every identifier (mask of 32 zero bits), into FIFO 0.
+/// Sets one filter that accepts every identifier into FIFO 0: a mask of 32 zero bits.
 fn accept_all() {
     CAN1.fmr().modify(|w| w.set_finit(true));
     CAN1.fs1r().modify(|w| w.set_fsc(0, true));

@@ -1,8 +1,9 @@
 //! Link of a board: its serial port and the services there.
 //!
-//! A board that drives reports its identity, executes orders and sends reports ([`Driving`]). While its motors are
-//! off, a host can request a session: the board resets, and the link feeds its nodes in place of sensors and bus. In
-//! a session, motor drivers and sensors are not started; the session ends with a reset.
+//! A board that drives reports its identity, executes orders of a host and sends reports to a host that watches
+//! ([`Driving`]). While its motors are off, a host can request a session, which is hardware in the loop: the board
+//! resets, and the host feeds its nodes in place of sensors and bus. In a session, motor drivers and sensors are not
+//! started; the session ends with a reset.
 //!
 //! A host at another board's serial port reaches this board over the bus. A session requested over the bus is also
 //! served over the bus.

@@ -1,4 +1,4 @@
-//! The tasks of the link.
+//! Tasks of the link: one of a board that drives, one of a session.
 
 use core::future::pending;
 
@@ -138,8 +138,8 @@ async fn drive(link: Link, config: &'static RobotConfig, service: ServicePort, e
     }
 }
 
-/// Serves a session until the host ends it or sends no request. The watchdog is fed once per turn, so a node step
-/// that hangs resets the board.
+/// Serves a session until the host ends it or is silent for [`SILENCE`]. The watchdog is fed once per turn, so a node
+/// step that hangs resets the board.
 #[embassy_executor::task]
 async fn serve(
     link: Link,

@@ -1,7 +1,7 @@
 //! USART3 (TX on PB10, RX on PB11) with DMA1 in both directions (RM0090, chapters 10 and 30).
 //!
-//! The HAL's drivers are not used: the buffered one has an interrupt per byte, the ring buffer one reads the data
-//! register in each call, and the DMA one panics on an empty write.
+//! The HAL's drivers are not used. The buffered driver has an interrupt per byte, the ring buffer driver reads the
+//! data register in each call, and the DMA driver panics on an empty write.
 //!
 //! Stream 1 writes received bytes into a ring buffer. The idle line after the last byte wakes the reader: the host
 //! sends one request and waits for its reply.
@@ -62,7 +62,7 @@ impl Uart {
             ALTERNATE,
             AfType::output(OutputType::PushPull, Speed::Medium),
         );
-        // A pin that is dropped is disconnected.
+        // Dropped pins would be disconnected.
         core::mem::forget((rx, tx));
 
         let uart = pac::USART3;

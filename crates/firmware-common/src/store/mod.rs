@@ -5,8 +5,8 @@
 //! every value is in another sector. If two attempts fail to store the values, the whole store is erased and written
 //! again.
 //!
-//! Reading does not rely on the marks at the ends of a sector, which tell the library which sector is in use. Each
-//! sector is read as if in use, and of several copies of a value the newest counts.
+//! Reading does not use the marks at the ends of a sector, by which the library finds the sector in use. Each sector
+//! is read as if in use, and of several copies of a value the newest counts.
 
 #[cfg(target_os = "none")]
 pub mod chip;

@@ -273,7 +273,7 @@ fn damage_gives_defaults_with_a_notice_and_erases_nothing() {
     println!("{single:?} {many:?}");
     // The manifest reveals every loss by a single fault.
     assert!(single.intact > 1000 && single.defaults > 10 && single.silent == 0);
-    // Many faults may hit exactly a value and the manifest of the same save, and such a loss is undetected.
+    // Many faults may hit both a value and the manifest of its save, and such a loss is undetected.
     assert!(many.defaults > 1000 && many.silent * 200 <= ROUNDS);
 }
 

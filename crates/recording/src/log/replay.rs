@@ -2,10 +2,9 @@
 //!
 //! [`Comparison`] runs each board alone on its recorded inputs and finds the first difference.
 //!
-//! [`estimate_again`] runs the boards with other parameters. With other parameters a board sends other frames, so
-//! each recorded frame is replaced by the frame that its sender sends at the same tick of the replay. A lost frame
-//! stays lost, and a frame that was never sent does not arrive. The motion is the recorded motion: the robot does not
-//! drive by the new estimates.
+//! [`estimate_again`] runs the boards with other parameters. The boards then send other frames, so each recorded
+//! frame is replaced by the replayed frame of its sender and tick. A lost frame stays lost, and a frame that was
+//! never sent does not arrive. The motion is the recorded motion: the robot does not drive by the new estimates.
 
 use super::read::{Event, Events, Run, Step};
 use crate::entry::{Exact, Pose, TruthEntry, epoch_of};
@@ -401,8 +400,8 @@ impl Quality {
     }
 }
 
-/// True postures of the midpoint (global frame) and of the front axle in the rear axle's frame at a time of the run,
-/// µs, interpolated between entries.
+/// True postures at a time of the run, µs, interpolated between entries: midpoint in the global frame, front axle in
+/// the rear axle's frame.
 fn true_state(truth: &BTreeMap<u32, TruthEntry>, at_us: i64) -> Option<(Pose, Pose)> {
     let at = u32::try_from(at_us.div_euclid(1000)).ok()?;
     let (before, first) = truth.range(..=at).next_back()?;

@@ -3,8 +3,8 @@
 //! A [`Figure`] consists of rows of [`Panel`]s; a panel holds data in the units of its axes. `kuva` lays out the axes
 //! and writes the SVG text and, with its bundled font, the pixels: equal figures give equal bytes on any machine.
 //!
-//! Every item has a label, and the legend lists exactly the labels of the drawn items. The legend stands above the
-//! panels, and all texts stand outside them. Points that are not finite interrupt a line.
+//! Every item has a label, and the legend lists exactly the labels of the drawn items. The legend is above the
+//! panels, and all texts are outside the plot areas. Points that are not finite interrupt a line.
 
 mod page;
 mod thin;

@@ -324,8 +324,8 @@ fn full_store(campaign: &Campaign, seed: u64) -> Result<Vec<u8>, Error> {
     Err(Error::Failure("store: never full".to_owned()))
 }
 
-/// One flipped bit in the store: every value must be unchanged or replaced by its default with a notice, and nothing
-/// may be written.
+/// Starts with one flipped bit in the store: every value must be unchanged or replaced by its default with a notice,
+/// and nothing may be written.
 pub fn flipped_bits(campaign: &Campaign, seed: u64) -> Found {
     let cases = if campaign.quick { 4 } else { 40 };
     let mut random = generator(seed, 0, Stream::Other(0x301));

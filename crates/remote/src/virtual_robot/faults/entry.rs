@@ -18,7 +18,7 @@ pub const AXLES: Boards = |board| !board.is_beam();
 /// Beam boards.
 pub const BEAM: Boards = Role::is_beam;
 
-/// Entries of the catalogue: name, seam, run with its acts, then permitted outcomes.
+/// Entries of the catalogue: name, seam (place of the fault), run with its acts, then permitted outcomes.
 macro_rules! entries {
     ($($name:literal, $seam:literal, $run:ident($acts:expr)$(.$end:ident($($argument:expr),*))*;)*) => {
         vec![$($crate::virtual_robot::faults::entry::Entry::$run($name, $seam, $acts)

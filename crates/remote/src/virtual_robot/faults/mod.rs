@@ -1,5 +1,5 @@
-//! Catalogue of faults: of samples, frames and plant of a simulated robot with boards in this process, and at
-//! registers, pins, supplies and wires of virtual boards.
+//! Catalogue of faults: faults of samples, frames and plant in a simulation with boards in this process, and faults
+//! at registers, pins, supplies and wires of virtual boards.
 //!
 //! | file | what it holds |
 //! |---|---|

@@ -1,4 +1,4 @@
-//! Faults of the program and disturbances of it: debuggers, log readers, button and strap, wild stores.
+//! Faults of the program and external disturbances: debuggers, log readers, button and strap, wild stores.
 
 use super::bench::Bench;
 use super::entry::{Entry, at, entries};

@@ -1,5 +1,5 @@
-//! Actions of the host and the user at the robot. After a restart of the front board, which has lost the robot's
-//! place, the robot is put back on its start and a path is lost.
+//! Actions of the host and the user at the robot. A restarted front board has lost the robot's place: the robot is
+//! put back on its start, and a path is lost.
 
 use crate::virtual_robot::{PRESS, VirtualRobot};
 use core_algos::node::lead::Task;
