@@ -12,11 +12,11 @@
 //!
 //! # Short handlers
 //!
-//! Arm erratum 776924: an interrupted VDIV or VSQRT may give a wrong result. The handler must use no floating point
-//! and return before the 14 cycles of the instruction are over. No handler of the images is that short. The shortest
-//! handlers are those of the executors and the bus's status handler. An executor's handler has two barriers and an
-//! exclusive access before it looks for a task. The bus's status handler has a write over APB1 and a critical
-//! section.
+//! Arm erratum 776924: an interrupted VDIV or VSQRT may give a wrong result. The error occurs only if the handler
+//! uses no floating point and returns before the 14 cycles of the instruction are over. No handler of the images is
+//! that short. The shortest handlers are those of the executors and the bus's status handler. An executor's handler
+//! has two barriers and an exclusive access before it looks for a task. The bus's status handler has a write over
+//! APB1 and a critical section.
 
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::register::{basepri, basepri_max};

@@ -194,7 +194,7 @@ async fn serve(
     }
 }
 
-/// The endpoint in static memory. Not inlined: if its 20 kB are built on the stack, no other frame is there.
+/// Endpoint in static memory. Not inlined, so that its 20 kB, if built on the stack, enlarge no caller's frame.
 #[inline(never)]
 fn endpoint(identity: Identity) -> &'static mut Endpoint {
     static ENDPOINT: StaticCell<Endpoint> = StaticCell::new();

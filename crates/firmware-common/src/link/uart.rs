@@ -173,8 +173,8 @@ pub async fn sent() {
 fn USART3() {
     let status = pac::USART3.sr().read();
     if status.idle() {
-        // A read of the data register after the status clears the flags, including those of line errors: the check of
-        // a frame detects such errors. DMA fetched the last byte one byte time ago.
+        // Clears the flags, including those of line errors, by a read of the data register after the status. The
+        // check of a frame detects line errors. DMA fetched the last byte one byte time ago.
         pac::USART3.dr().read();
         IDLE.signal(());
     }

@@ -151,8 +151,8 @@ impl<F: NorFlash> Store<F> {
         stored.map_err(|_| SaveError::Flash)
     }
 
-    /// Repairs the sectors after a power cut, as the library expects them; `false` if a repair failed or would lose a
-    /// value.
+    /// Repairs the sectors after a power cut, so that the library can use them; `false` if an erase failed or would
+    /// lose a value.
     async fn tidy(&mut self) -> bool {
         for sector in self.sectors() {
             let (begun, blank) = self.state(&sector).await;

@@ -221,7 +221,7 @@ pub struct TickLoop<B: BoardTick> {
 }
 
 impl<B: BoardTick> TickLoop<B> {
-    /// Before the first tick.
+    /// Creates the loop, before its first tick.
     pub fn new(board: B, common: Common<B::Hardware>, reports: Reports<B::Report>) -> Self {
         Self {
             board,

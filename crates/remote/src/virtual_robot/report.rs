@@ -50,10 +50,10 @@ impl Watch {
     }
 }
 
-/// Misuse of the chip by a board's program.
+/// Finding: use of the chip by a board's program that its manual forbids or that the model does not know.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BoardFinding {
-    /// Kind of misuse.
+    /// Kind of finding.
     pub kind: &'static str,
     /// Description.
     pub text: String,
@@ -89,7 +89,7 @@ pub struct BoardReport {
     pub name: &'static str,
     /// Resets since power on, with time (s) and cause.
     pub resets: Vec<(f64, &'static str)>,
-    /// Findings.
+    /// Findings in the board's program.
     pub findings: Vec<BoardFinding>,
     /// Longest tick, as the board measures it, µs.
     pub longest_tick_us: u16,

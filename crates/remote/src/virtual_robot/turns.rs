@@ -13,8 +13,8 @@ const BEGIN: f64 = 10_000.0;
 const END: f64 = 300.0;
 const TURNS: usize = 10;
 
-/// Heading error after the turns, °: integrated rates of the driver less the true heading. Without the remedy, writes
-/// to INTF_CONFIG1 are suppressed.
+/// Heading error after the turns, °: integrated rates of the driver less the true heading. Without the remedy,
+/// accesses to INTF_CONFIG1 are suppressed.
 fn heading_error(with_remedy: bool, config: InertialConfig) -> f64 {
     let mut sensor = Icm42688::new(config, 1);
     let mut driver = Driver::new(1.0, 1.0).unwrap();
