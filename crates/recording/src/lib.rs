@@ -278,11 +278,9 @@ enum Line {
     Command(HostCommandEntry),
     /// A board sent frames on the bus.
     Frames {
-        /// The board.
         role: Role,
         /// Tick of the board, ms.
         tick: u32,
-        /// The frames.
         frames: Vec<CanFrame>,
     },
     /// Output of the lead node at a tick.

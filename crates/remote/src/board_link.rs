@@ -493,7 +493,6 @@ impl BoardLink {
         complete
     }
 
-    /// Takes a reply.
     fn replied(&mut self, number: u8, reply: Reply) -> Result<(), Error> {
         let Some(Pending { what, .. }) = self.waiting.pop_front_if(|it| it.number == number) else {
             return Ok(());

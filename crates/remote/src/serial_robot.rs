@@ -119,7 +119,6 @@ pub struct SerialRobot {
     unanswered: Unanswered,
     reconnected: u32,
     lead: lead::Output,
-    /// The latest task.
     task: Task,
     frames: u64,
     control: RunControl,
@@ -168,7 +167,6 @@ impl SerialRobot {
         if let Some((config, others)) = record {
             robot.begin_record(place, config, others)?;
         }
-        // The run begins now.
         robot.start = robot.tick;
         Ok(robot)
     }

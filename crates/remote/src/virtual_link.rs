@@ -75,7 +75,6 @@ enum Order {
     Hold(bool),
 }
 
-/// A board and its log.
 struct Bench {
     board: Board,
     reader: Reader,

@@ -207,7 +207,6 @@ pub async fn carry(mut sender: Sender, mut receiver: Receiver) -> ! {
     }
 }
 
-/// One check of the controller.
 fn check() {
     registers::join();
     registers::clear_error();

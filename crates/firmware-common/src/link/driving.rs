@@ -112,7 +112,6 @@ impl Driving {
         None
     }
 
-    /// Replies to the latest order.
     fn reply_to_order(&mut self, result: OrderResult, output: &mut impl Output) {
         let (role, route) = (self.role, self.ordered);
         let attendant = match route {

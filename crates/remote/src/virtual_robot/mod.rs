@@ -111,7 +111,6 @@ pub struct VirtualRobot {
     lead: lead::Output,
     /// Time of validity of the estimates in `lead`, µs since power-on.
     held: Option<Micros>,
-    /// The latest task.
     task: Task,
     frames: u64,
     /// Time from power-on to the start of the experiment.

@@ -84,7 +84,6 @@ pub(super) fn scene(figure: &Figure) -> Scene {
     scene
 }
 
-/// Axes of a panel.
 struct Axes<'a> {
     panel: &'a Panel,
     layout: Layout,

@@ -67,7 +67,6 @@ pub struct Campaign {
 }
 
 impl Campaign {
-    /// Images of the boards.
     fn images(&self) -> Result<&Images, Error> {
         let missing = || Error::input("faults of the boards need their images");
         self.images.as_ref().ok_or_else(missing)

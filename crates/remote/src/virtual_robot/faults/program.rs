@@ -153,12 +153,10 @@ fn hands() -> Vec<Entry> {
     }
 }
 
-/// Faults of the program.
 fn faults() -> Vec<Entry> {
     [crashes(), hangs()].concat()
 }
 
-/// Programs that crash.
 fn crashes() -> Vec<Entry> {
     entries! {
         "wild store to nowhere", "program", drive(|b| { wild_store(b, None, NOTHING); })
@@ -194,7 +192,6 @@ fn crashes() -> Vec<Entry> {
     }
 }
 
-/// Programs that hang.
 fn hangs() -> Vec<Entry> {
     entries! {
         "the tick of an axle's board hangs", "program", drive(|b| { wild_store(b, Some(TICK), RAM + 16); })

@@ -77,7 +77,6 @@ pub fn run(
     }
 }
 
-/// Observations of a run.
 #[derive(Clone, Debug)]
 struct Seen {
     /// Start of the fault.
