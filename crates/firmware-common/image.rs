@@ -1,5 +1,4 @@
-//! Build script of both images: the shared memory map, the linker scripts of runtime and log, and
-//! what the image is built from.
+//! Build script of both images: shared memory map, linker scripts of runtime and log, and a hash of the sources.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -16,7 +15,7 @@ fn main() {
     {
         println!("cargo::rustc-env=COMMIT={commit}");
     }
-    // Built for the host the crate is only a message, see its `main`.
+    // On the host the crate only prints a message, see its `main`.
     if env::var("CARGO_CFG_TARGET_OS").as_deref() != Ok("none") {
         return;
     }
@@ -29,8 +28,8 @@ fn main() {
     }
 }
 
-/// Name and version of the image and a hash of all it is built from in this
-/// workspace: the same sources give the same text, with version control or without.
+/// Name and version of the image and a hash of its sources in this workspace. Equal sources give equal text, with or
+/// without version control.
 fn build(package: &Path, workspace: &Path) -> String {
     let mut hash = 0xcbf2_9ce4_8422_2325;
     let shared = [
@@ -39,7 +38,7 @@ fn build(package: &Path, workspace: &Path) -> String {
         "Cargo.lock",
         "memory.x",
     ];
-    // The program on the host is several packages.
+    // The host program consists of several packages.
     let program: &[&str] = match package.ends_with("cfmmr") {
         true => &[
             "crates/output/src",
@@ -82,7 +81,7 @@ fn commit(workspace: &Path) -> Option<String> {
     output.status.success().then(|| text.trim().to_owned())
 }
 
-/// FNV-1a over the files' contents, in the order of their names.
+/// FNV-1a over the contents of the files, in the order of their names.
 fn hash_files(path: &Path, hash: &mut u64) {
     if path.is_dir() {
         let entries = fs::read_dir(path).expect("a folder of sources");

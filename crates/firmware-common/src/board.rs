@@ -10,13 +10,13 @@ use embassy_stm32::{Config, Peripherals};
 
 use crate::{accelerator, can, critical, crystal, fault, stack, supply, time_driver};
 
-/// Brings the board up and gives its peripherals; call it once, first. `build` names the image: the first
-/// line of the log.
+/// Starts the board and returns its peripherals; call it once, first. `build` names the image and is the first line
+/// of the log.
 ///
-/// Core at 168 MHz from the crystal through the PLL, AHB at the same, APB1 at 42 MHz, APB2 at
-/// 84 MHz, 48 MHz for USB unused; prefetch and caches of the flash on, the crystal watched. Below the
-/// stack is a guard before anything else is done; then supply and crystal are checked. At the end the clock of
-/// `embassy-time` runs, and the log says why the board was reset and which faults it had since power came on.
+/// The core and AHB run at 168 MHz from the crystal through the PLL, APB1 at 42 MHz, APB2 at 84 MHz; the 48 MHz for
+/// USB are unused. Prefetch, caches and the crystal's clock security are on. The guard below the stack is set first;
+/// then supply and crystal are checked. At the end the clock of `embassy-time` runs, and the log shows the cause of
+/// the reset and the faults since power-on.
 pub fn start(build: &str) -> Peripherals {
     stack::guard();
     stop_with_core();
@@ -40,7 +40,7 @@ pub fn start(build: &str) -> Peripherals {
     config.rcc.ahb_pre = AHBPrescaler::DIV1;
     config.rcc.apb1_pre = APBPrescaler::DIV4;
     config.rcc.apb2_pre = APBPrescaler::DIV2;
-    // The HAL resets the voltage detector: the clock is raised when the supply is watched again.
+    // The HAL resets the voltage detector, so the clock is raised only after the detector is set up again.
     let mut rcc = config.rcc;
     let mut peripherals = embassy_stm32::init(config);
     critical::set_up();
@@ -48,8 +48,8 @@ pub fn start(build: &str) -> Peripherals {
     rcc.sys = Sysclk::PLL1_P;
     embassy_stm32::rcc::reinit(rcc, &mut peripherals.RCC);
     accelerator::enable();
-    // A crystal that stops would leave the core without a clock and the timers as they stand. Now
-    // it is a fault ([`fault`]) and a break of TIM1, on the internal oscillator.
+    // If the crystal stopped, the core would have no clock and the timers would hold their outputs. The clock
+    // security system makes that a fault ([`fault`]) and a break of TIM1, with the core on the internal oscillator.
     RCC.cr().modify(|w| w.set_csson(true));
     defmt::info!("{=str}", build);
     supply::log();
@@ -70,7 +70,7 @@ pub fn start(build: &str) -> Peripherals {
     peripherals
 }
 
-/// Logs the health of bus, stack and program.
+/// Logs the health of bus and stack and the counts of faults.
 pub fn log() {
     defmt::info!(
         "bus off {}, {}; {}; {}",
@@ -81,8 +81,8 @@ pub fn log() {
     );
 }
 
-/// A debugger that halts the core stops the watchdogs and TIM1 with it, and the outputs of a stopped TIM1
-/// are off (RM0090, 38.16.2): without that the motors would go on with their last duty.
+/// Stops the watchdogs and TIM1 while a debugger halts the core. A stopped TIM1 switches its outputs off (RM0090,
+/// 38.16.2); if it kept running, the motors would keep their last duty cycle.
 fn stop_with_core() {
     DBGMCU.apb1fzr().modify(|w| {
         w.set_iwdg(true);
@@ -91,18 +91,18 @@ fn stop_with_core() {
     DBGMCU.apb2fzr().modify(|w| w.set_tim1(true));
 }
 
-/// Why the board started.
+/// Cause of the last reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
 pub enum ResetCause {
     /// Power came on, or sagged below the brown-out level of the option bytes.
     PowerOn,
     /// The independent watchdog was not fed.
     Watchdog,
-    /// The window watchdog was not fed: the current loop stood still.
+    /// The window watchdog was not fed: the current loop stopped.
     WindowWatchdog,
-    /// The program asked for it, after a fault or on command.
+    /// Software reset, after a fault or on command.
     Software,
-    /// The reset pin, which a debug probe drives too.
+    /// Reset pin, which a debug probe also drives.
     Pin,
     /// None of the flags is set.
     Unknown,
@@ -113,7 +113,7 @@ impl ResetCause {
     fn take() -> Self {
         let flags = RCC.csr().read();
         RCC.csr().modify(|w| w.set_rmvf(true));
-        // The pin's flag accompanies all others, so it comes last.
+        // Every reset also sets the pin's flag, so that flag is checked last.
         if flags.porrstf() || flags.borrstf() {
             Self::PowerOn
         } else if flags.wwdgrstf() {

@@ -1,6 +1,7 @@
-//! Axle of an axle board by a strap: PC13 open is the front axle, to ground the axle at the board's place.
+//! Strap that selects the axle of an axle board: PC13 open is the front axle, PC13 at ground the axle that the image
+//! names.
 //!
-//! No board stores a place: a robot of two axles has one other axle, [`REAR`].
+//! No board stores an axle: on a two-axle robot a grounded strap means [`REAR`].
 
 use core_algos::topology::AxleId;
 #[cfg(target_os = "none")]
@@ -10,7 +11,7 @@ use embassy_stm32::{
     peripherals::PC13,
 };
 
-/// Place of a board with its strap at ground in a robot of two axles.
+/// Axle of a board with a grounded strap in a two-axle robot.
 pub const REAR: AxleId = AxleId(1);
 
 /// Level of the strap.
@@ -18,12 +19,12 @@ pub const REAR: AxleId = AxleId(1);
 pub enum Strap {
     /// Not connected.
     Open,
-    /// To ground.
+    /// Connected to ground.
     Ground,
 }
 
 impl Strap {
-    /// Reads the strap; it counts at start only.
+    /// Reads the strap, at the start of the board only.
     #[cfg(target_os = "none")]
     pub fn read(pin: Peri<'static, PC13>) -> Self {
         let strap = Input::new(pin, Pull::Up);
@@ -35,7 +36,7 @@ impl Strap {
         }
     }
 
-    /// The axle of a board that has this place if its strap is at ground.
+    /// Axle of the board; `place` is the axle for a grounded strap.
     pub const fn axle(self, place: AxleId) -> AxleId {
         match self {
             Self::Open => AxleId(0),
@@ -56,7 +57,7 @@ mod tests {
         assert_eq!(names, ["front", "rear"]);
     }
 
-    /// An open strap is axle 0, whatever the store holds: a board without its strap never drives as an inner axle.
+    /// An open strap is always axle 0: a board with a missing strap never drives as an inner axle.
     #[test]
     fn place_counts_only_with_the_strap_at_ground() {
         for place in (1..MAX_AXLES as u8).map(AxleId) {

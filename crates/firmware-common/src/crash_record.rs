@@ -1,18 +1,17 @@
-//! Crash record, kept over a reset: counts of faults and the last message, with a check sum.
+//! Crash record in memory that a reset keeps: counts of faults and the last message, with a checksum.
 //!
-//! The memory holds chance after power-on, and half a record after a reset in the middle of a write;
-//! the check sum tells both from a record.
+//! After power-on the memory holds random bits, after a reset during a write half a record. The checksum detects
+//! both.
 
 use core::fmt::{self, Write};
 
-/// Faults since power came on.
+/// Counts of faults since power-on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(target_os = "none", derive(defmt::Format))]
 pub struct Faults {
     /// Panics of the program.
     pub panics: u32,
-    /// Faults of the processor, interrupts without a handler, a crystal that stopped, a low supply, a watchdog that does
-    /// not run.
+    /// Processor faults, interrupts without a handler, a stopped crystal, a low supply, a watchdog that does not run.
     pub processor: u32,
     /// Resets by the watchdog.
     pub watchdog: u32,
@@ -21,7 +20,7 @@ pub struct Faults {
 }
 
 impl Faults {
-    /// None yet.
+    /// No faults.
     pub const NONE: Self = Self {
         panics: 0,
         processor: 0,
@@ -30,13 +29,13 @@ impl Faults {
     };
 }
 
-/// Longest message that is kept, bytes.
+/// Longest message, bytes.
 pub const ROOM: usize = 160;
 
-/// Says that the record was written by this program, not by chance; another layout has another one.
+/// Marks memory as a record of this layout; each layout has its own value.
 const MAGIC: u32 = 0x6661_7533;
 
-/// A text of bounded length; what does not fit is cut off.
+/// Text of at most [`ROOM`] bytes; longer text is cut off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct Text {
@@ -51,7 +50,7 @@ impl Text {
         length: 0,
     };
 
-    /// The text; none if the memory holds something else.
+    /// The text; `None` if the memory holds no valid text.
     pub fn as_str(&self) -> Option<&str> {
         core::str::from_utf8(self.bytes.get(..self.length as usize)?).ok()
     }
@@ -75,12 +74,12 @@ impl Write for Text {
     }
 }
 
-/// Kept data.
+/// Crash record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct Record {
     magic: u32,
-    /// Counts.
+    /// Counts of faults.
     pub faults: Faults,
     /// Message of the last fault.
     pub message: Text,
@@ -88,7 +87,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// Nothing has happened.
+    /// A record without faults.
     pub fn new() -> Self {
         Self {
             magic: MAGIC,
@@ -99,20 +98,20 @@ impl Record {
         .sealed()
     }
 
-    /// The same with its check sum as it must be.
+    /// The record with a correct checksum.
     pub fn sealed(mut self) -> Self {
         self.sum = self.check_sum();
         self
     }
 
-    /// The record, or a new one in place of memory that holds none.
+    /// The record, or a new one if the memory holds no valid record.
     pub fn or_new(self) -> Self {
         let sound =
             self.magic == MAGIC && self.sum == self.check_sum() && self.message.as_str().is_some();
         if sound { self } else { Self::new() }
     }
 
-    /// FNV-1a of everything before the sum.
+    /// FNV-1a hash of all fields before the checksum.
     fn check_sum(&self) -> u32 {
         let Faults {
             panics,
@@ -149,17 +148,17 @@ mod tests {
     }
 
     #[test]
-    fn a_record_is_kept_as_it_was() {
+    fn valid_record_is_kept_unchanged() {
         let kept = record().or_new();
         assert_eq!(kept, record());
         assert_eq!(kept.message.as_str(), Some("panicked at tick.rs:120"));
     }
 
-    /// One changed bit anywhere, or memory of one pattern, is no record.
+    /// A record with one bit changed anywhere, and memory filled with one pattern, are rejected.
     #[test]
-    fn damage_and_chance_are_no_record() {
+    fn record_with_a_changed_bit_is_replaced_by_a_new_one() {
         const SIZE: usize = size_of::<Record>();
-        // SAFETY: a record is integers and arrays of them without gaps, so any bytes are one.
+        // SAFETY: a record consists of integers and arrays of integers without gaps, so any bytes are a valid value.
         let to_bytes =
             |record: Record| unsafe { core::mem::transmute::<Record, [u8; SIZE]>(record) };
         // SAFETY: as above.
@@ -175,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_message_is_cut_at_a_whole_character() {
+    fn long_message_is_cut_at_a_character_boundary() {
         let mut text = Text::EMPTY;
         let long = "µ".repeat(ROOM);
         assert!(write!(text, "a{long}").is_err());

@@ -1,36 +1,40 @@
-//! Critical sections that the current loop does not wait for.
+//! Critical sections that do not delay the motor current loop.
 //!
-//! A critical section of the program (`critical_section::with`, so all of embassy's) raises BASEPRI to
-//! priority 1: every interrupt of priority 1 and below waits. Two handlers have priority 0. The current
-//! loop's starts within a dozen cycles whatever else goes on. It may therefore use nothing that
-//! such a section guards, neither wake a task nor log nor ask for the time. What it shares with the
-//! rest is exchanged under [`all`], which masks it too and is kept short. The handler of the voltage detector
-//! masks all interrupts and does not return: it ends in a reset.
+//! A critical section of the program (`critical_section::with`, used by all of embassy) raises BASEPRI to priority 1.
+//! Every interrupt of priority 1 and below then waits. Two handlers have priority 0: the current loop and the voltage
+//! detector.
+//!
+//! The current loop's handler starts within a dozen cycles at any time. It must therefore use no data guarded by a
+//! critical section: it cannot wake a task, log or read the time. Data that it shares with the rest of the program
+//! are exchanged under [`all`], which masks the current loop too and must be short.
+//!
+//! The voltage detector's handler masks all interrupts and does not return: it ends in a reset.
 //!
 //! # Short handlers
 //!
-//! Arm erratum 776924: a VDIV or VSQRT that is interrupted may give a wrong result if the handler uses no
-//! floating point and returns before the instruction's 14 cycles are over. No handler of the images is that
-//! short. The shortest are those of the executors, with two barriers and an exclusive access before a task is
-//! looked for, and the bus's status handler, with a write over APB1 and a critical section.
+//! Arm erratum 776924: an interrupted VDIV or VSQRT may give a wrong result. The error occurs only if the handler
+//! uses no floating point and returns before the 14 cycles of the instruction are over. No handler of the images is
+//! that short. The shortest handlers are those of the executors and the bus's status handler. An executor's handler
+//! has two barriers and an exclusive access before it looks for a task. The bus's status handler has a write over
+//! APB1 and a critical section.
 
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::register::{basepri, basepri_max};
 use critical_section::{CriticalSection, Impl, RawRestoreState};
 
-/// Priority 1 of 16, as the registers have it: the most urgent one that a critical section holds off.
+/// Priority 1 of 16 in register format: the most urgent priority that a critical section holds off.
 const BELOW: u8 = 1 << 4;
 
-/// All interrupts masked; for data of the handler with priority 0.
+/// Runs `f` with all interrupts masked, for data shared with the current loop.
 pub fn all<T>(f: impl FnOnce(CriticalSection<'_>) -> T) -> T {
     cortex_m::interrupt::free(|_| {
-        // SAFETY: no interrupt comes.
+        // SAFETY: all interrupts are masked.
         f(unsafe { CriticalSection::new() })
     })
 }
 
-/// Gives every interrupt a priority that critical sections hold off: at reset all have 0. To be called
-/// before anything asks for one of them.
+/// Gives every interrupt priority 1, which critical sections hold off; after a reset all have priority 0. Call it
+/// before a driver enables an interrupt.
 pub(crate) fn set_up() {
     // SAFETY: the drivers set the priorities of their own interrupts later.
     unsafe {
@@ -43,14 +47,15 @@ pub(crate) fn set_up() {
     }
 }
 
-/// Interrupts of the chip.
+/// Number of the chip's interrupts.
 const INTERRUPTS: usize = 82;
 
 struct BelowCurrentLoop;
 critical_section::set_impl!(BelowCurrentLoop);
 
-// SAFETY: while BASEPRI is raised only handlers of priority 0 come. The current loop's uses no critical section's data, and
-// to the voltage detector's no section returns. What was there before is put back, so sections may lie within each other.
+// SAFETY: while BASEPRI is raised, only handlers of priority 0 run. The current loop's handler uses no data of
+// critical sections, and the voltage detector's handler never returns. `release` restores the former BASEPRI, so
+// sections nest.
 unsafe impl Impl for BelowCurrentLoop {
     unsafe fn acquire() -> RawRestoreState {
         let before = basepri::read();

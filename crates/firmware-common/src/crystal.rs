@@ -1,36 +1,36 @@
 //! Frequency of the crystal, measured against the internal oscillator before the core runs on it.
 //!
-//! A crystal of another frequency would change every time constant, and the bus would hear nothing. TIM11 counts
-//! the internal oscillator, 16 MHz, from one edge of the divided crystal to another (RM0090, 19.5.11). The internal
-//! oscillator is good to −8 and +4.5 % over all temperatures, 1 % at 25 °C (data sheet).
+//! A crystal of a wrong frequency would scale every time constant, and the board could not receive on the bus. TIM11
+//! counts the internal oscillator, 16 MHz, between edges of the divided crystal (RM0090, 19.5.11). The internal
+//! oscillator is accurate to −8 and +4.5 % over all temperatures, and to 1 % at 25 °C (data sheet).
 
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::timer::vals::CcmrInputCcs;
 use embassy_stm32::pac::{GPIOC, RCC, TIM11};
 
-/// Frequency of the crystal, Hz.
+/// Nominal frequency of the crystal, Hz.
 const HZ: u32 = 8_000_000;
 /// Frequency of the internal oscillator, Hz.
 const INTERNAL_HZ: u32 = 16_000_000;
 /// Largest deviation, %.
 const TOLERANCE: u32 = 9;
-/// Divider of the crystal before the timer, and edges in a capture.
+/// Divider of the crystal before the timer, and edges per capture.
 const DIVIDER: u32 = 31;
 const EDGES: u32 = 8;
-/// Captures of a measurement: 4 ms at most must lie between two of them.
+/// Captures per measurement; the counter overflows after 4 ms, so the captures must be closer than that.
 const CAPTURES: u32 = 32;
-/// Looks at a flag, some 10 cycles each: 0.1 s and 1 ms.
+/// Polls of a flag, about 10 cycles each: 0.1 s for the start, 1 ms for a capture.
 const START_LOOKS: u32 = 160_000;
 const CAPTURE_LOOKS: u32 = 1_600;
-/// The internal input of TIM11 by its option register.
+/// Value of TIM11's option register that connects the divided crystal to the timer.
 const HSE_RTC: u32 = 2;
-/// A half of the LED's blink, turns of a delay of three cycles: 20 flashes a second.
+/// Half a blink period, turns of a three-cycle delay: 20 flashes a second.
 const BLINK: u32 = INTERNAL_HZ / 3 / 40;
 /// Blinks between two measurements.
 const BLINKS: u32 = 8;
 
-/// Goes on once the crystal has its frequency. Until then the LED blinks, and the watchdog resets the board after two
-/// seconds.
+/// Returns once the crystal has its nominal frequency. Until then the LED blinks, and the watchdog resets the board
+/// after two seconds.
 pub(crate) fn check() {
     loop {
         let found = start().and_then(|()| measure());
@@ -39,7 +39,7 @@ pub(crate) fn check() {
         }
         defmt::error!("crystal: {} Hz, must be {} Hz", found, HZ);
         RCC.ahb1enr().modify(|w| w.set_gpiocen(true));
-        // The clock runs some cycles later (ES0182).
+        // The clock of the port runs a few cycles later (ES0182).
         cortex_m::asm::dsb();
         GPIOC.moder().modify(|w| w.set_moder(12, Moder::OUTPUT));
         for _ in 0..BLINKS {
@@ -59,7 +59,7 @@ fn start() -> Option<()> {
         .map(drop)
 }
 
-/// Its frequency, Hz; `None` if no edges come.
+/// Frequency of the crystal, Hz; `None` without edges.
 fn measure() -> Option<u32> {
     RCC.cfgr().modify(|w| w.set_rtcpre(DIVIDER as u8));
     RCC.apb2enr().modify(|w| w.set_tim11en(true));
@@ -88,7 +88,7 @@ fn measure() -> Option<u32> {
     Some(hz.min(u32::MAX.into()) as u32)
 }
 
-/// The count at the next capture.
+/// Counter value at the next capture; `None` after 1 ms.
 fn capture() -> Option<u16> {
     (0..CAPTURE_LOOKS).find(|_| TIM11.sr().read().ccif(0))?;
     Some(TIM11.ccr(0).read().ccr())

@@ -1,22 +1,22 @@
-//! Bookkeeping of a circular buffer that is filled by a DMA stream and read by halves.
+//! Bookkeeping of a circular buffer that a DMA stream fills and the program reads in halves.
 //!
-//! The stream raises one flag when the first half is full and another when the second is. Blocks are
-//! numbered through; a block that was read is whole only if none has become full meanwhile, since the
-//! stream then writes into its half again.
+//! The stream sets one flag when the first half is full and another when the second half is full. Each full half is a
+//! numbered block. A copied block is valid only if no further block became full during the copy, because the stream
+//! then overwrites the copied half.
 //!
 //! Nothing here can fail.
 
 /// Half of the buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Half {
-    /// From its beginning.
+    /// From the start of the buffer to its middle.
     First,
-    /// From its middle.
+    /// From the middle of the buffer to its end.
     Second,
 }
 
 impl Half {
-    /// Its start in a buffer of blocks of this length.
+    /// Index of the half's first element if each half has `block` elements.
     pub const fn begins(self, block: usize) -> usize {
         match self {
             Self::First => 0,
@@ -25,8 +25,8 @@ impl Half {
     }
 }
 
-/// Blocks that became full between two looks at the flags, and the half that is whole: none if both
-/// flags are up, for then the look came so late that the stream may be in either.
+/// Number of blocks that became full since the flags were last read, and the valid half. There is no valid half if
+/// both flags are set: the stream may be in either half.
 pub const fn full(half_transfer: bool, transfer_complete: bool) -> (u32, Option<Half>) {
     match (half_transfer, transfer_complete) {
         (false, false) => (0, None),
@@ -36,8 +36,8 @@ pub const fn full(half_transfer: bool, transfer_complete: bool) -> (u32, Option<
     }
 }
 
-/// Time from `now` until work that takes `lead` is to begin, so that its end lies whole periods behind
-/// `last`; less than a period. All in µs.
+/// Delay from `now` until a job of length `lead` must start to end a whole number of periods after `last`. The delay
+/// is shorter than a period. All in µs.
 pub const fn until_in_phase(now: u64, lead: u64, last: u64, period: u64) -> u64 {
     let end = (now + lead) % period;
     (last % period + period - end) % period
@@ -49,9 +49,9 @@ mod tests {
 
     const BLOCK: usize = 6;
 
-    /// A stream and a reader that is called up late: no block with samples of two rounds is taken.
+    /// With a late reader, no accepted block mixes samples of two rounds.
     #[test]
-    fn a_late_reader_takes_no_torn_block() {
+    fn late_reader_accepts_no_torn_block() {
         let (mut taken, mut late) = (0, 0);
         for delay in 0..5 * BLOCK {
             for reading in 1..3 * BLOCK {
@@ -60,7 +60,7 @@ mod tests {
                 let mut reader: Option<(u32, usize, usize)> = None;
                 let mut copy = [0; BLOCK];
                 for sample in 1..40 * BLOCK {
-                    // The stream writes, the handler runs at once.
+                    // The stream writes a sample and the handler runs at once.
                     let place = (sample - 1) % (2 * BLOCK);
                     buffer[place] = sample;
                     let (blocks, half) = full(place + 1 == BLOCK, place + 1 == 2 * BLOCK);
@@ -70,7 +70,7 @@ mod tests {
                     {
                         reader = Some((number, half.begins(BLOCK), sample + delay));
                     }
-                    // The reader copies its block during `reading` samples.
+                    // The reader copies its block over `reading` samples.
                     let Some((of, begins, from)) = reader else {
                         continue;
                     };
@@ -97,13 +97,13 @@ mod tests {
     }
 
     #[test]
-    fn flags_that_are_both_up_name_no_half() {
+    fn both_flags_set_name_no_half() {
         assert_eq!(full(true, true), (2, None));
         assert_eq!(full(false, false), (0, None));
     }
 
     #[test]
-    fn the_end_keeps_its_phase() {
+    fn job_ends_whole_periods_after_the_last_end() {
         for now in [0, 1, 999, 1000, 123_456_789] {
             for lead in [0, 1, 997, 1000, 2500] {
                 for last in [0, 1, 500, 999, 7_654_321] {

@@ -1,6 +1,6 @@
-//! Executors by priority: the tick above the bus, both above what runs in the thread.
+//! Executors by priority: the tick preempts the bus, and both preempt the thread.
 //!
-//! Interrupts of peripherals that no board uses lend them their priority.
+//! The executors use the interrupts of UART4 and UART5, peripherals that no board uses.
 
 use embassy_executor::{InterruptExecutor, SendSpawner};
 use embassy_stm32::interrupt;
@@ -9,7 +9,7 @@ use embassy_stm32::interrupt::{InterruptExt, Priority};
 static TICK: InterruptExecutor = InterruptExecutor::new();
 static BUS: InterruptExecutor = InterruptExecutor::new();
 
-/// Spawners of the two.
+/// Spawners of both executors.
 pub struct Spawners {
     /// For the tick.
     pub tick: SendSpawner,
@@ -17,7 +17,7 @@ pub struct Spawners {
     pub bus: SendSpawner,
 }
 
-/// Starts both; to be called once.
+/// Starts both executors; call it once.
 pub fn start() -> Spawners {
     interrupt::UART4.set_priority(Priority::P5);
     interrupt::UART5.set_priority(Priority::P7);
@@ -29,12 +29,12 @@ pub fn start() -> Spawners {
 
 #[interrupt]
 unsafe fn UART4() {
-    // SAFETY: this is the interrupt the executor was started with.
+    // SAFETY: the executor was started with this interrupt.
     unsafe { TICK.on_interrupt() }
 }
 
 #[interrupt]
 unsafe fn UART5() {
-    // SAFETY: this is the interrupt the executor was started with.
+    // SAFETY: the executor was started with this interrupt.
     unsafe { BUS.on_interrupt() }
 }

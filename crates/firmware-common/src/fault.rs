@@ -1,8 +1,8 @@
-//! Panics, processor faults and overflows of the stack: outputs made safe, the fault counted, kept and logged, the board
-//! restarted.
+//! Panics, processor faults and stack overflows. Each makes the outputs safe, is counted, recorded and logged, and
+//! restarts the board.
 //!
-//! Counts and message stand in memory that a reset does not clear ([`crash_record`](crate::crash_record)), so that the
-//! next start reports them.
+//! The counts and the message are in memory that a reset keeps ([`crash_record`](crate::crash_record)), so the next
+//! start reports them.
 
 use core::cell::Cell;
 use core::fmt::{Arguments, Write};
@@ -28,21 +28,21 @@ static RESTARTED: AtomicBool = AtomicBool::new(false);
 static MAKE_SAFE: AtomicPtr<()> = AtomicPtr::new(core::ptr::null_mut());
 static STOPPING: AtomicBool = AtomicBool::new(false);
 
-/// Has `make_safe` called first thing on a panic or fault, with interrupts off. It must not panic
-/// and must not rely on any state of the program: it writes the registers that switch outputs off.
+/// Sets the function that runs first on a panic or fault, with interrupts off. `make_safe` must not panic and must
+/// not use any state of the program: it writes the registers that switch the outputs off.
 pub fn on_fault(make_safe: fn()) {
     MAKE_SAFE.store(make_safe as *mut (), Ordering::Release);
 }
 
-/// Counts of faults since power came on.
+/// Counts of faults since power-on.
 pub fn counts() -> Faults {
     with_record(|record| record.faults)
 }
 
-/// Message of the fault before this start.
+/// Message of the fault that caused this start.
 static LAST: Mutex<Cell<Text>> = Mutex::new(Cell::new(Text::EMPTY));
 
-/// Counts and last message, for a host.
+/// Counts of faults and the last message, for a host.
 pub fn record() -> CrashRecord {
     let Faults {
         panics,
@@ -63,8 +63,8 @@ pub fn restarted() -> bool {
     RESTARTED.load(Ordering::Relaxed)
 }
 
-/// Takes over the record at start: cleared after power-on, a watchdog reset counted. Gives the counts
-/// and what the last fault said, once.
+/// Updates the record at the start of the board: clears it after power-on and counts a watchdog reset. Returns the
+/// counts and the last fault's message, and removes the message from the record.
 pub(crate) fn begin(power_on: bool, by_watchdog: bool) -> (Faults, Text) {
     with_record(|record| {
         if power_on {
@@ -82,9 +82,9 @@ pub(crate) fn begin(power_on: bool, by_watchdog: bool) -> (Faults, Text) {
 fn with_record<T>(f: impl FnOnce(&mut Record) -> T) -> T {
     critical_section::with(|_| {
         let place = addr_of_mut!(RECORD).cast::<Record>();
-        // SAFETY: the critical section makes the access exclusive. The memory holds what it held
-        // before the reset, of which every pattern is a record of integers; a volatile read keeps
-        // the compiler from taking it as never written.
+        // SAFETY: the critical section makes the access exclusive. The memory keeps its contents over a reset, and a
+        // record of integers is valid for every bit pattern. A volatile read keeps the compiler from treating the
+        // memory as uninitialised.
         let mut record = unsafe { place.read_volatile() }.or_new();
         let result = f(&mut record);
         // SAFETY: as above.
@@ -93,7 +93,7 @@ fn with_record<T>(f: impl FnOnce(&mut Record) -> T) -> T {
     })
 }
 
-/// Interrupts off, outputs safe, off the bus.
+/// Switches interrupts off, makes the outputs safe and takes the board off the bus.
 fn make_safe() {
     cortex_m::interrupt::disable();
     let make_safe = MAKE_SAFE.load(Ordering::Acquire);
@@ -101,12 +101,12 @@ fn make_safe() {
         // SAFETY: the pointer was stored from a `fn()`.
         unsafe { core::mem::transmute::<*mut (), fn()>(make_safe)() };
     }
-    // On another clock the controller would disturb the bus until the reset.
+    // On another core clock the CAN controller would disturb the bus until the reset.
     RCC.apb1rstr().modify(|w| w.set_can1rst(true));
 }
 
-/// The supply falls: within microseconds it may be too low for the core's clock, and the internal oscillator takes
-/// over before the fault is recorded.
+/// Handles a falling supply. Within microseconds it may be too low for the core's clock, so the core switches to the
+/// internal oscillator before the fault is recorded.
 pub(crate) fn supply_low() -> ! {
     make_safe();
     RCC.cfgr().modify(|w| w.set_sw(Sw::HSI));
@@ -118,7 +118,7 @@ pub(crate) fn supply_low() -> ! {
     )
 }
 
-/// A watchdog does not run: without it a program that hangs would leave the motors on.
+/// Handles a watchdog that does not run: without it a hanging program would leave the motors on.
 pub(crate) fn watchdog_missing(which: &str) -> ! {
     stop(
         |faults| &mut faults.processor,
@@ -126,27 +126,28 @@ pub(crate) fn watchdog_missing(which: &str) -> ! {
     )
 }
 
-/// Outputs safe, then `count`, keep and log `what`, then restart.
+/// Makes the outputs safe; then counts, records and logs the fault `what`, and restarts the board.
 fn stop(count: impl FnOnce(&mut Faults) -> &mut u32, what: Arguments) -> ! {
     make_safe();
-    // A fault while stopping, such as one inside the log, ends without another word.
+    // A second fault during the stop, for example in the log, restarts the board at once.
     if !STOPPING.swap(true, Ordering::AcqRel) {
         with_record(|record| {
             let count = count(&mut record.faults);
             *count = count.saturating_add(1);
             record.message = Text::EMPTY;
-            // What does not fit is cut off.
+            // Text beyond the room of the message is cut off.
             let _ = record.message.write_fmt(what);
         });
-        // Not flushed: a probe that has left would be waited for.
+        // The log is not flushed: a flush would wait for a probe that has been disconnected.
         defmt::error!("{}", defmt::Display2Format(&what));
     }
     restart()
 }
 
 fn restart() -> ! {
-    // 0.1 s for a probe to fetch the log: less than the shortest time of the independent watchdog, whose reset would
-    // count as a second fault. Without its crystal the core runs at 16 MHz. A turn of the delay takes three cycles.
+    // Wait 0.1 s so that a probe can read the log. The wait is shorter than the shortest timeout of the independent
+    // watchdog, whose reset would count as a second fault. Without the crystal the core runs at 16 MHz. A turn of the
+    // delay takes three cycles.
     let hz = match RCC.cfgr().read().sws() {
         Sw::HSI => 16_000_000,
         _ => crate::clock::CORE_HZ,
@@ -158,8 +159,8 @@ fn restart() -> ! {
     cortex_m::peripheral::SCB::sys_reset()
 }
 
-/// Begins the time of the window watchdog anew if it was started. Its driver belongs to the current loop, which the fault
-/// may have interrupted.
+/// Feeds the window watchdog if it was started. The register is written directly: the driver belongs to the current
+/// loop, which the fault may have interrupted.
 fn feed_window_watchdog() {
     if RCC.apb1enr().read().wwdgen() {
         WWDG.cr().modify(|w| w.set_t(0x7f));
@@ -171,8 +172,8 @@ fn panic(info: &PanicInfo) -> ! {
     stop(|faults| &mut faults.panics, format_args!("{info}"))
 }
 
-/// Ends the program on a fault of the processor: where it was, where it would have returned to, and
-/// the stack pointer behind the registers that the processor put on the stack.
+/// Ends the program on a processor fault. `pc` is the address of the fault, `lr` the return address, and `sp` the
+/// stack pointer after the processor stacked its registers.
 pub(crate) extern "C" fn hard_fault(pc: u32, lr: u32, sp: u32) -> ! {
     // SAFETY: reads of the fault status registers.
     let (status, address) = unsafe {
@@ -191,9 +192,9 @@ pub(crate) extern "C" fn hard_fault(pc: u32, lr: u32, sp: u32) -> ! {
     )
 }
 
-/// The hard fault vector. The stack may be used up, and then neither has the processor put registers
-/// there nor can this handler: as nothing of the program goes on, it begins the stack anew. Only what
-/// is certain to be in RAM is read before.
+/// Hard fault vector. The stack may be exhausted, and then neither the processor nor this handler can push to it. The
+/// program does not continue, so the handler resets the stack pointer to the start of the stack. Before that it reads
+/// the stacked registers only if they are certain to be in RAM.
 #[unsafe(naked)]
 #[unsafe(no_mangle)]
 unsafe extern "C" fn HardFault() {
@@ -216,8 +217,7 @@ unsafe extern "C" fn HardFault() {
     )
 }
 
-/// The crystal has stopped, the only thing that asks for this interrupt; the internal oscillator has
-/// taken over.
+/// The crystal has stopped, the only source of this interrupt; the core runs on the internal oscillator.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() -> ! {
     stop(

@@ -1,4 +1,4 @@
-//! Identity of the board, for the bus: its chip, its image and the image's messages.
+//! Identity message of the board: hashes of the chip number, the image and the message layout.
 
 use core_algos::bus::Message;
 use core_algos::bus::field::Hash24;
@@ -7,7 +7,7 @@ use core_algos::topology::Role;
 
 use crate::timing::Every;
 
-/// Health reports between two messages: a second.
+/// Health reports per identity message; 10 are one second.
 const EVERY: u8 = 10;
 
 /// The board's identity.
@@ -19,7 +19,7 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// That of the chip with this number, and of the image named `build`.
+    /// Identity of the chip with this number and the image named `build`.
     pub fn new(chip: &[u8; 12], build: &str) -> Self {
         Self {
             chip: Hash24::of(chip),
@@ -29,7 +29,7 @@ impl Identity {
         }
     }
 
-    /// To be called with each health report: the message, once a second.
+    /// Returns the identity message once a second; call it with each health report.
     pub fn message(&mut self, board: Role, sequence: u8) -> Option<Message> {
         self.every.tick().then_some(Message::BoardIdentity {
             board,

@@ -8,12 +8,12 @@ use embassy_stm32::peripherals::PC12;
 pub struct Led(Output<'static>);
 
 impl Led {
-    /// On its pin, dark.
+    /// Takes the pin of the LED and switches the LED off.
     pub fn new(pin: Peri<'static, PC12>) -> Self {
         Self(Output::new(pin, Level::High, Speed::Low))
     }
 
-    /// Lights it.
+    /// Switches the LED on or off.
     pub fn set(&mut self, lit: bool) {
         self.0.set_level(if lit { Level::Low } else { Level::High });
     }

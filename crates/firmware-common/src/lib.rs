@@ -2,29 +2,29 @@
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | `board` | supply, crystal, clocks, cause of the reset: the first call of every image |
+//! | `board` | supply, crystal, clocks, cause of the reset; every image calls it first |
 //! | `clock` | frequencies |
 //! | `accelerator` | prefetch and caches of the flash |
-//! | `critical` | critical sections that the current loop does not wait for |
-//! | `fault` | panics and processor faults: outputs safe, counted, kept, logged, restarted |
-//! | `crash_record` | faults and the last message, kept over a reset |
+//! | `critical` | critical sections that do not delay the motor current loop |
+//! | `fault` | panics and processor faults: makes outputs safe, counts, records, logs, restarts |
+//! | `crash_record` | counts of faults and the last message, in memory that a reset keeps |
 //! | `watchdog` | independent watchdog, window watchdog of the current loop |
 //! | `task_watchdog` | feeds the independent watchdog only while every task reports |
-//! | `time_driver` | time of `embassy-time` from SysTick |
+//! | `time_driver` | SysTick as the clock of `embassy-time` |
 //! | `store` | parameters in flash |
-//! | `board_id` | axle of an axle board |
+//! | `board_id` | strap that selects the axle of an axle board |
 //! | `identity` | identity of the board on the bus |
 //! | `led` | LED |
-//! | `stack` | how much stack was ever used, and the guard below it |
-//! | `timing` | how late ticks come and how long they take |
-//! | `record` | entries of the tick for a host at the serial port |
-//! | `can` | the bus |
+//! | `stack` | largest stack use, guard below the stack |
+//! | `timing` | lateness and duration of ticks |
+//! | `record` | queue of log entries from the tick to a host at the serial port |
+//! | `can` | CAN bus |
 //! | `dma_halves` | bookkeeping of a buffer that a DMA stream fills |
-//! | `executors` | tick above bus above thread |
-//! | `link` | serial port: identity, orders, reports, and the session with a rig |
-//! | `tick_loop` | the tick that all boards share, and the trait of what differs |
+//! | `executors` | executors by priority: tick, bus, thread |
+//! | `link` | serial port: identity, orders, reports, and sessions of a rig |
+//! | `tick_loop` | tick loop of every board; a trait supplies the board-specific parts |
 //!
-//! Modules without hardware also build for tests on the host; the others build for the board only.
+//! Modules that use no hardware are also built for tests on the host; the others are built for the board only.
 
 #![cfg_attr(target_os = "none", no_std)]
 

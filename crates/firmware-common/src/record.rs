@@ -1,6 +1,6 @@
-//! Entries of the board's tick on their way to a host that watches at the serial port.
+//! Queue of log entries from the board's tick to a host that watches at the serial port.
 //!
-//! [`Ring::split`] gives the tick's end, which puts entries in, and the link's end, which takes them out.
+//! [`Ring::split`] returns the tick's end, which appends entries, and the link's end, which takes them.
 
 use core::sync::atomic::{AtomicBool, AtomicU16, AtomicU32, AtomicUsize, Ordering};
 
@@ -8,20 +8,20 @@ use core_algos::bus::CanFrame;
 use core_algos::link::attendant::REPORT_ENTRIES;
 use core_algos::link::record::{Entry, MAX_ENTRY};
 
-/// Words that wait for the link: two epochs of all boards, twice over. A power of two.
+/// Capacity in words: twice what all boards write in two epochs. A power of two.
 const ROOM: usize = 512;
 
-/// In place of a length: a frame that is not encoded.
+/// Marks an unencoded frame; stands in place of the length.
 const FRAME: u32 = 0xff;
 
-/// Entries in a report, at most.
+/// Entries of one report, encoded.
 pub type Entries = heapless::Vec<u8, REPORT_ENTRIES>;
 
-/// Entries in whole words, each behind a byte with its length.
+/// Queue of entries, each in whole words after a byte with its length.
 pub struct Ring {
-    /// A host watches.
+    /// True once a host watches.
     watched: AtomicBool,
-    /// Entries that found no room, modulo 65 536.
+    /// Entries lost because the ring was full, modulo 65 536.
     lost: AtomicU16,
     words: [AtomicU32; ROOM],
     /// Words written and read since the start, modulo 2³².
@@ -30,7 +30,7 @@ pub struct Ring {
 }
 
 impl Ring {
-    /// Empty, and without a host that watches.
+    /// Empty ring, not watched.
     pub const fn new() -> Self {
         Self {
             watched: AtomicBool::new(false),
@@ -41,7 +41,7 @@ impl Ring {
         }
     }
 
-    /// The tick's end and the link's end.
+    /// Splits the ring into the tick's end and the link's end.
     pub fn split(&'static mut self) -> (Recorder, Reader) {
         let reader = Reader {
             ring: self,
@@ -51,7 +51,7 @@ impl Ring {
     }
 }
 
-/// The tick's end. Bus and nodes of the tick have a clone each; all of them belong to one task, the only writer.
+/// The tick's end. The bus and the nodes have a clone each; all clones belong to one task, the only writer.
 #[derive(Clone)]
 pub struct Recorder(&'static Ring);
 
@@ -68,7 +68,7 @@ impl Recorder {
         }
     }
 
-    /// Not inlined, so that a tick without a host that watches pays for the check only.
+    /// Not inlined, so that an unwatched tick costs only the check.
     #[inline(never)]
     fn encode(&mut self, entry: &Entry) {
         let mut room = [0; MAX_ENTRY + 4];
@@ -86,7 +86,7 @@ impl Recorder {
         );
     }
 
-    /// Appends a frame, if a host watches, to be encoded when it is taken.
+    /// Appends a frame, if a host watches; the frame is encoded when it is taken.
     pub fn put_frame(&mut self, frame: &CanFrame) {
         if self.is_watched() {
             let head = FRAME | u32::from(frame.length) << 8 | u32::from(frame.id) << 16;
@@ -96,7 +96,7 @@ impl Recorder {
         }
     }
 
-    /// Appends words, or none.
+    /// Appends all words, or none if the ring is too full.
     fn append(&mut self, words: impl ExactSizeIterator<Item = u32>) {
         let ring = self.0;
         let written = ring.written.load(Ordering::Relaxed);
@@ -114,7 +114,7 @@ impl Recorder {
     }
 }
 
-/// Words of an entry and its length.
+/// Number of words of an entry of `length` bytes and its length byte.
 const fn words(length: usize) -> usize {
     (length + 4) / 4
 }
@@ -122,12 +122,12 @@ const fn words(length: usize) -> usize {
 /// The link's end.
 pub struct Reader {
     ring: &'static Ring,
-    /// An entry waits that did not fit.
+    /// True if the next entry did not fit into the last report.
     behind: bool,
 }
 
 impl Reader {
-    /// Takes entries from here on.
+    /// Starts the recording of entries.
     pub fn watch(&mut self) {
         self.ring.watched.store(true, Ordering::Relaxed);
     }
@@ -137,17 +137,17 @@ impl Reader {
         self.ring.watched.load(Ordering::Relaxed)
     }
 
-    /// Entries that found no room, modulo 65 536.
+    /// Entries lost because the ring was full, modulo 65 536.
     pub fn lost(&self) -> u16 {
         self.ring.lost.load(Ordering::Relaxed)
     }
 
-    /// True if an entry waits that did not fit.
+    /// True if the next entry did not fit into the last report.
     pub fn is_behind(&self) -> bool {
         self.behind
     }
 
-    /// The oldest entries that fit into `most` bytes.
+    /// Takes the oldest entries that fit into `most` bytes.
     pub fn take(&mut self, most: usize) -> Entries {
         let ring = self.ring;
         let mut entries = Entries::new();
@@ -179,7 +179,7 @@ impl Reader {
     }
 }
 
-/// Encodes a frame.
+/// Encodes the frame of these three words.
 fn frame(room: &mut [u8], [head, low, high]: [u32; 3]) -> &[u8] {
     let mut data = [0; 8];
     data[..4].copy_from_slice(&low.to_le_bytes());
@@ -212,7 +212,7 @@ mod tests {
         }
     }
 
-    /// The `k`-th entry, of several lengths; as text.
+    /// Appends the `k`-th entry, of varying length; returns its text.
     fn put(recorder: &mut Recorder, k: u16) -> String {
         let frame = frame_of(k);
         let entry = match k % 4 {
@@ -254,7 +254,7 @@ mod tests {
         let (mut written, mut taken) = (Vec::new(), Vec::new());
         for k in 0..20_000 {
             written.push(put(&mut recorder, k));
-            // Of several lengths, so that entries wait that do not fit.
+            // The limit varies, so that some entries do not fit.
             if k % 5 == 0 {
                 let most = REPORT_ENTRIES - usize::from(k % 40);
                 let entries = reader.take(most);
@@ -279,7 +279,7 @@ mod tests {
                 true => kept.push(text),
                 false => lost += 1,
             }
-            // Slower than entries come.
+            // Entries are taken more slowly than they are appended.
             if k % 40 == 0 {
                 taken.extend(texts(&reader.take(REPORT_ENTRIES)));
             }

@@ -1,9 +1,9 @@
-//! The stack: how much of it was ever used, and what ends it.
+//! Stack: largest use, and detection of an overflow.
 //!
-//! The runtime paints it before `main`; what is overwritten was used. It lies at the bottom of the RAM
-//! (`memory.x`), and the memory protection unit guards what is below: a store there is a fault at the
-//! instruction that makes it, and no variable is changed. Without the guard the store would be a bus
-//! error, some instructions later.
+//! The runtime fills the stack with a pattern before `main`; overwritten words were used. The stack is at the bottom
+//! of the RAM (`memory.x`), and the memory protection unit guards the addresses below. A store below the stack is a
+//! fault at the instruction that makes it, and no variable is changed. Without the guard the store would be a bus
+//! error, reported some instructions later.
 
 use core::ptr::addr_of;
 
@@ -13,19 +13,19 @@ unsafe extern "C" {
     static _stack_budget: u32;
 }
 
-/// Bytes below the stack to which the protection unit denies access: more than the largest frame, so
-/// that no function steps over it; what lies further below is no RAM either. The chip has nothing there.
+/// Bytes below the stack that the protection unit denies. They exceed the largest stack frame, so that no function
+/// skips the guard. The chip has no memory at these addresses or below.
 const GUARD: u32 = 16 * 1024;
-/// Region of the protection unit; of those that overlap the last counts.
+/// Region of the protection unit; where regions overlap, the highest number applies.
 const REGION: u32 = 7;
 
-/// Sets the guard; call it first.
+/// Sets the guard; call it before all else.
 pub(crate) fn guard() {
     const ENABLE: u32 = 1;
     const DEFAULT_MAP_ELSEWHERE: u32 = 1 << 2;
     const NO_EXECUTION: u32 = 1 << 28;
     const NO_ACCESS: u32 = NO_EXECUTION | (GUARD.trailing_zeros() - 1) << 1 | ENABLE;
-    // SAFETY: the region changes nothing but the addresses below the stack, where nothing is.
+    // SAFETY: the region denies only addresses below the stack, where the chip has no memory.
     unsafe {
         let mpu = &*cortex_m::peripheral::MPU::PTR;
         mpu.rnr.write(REGION);
@@ -57,22 +57,22 @@ fn end() -> u32 {
 /// Largest stack use so far, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HighWater {
-    /// The most that was in use.
+    /// Largest use, bytes.
     pub used: usize,
-    /// Allowed use: `_stack_budget` in `memory.x`; the linker reserves this room.
+    /// Allowed use, bytes: `_stack_budget` in `memory.x`, which the linker reserves.
     pub budget: usize,
-    /// Size of the stack.
+    /// Size of the stack, bytes.
     pub size: usize,
 }
 
-/// Measures it: reads all that was never used.
+/// Measures the stack use by reading the stack up to the first used word.
 pub fn high_water() -> HighWater {
-    // Linker symbols: only their addresses mean something.
+    // Of linker symbols only the address has a meaning.
     let (low, high) = (addr_of!(_stack_end), addr_of!(_stack_start));
     let words = (high as usize - low as usize) / 4;
     let untouched = (0..words)
-        // SAFETY: from `low` to `high` is memory of the stack. Below the stack pointer nothing
-        // writes but interrupts, and any value read is as good.
+        // SAFETY: the memory from `low` to `high` is the stack. Below the stack pointer only interrupts write, and
+        // any value read is valid.
         .take_while(|&i| unsafe { low.add(i).read_volatile() } == cortex_m_rt::STACK_PAINT_VALUE)
         .count();
     HighWater {

@@ -1,8 +1,9 @@
-//! Supply of the chip: while it is too low for the core's clock, the board waits or restarts.
+//! Supply of the chip: while the voltage is too low for the core's clock, the board waits or restarts.
 //!
-//! The brown-out level of the option bytes does the same without the program. The image does not write it: power
-//! that fails during the write leaves the option bytes erased, which is read protection level 1 (RM0090, 3.9.3): the debug
-//! probe removes it only by erasing program and parameters. The flasher sets the level (docs/wiring.md), and the log says which one is in force.
+//! The brown-out level of the option bytes has the same effect in hardware. The image does not write it: a power cut
+//! during the write erases the option bytes, which means read protection level 1 (RM0090, 3.9.3). A debug probe
+//! removes that protection only by erasing the program and the parameters. The flasher sets the level
+//! (docs/wiring.md), and the log shows the level in force.
 
 use embassy_stm32::interrupt as handler;
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
@@ -10,15 +11,15 @@ use embassy_stm32::pac::{EXTI, FLASH, PWR, RCC};
 
 use crate::fault;
 
-/// Level 5 of the voltage detector: below 2.84 V, above 2.93 V (typical). 168 MHz need 2.7 V.
+/// Level 5 of the voltage detector: low below 2.84 V, high above 2.93 V (typical). 168 MHz need 2.7 V.
 const LEVEL: u8 = 5;
-/// Line of the detector among the external interrupts.
+/// External interrupt line of the detector.
 const LINE: usize = 16;
 
-/// Waits for the supply, on the internal oscillator that the chip starts with.
+/// Waits for the supply, with the core on the internal oscillator.
 pub(crate) fn wait() {
     RCC.apb1enr().modify(|w| w.set_pwren(true));
-    // The clock runs some cycles later (ES0182).
+    // The clock of the power controller runs a few cycles later (ES0182).
     cortex_m::asm::dsb();
     detect();
     while PWR.csr1().read().pvdo() {}
@@ -31,17 +32,17 @@ fn detect() {
     });
 }
 
-/// From here on a low supply restarts the board. The HAL has reset the detector.
+/// Makes a low supply restart the board. Sets the detector again, which the HAL has reset.
 pub(crate) fn watch() {
     EXTI.rtsr(0).modify(|w| w.set_line(LINE, true));
     EXTI.imr(0).modify(|w| w.set_line(LINE, true));
     detect();
     interrupt::PVD.set_priority(Priority::P0);
-    // SAFETY: the handler has no data.
+    // SAFETY: the handler uses no data.
     unsafe { interrupt::PVD.enable() };
 }
 
-/// The brown-out level in force, for the log.
+/// Logs the brown-out level in force.
 pub(crate) fn log() {
     match FLASH.optcr().read().bor_lev() {
         3 => defmt::info!("brown-out level off: set level 3 with the flasher"),

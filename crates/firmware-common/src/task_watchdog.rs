@@ -1,11 +1,11 @@
-//! The tasks of a board report here, and the independent watchdog is fed only while all of them do.
+//! Software watchdog of the tasks: the independent watchdog is fed only while every task reports.
 //!
-//! A task gets a [`CheckIn`] and reports with it each time round its loop. [`TaskWatchdog::run`] is a task of its own
-//! that does nothing else; which task has been silent for too long is decided by
-//! [`core_algos::safety::task_deadlines`].
+//! Each task reports with its [`CheckIn`] once per turn of its loop. [`TaskWatchdog::run`] is a separate task that
+//! only checks. [`core_algos::safety::task_deadlines`] decides which task has exceeded its deadline.
 //!
-//! The task runs in the thread, the lowest level: what holds up any level holds up this task too, so a level that is
-//! starved needs no report of its own. No other task of the thread feeds: the log may wait for ever or be left out.
+//! The checking task runs in the thread, the lowest priority. A blocked priority level also blocks the checking task,
+//! so a starved level needs no report. No other task of the thread feeds the watchdog: the log may block for ever or
+//! be left out.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -14,22 +14,22 @@ use embassy_time::{Duration, Instant, Timer};
 
 use crate::watchdog::Feeder;
 
-/// Time between two checks: well below the shortest time of the watchdog, 0.34 s.
+/// Time between two checks, well below the shortest watchdog timeout of 0.34 s.
 const CHECK_EVERY: Duration = Duration::from_millis(100);
 
-/// A task's way to report that it goes on.
+/// A task's handle to report that it runs.
 pub struct CheckIn(&'static AtomicU32);
 
 impl CheckIn {
-    /// The task has come round once more.
+    /// Reports one turn of the task's loop.
     pub fn report(&mut self) {
-        // One writer, so no update is lost.
+        // The counter has one writer, so no update is lost.
         let count = self.0.load(Ordering::Relaxed).wrapping_add(1);
         self.0.store(count, Ordering::Relaxed);
     }
 }
 
-/// All tasks of a board, and the watchdog that waits for them.
+/// Tasks of a board and the watchdog that they keep fed.
 pub struct TaskWatchdog<const N: usize> {
     names: [&'static str; N],
     counts: &'static [AtomicU32; N],
@@ -38,7 +38,8 @@ pub struct TaskWatchdog<const N: usize> {
 }
 
 impl<const N: usize> TaskWatchdog<N> {
-    /// Tasks by name, each with the longest time between two reports, µs; a [`CheckIn`] for each, in order.
+    /// Watches tasks, each given by its name and the longest time between two reports, µs. Returns a [`CheckIn`] for
+    /// each task, in order.
     pub fn new(
         counts: &'static [AtomicU32; N],
         tasks: [(&'static str, u64); N],
@@ -56,7 +57,7 @@ impl<const N: usize> TaskWatchdog<N> {
         (task_watchdog, counts.each_ref().map(CheckIn))
     }
 
-    /// Checks for ever.
+    /// Runs the checks for ever.
     pub async fn run(mut self) -> ! {
         loop {
             Timer::after(CHECK_EVERY).await;
@@ -64,7 +65,7 @@ impl<const N: usize> TaskWatchdog<N> {
         }
     }
 
-    /// Feeds the watchdog if every task has reported in time; logs the name of one that has not.
+    /// Feeds the watchdog if every task has reported in time; otherwise logs the name of a late task.
     fn check(&mut self) {
         let now = Instant::now().as_micros();
         let counts = self.counts.each_ref();

@@ -1,10 +1,10 @@
-//! Time of `embassy-time` from SysTick, in microseconds.
+//! SysTick as the clock of `embassy-time`, in microseconds.
 //!
-//! SysTick leaves every timer of the chip to motors and encoders. Time is read to the
-//! microsecond; alarms ring on the millisecond.
+//! With SysTick as the clock, every timer of the chip is free for motors and encoders. The resolution is one
+//! microsecond; alarms fire on the millisecond.
 //!
-//! SysTick has the highest priority of all that ask for the time, so that none of them sees a period
-//! ended and not counted; the current loop, which is above it, does not ask.
+//! SysTick has the highest priority of all readers of the time, so that no reader sees a period that has ended but is
+//! not counted. Only the current loop has a higher priority, and it does not read the time.
 
 use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -18,13 +18,13 @@ use embassy_time_queue_utils::Queue;
 
 use crate::clock::CORE_HZ;
 
-/// Core cycles in a microsecond and in a period of SysTick.
+/// Core cycles per microsecond; period of SysTick in µs and in core cycles.
 const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;
 const PERIOD_US: u32 = 1_000;
 const PERIOD: u32 = CYCLES_PER_US * PERIOD_US;
 
 struct SysTickDriver {
-    /// Periods since start, 64 bits in two halves; written by the interrupt alone.
+    /// Periods since the start, 64 bits in two halves; only the interrupt writes them.
     low: AtomicU32,
     high: AtomicU32,
     queue: Mutex<RefCell<Queue>>,
@@ -64,7 +64,7 @@ impl Driver for SysTickDriver {
                 count = SYST::get_current();
                 periods += 1;
             }
-            // The count falls from PERIOD − 1; with 0 the next period begins.
+            // The counter runs down from PERIOD − 1; the next period begins at 0.
             let elapsed = (PERIOD - count) % PERIOD;
             periods * u64::from(PERIOD_US) + u64::from(elapsed / CYCLES_PER_US)
         })
@@ -87,7 +87,7 @@ fn SysTick() {
                 .high
                 .store(DRIVER.high.load(Ordering::Relaxed) + 1, Ordering::Relaxed);
         }
-        // Wakes what is due; the time of the next alarm does not matter to a periodic interrupt.
+        // Wakes the tasks that are due. The time of the next alarm is not needed, because the interrupt is periodic.
         DRIVER
             .queue
             .borrow(cs)

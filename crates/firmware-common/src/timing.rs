@@ -1,8 +1,8 @@
 //! Lateness and duration of the ticks.
 //!
-//! Lateness is by the clock of `embassy-time`, duration by the cycle counter (DWT). The counter runs while the core
-//! sleeps only as long as DBG_SLEEP is set in DBGMCU_CR: the HAL sets that bit at the start, and so does a probe. No
-//! measurement here depends on it, since a tick does not sleep.
+//! Lateness is measured with the clock of `embassy-time`, duration with the cycle counter (DWT). The counter runs in
+//! sleep only while DBG_SLEEP is set in DBGMCU_CR, by the HAL at the start or by a probe. The measurements do not
+//! depend on that bit, because a tick does not sleep.
 
 use core_algos::time::Micros;
 
@@ -13,27 +13,27 @@ const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;
 /// Largest jitter and longest tick, µs, at most 4095 each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Timing {
-    /// Largest deviation of an interval between two beginnings from the period.
+    /// Largest deviation of the time between two starts from the period.
     pub jitter_us: u16,
     /// Longest tick.
     pub longest_us: u16,
 }
 
-/// Measures a periodic piece of work.
+/// Measures jitter and duration of a periodic job.
 pub struct Stopwatch {
     period: Micros,
-    /// Time of its latest start.
+    /// Time of the latest start, µs.
     last: Option<Micros>,
-    /// The cycle counter at its latest start.
+    /// Cycle counter at the latest start.
     began: u32,
-    /// Largest deviation of an interval between beginnings from the period, µs.
+    /// Largest deviation of the time between two starts from the period, µs.
     jitter: Micros,
-    /// Longest piece of work, cycles.
+    /// Longest duration, cycles.
     longest: u32,
 }
 
 impl Stopwatch {
-    /// For work that begins every `period`, µs.
+    /// For a job that starts every `period`, µs.
     pub fn new(period: Micros) -> Self {
         Self {
             period,
@@ -44,7 +44,7 @@ impl Stopwatch {
         }
     }
 
-    /// The work begins.
+    /// Marks the start of the job.
     pub fn begin(&mut self, now: Micros, cycles: u32) {
         self.began = cycles;
         if let Some(last) = self.last.replace(now) {
@@ -53,13 +53,13 @@ impl Stopwatch {
         }
     }
 
-    /// The work is done.
+    /// Marks the end of the job.
     pub fn end(&mut self, cycles: u32) {
         let took = cycles.wrapping_sub(self.began);
         self.longest = self.longest.max(took);
     }
 
-    /// Largest jitter and longest work since the last call.
+    /// Largest jitter and longest duration since the last call.
     pub fn take(&mut self) -> Timing {
         const MOST: u16 = 4095;
         let longest = self.longest.div_ceil(CYCLES_PER_US);
@@ -72,20 +72,20 @@ impl Stopwatch {
     }
 }
 
-/// Comes due once in so many ticks. Ticks are counted, for their local time may stay at the edge of a
-/// period and be on either side of it.
+/// Divider of ticks. It counts ticks instead of comparing times: the local time of a tick may jitter around a
+/// period's boundary.
 pub struct Every {
     ticks: u8,
     since: u8,
 }
 
 impl Every {
-    /// Due with every `ticks`-th tick.
+    /// Becomes due with every `ticks`-th tick.
     pub const fn new(ticks: u8) -> Self {
         Self { ticks, since: 0 }
     }
 
-    /// One more tick; whether it is due.
+    /// Counts a tick; true if due.
     pub fn tick(&mut self) -> bool {
         self.since += 1;
         let due = self.since >= self.ticks;

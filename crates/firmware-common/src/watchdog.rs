@@ -1,8 +1,8 @@
-//! Watchdogs: they reset the board if the work that feeds them stops.
+//! Watchdogs that reset the board if the work that feeds them stops.
 //!
-//! The window watchdog waits for the current loop, 6.2 ms at most, and the independent one for all tasks. The
-//! independent one is started before anything else, even the HAL: the crystal, for which the start of the clocks
-//! waits without limit, is the first that may never come. Its oscillator starts with it.
+//! The window watchdog supervises the current loop, with a timeout of 6.2 ms, the independent watchdog all tasks. The
+//! independent watchdog is started first, before the HAL: the start of the clocks waits without limit for the
+//! crystal, which may never start. The watchdog has an oscillator of its own.
 //!
 //! A watchdog that does not run is a fault: the board restarts and its motors stay off.
 
@@ -13,56 +13,57 @@ use embassy_stm32::{Peri, peripherals, wdg};
 
 use crate::fault;
 
-/// Time without feeding after which the board is reset, µs; 0.34 to 0.94 s by its oscillator of 17 to 47 kHz.
+/// Timeout of the independent watchdog, µs. The real timeout is 0.34 to 0.94 s, because its oscillator runs at 17 to
+/// 47 kHz.
 pub const TIMEOUT_US: u32 = 500_000;
 
-/// Time that the start of a board may take, µs. It takes some 40 ms.
+/// Timeout during the start of a board, µs; a start takes about 40 ms.
 const START_US: u32 = 2_000_000;
 
-/// Time of an extension, µs: an erase of a sector holds the core for up to half a second, a save for several.
+/// Timeout of an extension, µs: erasing a sector stops the core for up to half a second, a save for several.
 const EXTENDED_US: u32 = 30_000_000;
 
-/// Looks at the status until the watchdog must have taken over its registers, some 10 cycles each. Five periods of its
-/// oscillator are 0.3 ms at most, 50 000 cycles.
+/// Polls of the status, about 10 cycles each, after which the watchdog must have accepted its registers. Accepting
+/// them takes five periods of its oscillator, at most 0.3 ms or 50 000 cycles.
 const STATUS_LOOKS: u32 = 100_000;
 
 type Driver = wdg::IndependentWatchdog<'static, peripherals::IWDG>;
 
-/// Keeps an end in one executor: a feed between the writes of a new time would lock the registers again.
+/// Keeps a handle in one executor: a feed between the writes of a new timeout would lock the registers again.
 type NotSend = PhantomData<*const ()>;
 
 /// The independent watchdog during the start of a board; it cannot be stopped.
 pub struct Watchdog(());
 
 impl Watchdog {
-    /// Starts it, with time for the start of the board; call it once, first.
+    /// Starts the watchdog with the timeout of a start; call it once, first.
     pub fn start() -> Self {
         set::<START_US>();
         Self(())
     }
 
-    /// Ends the start of the board: from here on the time is [`TIMEOUT_US`]. Gives the ends for the tasks of the thread.
+    /// Ends the start of the board and sets [`TIMEOUT_US`]. Returns the handles for the tasks of the thread.
     pub fn split(self) -> (Feeder, Extension) {
         let feeder = Feeder(set::<TIMEOUT_US>(), PhantomData);
         (feeder, Extension(PhantomData))
     }
 }
 
-/// The end that feeds the independent watchdog.
+/// Handle that feeds the independent watchdog.
 pub struct Feeder(Driver, NotSend);
 
 impl Feeder {
-    /// Begins the time anew. To be called where the board's work is known to go on, not by a timer alone.
+    /// Restarts the timeout. Call it where the board's work is known to continue, not from a timer alone.
     pub fn feed(&mut self) {
         self.0.pet();
     }
 }
 
-/// The end that extends the time of the independent watchdog.
+/// Handle that extends the timeout of the independent watchdog.
 pub struct Extension(NotSend);
 
 impl Extension {
-    /// Does work that holds the core, with half a minute for it.
+    /// Runs `work`, which stops the core, with a timeout of half a minute.
     pub fn during<T>(&mut self, work: impl FnOnce() -> T) -> T {
         set::<EXTENDED_US>();
         let result = work();
@@ -71,13 +72,14 @@ impl Extension {
     }
 }
 
-/// Starts the independent watchdog if it does not run, and sets its time, which begins anew.
+/// Starts the independent watchdog if it does not run, sets its timeout and feeds it.
 fn set<const TIMEOUT_US: u32>() -> Driver {
-    // SAFETY: only this module uses the peripheral, and the callers' ends are in one executor.
+    // SAFETY: only this module uses the peripheral, and all handles are in one executor.
     let peripheral = unsafe { peripherals::IWDG::steal() };
     let mut watchdog = Driver::new(peripheral, TIMEOUT_US);
     watchdog.unleash();
-    // The driver does not wait, and a feed before the time is taken over would begin the former time.
+    // The driver does not wait until the registers are accepted, and a feed before that would restart the former
+    // timeout.
     let busy = || {
         let status = pac::IWDG.sr().read();
         status.pvu() || status.rvu()
@@ -89,18 +91,18 @@ fn set<const TIMEOUT_US: u32>() -> Driver {
     watchdog
 }
 
-/// Time of the window watchdog, µs: all of its 64 counts of 4096 cycles of APB1.
+/// Timeout of the window watchdog, µs: its maximum, 64 counts of 4096 cycles of APB1.
 const WINDOW_TIMEOUT_US: u32 = 6_241;
 
-/// Window watchdog of the current loop, without a window. The HAL waits between the clock's enable and the first write,
-/// which would be lost otherwise (errata sheet ES0182).
+/// Window watchdog of the current loop, with only an upper limit. The HAL waits between enabling the clock and the
+/// first write, which would otherwise be lost (errata sheet ES0182).
 ///
-/// Only a reset stops it. An erase of the flash holds the core for longer, so a board with this watchdog
-/// erases nothing.
+/// Only a reset stops the window watchdog. Erasing the flash stops the core for longer than its timeout, so a board
+/// with this watchdog never erases.
 pub struct WindowWatchdog(wdg::WindowWatchdog<'static, peripherals::WWDG>);
 
 impl WindowWatchdog {
-    /// Starts it.
+    /// Starts the window watchdog.
     pub fn start(peripheral: Peri<'static, peripherals::WWDG>) -> Self {
         let watchdog = wdg::WindowWatchdog::new(peripheral, WINDOW_TIMEOUT_US, 0);
         if !WWDG.cr().read().wdga() {
@@ -109,7 +111,7 @@ impl WindowWatchdog {
         Self(watchdog)
     }
 
-    /// Begins its time anew.
+    /// Restarts the timeout.
     pub fn feed(&mut self) {
         self.0.pet();
     }

@@ -1,4 +1,4 @@
-//! Runs as tables: one row an epoch, or one row a run.
+//! CSV tables of runs: one row per epoch, or one row per run.
 
 use crate::entry::{LeadEntry, TruthEntry};
 use crate::schema::Schema;
@@ -6,12 +6,12 @@ use host_sim::run::end::RunEnd;
 use host_sim::run::robot::Record;
 use output::files::{Cell, Csv};
 
-/// A row of a table, each value beside the name of its column.
+/// Row of a table: values with the names of their columns.
 #[derive(Debug, Default)]
 pub struct Row<'a>(Vec<(&'a str, Cell)>);
 
 impl<'a> Row<'a> {
-    /// Appends values with the names of their columns, separated by spaces; what is no number is an empty cell.
+    /// Appends values with the names of their columns, separated by spaces; NaN gives an empty cell.
     pub fn put<C: Copy + Into<Cell>>(&mut self, names: &'a str, values: &[C]) {
         let names = names.split(' ');
         debug_assert_eq!(names.clone().count(), values.len());
@@ -27,7 +27,7 @@ impl<'a> Row<'a> {
         self.0.push((name, cell));
     }
 
-    /// Appends the end of a run: kind, code, notices, truth, estimate, 95 % error, time.
+    /// Appends the end of a run: kind, condition code, notices, reason, true posture, estimate, 95 % error, duration.
     pub fn end(&mut self, end: &RunEnd) {
         const UNKNOWN: f64 = f64::NAN;
         let code = end.code().unwrap_or_default();
@@ -45,7 +45,7 @@ impl<'a> Row<'a> {
         self.put("duration_s", &[end.duration_s]);
     }
 
-    /// The table of these rows.
+    /// Makes a table of these rows.
     pub fn table(rows: impl IntoIterator<Item = Self>) -> Csv {
         let mut rows = rows.into_iter().peekable();
         let names = rows.peek().into_iter().flat_map(|Self(row)| row);
@@ -55,7 +55,7 @@ impl<'a> Row<'a> {
     }
 }
 
-/// Ends of runs, one a row.
+/// Table of ends of runs, one per row.
 pub fn of_ends<'a>(ends: impl IntoIterator<Item = &'a RunEnd>) -> Csv {
     Row::table(ends.into_iter().map(|end| {
         let mut row = Row::default();
@@ -64,8 +64,8 @@ pub fn of_ends<'a>(ends: impl IntoIterator<Item = &'a RunEnd>) -> Csv {
     }))
 }
 
-/// The records as CSV: time, then the fields of the topics `/truth` and `/lead` under their paths in a log. Ticks and
-/// times of the topics are left out: a row has one time.
+/// Table of records: time, then the fields of the topics `/truth` and `/lead` under their paths in a log. Ticks and
+/// times of the topics are left out, because each row has one time.
 pub fn of_records(records: &[Record]) -> Csv {
     const TIMES: [&str; 3] = ["time_s", "tick", "epoch_s"];
     let names = |topic: &str, schema: &Schema| -> Vec<Option<String>> {
@@ -101,9 +101,10 @@ mod tests {
         let record = Record::without_truth(0, Topology::PAIR, lead::Output::default());
         let text = of_records(&[record.clone(), record]).into_bytes();
         let mut reader = ::csv::Reader::from_reader(text.as_slice());
-        // Time; 12 of postures and 20 of lists in `/truth`; 5 words, 36 of estimates and 11 more in `/lead`.
+        // Time; in `/truth` 12 values of postures and 20 of lists; in `/lead` 5 words, 36 values of estimates and 11
+        // others.
         assert_eq!(reader.headers().unwrap().len(), 85);
-        // The reader itself refuses rows of another length.
+        // The reader rejects rows of another length.
         assert_eq!(reader.records().filter(|row| row.is_ok()).count(), 2);
     }
 }

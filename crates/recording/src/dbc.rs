@@ -1,10 +1,10 @@
-//! Bus description (DBC), from the table of messages.
+//! Bus description (DBC), generated from the table of messages.
 
 use core_algos::bus::field::POSITION_SPAN_M;
 use core_algos::bus::layout::{BIT_RATE, OnBus, Signal, messages};
 use core_algos::topology::{Node, Topology};
 
-/// The bus description of all messages of a robot, as text.
+/// Bus description of all messages of a robot, as text.
 pub fn description(robot: Topology) -> String {
     let mut text = String::from("VERSION \"\"\n\nNS_ :\n\nBS_:\n\nBU_:");
     for node in nodes(robot) {
@@ -61,7 +61,7 @@ fn nodes(robot: Topology) -> impl Iterator<Item = &'static str> {
 
 type Time = fn(&OnBus) -> u16;
 
-/// Attributes of a message, ms; 0 means "on request" and "does not age".
+/// Attributes of a message, ms; 0 means "on request" for the cycle time and "no timeout" for the timeout.
 const TIMES: [(&str, Time); 2] = [
     ("GenMsgCycleTime", |sent| sent.layout.period_ms),
     ("MsgTimeout", |sent| sent.layout.timeout_ms),
@@ -89,13 +89,13 @@ fn signal(signal: &Signal, start: u32, receivers: &str) -> String {
     )
 }
 
-/// Comment of the table as plain text.
+/// Comment of the message table as plain text.
 pub fn plain(comment: &str) -> String {
     let text = comment
         .trim()
         .replace('"', "'")
         .replace(['`', '[', ']'], "");
-    // Paths of links are for rustdoc.
+    // Paths of rustdoc links.
     let paths = [
         ("(crate::safety::Condition)", ""),
         ("(super::layout::schema)", ""),
@@ -109,13 +109,13 @@ pub fn plain(comment: &str) -> String {
 mod tests {
     use super::*;
 
-    /// The lines of this text that begin with `keyword`.
+    /// Lines of this text that begin with `keyword`.
     fn lines<'a>(text: &'a str, keyword: &'a str) -> impl Iterator<Item = &'a str> {
         text.lines().filter(move |line| line.starts_with(keyword))
     }
 
     #[test]
-    fn each_message_and_signal_stands_once() {
+    fn each_message_and_signal_is_described_once() {
         let robot = Topology::PAIR;
         let text = description(robot);
         assert_eq!(lines(&text, "BO_ ").count(), messages(robot).count());

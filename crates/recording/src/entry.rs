@@ -1,8 +1,8 @@
-//! What the messages of a log hold: written by the recorder, read by replay.
+//! Messages of a log, written by the recorder and read by replay.
 //!
-//! Everything that replay needs is there bit by bit: numbers of the boards (`f32`) are written as
-//! the same `f64`, whose shortest decimal reads back the same; structures also as the bytes
-//! (postcard, as on the serial link) in hexadecimal.
+//! Everything that replay needs is stored exactly. Numbers of the boards (`f32`) are written as the equal `f64`,
+//! whose shortest decimal reads back unchanged. Structures are also stored as postcard bytes in hexadecimal, as on
+//! the serial link.
 
 use super::schema::{Field, Kind, Schema, kinds, messages};
 use core_algos::beam::MAX_GAUGES;
@@ -19,14 +19,14 @@ use serde::de::{DeserializeOwned, Error as _, Unexpected};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::Value;
 
-/// Name of the metadata record that says what a log is of.
+/// Name of the metadata record that describes the run.
 pub const ABOUT: &str = "cfmmr";
-/// Name of the metadata record that says how the run ended.
+/// Name of the metadata record with the end of the run.
 pub const END: &str = "cfmmr.end";
-/// Version of what a log holds: changes with every change of its messages.
+/// Version of the log's format; it changes with every change of a message.
 pub const FORMAT: &str = "3";
 
-/// A number of the boards; what is not finite stands as its bits, `"0x7fc00000"`.
+/// Number of the boards; NaN and infinities are written as their bits, `"0x7fc00000"`.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Exact(pub f32);
 
@@ -67,13 +67,13 @@ impl<'de> Deserialize<'de> for Exact {
 pub struct Hex(pub Vec<u8>);
 
 impl Hex {
-    /// A value as postcard.
+    /// Encodes a value as postcard.
     pub fn of<T: Serialize>(value: &T) -> Self {
-        // Only a `Serialize` that fails could fail here, and none of ours does.
+        // Encoding fails only if `Serialize` fails, which no type of this project does.
         Self(postcard::to_extend(value, Vec::new()).unwrap_or_default())
     }
 
-    /// The value; none if the bytes are those of another type.
+    /// Decodes the value; `None` if the bytes do not fit the type.
     pub fn value<T: DeserializeOwned>(&self) -> Option<T> {
         match postcard::take_from_bytes(&self.0) {
             Ok((value, [])) => Some(value),
@@ -84,11 +84,11 @@ impl Hex {
 
 const DIGITS: &[u8; 16] = b"0123456789abcdef";
 
-/// Two digits of each byte.
+/// Two hexadecimal digits per byte.
 fn in_hex(bytes: &[u8]) -> String {
     let digits = |byte: &u8| [byte >> 4, byte & 15].map(|digit| DIGITS[usize::from(digit)]);
     let text: Vec<u8> = bytes.iter().flat_map(digits).collect();
-    // Digits are text.
+    // Digits are valid UTF-8.
     String::from_utf8(text).unwrap_or_default()
 }
 
@@ -121,7 +121,7 @@ impl<'de> Deserialize<'de> for Hex {
     }
 }
 
-/// A frame of the bus as `1a0#0011223344556677`: identifier, then data.
+/// Bus frame written as `1a0#0011223344556677`: identifier, then data.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Can(pub CanFrame);
 
@@ -160,7 +160,7 @@ impl<'de> Deserialize<'de> for Can {
     }
 }
 
-/// A number in a table; what is not known is empty.
+/// Cell of a number; NaN gives an empty cell.
 fn number(value: f64) -> Cell {
     match value.is_nan() {
         true => Cell::Empty,
@@ -168,7 +168,7 @@ fn number(value: f64) -> Cell {
     }
 }
 
-/// A word as it stands in the log.
+/// Cell of a word, as written in the log.
 fn word(value: &impl Serialize) -> Cell {
     let value = serde_json::to_value(value).unwrap_or_default();
     Cell::Text(
@@ -294,15 +294,15 @@ messages! {
     }
 }
 
-/// A frame and what it says; replay reads the frame alone.
+/// A bus frame with its decoded message; replay reads only the frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LoggedFrame {
     /// Name of the message.
     #[serde(skip_deserializing)]
     pub name: &'static str,
-    /// The frame.
+    /// Encoded frame.
     pub frame: Can,
-    /// Message, as the receivers decode it.
+    /// Message as the receivers decode it.
     #[serde(skip_deserializing)]
     pub message: Option<Message>,
 }
@@ -310,11 +310,11 @@ pub struct LoggedFrame {
 /// Position and heading.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Pose {
-    /// m.
+    /// x, m.
     pub x_m: f64,
-    /// m.
+    /// y, m.
     pub y_m: f64,
-    /// rad.
+    /// Heading, rad.
     pub phi_rad: f64,
 }
 
@@ -356,8 +356,8 @@ impl From<&Estimate> for Estimated {
 }
 
 impl LeadEntry {
-    /// The entry of an output that came at `tick`; its estimates hold at `epoch_s`, s. Without the bits, which only a
-    /// log has.
+    /// Entry of an output that arrived at `tick`, with estimates valid at `epoch_s`, s. The field `bits` stays empty;
+    /// only a log has it.
     pub fn new(tick: u32, epoch_s: f64, output: &lead::Output) -> Self {
         let lead::Output { fused, motion, .. } = output;
         let supervision = &output.supervision;
@@ -386,7 +386,7 @@ impl LeadEntry {
 
 impl From<&Record> for TruthEntry {
     fn from(record: &Record) -> Self {
-        // The entry of a robot of two axles.
+        // The entry describes a two-axle robot.
         let [front, rear] = [0, 1].map(|i| record.axles[i]);
         let frame = record.frames[0];
         let four = |[left, right]: [f64; 2], rear: [f64; 2]| [left, right, rear[0], rear[1]];
@@ -405,16 +405,16 @@ impl From<&Record> for TruthEntry {
     }
 }
 
-/// The part of a [`LeadEntry`] that replay reads.
+/// Part of a [`LeadEntry`] that replay reads.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 pub struct LeadBits {
-    /// Tick of the board's answer, ms.
+    /// Tick of the board's reply, ms.
     pub tick: u32,
-    /// `lead::Output` as postcard.
+    /// `lead::Output` encoded as postcard.
     pub bits: Hex,
 }
 
-/// Beginning of the epoch of a tick, ms.
+/// Start of the epoch that contains a tick, ms.
 pub fn epoch_of(tick: u32) -> u32 {
     const TICKS: u32 = (core_algos::time::EPOCH / core_algos::time::TICK) as u32;
     tick / TICKS * TICKS
@@ -426,7 +426,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn text_that_is_none_of_ours_is_refused() {
+    fn malformed_text_is_refused() {
         for bad in ["\"12\"", "\"0xg\"", "true", "[]"] {
             assert!(serde_json::from_str::<Exact>(bad).is_err(), "{bad}");
         }
@@ -449,14 +449,14 @@ mod tests {
 
     properties! {
         #[test]
-        fn every_bit_of_a_number_comes_back(bits: u32) {
+        fn every_bit_of_a_number_survives_the_text(bits: u32) {
             let value = Exact(f32::from_bits(bits));
             let text = serde_json::to_string(&value).unwrap();
             prop_assert_eq!(serde_json::from_str::<Exact>(&text).unwrap(), value);
         }
 
         #[test]
-        fn every_frame_comes_back(id in 0u16..0x800, data: Vec<u8>) {
+        fn every_frame_survives_the_text(id in 0u16..0x800, data: Vec<u8>) {
             let mut frame = CanFrame { id, length: data.len().min(8) as u8, data: [0; 8] };
             let length = usize::from(frame.length);
             frame.data[..length].copy_from_slice(&data[..length]);

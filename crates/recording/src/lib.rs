@@ -1,12 +1,12 @@
-//! Recording a run: everything its boards got and did, and what the robot really did meanwhile, as
-//! an MCAP file, as tables, or to live viewers.
+//! Recording of a run: inputs and outputs of its boards and the true state of a simulated robot, as an MCAP file, as
+//! tables, or for live viewers.
 //!
-//! A [`Session`] is one recording. [`Session::tap`] puts a listener on each board, wherever it runs;
-//! as an [`Observer`] it takes the true state of a simulated robot once an epoch. A thread (`writer`) writes the notes;
-//! `Mcap` in `log/file.rs` writes each row of a log. [`topics`] is the table of what is
-//! written, [`entry`] declares the messages, [`log::read`] the way back.
+//! A [`Session`] is one recording. [`Session::tap`] wraps each board in a recorder. As an [`Observer`], the session
+//! takes the true state of a simulated robot once per epoch. A thread (`writer`) writes the notes; `Mcap` in
+//! `log/file.rs` writes the rows of a log. [`topics`] is the table of topics, [`entry`] declares the messages,
+//! [`log::read`] reads a log.
 //!
-//! Times count from the start of the run, in a log in nanoseconds. A simulated run gives the same bytes every time.
+//! Times count from the start of the run, in a log in nanoseconds. A simulated run gives identical bytes every time.
 
 #![cfg_attr(
     test,
@@ -61,11 +61,11 @@ use writer::{Files, Note, Writer};
 pub struct Destinations {
     /// MCAP file.
     pub log: Option<PathBuf>,
-    /// CSV file of the epochs, or directory of epochs, ticks and bus frames.
+    /// CSV file of the epochs, or folder of tables of epochs, ticks and bus frames.
     pub csv: Option<PathBuf>,
     /// Address of the server for live viewers.
     pub live: Option<SocketAddr>,
-    /// Origins of web pages that may connect to the server; pages of this machine always may.
+    /// Origins of web pages that may connect to the server; pages of this machine are always allowed.
     pub live_origin: Vec<String>,
 }
 
@@ -85,7 +85,7 @@ impl Destinations {
     }
 }
 
-/// Address of the server: an address with a port, or a port of this machine alone.
+/// Parses the server's address: an address with a port, or a port for this machine only.
 pub fn address(text: &str) -> Result<SocketAddr, String> {
     let local = || {
         text.parse()
@@ -101,15 +101,15 @@ pub fn address(text: &str) -> Result<SocketAddr, String> {
 /// Description of a recorded run.
 #[derive(Clone, Debug)]
 pub struct About<'a> {
-    /// The command.
+    /// Command line of the run.
     pub command: &'a str,
     /// Name, version and source hash of the program.
     pub build: &'a str,
-    /// Seed of all draws.
+    /// Seed of all random draws.
     pub seed: u64,
     /// Number of the trial.
     pub trial: u64,
-    /// The scenario as it was run.
+    /// Scenario of the run.
     pub scenario: &'a Scenario,
 }
 
@@ -118,7 +118,7 @@ fn failed(error: impl std::fmt::Display) -> Error {
     Error::Failure(format!("log: {error}"))
 }
 
-/// A recording; its clones are the same one. It is written down on a thread of its own.
+/// Handle of a recording, shared by its clones. A separate thread writes the recording.
 #[derive(Clone)]
 pub struct Session {
     writer: Arc<Mutex<Writer>>,
@@ -127,7 +127,7 @@ pub struct Session {
 }
 
 impl Session {
-    /// Begins a recording, if one is asked for.
+    /// Starts a recording, if a destination is given.
     pub fn begin(to: &Destinations, about: &About) -> Result<Option<Self>, Error> {
         if !to.any() {
             return Ok(None);
@@ -150,7 +150,7 @@ impl Session {
         self.writer.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Listens to these boards, which run in this scenario.
+    /// Wraps the boards of a scenario so that their inputs and outputs are recorded.
     pub fn tap(&self, targets: Vec<Box<dyn Target>>, scenario: &Scenario) -> Vec<Box<dyn Target>> {
         let encoded = scenario.world.bus.quantise;
         let boards = scenario.robot.topology().boards();
@@ -160,7 +160,7 @@ impl Session {
         tapped.collect()
     }
 
-    /// Goal and path of the run.
+    /// Records goal and path of the run.
     pub fn plan(&self, goal: [f64; 3], path: &[[f64; 3]]) {
         let mut writer = self.writer();
         match writer.files().map(|files| &mut files.mcap) {
@@ -170,8 +170,7 @@ impl Session {
         }
     }
 
-    /// Waits for a viewer of a run that is served and has not begun; an error if the flag is set
-    /// meanwhile.
+    /// Waits for a viewer if the run is served and no line was recorded yet; an error if the flag is set meanwhile.
     pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
         match self.writer().files().and_then(|files| files.mcap.as_ref()) {
             Some(mcap) => mcap.await_viewer(interrupt),
@@ -179,7 +178,7 @@ impl Session {
         }
     }
 
-    /// Ends the recording; gives the files. `end` is the end of the run.
+    /// Ends the recording with the end of the run; returns the paths of the files.
     pub fn close(&self, end: &RunEnd) -> Result<Vec<PathBuf>, Error> {
         match self.writer().finish()? {
             Some(files) => files.close(end),
@@ -193,7 +192,7 @@ impl Session {
         u32::try_from(i64::from(tick) + zero / 1000).unwrap_or_default()
     }
 
-    /// Has a line written down.
+    /// Passes a line to the writer.
     fn note(&self, line: Line) {
         self.writer().take(Note::Line(line));
     }
@@ -263,7 +262,7 @@ impl Observer for Session {
     }
 }
 
-/// Event at a tap.
+/// Event of a recording.
 #[cfg_attr(
     not(feature = "logs"),
     expect(dead_code, reason = "tables hold a part")
@@ -271,22 +270,20 @@ impl Observer for Session {
 enum Line {
     /// Common time of the boards at the start of the run, µs.
     Zero(i64),
-    /// A board's nodes were started.
+    /// The nodes of a board were started.
     Start(Role, Box<(Start, Option<Report>)>),
-    /// A board went off.
+    /// A board was switched off or lost.
     Off(Role, Off),
-    /// The host told the lead node something.
+    /// The host sent a command to the lead node.
     Command(HostCommandEntry),
-    /// A board put frames on the bus.
+    /// A board sent frames on the bus.
     Frames {
-        /// The board.
         role: Role,
-        /// Its tick, ms.
+        /// Tick of the board, ms.
         tick: u32,
-        /// The frames.
         frames: Vec<CanFrame>,
     },
-    /// The lead node's output, at a tick.
+    /// Output of the lead node at a tick.
     Lead(u32, Box<lead::Output>),
     /// Role of a board and its image.
     Board(Role, String),
@@ -297,7 +294,7 @@ enum Line {
 }
 
 impl Line {
-    /// The line of a tick.
+    /// Line of a board's tick.
     fn of_tick(
         role: Role,
         (tick, samples): (u32, &Samples),
@@ -352,7 +349,7 @@ impl HostCommandEntry {
     }
 }
 
-/// A command in words.
+/// Description of a command in words.
 fn in_words(command: &HostCommand) -> String {
     let list = |count: usize, what: &str, end: bool| {
         let end = if end { ", the last" } else { "" };
@@ -378,7 +375,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_address_has_a_port_and_a_port_alone_is_this_machine() {
+    fn address_without_host_is_this_machine() {
         let text = |text| address(text).map(|address| address.to_string());
         assert_eq!(text("0.0.0.0:8765").as_deref(), Ok("0.0.0.0:8765"));
         assert_eq!(text("[::1]:80").as_deref(), Ok("[::1]:80"));

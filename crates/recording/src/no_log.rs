@@ -1,4 +1,4 @@
-//! In place of [`log`](self) in a build without it: a recording has no MCAP file and no live viewers.
+//! Replaces [`log`](self) in a build without logs: a recording has no MCAP file and no live viewers.
 
 use crate::{About, Destinations, Line};
 use host_sim::base::error::Error;
@@ -8,7 +8,7 @@ use output::terminal::left_out;
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-/// Log that does not exist.
+/// Uninhabited type in place of a log.
 pub(crate) enum Mcap {}
 
 impl Mcap {
@@ -37,7 +37,7 @@ impl Mcap {
     }
 }
 
-/// Refuses a log and live viewers.
+/// Rejects destinations that need a log or live viewers.
 pub(crate) fn check(to: &Destinations) -> Result<(), Error> {
     match (&to.log, to.live) {
         (Some(_), _) => Err(left_out("--log")),
@@ -46,7 +46,7 @@ pub(crate) fn check(to: &Destinations) -> Result<(), Error> {
     }
 }
 
-/// None; refuses as [`check`] does.
+/// Opens no log; rejects the same destinations as [`check`].
 pub(crate) fn open(to: &Destinations, _about: &About) -> Result<Option<Mcap>, Error> {
     check(to).map(|()| None)
 }

@@ -1,4 +1,5 @@
-//! Schemas of a log's messages: each message is declared once, as a struct of which the schema follows.
+//! Schemas of a log's messages. Each message is declared once, as a struct, and its schema follows from the
+//! declaration.
 
 use output::files::Cell;
 use serde_json::{Value, json};
@@ -6,27 +7,27 @@ use serde_json::{Value, json};
 /// Type of a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
-    /// A whole number.
+    /// Integer.
     Integer,
-    /// A number; of the boards one that is not finite stands as its bits in hexadecimal.
+    /// Number; a board's NaN or infinity is written as its bits in hexadecimal.
     Number,
-    /// Yes or no.
+    /// Boolean.
     Truth,
     /// Text.
     Text,
     /// Bytes in hexadecimal.
     Bytes,
-    /// A list of so many whole numbers; those missing are null.
+    /// List of this many integers; missing integers are null.
     Integers(usize),
-    /// A list of so many numbers.
+    /// List of this many numbers.
     Numbers(usize),
     /// A list of texts.
     Texts,
-    /// x_m, y_m (m) and phi_rad (rad).
+    /// Object with x_m, y_m (m) and phi_rad (rad).
     Pose,
     /// A posture and its covariance.
     Estimate,
-    /// A list of frames, each with name, frame and message, whose fields depend on the name.
+    /// List of frames, each with name, frame and message; the fields of the message depend on the name.
     Frames,
 }
 
@@ -43,22 +44,22 @@ pub struct Field {
     pub text: &'static str,
 }
 
-/// A kind of message.
+/// Schema of a message.
 #[derive(Clone, Copy, Debug)]
 pub struct Schema {
-    /// Name; those of Foxglove are encoded as protobuf, ours as JSON.
+    /// Name; Foxglove's messages are encoded as protobuf, those of this project as JSON.
     pub name: &'static str,
     /// Description of the message.
     pub text: &'static str,
-    /// Fields; none where the schema is Foxglove's.
+    /// Fields; empty if the schema is Foxglove's.
     pub fields: &'static [Field],
 }
 
-/// A type that a field of a message may have.
+/// Type of a message's field.
 pub trait Logged {
-    /// Its kind.
+    /// Kind of the type.
     const KIND: Kind;
-    /// True if it may be null.
+    /// True if the field may be null.
     const OPTIONAL: bool = false;
 
     /// Appends a cell for each of [`Kind::columns`].
@@ -77,7 +78,7 @@ impl<T: Logged> Logged for Option<T> {
     }
 }
 
-/// Declares kinds of types, each with its cells in a table.
+/// Declares the kind of each type and its cells in a table.
 macro_rules! kinds {
     ($($kind:expr => $type:ty, $value:ident: $cells:expr;)*) => {$(
         impl $crate::schema::Logged for $type {
@@ -103,7 +104,7 @@ macro_rules! messages {
         }
 
         impl $type {
-            /// Its schema.
+            /// Schema of the message.
             pub const SCHEMA: Schema = Schema {
                 name: $name,
                 text: $text,
@@ -115,7 +116,7 @@ macro_rules! messages {
                 },)*],
             };
 
-            /// Cells of its columns in a table, in the order of [`Schema::columns`].
+            /// Cells of the columns in a table, in the order of [`Schema::columns`].
             pub fn cells(&self) -> Vec<Cell> {
                 let mut cells = Vec::new();
                 $($crate::schema::Logged::cells(&self.$field, &mut cells);)*
@@ -127,7 +128,7 @@ macro_rules! messages {
 
 pub(super) use {kinds, messages};
 
-/// A list of so many items; without a number, of any.
+/// JSON schema of a list of `count` items; of any length without a count.
 fn list(items: &Value, count: Option<usize>) -> Value {
     let mut schema = json!({ "type": "array", "items": items });
     if let Some(count) = count {
@@ -137,7 +138,7 @@ fn list(items: &Value, count: Option<usize>) -> Value {
     schema
 }
 
-/// An object of these properties and no others.
+/// JSON schema of an object with exactly these properties.
 fn object<'a>(properties: impl IntoIterator<Item = (&'a str, Value)>) -> Value {
     let (names, schemas): (Vec<_>, Vec<_>) = properties.into_iter().unzip();
     let named = names.iter().map(|name| (*name).to_owned()).zip(schemas);
@@ -148,8 +149,8 @@ fn object<'a>(properties: impl IntoIterator<Item = (&'a str, Value)>) -> Value {
 }
 
 impl Kind {
-    /// Suffixes of a field's columns, as in the path of a value in a log. Bytes, frames
-    /// and lists of any length have no columns.
+    /// Suffixes of a field's columns, as in the path of a value in a log. Bytes, frames and lists of variable length
+    /// have no columns.
     pub fn columns(self) -> Vec<String> {
         let numbered = |n: usize| (0..n).map(|i| format!("[{i}]")).collect();
         let pose = [".x_m", ".y_m", ".phi_rad"].map(str::to_owned).to_vec();
@@ -198,7 +199,7 @@ impl Kind {
 }
 
 impl Schema {
-    /// Names of its columns in a table.
+    /// Names of the message's columns in a table.
     pub fn columns(&self) -> Vec<String> {
         let columns = |field: &Field| {
             let name = field.name;
@@ -208,7 +209,7 @@ impl Schema {
         self.fields.iter().flat_map(columns).collect()
     }
 
-    /// As JSON schema.
+    /// The schema as JSON schema.
     pub fn json(&self) -> String {
         let property = |field: &Field| {
             let mut schema = field.kind.schema();

@@ -1,4 +1,4 @@
-//! A log as tables for a spreadsheet.
+//! Recording as CSV tables for a spreadsheet.
 
 use super::Line;
 use super::entry::{AxleTick, BeamTick};
@@ -13,17 +13,17 @@ use host_sim::run::robot::Record;
 use output::files::{Cell, Csv, OutputDir, try_file, write_file};
 use std::path::{Path, PathBuf};
 
-/// Destination of the tables: one file, or a folder.
+/// Destination of the tables: a file or a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Place {
-    /// The epochs only.
+    /// Table of epochs only.
     File(PathBuf),
-    /// Epochs, ticks and frames.
+    /// Tables of epochs, ticks, frames and the end of the run.
     Folder(PathBuf),
 }
 
 impl Place {
-    /// One file if the name of `path` ends in `.csv`, otherwise a folder.
+    /// A file if the name of `path` ends in `.csv`, otherwise a folder.
     pub(super) fn new(path: &Path) -> Result<Self, Error> {
         let is_file = path
             .extension()
@@ -41,13 +41,13 @@ impl Place {
     }
 }
 
-/// Header: the columns `own`, then the columns of a message of the log.
+/// Names of columns: `own`, then the columns of a message of the log.
 fn header(own: &[&str], schema: &Schema) -> Vec<String> {
     let own = own.iter().map(|name| (*name).to_owned());
     own.chain(schema.columns()).collect()
 }
 
-/// The tables of a run.
+/// Tables of a run.
 pub struct Tables {
     place: Place,
     robot: Topology,
@@ -60,7 +60,7 @@ pub struct Tables {
 }
 
 impl Tables {
-    /// Tables of a robot that will be written to `path`: one file if its name ends in `.csv`, otherwise a folder.
+    /// Empty tables of a robot, to be written to `path`: a file if its name ends in `.csv`, otherwise a folder.
     pub fn new(path: &Path, robot: Topology) -> Result<Self, Error> {
         Ok(Self {
             place: Place::new(path)?,
@@ -73,7 +73,7 @@ impl Tables {
         })
     }
 
-    /// One more epoch.
+    /// Adds an epoch.
     pub fn epoch(&mut self, record: &Record) {
         self.records.push(record.clone());
     }
@@ -82,7 +82,7 @@ impl Tables {
         matches!(self.place, Place::Folder(_))
     }
 
-    /// One more line of the recording.
+    /// Adds a line of the recording.
     pub(super) fn note(&mut self, line: &Line) {
         match line {
             Line::Zero(zero) => self.zero = *zero,
@@ -133,7 +133,7 @@ impl Tables {
         ]);
     }
 
-    /// Writes the tables of a run with its end; gives where.
+    /// Writes the tables of a run with its end; returns the paths.
     pub fn write(self, end: &RunEnd) -> Result<Vec<PathBuf>, Error> {
         let epochs = csv::of_records(&self.records);
         match self.place {

@@ -1,4 +1,4 @@
-//! A board whose inputs and outputs are written down on their way, wherever it runs.
+//! Wrapper of a board that records its inputs and outputs.
 
 use super::entry::{Can, HostCommandEntry, Off, Start};
 use super::{Line, Session};
@@ -11,23 +11,23 @@ use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::targets::{Fault, HostCommand, Output, Posted, Report, Room, Target, Traffic};
 
-/// A board that is listened to.
+/// A recorded board.
 pub struct Tap {
     role: Role,
     target: Box<dyn Target>,
     session: Session,
-    /// True if the frames of a board in this process are encoded here.
+    /// True if the wrapper encodes the messages of a board in this process.
     encoded: bool,
-    /// The tick whose answer is awaited, ms, and its samples.
+    /// Tick whose reply is awaited, ms, and its samples.
     begun: Option<(u32, Samples)>,
-    /// The tick that comes next, ms.
+    /// Next tick, ms.
     next: u32,
     received: Vec<Can>,
     sent: Vec<CanFrame>,
 }
 
 impl Tap {
-    /// Listens to a board.
+    /// Wraps a board.
     pub fn new(role: Role, target: Box<dyn Target>, session: Session, encoded: bool) -> Self {
         Self {
             role,
@@ -49,7 +49,7 @@ impl Tap {
             .note(Line::Off(self.role, Off { tick, reason }));
     }
 
-    /// The board gave no answer to the latest tick.
+    /// Records that the board did not reply to the latest tick.
     fn failed(&mut self, fault: &Fault) {
         let reason = match fault {
             Fault::Restarted => "restarted without a command".to_owned(),
@@ -59,7 +59,7 @@ impl Tap {
         self.off(self.next.saturating_sub(1), reason);
     }
 
-    /// The board answered.
+    /// Records the reply to a tick.
     fn answered(&mut self, output: &Output) {
         let Some((tick, samples)) = self.begun.take() else {
             return;
@@ -138,7 +138,7 @@ impl Target for Tap {
             };
             sent.extend(frame);
             match (&frame, posted) {
-                // Encoded once is enough.
+                // The bus need not encode the message again.
                 (Some(frame), Posted::Message(_)) if *encoded => post(Posted::Frame(frame)),
                 _ => post(posted),
             }

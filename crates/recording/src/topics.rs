@@ -1,4 +1,4 @@
-//! The topics of a log: one list, from which the documentation follows.
+//! Table of a log's topics, from which the documentation is generated.
 
 use super::entry::{
     AxleTick, BeamTick, BusEntry, HostCommandEntry, LeadEntry, Off, Start, TruthEntry,
@@ -11,7 +11,7 @@ use core_algos::topology::{Role, Topology};
 pub struct Topic {
     /// Name.
     pub name: String,
-    /// Its messages.
+    /// Schema of the messages.
     pub schema: Schema,
     /// Rate.
     pub rate: &'static str,
@@ -31,7 +31,7 @@ macro_rules! foxglove {
 /// Declares topics: name, rate and schema.
 macro_rules! topics {
     ($($name:literal, $rate:literal: $schema:expr;)*) => {
-        /// Topics that are not of a board.
+        /// Topics that belong to no board.
         const OF_ROBOT: &[(&str, &str, Schema)] = &[$(($name, $rate, $schema)),*];
     };
 }
@@ -51,7 +51,7 @@ topics! {
     "/host/order", "commands": HostCommandEntry::SCHEMA;
 }
 
-/// Every topic of the log of a robot.
+/// All topics of the log of a robot.
 pub fn topics(robot: Topology) -> Vec<Topic> {
     let of_robot = OF_ROBOT.iter().map(|&(name, rate, schema)| Topic {
         name: name.to_owned(),
@@ -76,7 +76,7 @@ pub fn topics(robot: Topology) -> Vec<Topic> {
     of_robot.chain(of_boards).collect()
 }
 
-/// Name of a topic of a board with this name.
+/// Name of a board's topic.
 pub(crate) fn of_board(board: &str, what: &str) -> String {
     format!("/boards/{board}/{what}")
 }

@@ -1,4 +1,4 @@
-//! A recording is written down on a thread of its own: the run waits for nothing but room.
+//! Writer thread of a recording: the run waits only if the queue is full.
 
 use super::log::Mcap;
 use super::tables::Tables;
@@ -10,16 +10,16 @@ use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::{Builder, JoinHandle};
 
-/// Notes that are handed over at once: a handing over wakes the other thread.
+/// Notes per batch; each batch wakes the writer thread.
 const BATCH: usize = 256;
-/// Batches that may wait to be written down.
+/// Batches that the queue holds.
 const WAITING: usize = 32;
 
-/// Something to be written down.
+/// Item of a recording.
 pub(super) enum Note {
-    /// Line of a tap.
+    /// Line of the recording.
     Line(Line),
-    /// The true state at the end of an epoch.
+    /// True state at the end of an epoch.
     Epoch(Box<Record>),
     /// Goal and path of the run.
     Plan([f64; 3], Vec<[f64; 3]>),
@@ -49,7 +49,7 @@ impl Files {
         }
     }
 
-    /// Ends the files; gives where they are.
+    /// Completes the files; returns their paths.
     pub fn close(self, end: &RunEnd) -> Result<Vec<PathBuf>, Error> {
         let mut paths = Vec::new();
         if let Some(mut mcap) = self.mcap {
@@ -63,14 +63,14 @@ impl Files {
     }
 }
 
-/// A thread that writes.
+/// Writer thread.
 struct Thread {
     to: SyncSender<Vec<Note>>,
     handle: JoinHandle<Option<Box<Files>>>,
 }
 
 impl Thread {
-    /// Hands the files over, unless there is no other thread to be had.
+    /// Starts the thread with the files; returns the files if no thread can be started.
     fn start(files: Box<Files>) -> Result<Self, Box<Files>> {
         let (to, notes) = sync_channel::<Vec<Note>>(WAITING);
         let (give, given): (_, Receiver<Box<Files>>) = sync_channel(1);
@@ -91,26 +91,26 @@ impl Thread {
     }
 }
 
-/// Destination of notes.
+/// State of the writer.
 enum Place {
-    /// Nothing was noted yet, or it is written down where it is noted.
+    /// No note was taken yet, or no thread could be started and notes are written by the caller.
     Here(Box<Files>),
     There(Thread),
     Closed,
 }
 
-/// Writes down what it is given, in order; what is dropped before it was closed is finished as it is.
+/// Writes notes in order. If dropped before it is closed, it completes the files as they are.
 pub(super) struct Writer {
     place: Place,
-    /// True if a thread was started.
+    /// True once the start of a thread was tried.
     tried: bool,
     batch: Vec<Note>,
-    /// Viewers wait for every epoch.
+    /// True if every epoch is passed on at once, for viewers.
     prompt: bool,
 }
 
 impl Writer {
-    /// A writer to these files; `prompt` hands over every epoch at once.
+    /// A writer to these files; `prompt` passes every epoch on at once.
     pub fn new(files: Files, prompt: bool) -> Self {
         Self {
             place: Place::Here(Box::new(files)),
@@ -120,7 +120,7 @@ impl Writer {
         }
     }
 
-    /// The files, as long as nothing was noted.
+    /// The files, before the first note.
     pub fn files(&mut self) -> Option<&mut Files> {
         match &mut self.place {
             Place::Here(files) => Some(files),
@@ -128,7 +128,7 @@ impl Writer {
         }
     }
 
-    /// One note.
+    /// Takes a note.
     pub fn take(&mut self, note: Note) {
         if !self.tried {
             self.tried = true;
@@ -150,12 +150,12 @@ impl Writer {
     fn hand_over(&mut self) {
         let batch = std::mem::replace(&mut self.batch, Vec::with_capacity(BATCH));
         if let Place::There(thread) = &self.place {
-            // A thread that is gone is told of at the end.
+            // A failed thread is reported by `finish`.
             let _ = thread.to.send(batch);
         }
     }
 
-    /// The files with everything in them; none if they were given back already.
+    /// Waits for the writer thread and returns the complete files; `None` if they were already returned.
     pub fn finish(&mut self) -> Result<Option<Box<Files>>, Error> {
         self.hand_over();
         match std::mem::replace(&mut self.place, Place::Closed) {
@@ -174,7 +174,7 @@ impl Writer {
 
 impl Drop for Writer {
     fn drop(&mut self) {
-        // Files that are dropped are finished; nobody is left to be told.
+        // Completes the files; an error cannot be reported here.
         let _ = self.finish();
     }
 }

@@ -1,6 +1,6 @@
-//! A board's nodes at the other end of a link.
+//! A board behind a link, as a target of the simulation.
 //!
-//! One request at a time, repeated until its answer comes; see [`core_algos::link`].
+//! One request at a time, repeated until its reply arrives; see [`core_algos::link`].
 
 use crate::link::Link;
 use crate::unanswered::Unanswered;
@@ -24,15 +24,15 @@ use host_sim::targets::{
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-/// Time after which a request is repeated: much longer than any answer takes.
+/// Time after which a request is repeated; much longer than any reply takes.
 const REPEAT_AFTER: Duration = Duration::from_millis(250);
 /// Times a request is sent before the board counts as lost.
 const ATTEMPTS: u32 = 40;
-/// The same where a user waits: 1.5 s.
+/// Attempts where a user waits: 1.5 s in total.
 const HASTY_ATTEMPTS: u32 = 6;
-/// Answers to earlier requests that are taken for late ones.
+/// Number of late replies to earlier requests that are skipped.
 const STALE: u32 = 4;
-/// Ticks in an epoch, and the one at which the lead node works.
+/// Ticks per epoch, and the tick of an epoch in which the lead node runs.
 const EPOCH_TICKS: u32 = (EPOCH / TICK) as u32;
 const LEAD_TICK: u32 = (LEAD_PHASE / TICK) as u32;
 
@@ -45,17 +45,17 @@ pub struct Remote {
     bus: Packed,
     build: String,
     room: Room,
-    /// Parts of the lead node's output.
+    /// Parts of the lead node's output received so far.
     telemetry: Vec<u8>,
     tick: u32,
-    /// The bus frames of a tick were too many.
+    /// True if a tick had more bus frames than one request holds.
     overflow: bool,
     tick_bytes: [u64; 2],
     latencies: Vec<u32>,
 }
 
 impl Remote {
-    /// A board at the end of `link`; nothing is sent yet.
+    /// A board at the end of `link`; sends nothing yet.
     pub fn new(robot: Topology, role: Role, link: Box<dyn Link>) -> Self {
         Self {
             robot,
@@ -73,23 +73,22 @@ impl Remote {
         }
     }
 
-    /// Gives the board less time, for a question that a user waits for: a running board answers within milliseconds.
+    /// Shortens the wait for replies where a user waits; a running board replies within milliseconds.
     pub fn hasten(&mut self) {
         self.conversation.attempts = HASTY_ATTEMPTS;
     }
 
-    /// Begins a session: a board that drives is asked for one, and resets. Checks that the board is the one that is
-    /// expected.
+    /// Starts a session: a board that drives resets into one. Checks role and protocol of the board.
     pub(super) fn hello(&mut self) -> Result<(), Fault> {
         self.change_session("a session", true, &Request::Rig)
     }
 
-    /// Ends a session that an earlier host has left open: a board in a session does not relay.
+    /// Ends a session that an earlier host has left open, because a board in a session does not relay.
     pub(super) fn attend(&mut self) -> Result<(), Fault> {
         self.change_session("the end of its session", false, &Request::Leave)
     }
 
-    /// Asks until the board is in a session, or in none.
+    /// Repeats the request until the board is in a session (`open`) or in none.
     fn change_session(&mut self, what: &str, open: bool, ask: &Request) -> Result<(), Fault> {
         for _ in 0..STALE {
             if self.greet_once()? == open {
@@ -97,7 +96,7 @@ impl Remote {
             }
             self.conversation.ask(ask)?;
             match self.conversation.answer()? {
-                // Where the answer was lost, the board has reset already.
+                // If the reply was lost, the board has already reset.
                 Reply::Done | Reply::Refused(Refusal::NoSession) => {}
                 other => return Err(refused(self.name, what, other)),
             }
@@ -105,19 +104,19 @@ impl Remote {
         Err(unexpected(self.name, what))
     }
 
-    /// Ends a session that an earlier host has left open, with the parameters that it has changed and not saved.
+    /// Ends a session that an earlier host has left open; parameters changed but not saved in it are lost.
     pub fn end_earlier_session(&mut self) -> Result<(), Error> {
         let name = self.name;
         self.attend().map_err(|fault| fatal(name, fault))
     }
 
-    /// Ends the session and waits for the answer.
+    /// Ends the session and waits for the reply.
     pub fn leave(mut self) -> Result<(), Error> {
         let name = self.name;
         let left = self.carry_out("the end of the session", &Request::Leave);
         self.build.clear();
         match left {
-            // Where the answer was lost, the board has reset already.
+            // If the reply was lost, the board has already reset.
             Ok(()) | Err(Fault::Restarted) => Ok(()),
             Err(fault) => Err(fatal(name, fault)),
         }
@@ -147,7 +146,7 @@ impl Remote {
         self.conversation.link.as_mut()
     }
 
-    /// Says hello; whether the board is in a session.
+    /// Sends a hello; true if the board is in a session.
     fn greet_once(&mut self) -> Result<bool, Fault> {
         static NONCE: AtomicU32 = AtomicU32::new(1);
         let sent = NONCE.fetch_add(1, Relaxed);
@@ -155,7 +154,7 @@ impl Remote {
             protocol: PROTOCOL,
             nonce: sent,
         };
-        // An answer to what was asked before the hello may still be on its way.
+        // A reply to an earlier request may still arrive.
         for _ in 0..STALE {
             self.conversation.ask(&request)?;
             let Reply::Hello {
@@ -179,7 +178,7 @@ impl Remote {
         Err(unexpected(self.name, "hello"))
     }
 
-    /// Sends the parameters; gives their check sum as the board found it.
+    /// Sends the parameters; returns their checksum as the board computed it.
     fn configure(&mut self, config: &RobotConfig) -> Result<u32, Fault> {
         let mut room = [0; MAX_CONFIG];
         let bytes = postcard::to_slice(config, &mut room)
@@ -220,7 +219,7 @@ const EMPTY: Room = Room {
     trajectory: TRAJECTORY_POINTS,
 };
 
-/// Refuses a board of another protocol or another role.
+/// Rejects a board with another protocol or another role.
 pub(super) fn greeted(
     robot: Topology,
     protocol: u16,
@@ -277,7 +276,7 @@ pub(super) fn refused(board: &str, what: &str, reply: Reply) -> Fault {
 }
 
 impl Drop for Remote {
-    /// The board goes back to driving; without an answer it does so by itself.
+    /// The board returns to driving; without a reply it does so after a timeout.
     fn drop(&mut self) {
         if !self.build.is_empty() {
             let _ = self.conversation.ask(&Request::Leave);
@@ -308,7 +307,7 @@ impl Target for Remote {
 
     fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
         for order in command.orders() {
-            // A session is that of one host.
+            // A session has one host, so orders need no stamp.
             let stamp = Stamp::default();
             self.carry_out(command.subject(), &Request::Order { stamp, order })?;
         }
@@ -329,7 +328,7 @@ impl Target for Remote {
     }
 
     fn receive(&mut self, _now: Micros, frame: &CanFrame, _message: &Message) {
-        // A beam board has nothing to hear.
+        // A beam board takes no bus frames.
         if !self.role.is_beam() {
             self.overflow |= !self.bus.push(frame);
         }
@@ -445,14 +444,14 @@ impl Target for Remote {
     }
 }
 
-/// The lead node's output, once all of it has come.
+/// Output of the lead node, if complete.
 pub(super) fn complete(telemetry: &[u8]) -> Option<Telemetry> {
     let (length, bytes) = telemetry.split_first_chunk()?;
     let all = usize::from(u16::from_le_bytes(*length)) == bytes.len();
     all.then(|| postcard::from_bytes(bytes).ok()).flatten()
 }
 
-/// Requests and answers over a link.
+/// Requests and replies over a link.
 pub(super) struct Conversation {
     link: Box<dyn Link>,
     decoder: Decoder,
@@ -463,7 +462,7 @@ pub(super) struct Conversation {
     repeated: u64,
     latency_us: u32,
     answered_bytes: u64,
-    /// Bytes that came since the request.
+    /// Bytes received since the request.
     strange: Unanswered,
     /// Times a request is sent before the board counts as lost.
     attempts: u32,
@@ -489,12 +488,12 @@ impl Conversation {
         }
     }
 
-    /// Sends a request with the next number; gives the number of bytes.
+    /// Sends a request with the next number; returns the number of bytes.
     pub(super) fn ask(&mut self, request: &Request) -> Result<usize, Fault> {
         self.number = self.number.wrapping_add(1);
         self.asked = protocol::encode(self.number, request)
             .ok_or_else(|| Error::Failure(format!("request too long: {request:?}")))?;
-        // What a session before this one left unfinished must not spoil the first frame.
+        // Frame delimiters first, so that an unfinished earlier frame does not spoil the hello.
         self.greets = matches!(request, Request::Hello { .. });
         let bytes = match self.greets {
             true => self.asked.repeated(),
@@ -505,7 +504,7 @@ impl Conversation {
         Ok(bytes.len())
     }
 
-    /// Waits for the answer to the latest request, which is repeated as often as needed.
+    /// Waits for the reply to the latest request, which is repeated up to `attempts` times.
     pub(super) fn answer(&mut self) -> Result<Reply<'_>, Fault> {
         self.answered_bytes = 0;
         self.strange = Unanswered::to(self.asked.bytes());
@@ -516,7 +515,7 @@ impl Conversation {
             }
             let deadline = Instant::now() + REPEAT_AFTER;
             if self.listen(deadline)? {
-                // Other answers may be as their requests.
+                // Replies to other requests may equal the request.
                 if self.greets && self.strange.is_echo() {
                     return Err(Fault::Silent(self.strange.to_string()));
                 }
@@ -536,7 +535,7 @@ impl Conversation {
         )))
     }
 
-    /// Waits for the answer; false if the deadline passed.
+    /// Waits for the reply; false if the deadline passed.
     fn listen(&mut self, deadline: Instant) -> Result<bool, Fault> {
         let mut room = [0; 2 * MAX_FRAME];
         loop {
@@ -565,7 +564,7 @@ fn gone(error: std::io::Error) -> Fault {
     use std::io::ErrorKind::{BrokenPipe, Other, UnexpectedEof};
     match error.kind() {
         UnexpectedEof | BrokenPipe => Fault::Silent("the board closed the link".to_owned()),
-        // What a virtual board did that no board may do.
+        // A virtual board did what no board may do.
         Other => Fault::Fatal(Error::Failure(error.to_string())),
         _ => Fault::Silent(error.to_string()),
     }
@@ -577,7 +576,7 @@ mod tests {
     use std::collections::VecDeque;
     use std::io;
 
-    /// A device that says these bytes and then nothing.
+    /// A device that sends these bytes and then nothing.
     struct Device(VecDeque<u8>);
 
     impl Link for Device {
@@ -618,7 +617,7 @@ mod tests {
     }
 
     #[test]
-    fn port_that_echoes_is_named() {
+    fn echoing_port_is_reported() {
         let mut remote = Remote::new(Topology::PAIR, Role::LEAD, Box::new(Loop(VecDeque::new())));
         let Err(error) = remote.crash_record() else {
             panic!("an echo answers");
@@ -630,7 +629,7 @@ mod tests {
     }
 
     #[test]
-    fn silence_and_foreign_bytes_are_told_apart() {
+    fn silence_and_foreign_bytes_are_reported_differently() {
         for (said, expected) in [
             (&b""[..], "nothing arrived"),
             (

@@ -1,8 +1,9 @@
-//! A board of a robot that drives, at its serial port: bus frames and record; at the front board orders for the lead node,
-//! and its output.
+//! Link to a board of a robot that drives, over its serial port: bus frames and record, at the front board also
+//! orders and output of the lead node. A host commands the robot while it holds the lease
+//! ([`core_algos::link::lease`]).
 //!
-//! The link has no clock and no port: whoever has both calls [`BoardLink::take`] with the bytes that came and
-//! [`BoardLink::to_send`] for those to send.
+//! The link has no clock and no port: the caller passes received bytes to [`BoardLink::take`] and sends the bytes of
+//! [`BoardLink::to_send`].
 
 use crate::board::{complete, greeted, refused};
 use core_algos::bus::CanFrame;
@@ -25,11 +26,12 @@ use std::sync::atomic::{AtomicU16, Ordering::Relaxed};
 
 /// Time after which a request is repeated, µs.
 const REPEAT: Micros = 250_000;
-/// Time without an answer to a request after which the board counts as silent, µs.
+/// Time without a reply to a request after which the board counts as silent, µs.
 const SILENCE: Micros = 5_000_000;
 /// Time between renewals of the lease, µs.
 const RENEW: Micros = TERM / 8;
-/// Output of the lead node whose room is that after an order: two outputs may be on their way when it is carried out.
+/// Outputs of the lead node after which their free room is current: two older outputs may arrive after an order is
+/// executed.
 const FRESH: u32 = 3;
 
 /// Subject of a request.
@@ -38,13 +40,13 @@ enum Subject {
     /// Renewal of the lease.
     Lease,
     Record,
-    /// A speed, which the next one replaces.
+    /// A speed command, which the next speed command replaces.
     Speed,
     Other(&'static str),
 }
 
 impl Subject {
-    /// Name in messages.
+    /// Name in error messages.
     fn name(self) -> &'static str {
         match self {
             Self::Lease => "lease",
@@ -55,19 +57,19 @@ impl Subject {
     }
 }
 
-/// A request that waits for its answer.
+/// A request that waits for its reply.
 #[derive(Clone)]
 struct Pending {
     number: u8,
     what: Subject,
     frame: SerialFrame,
-    /// Time at which it was sent latest.
+    /// Time of the latest transmission, µs.
     sent: Option<Micros>,
-    /// Time since which the board owes an answer to it, or to a speed that it replaces.
+    /// Time since which the reply is missing, µs; a replaced speed command passes its time on.
     since: Option<Micros>,
 }
 
-/// Number of the latest order of a host; a clone counts on by itself.
+/// Number of the latest order of a host; a clone counts on its own.
 #[derive(Default)]
 struct Sequence(Arc<AtomicU16>);
 
@@ -78,19 +80,19 @@ impl Clone for Sequence {
 }
 
 impl Sequence {
-    /// The same number, for another place that counts it on.
+    /// Second handle to this counter.
     fn shared(&self) -> Self {
         Self(self.0.clone())
     }
 
-    /// The stamp of the next order.
+    /// Stamp of the next order, with the next number.
     fn next(&self, owner: u16) -> Stamp {
         let sequence = self.0.fetch_add(1, Relaxed).wrapping_add(1);
         Stamp { owner, sequence }
     }
 }
 
-/// The link.
+/// Link to one board.
 #[derive(Clone)]
 pub struct BoardLink {
     robot: Topology,
@@ -100,33 +102,33 @@ pub struct BoardLink {
     waiting: VecDeque<Pending>,
     parts: Vec<u8>,
     latest: Option<Telemetry>,
-    /// Outputs since the latest answer to an order.
+    /// Outputs since the latest reply to an order.
     outputs: u32,
     frames: Vec<CanFrame>,
-    /// Encoded configuration of the nodes, as far as it has come, and the record that it begins.
+    /// Encoded configuration of the nodes as received so far, and the record that starts with it.
     config: Vec<u8>,
     record: Option<BoardRecord>,
     denied: bool,
-    /// Numbered orders that the board may tell of.
+    /// Numbered orders that the board may still report as executed.
     orders: VecDeque<(u16, Order)>,
     /// Number of the latest report.
     report: Option<u16>,
     /// Reports since the start.
     reports: u64,
-    /// Requests that the board has answered.
+    /// Requests with a reply.
     answered: u32,
     lost: u16,
     build: String,
-    /// Number of this host for its lease, and number of its latest order.
+    /// Random number of this host for its lease, and number of its latest order.
     owner: u16,
     sequence: Sequence,
-    /// Set while this host has the lease: the time of the latest order or renewal that was sent, µs.
+    /// `Some` while this host has the lease: time of the latest order or renewal sent, µs.
     kept: Option<Option<Micros>>,
     leased: bool,
 }
 
 impl BoardLink {
-    /// A link of a host that draws this number for its lease.
+    /// A link for a host with this number for its lease.
     pub fn new(robot: Topology, role: Role, owner: u16) -> Self {
         Self {
             robot,
@@ -154,7 +156,7 @@ impl BoardLink {
         }
     }
 
-    /// Forgets whatever was asked before, and watches the board.
+    /// Discards all earlier requests and watches the board.
     pub fn open(&mut self) {
         let (number, sequence) = (self.number, self.sequence.shared());
         *self = Self {
@@ -165,7 +167,7 @@ impl BoardLink {
         self.watch();
     }
 
-    /// Has the nodes of the board begin anew, and records them from there on.
+    /// Restarts the nodes of the board and records them from their start.
     pub fn record(&mut self) {
         (self.config, self.record, self.denied) = (Vec::new(), None, false);
         for offset in (0..MAX_CONFIG as u16).step_by(CONFIG_CHUNK) {
@@ -178,17 +180,17 @@ impl BoardLink {
         self.ask(Subject::Record, &Request::Record(stamp));
     }
 
-    /// Name of the board.
+    /// Name of the board's role.
     pub fn name(&self) -> &'static str {
         self.robot.name(self.role)
     }
 
-    /// The board.
+    /// Role of the board.
     pub fn role(&self) -> Role {
         self.role
     }
 
-    /// True if the board is recorded.
+    /// True while the board is recorded.
     pub fn is_recorded(&self) -> bool {
         self.record.as_ref().is_some_and(BoardRecord::is_running)
     }
@@ -198,7 +200,7 @@ impl BoardLink {
         self.record.as_mut().map_or(Vec::new(), BoardRecord::take)
     }
 
-    /// Takes a part of the configuration.
+    /// Takes a part of the configuration; a complete configuration starts the record.
     fn configured(&mut self, total: u16, bytes: &[u8]) -> Result<(), Error> {
         self.config.extend_from_slice(bytes);
         if bytes.is_empty() || self.config.len() < usize::from(total) {
@@ -211,7 +213,7 @@ impl BoardLink {
         Ok(())
     }
 
-    /// Takes a report.
+    /// Takes a report; a lost or damaged report ends the record.
     fn reported(&mut self, (sequence, lost): (u16, u16), entries: &[u8]) {
         let before = self.report.replace(sequence);
         let lost_before = std::mem::replace(&mut self.lost, lost);
@@ -249,17 +251,17 @@ impl BoardLink {
         }
     }
 
-    /// True if the nodes have begun anew since the record was asked for.
+    /// True if the nodes have restarted since the record was requested.
     pub fn has_begun(&self) -> bool {
         self.record.as_ref().is_some_and(BoardRecord::has_begun)
     }
 
-    /// True if the board is not recorded because its motors may be on.
+    /// True if the board rejected the record because its motors may be on.
     pub fn is_denied(&self) -> bool {
         self.denied
     }
 
-    /// Has the board send a frame of a service tool on the bus.
+    /// Asks the board to send a service tool's frame on the bus.
     pub fn send(&mut self, frame: &CanFrame) {
         let mut bus = Packed::new();
         bus.push(frame);
@@ -269,7 +271,7 @@ impl BoardLink {
         );
     }
 
-    /// Asks the board who it is, and watches it.
+    /// Requests the board's identity and watches the board.
     pub fn watch(&mut self) {
         let hello = Request::Hello {
             protocol: PROTOCOL,
@@ -279,22 +281,22 @@ impl BoardLink {
         self.ask(Subject::Other("watch"), &Request::Watch);
     }
 
-    /// The port was opened again. An order that waits goes first: the board knows the last one by its number, and carries
-    /// it out once.
+    /// Continues after the port was reopened. A waiting order is sent first: the board recognises its number and
+    /// executes the order only once.
     pub fn rejoin(&mut self) {
         self.end_record("the port was closed");
         for pending in &mut self.waiting {
             (pending.sent, pending.since) = (None, None);
         }
         if self.kept.is_some() && self.waiting.is_empty() {
-            // Before the lease lapses.
+            // Renews the lease before it lapses.
             let stamp = self.stamp();
             self.ask(Subject::Lease, &Request::Keep(stamp));
         }
         self.watch();
     }
 
-    /// Puts an order at the end of the queue. A speed that the board has not confirmed is replaced: the latest one counts.
+    /// Queues an order. A speed command without a reply is replaced by a newer speed command.
     pub fn command(&mut self, command: &HostCommand) {
         let what = match command {
             HostCommand::Task(Task::Drive { .. }) => Subject::Speed,
@@ -311,13 +313,13 @@ impl BoardLink {
         if let (Some(late), Some(latest)) = (late, self.waiting.back_mut()) {
             latest.since = late.since;
         }
-        // Those that wait, and the latest of those before.
+        // Keeps the waiting orders and the latest sent ones.
         let most = 2 * self.waiting.len() + 64;
         self.orders.drain(..self.orders.len().saturating_sub(most));
         self.outputs = 0;
     }
 
-    /// True if an order was refused because another host has the lease.
+    /// True if an order was rejected because another host has the lease.
     pub fn is_leased(&self) -> bool {
         self.leased
     }
@@ -335,49 +337,49 @@ impl BoardLink {
         self.kept = None;
     }
 
-    /// The stamp of the next order.
+    /// Stamp of the next order; the host holds the lease from then on.
     fn stamp(&mut self) -> Stamp {
         self.kept.get_or_insert(None);
         self.sequence.next(self.owner)
     }
 
-    /// Frames that switch the motors off whatever is under way, each newer than all orders before it.
+    /// Produces frames that switch the motors off in any state; each is newer than all earlier orders.
     pub fn motors_off(&self) -> impl FnMut() -> SerialFrame + Send + 'static {
         let (owner, sequence) = (self.owner, self.sequence.shared());
         move || {
             let stamp = sequence.next(owner);
             let order = Order::Task(Task::Idle);
-            // Its number is that of no request of the link.
+            // Number 0 belongs to no request of the link.
             protocol::encode(0, &Request::Order { stamp, order }).unwrap_or_default()
         }
     }
 
     fn ask(&mut self, what: Subject, request: &Request) {
-        // Number 0 is that of reports.
+        // Number 0 is reserved for reports.
         self.number = self.number % u8::MAX + 1;
         self.waiting.push_back(Pending {
             number: self.number,
             what,
-            // Every request of this link is bounded to fit.
+            // Every request of this link fits into a frame.
             frame: protocol::encode(self.number, request).unwrap_or_default(),
             sent: None,
             since: None,
         });
     }
 
-    /// True if the board has answered all that it was asked, renewals of the lease apart.
+    /// True if every request has its reply, except renewals of the lease.
     pub fn is_settled(&self) -> bool {
         self.waiting
             .iter()
             .all(|pending| pending.what == Subject::Lease)
     }
 
-    /// True if the latest output of the lead node is younger than all orders.
+    /// True if the latest output of the lead node is newer than all orders.
     pub fn is_fresh(&self) -> bool {
         self.latest.is_some() && self.outputs >= FRESH
     }
 
-    /// Points that the lead node has room for; none before it has told.
+    /// Free room of the lead node, points; zero until a current output has arrived.
     pub fn room(&self) -> Room {
         match &self.latest {
             Some(latest) if self.is_settled() && self.outputs >= FRESH => Room {
@@ -391,22 +393,22 @@ impl BoardLink {
         }
     }
 
-    /// Latest output of the lead node, once one has come.
+    /// Latest output of the lead node; `None` before the first.
     pub fn latest(&self) -> Option<&Telemetry> {
         self.latest.as_ref()
     }
 
-    /// Bus frames that came since the last call, in the order of the front board.
+    /// Bus frames received since the last call, in the order of the board.
     pub fn take_frames(&mut self) -> Vec<CanFrame> {
         std::mem::take(&mut self.frames)
     }
 
-    /// Reports that came. A board that was restarted answers and reports nothing.
+    /// Number of reports received. A restarted board replies and reports nothing.
     pub fn reports(&self) -> u64 {
         self.reports
     }
 
-    /// Bus frames that the board had no room for.
+    /// Bus frames and events lost because the board had no room.
     pub fn lost(&self) -> u16 {
         self.lost
     }
@@ -416,12 +418,12 @@ impl BoardLink {
         self.decoder.counters().damaged
     }
 
-    /// Build of the board's image, once it has answered.
+    /// Build of the board's image; empty before the first reply.
     pub fn build(&self) -> &str {
         &self.build
     }
 
-    /// Bytes to send at `now`; an error if the board does not answer.
+    /// Bytes to send at `now`; an error if the board is silent.
     pub fn to_send(&mut self, now: Micros) -> Result<Option<&[u8]>, Error> {
         if let Some(kept) = &mut self.kept {
             let due = now.saturating_sub(*kept.get_or_insert(now)) >= RENEW;
@@ -453,7 +455,7 @@ impl BoardLink {
         Ok(Some(pending.frame.repeated()))
     }
 
-    /// Takes bytes that came; gives whether an output of the lead node is complete.
+    /// Takes received bytes; true if an output of the lead node is complete.
     pub fn take(&mut self, bytes: &[u8]) -> Result<bool, Error> {
         let decoder = &mut self.decoder;
         let payload = |&byte: &u8| decoder.take_byte(byte).map(<[u8]>::to_vec);
@@ -481,7 +483,7 @@ impl BoardLink {
         Ok(complete)
     }
 
-    /// Takes a part of the lead node's output; gives whether the output is complete.
+    /// Takes a part of the lead node's output; true if the output is complete.
     fn told(&mut self, part: (usize, &[u8])) -> bool {
         let complete = Self::join(&mut self.parts, part, &mut self.latest);
         self.outputs += u32::from(complete);
@@ -491,7 +493,6 @@ impl BoardLink {
         complete
     }
 
-    /// Takes a reply.
     fn replied(&mut self, number: u8, reply: Reply) -> Result<(), Error> {
         let Some(Pending { what, .. }) = self.waiting.pop_front_if(|it| it.number == number) else {
             return Ok(());
@@ -519,7 +520,7 @@ impl BoardLink {
                         "{name} board: it is in a session of another program, which ends after 60 s of silence"
                     )));
                 }
-                // The board counts from its start.
+                // The board counts requests since its start.
                 if counters.received < self.answered {
                     return Err(restarted(name));
                 }
@@ -533,7 +534,7 @@ impl BoardLink {
         Ok(())
     }
 
-    /// Appends a part of an output; a part that does not follow is dropped with those before it.
+    /// Appends a part of an output; a part out of sequence is dropped, with its output.
     fn join(
         parts: &mut Vec<u8>,
         (offset, part): (usize, &[u8]),
@@ -581,9 +582,9 @@ mod tests {
 
     static CONFIG: LazyLock<RobotConfig> = LazyLock::new(RobotConfig::default);
 
-    /// The line loses one frame in ten in either direction: each order is carried out once, in order.
+    /// The line loses one frame in ten in each direction.
     #[test]
-    fn orders_over_a_lossy_line_are_carried_out_once_in_order() {
+    fn orders_over_a_lossy_line_are_executed_once_in_order() {
         let mut random = generator(5, 0, Stream::Other(0));
         let (role, build) = (Role::LEAD, "test");
         let identity = Identity { build, role };
@@ -616,9 +617,9 @@ mod tests {
         assert_eq!(carried, expected);
         assert!(station.now > 20 * REPEAT, "some were lost");
     }
-    /// Reports still come, but nothing that is sent arrives: a speed that is given again and again ends with an error.
+    /// The board's reports arrive, but no request reaches the board, and speed commands are repeated.
     #[test]
-    fn speeds_that_stay_without_an_answer_end_with_an_error() {
+    fn speed_commands_without_a_reply_end_with_an_error() {
         let mut link = BoardLink::new(Topology::PAIR, Role::LEAD, 7);
         let speed = HostCommand::Task(Task::Drive {
             speed_m_s: 0.1,

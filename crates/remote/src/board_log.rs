@@ -14,7 +14,7 @@ use std::io::Read;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 
-/// Lines of a board's log, over all its starts.
+/// Lines of a board's log, over all starts of the board.
 #[derive(Clone, Debug)]
 pub struct BoardLog {
     /// Name of the board.
@@ -24,7 +24,7 @@ pub struct BoardLog {
 }
 
 impl BoardLog {
-    /// The empty log of a board with this name.
+    /// Empty log of a board with this name.
     pub fn new(board: &'static str) -> Self {
         Self {
             board,
@@ -33,13 +33,13 @@ impl BoardLog {
         }
     }
 
-    /// The empty logs of the boards of a robot.
+    /// Empty logs of a robot's boards.
     pub fn of_boards(robot: Topology) -> Vec<Self> {
         let boards = robot.boards();
         boards.map(|role| Self::new(robot.name(role))).collect()
     }
 
-    /// The empty logs of the boards of a robot, whose warnings and errors are not repeated on standard error.
+    /// Empty logs of a robot's boards; warnings and errors are not repeated on standard error.
     pub fn quiet(robot: Topology) -> Vec<Self> {
         let mut logs = Self::of_boards(robot);
         logs.iter_mut().for_each(|log| log.quiet = true);
@@ -60,8 +60,8 @@ impl BoardLog {
         text.push('\n');
     }
 
-    /// Decodes what a board with this image writes until it ends. Warnings and errors go to
-    /// standard error too.
+    /// Decodes the log that a board with this image writes, until its end. Repeats warnings and errors on standard
+    /// error.
     #[cfg(feature = "board-logs")]
     pub fn follow(
         &self,
@@ -95,7 +95,7 @@ impl BoardLog {
         })
     }
 
-    /// Takes what a board writes until it ends: this build has no decoder.
+    /// Reads the log of a board until its end without decoding it: this build has no decoder.
     #[cfg(not(feature = "board-logs"))]
     pub fn follow(
         &self,
@@ -119,7 +119,8 @@ impl BoardLog {
     }
 }
 
-/// The result of a run; before an error, the logs are put into the output folder: what the boards said may tell why.
+/// Returns the result of a run. On an error, writes the logs to the output folder first, where they may show the
+/// reason.
 pub fn kept<T>(
     result: Result<T, Error>,
     logs: &[BoardLog],
@@ -138,7 +139,7 @@ pub fn kept<T>(
     result
 }
 
-/// The boards' logs that are not empty: names of files, and their content.
+/// Logs that are not empty: file names and contents.
 pub fn files(logs: &[BoardLog]) -> Vec<(String, String)> {
     let named = logs.iter();
     let named = named.map(|log| (format!("board-{}.log", log.board), log.text()));

@@ -1,4 +1,4 @@
-//! The images of the boards, built from this workspace or read from files.
+//! Images of the boards, built from this workspace or read from files.
 
 use core_algos::link::framing::crc32c;
 use core_algos::topology::Role;
@@ -23,14 +23,14 @@ pub const TARGET: &str = "thumbv7em-none-eabihf";
 const AXLE_IMAGE: &str = "CFMMR_AXLE_IMAGE";
 const BEAM_IMAGE: &str = "CFMMR_BEAM_IMAGE";
 
-/// Time after which a build is reported, and between looks at it.
+/// Duration of a build after which it is reported, and polling interval.
 const LONG_BUILD: Duration = Duration::from_secs(3);
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Profile of Cargo.toml that they are built with.
+/// Cargo profile of the images.
 const PROFILE: &str = "image";
 
-/// Builds a package's image if it is not up to date, and gives the ELF file's bytes. A lock keeps two runs from
+/// Builds a package's image if it is out of date, and returns the bytes of the ELF file. A lock keeps two runs from
 /// building at once.
 pub fn build(package: &str) -> Result<Vec<u8>, Error> {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
@@ -45,10 +45,10 @@ pub fn build(package: &str) -> Result<Vec<u8>, Error> {
     }
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let target = std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into());
-    // A relative one is relative to where cargo runs.
+    // A relative folder is relative to the working directory of cargo.
     let target = workspace.join(target);
     let lock = target.join("images.lock");
-    // The folder of builds is missing where the program was built into another one.
+    // The folder of builds is missing if the program was built into another folder.
     let held = fs::create_dir_all(&target)
         .and_then(|()| File::create(&lock))
         .and_then(|file| file.lock().map(|()| file));
@@ -77,7 +77,7 @@ pub fn build(package: &str) -> Result<Vec<u8>, Error> {
     fs::read(&built).map_err(|error| Error::Failure(format!("{}: {error}", built.display())))
 }
 
-/// Waits for the end of a build, and reports one that takes long.
+/// Waits for the end of a build, and reports a long one.
 fn watched(mut child: Child, package: &str) -> io::Result<ExitStatus> {
     let began = Instant::now();
     let mut reported = io::stderr().is_terminal();
@@ -95,7 +95,7 @@ fn watched(mut child: Child, package: &str) -> io::Result<ExitStatus> {
     }
 }
 
-/// The axles' image and the beam's.
+/// Images of the axle boards and the beam board.
 #[derive(Clone)]
 pub struct Images {
     axle: Arc<Image>,
@@ -103,8 +103,8 @@ pub struct Images {
 }
 
 impl Images {
-    /// The images that users flash, built if they are not up to date. A file that is given takes the place of one, and so
-    /// does the file that an environment variable names.
+    /// The images that users flash, built if out of date. A given file replaces an image, and so does a file named by
+    /// an environment variable.
     pub fn open(axle: Option<&Path>, beam: Option<&Path>) -> Result<Self, Error> {
         let given = |(file, package): (&Path, &str)| {
             let name = file.display().to_string();
@@ -129,7 +129,7 @@ impl Images {
             axle.or(axle_file.as_deref().map(Path::new)),
             beam.or(beam_file.as_deref().map(Path::new)),
         );
-        // Files first: a wrong one is told before anything is built.
+        // Files first, so that a wrong file is reported before a build starts.
         let files = [(axle, "firmware-axle"), (beam, "firmware-beam")];
         let [axle, beam] =
             files.map(|(file, package)| file.map(|file| given((file, package))).transpose());
@@ -147,7 +147,7 @@ impl Images {
         format!("virtual, image {:08x}", crc32c(&bytes))
     }
 
-    /// The image of a board.
+    /// Image of a board.
     pub fn of(&self, role: Role) -> &Image {
         match role {
             Role::Axle(_) => &self.axle,
@@ -156,8 +156,8 @@ impl Images {
     }
 }
 
-/// Refuses an image that says it is of another board, by the first line of its log (name, version, hash), and one of
-/// ours that was damaged. An image that says nothing of itself passes.
+/// Rejects the image of another board, identified by the first line of its log (name, version, hash), and a damaged
+/// image of this project. An image without such a line passes.
 fn check(image: &Image, intact: Option<bool>, package: &str) -> Result<(), String> {
     if intact == Some(false) {
         return Err("damaged: the build id of its linker is another".to_owned());
@@ -181,11 +181,11 @@ fn check(image: &Image, intact: Option<bool>, package: &str) -> Result<(), Strin
     Ok(())
 }
 
-/// Head of a note with a build id of eight bytes: lengths of name and id, kind, name.
+/// Start of an ELF note with a build id of eight bytes: lengths of name and id, kind, name.
 const BUILD_ID: &[u8] = b"\x04\0\0\0\x08\0\0\0\x03\0\0\0GNU\0";
 
-/// True if the build id is that of the file: LLD's `--build-id=fast`, XXH3 of the hashes of each MiB, the id itself as
-/// zeros. `None` without an id.
+/// True if the build id matches the file. LLD's `--build-id=fast` is XXH3 over the XXH3 hashes of each MiB, with the
+/// id set to zero. `None` without an id.
 fn is_intact(file: &[u8]) -> Option<bool> {
     let length = BUILD_ID.len();
     let place = file.windows(length).position(|part| part == BUILD_ID)? + length;

@@ -1,4 +1,4 @@
-//! Ctrl-C, and a terminal or pipe that is closed.
+//! Detection of Ctrl-C and of a closed terminal or pipe.
 
 use host_sim::base::error::Error;
 use rustix::event::{PollFd, PollFlags, poll};
@@ -11,13 +11,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::{io, process};
 
-/// Action before the program ends at once.
+/// Action that runs before [`end_at_once`] ends the program.
 type LastAction = Box<dyn FnMut() + Send>;
 
 static LAST_ACTION: Mutex<Option<LastAction>> = Mutex::new(None);
 
-/// A flag that Ctrl-C sets, or the reader of standard output when it goes away; a second Ctrl-C ends the program at
-/// once, see [`end_at_once`].
+/// Returns a flag that is set by Ctrl-C or by the reader of standard output closing it. A second Ctrl-C ends the
+/// program at once, see [`end_at_once`].
 pub fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
     let flag = Arc::new(AtomicBool::new(false));
     let set = flag.clone();
@@ -26,7 +26,7 @@ pub fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
         let mut asked = false;
         for signal in signals.forever() {
             set.store(true, Relaxed);
-            // A terminal that closes sends several.
+            // A closing terminal sends several SIGHUP.
             if signal != SIGHUP && std::mem::replace(&mut asked, true) {
                 end_at_once();
             }
@@ -41,7 +41,7 @@ pub fn watch_for_interrupt() -> Result<Arc<AtomicBool>, Error> {
     Ok(flag)
 }
 
-/// Waits until nobody reads an output any more. False if it is no pipe, socket or terminal.
+/// Waits until the last reader of an output is gone. False if the output is not a pipe, socket or terminal.
 fn is_left_alone(output: &impl AsFd) -> bool {
     let gone = PollFlags::ERR | PollFlags::HUP;
     loop {
@@ -54,12 +54,12 @@ fn is_left_alone(output: &impl AsFd) -> bool {
     }
 }
 
-/// Sets the action that comes before the program ends at once.
+/// Sets the action that runs before [`end_at_once`] ends the program.
 pub fn set_last_action(action: impl FnMut() + Send + 'static) {
     *LAST_ACTION.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(action));
 }
 
-/// Forgets the action.
+/// Removes the action.
 pub fn clear_last_action() {
     *LAST_ACTION.lock().unwrap_or_else(PoisonError::into_inner) = None;
 }
@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pipe_without_reader_is_left_alone() {
+    fn pipe_that_loses_its_reader_is_detected() {
         let (reader, writer) = io::pipe().unwrap();
         let watch = thread::spawn(move || is_left_alone(&writer));
         assert!(!watch.is_finished());

@@ -2,12 +2,12 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`link`], [`serial`], [`virtual_link`] | bytes of a session: interface, serial port, virtual board |
+//! | [`link`], [`serial`], [`virtual_link`] | byte links of a session: interface, serial port, virtual board |
 //! | [`board`] | a board behind such a link, as a [`Target`](host_sim::targets::Target) of the simulation |
 //! | [`board_link`], [`serial_robot`] | a whole robot, driven through the port of its front board |
-//! | [`virtual_robot`] | a whole robot of virtual boards; catalogue of faults, of boards in this process too |
+//! | [`virtual_robot`] | a whole robot of virtual boards; catalogue of faults for virtual and in-process boards |
 //! | [`images`], [`board_log`] | the boards' images, built if needed; their logs |
-//! | [`interrupt`] | Ctrl-C, and a terminal or pipe that is closed |
+//! | [`interrupt`] | detection of Ctrl-C and of a closed terminal or pipe |
 
 pub mod board;
 pub mod board_link;

@@ -16,16 +16,16 @@ use std::time::Duration;
 
 /// A link to one board.
 pub trait Link: Send {
-    /// Name of the link, for reports.
+    /// Name of the link in reports.
     fn name(&self) -> &'static str;
 
     /// Sends bytes.
     fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
 
-    /// Waits for bytes; 0 if none came in time. An error means that the board is gone.
+    /// Waits for bytes; 0 after the timeout. An error means that the board is gone.
     fn receive(&mut self, room: &mut [u8], timeout: Duration) -> io::Result<usize>;
 
-    /// A second end to send bytes by, if there can be one.
+    /// A second handle for sending, if the link supports one.
     fn second(&self) -> Option<File> {
         None
     }
@@ -38,12 +38,12 @@ pub trait Link: Send {
         )))
     }
 
-    /// Ends the board as if it had failed by itself; only the link may tell.
+    /// Ends the board as if it had failed; only the link may report the end.
     fn crash(&mut self) -> Result<(), Error> {
         self.kill()
     }
 
-    /// Stops the board's processor with its link open, or lets it go on.
+    /// Halts the board's processor with its link open, or resumes it.
     fn halt(&mut self, _halted: bool) -> Result<(), Error> {
         let name = self.name();
         Err(Error::input(format!(
@@ -64,24 +64,24 @@ pub trait Link: Send {
 const SECTORS: usize = 3;
 const SECTOR: usize = 16 * 1024;
 
-/// An endpoint in this process, behind its frames, with the board's store in a simulated flash.
+/// A board in this process behind encoded frames, with its store in a simulated flash.
 pub struct Loopback {
     identity: Identity,
     endpoint: Option<Endpoint>,
     halted: bool,
     waiting: VecDeque<u8>,
     store: Store<Flash<SECTOR>>,
-    /// File that keeps the flash.
+    /// File that holds the flash.
     file: Option<PathBuf>,
 }
 
 impl Loopback {
-    /// A board that has just been started, with a blank flash.
+    /// A board that has just started, with a blank flash.
     pub fn new(identity: Identity) -> Self {
         Self::with(identity, Flash::new(SECTORS, 1), None)
     }
 
-    /// The same with its flash in a file, blank if there is none.
+    /// A board with its flash in a file; blank if the file does not exist.
     pub fn keeping(identity: Identity, file: &Path) -> Result<Self, Error> {
         let mut flash = Flash::new(SECTORS, 1);
         if let Some(bytes) = flash_file(file)? {
@@ -126,7 +126,7 @@ pub fn flash_file(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     }
 }
 
-/// Makes a file that is a blank flash, if there is none.
+/// Creates a file with a blank flash, if it does not exist.
 pub fn make_flash_file(path: &Path) -> Result<(), Error> {
     if flash_file(path)?.is_none() {
         files::write_file(path, vec![0xff; SECTORS * SECTOR])?;
@@ -187,12 +187,12 @@ pub struct Descriptors {
 }
 
 impl Descriptors {
-    /// Reads from one and writes to the other.
+    /// Reads from `from` and writes to `to`.
     pub fn new(from: File, to: File) -> Self {
         Self { from, to }
     }
 
-    /// A second end to send bytes by.
+    /// A second handle for sending.
     pub fn second(&self) -> Option<File> {
         self.to.try_clone().ok()
     }
@@ -202,7 +202,7 @@ impl Descriptors {
         self.to.write_all(bytes)
     }
 
-    /// Waits for bytes; 0 if none came in time.
+    /// Waits for bytes; 0 after the timeout.
     pub fn receive(&mut self, room: &mut [u8], timeout: Duration) -> io::Result<usize> {
         let timeout = Timespec::try_from(timeout).map_err(|_| ErrorKind::InvalidInput)?;
         let mut waiting = [PollFd::new(&self.from, PollFlags::IN)];

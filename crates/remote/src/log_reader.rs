@@ -1,4 +1,4 @@
-//! The boards' logs: what a probe reads out of their memory, decoded line by line.
+//! Reader of a virtual board's log: a probe reads the log from the board's memory, and the lines are decoded.
 
 use crate::board_log::BoardLog;
 use std::io::Read;
@@ -9,7 +9,7 @@ use virtual_board::board::Board;
 use virtual_board::image::Image;
 use virtual_board::probe::rtt::Rtt;
 
-/// First address of the memory that holds the log.
+/// Start address of the memory that holds the log.
 const SRAM: u32 = 0x2000_0000;
 
 /// Bytes on their way to the decoder.
@@ -21,7 +21,7 @@ struct Stream {
 impl Read for Stream {
     fn read(&mut self, room: &mut [u8]) -> std::io::Result<usize> {
         if self.rest.is_empty() {
-            // Without a sender the log has ended.
+            // Without a sender, the log has ended.
             self.rest = self.from.recv().unwrap_or_default();
         }
         let count = self.rest.len().min(room.len());
@@ -31,7 +31,7 @@ impl Read for Stream {
     }
 }
 
-/// Reads the log of a board; a copy takes what the board writes and shows it to nobody.
+/// Reads the log of a board. A clone reads the bytes and discards them.
 pub struct Reader {
     rtt: Rtt,
     to: Option<Sender<Vec<u8>>>,
@@ -39,7 +39,7 @@ pub struct Reader {
 }
 
 impl Reader {
-    /// For a board with this image; lines go to `log`.
+    /// A reader for a board with this image; lines go to `log`.
     pub fn new(image: &Image, log: &BoardLog) -> Self {
         let (to, from) = channel();
         let stream = Stream {
@@ -54,19 +54,19 @@ impl Reader {
         }
     }
 
-    /// Reads no more, and leaves the board's log full and waiting for it.
+    /// Stops reading with the board's log full and blocking.
     pub fn hang(&mut self, board: &mut Board) {
         self.rtt.set_blocking(board.chip().sram());
         self.rtt.leave_full(board.chip().sram());
         self.rtt.set_reading(false);
     }
 
-    /// Takes what the board has written since the last call.
+    /// Reads the bytes that the board has written since the last call.
     pub fn read(&mut self, board: &mut Board) {
         let mut bytes = Vec::new();
         self.rtt.poll(board.chip().sram(), &mut bytes);
         if let (false, Some(to)) = (bytes.is_empty(), &self.to) {
-            // A decoder that has ended wants no more.
+            // A decoder that has ended takes no bytes.
             let _ = to.send(bytes);
         }
     }

@@ -1,4 +1,4 @@
-//! The parameters that a board behind a link keeps; see [`core_algos::link::stored_parameters`].
+//! Parameters of a board behind a link; see [`core_algos::link::stored_parameters`].
 
 use crate::board::Remote;
 use crate::board::refused;
@@ -15,7 +15,7 @@ use output::terminal::note;
 pub struct Kept {
     /// Parameter.
     pub parameter: &'static Parameter,
-    /// Its value.
+    /// Value on the board.
     pub value: f32,
     /// Source of the value at the start of the board or at its latest save.
     pub source: Source,
@@ -31,7 +31,7 @@ impl Kept {
 }
 
 impl Remote {
-    /// Begins a session.
+    /// Starts a session.
     pub fn greet(&mut self) -> Result<(), Error> {
         let name = self.name;
         self.hello().map_err(|fault| fatal(name, fault))
@@ -44,14 +44,14 @@ impl Remote {
             .map_err(|fault| fatal(name, fault))
     }
 
-    /// Those whose values are the board's own.
+    /// Parameters whose values are the board's own.
     pub fn own_parameters(&mut self) -> Result<Values, Error> {
         let kept = self.parameters()?;
         let own = kept.iter().filter(|kept| kept.is_own());
         Ok(own.map(|kept| (kept.parameter, kept.value)).collect())
     }
 
-    /// Gives a parameter another value, until the board is reset or its parameters are saved.
+    /// Sets a parameter until the board is reset or its parameters are saved.
     pub fn set_parameter(&mut self, parameter: &Parameter, value: f32) -> Result<(), Error> {
         let name = self.name;
         let place = TABLE.iter().position(|other| other.id == parameter.id);
@@ -60,7 +60,7 @@ impl Remote {
         set.map_err(|fault| fatal(name, fault))
     }
 
-    /// Saves what was set; gives the number of values written.
+    /// Saves the parameters; returns the number of values written.
     pub fn save_parameters(&mut self) -> Result<u8, Error> {
         let name = self.name;
         self.ask_to_save().map_err(|fault| fatal(name, fault))
@@ -71,7 +71,7 @@ impl Remote {
         self.conversation.ask(&Request::SaveParameters)?;
         match self.conversation.answer()? {
             Reply::Saved { values } => Ok(values),
-            // Values that are each in range and together make no node: the user's input.
+            // Each value is in range, but together they make no valid node: an error of the user's input.
             Reply::Refused(Refusal::Parameter { text }) => Err(Fault::Fatal(Error::input(
                 format!("{name} board: not saved: {text}"),
             ))),

@@ -1,4 +1,4 @@
-//! A board behind the serial port of another one, which carries requests and replies over the bus.
+//! Link to a board over another board's serial port, which relays requests and replies over the bus.
 
 use crate::board::Remote;
 use crate::link::Link;
@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 use std::io::{self, Read};
 use std::time::{Duration, Instant};
 
-/// The way to a board.
+/// Link to a relayed board.
 pub struct Relay {
     port: Remote,
     to: Role,
@@ -21,7 +21,7 @@ pub struct Relay {
 }
 
 impl Relay {
-    /// The way to the board `to` by the port of the board `of`, which must drive.
+    /// Opens a link to the board `to` over the port of the board `of`, which must be driving.
     pub fn open(robot: Topology, of: Role, port: Box<dyn Link>, to: Role) -> Result<Self, Error> {
         let mut port = Remote::new(robot, of, port);
         port.attend()
@@ -35,7 +35,7 @@ impl Relay {
         })
     }
 
-    /// Takes what came at the port; other replies than those of the board are left out.
+    /// Takes bytes from the port; replies of the relaying board are discarded.
     fn take(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             if let Some(payload) = self.incoming.take_byte(byte)
@@ -81,7 +81,7 @@ impl Link for Relay {
         self.waiting.read(room)
     }
 
-    /// The hello that follows waits for the board.
+    /// Does nothing: the next hello waits for the board.
     fn revive(&mut self) -> Result<(), Error> {
         Ok(())
     }

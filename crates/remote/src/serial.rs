@@ -15,8 +15,7 @@ pub struct Serial {
 }
 
 impl Serial {
-    /// Opens a port: eight bits, no parity, nothing translated. What has been waiting in it is
-    /// thrown away.
+    /// Opens a port with eight data bits, no parity and no translation. Discards bytes already received.
     pub fn open(path: &Path, baud: u32) -> Result<Self, Error> {
         let port = || -> io::Result<File> {
             let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
@@ -66,7 +65,7 @@ impl Link for Serial {
         self.link.second()
     }
 
-    /// Whoever holds the board resets it; the hello that follows waits for that.
+    /// Does nothing: the user resets the board, and the next hello waits for that.
     fn revive(&mut self) -> Result<(), Error> {
         Ok(())
     }

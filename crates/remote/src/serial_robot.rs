@@ -1,7 +1,8 @@
-//! A real robot behind the serial port of its front board. Its true state is not known.
+//! Real robot behind the serial port of its front board. Its true state is unknown.
 //!
-//! Time is the computer's. When the run ends, or is dropped, the host stops the robot and has its motors switched off. A
-//! port that closes is opened again: the robot goes on with its task for the time of the lease, then it stops.
+//! The clock is the computer's. At the end of the run, or on drop, the host stops the robot and switches its motors
+//! off. A port that closes is opened again: meanwhile the robot continues its task until the lease lapses, then
+//! stops.
 
 use crate::board_link::BoardLink;
 use crate::interrupt;
@@ -26,36 +27,36 @@ use std::io::Write;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Longest time without a report of the board before its port is opened again, µs.
+/// Time without a report from the board after which its port is opened again, µs.
 const SILENCE: Micros = 1_000_000;
-/// Time between attempts to open it, µs, and the longest time without a report before the run ends.
+/// Time between attempts to open the port, and time without a report after which the run ends, µs.
 const ATTEMPT: Micros = 100_000;
 const PATIENCE: Micros = 10_000_000;
-/// Delay from which on lost ticks are left out.
+/// Delay of the program beyond which missed ticks are skipped.
 const HELD_UP: Duration = Duration::from_millis(50);
-/// Time in which the lease of another program ends.
+/// Time after which the lease of another program has lapsed.
 const LEASE: Duration = Duration::from_micros(TERM + 100_000);
 
-/// Longest time that a board that reports takes for what it is asked, ms.
+/// Longest time for a reporting board to fulfil a request, ms.
 const WAIT_MS: u64 = 11_000;
 
-/// Longest time until recorded boards have begun anew, ms.
+/// Longest time for recorded boards to restart their nodes, ms.
 const RECORD_MS: u64 = 5000;
 
 /// Opens the port of the front board.
 pub type Connect = Box<dyn FnMut() -> Result<Box<dyn Link>, Error>>;
 
-/// Port of another board, which is recorded.
+/// Another board, recorded through its own port.
 pub struct OtherBoard {
-    /// None once it was closed.
+    /// None once the port has closed.
     port: Option<Box<dyn Link>>,
     link: BoardLink,
-    /// Number of the latest report, and its time, µs.
+    /// Number of reports received, and time of the latest, µs.
     heard: (u64, Micros),
 }
 
 impl OtherBoard {
-    /// A board at its port.
+    /// A board at this port.
     pub fn new(robot: Topology, role: Role, port: Box<dyn Link>) -> Self {
         Self {
             port: Some(port),
@@ -64,13 +65,13 @@ impl OtherBoard {
         }
     }
 
-    /// Exchanges bytes with the board. A board that is gone or silent ends its record.
+    /// Exchanges bytes with the board. A closed port or a silent board ends the record.
     fn exchange(&mut self, now: Micros) -> Result<(), Error> {
         let Some(port) = &mut self.port else {
             return Ok(());
         };
         if let Some(bytes) = self.link.to_send(now)? {
-            // The request is repeated.
+            // A failed request is repeated.
             let _ = port.send(bytes);
         }
         let mut room = [0; 512];
@@ -98,27 +99,26 @@ impl OtherBoard {
     }
 }
 
-/// The robot.
+/// Robot behind serial ports.
 pub struct SerialRobot {
     connect: Connect,
-    /// None while it is closed.
+    /// None while the port is closed.
     port: Option<Box<dyn Link>>,
     link: BoardLink,
     others: Vec<OtherBoard>,
-    /// Common time of the boards at the start of the run, µs, once it is known.
+    /// Common time of the boards at the start of the run, µs; None until known.
     zero: Option<i64>,
     began: Instant,
-    /// Ticks since the program opened the port, and those before the run.
+    /// Ticks since the program opened the port, and ticks before the run.
     tick: u64,
     start: u64,
-    /// Time of the latest report, and of the latest opening, µs.
+    /// Times of the latest report and of the latest opening of the port, µs.
     heard: Micros,
     opened: Micros,
     /// Bytes since the latest report.
     unanswered: Unanswered,
     reconnected: u32,
     lead: lead::Output,
-    /// The latest task.
     task: Task,
     frames: u64,
     control: RunControl,
@@ -128,8 +128,8 @@ pub struct SerialRobot {
 }
 
 impl SerialRobot {
-    /// A robot at rest at a place, or where it believes to be; waits for the first output of its lead node. The nodes of a
-    /// robot that is recorded begin anew.
+    /// Opens a robot at rest, at `place` or at its own estimate, and waits for the first output of its lead node. If
+    /// the robot is recorded, its nodes restart.
     pub fn open(
         topology: Topology,
         mut connect: Connect,
@@ -159,7 +159,7 @@ impl SerialRobot {
         robot.guard();
         let mut ready = robot.await_lead(place);
         if robot.link.is_leased() {
-            // A program that ended without a word leaves its lease behind.
+            // A program that crashed leaves its lease behind.
             thread::sleep(LEASE);
             ready = robot.await_lead(place);
         }
@@ -167,17 +167,16 @@ impl SerialRobot {
         if let Some((config, others)) = record {
             robot.begin_record(place, config, others)?;
         }
-        // The run begins now.
         robot.start = robot.tick;
         Ok(robot)
     }
 
-    /// A program that ends at once switches the motors off by the port that is open now.
+    /// Sets the last action of a program that ends at once: it switches the motors off over the open port.
     fn guard(&self) {
         let port = self.port.as_ref().and_then(|port| port.second());
         let mut frames = self.link.motors_off();
         interrupt::set_last_action(move || {
-            // Several, should one be lost: the user wants to be sure.
+            // Several frames, in case one is lost.
             for _ in 0..3 {
                 let frame = frames();
                 let _ = port
@@ -188,7 +187,7 @@ impl SerialRobot {
         });
     }
 
-    /// Asks the board for reports, and tells it where it stands; waits for both.
+    /// Requests reports and sets the robot's place, if given; waits for both.
     fn await_lead(&mut self, place: Option<Place>) -> Result<(), Error> {
         match place {
             Some(place) => {
@@ -201,13 +200,13 @@ impl SerialRobot {
         self.settle()
     }
 
-    /// Waits until the board has answered all, and for an output of its lead node after that.
+    /// Waits for every reply, and then for an output of the lead node.
     fn settle(&mut self) -> Result<(), Error> {
-        // An output that was on its way does not know of the place yet.
+        // An output sent before the place was set does not contain it.
         self.wait(|robot| robot.link.is_settled() && robot.link.is_fresh())
     }
 
-    /// Exchanges until the robot is `ready`, for somewhat longer than it may be silent.
+    /// Runs until the robot is `ready`, for a little longer than it may be silent.
     fn wait(&mut self, ready: impl Fn(&Self) -> bool) -> Result<(), Error> {
         let end = self.tick + WAIT_MS;
         while !ready(self) {
@@ -222,7 +221,7 @@ impl SerialRobot {
         Ok(())
     }
 
-    /// Has the nodes begin anew, at a place or where the robot believes to be, and waits until all boards are recorded.
+    /// Restarts the nodes, at `place` or at the robot's estimate, and waits until all boards are recorded.
     fn begin_record(
         &mut self,
         place: Option<Place>,
@@ -250,7 +249,7 @@ impl SerialRobot {
             other.link.open();
             other.link.record();
         }
-        // The lead node takes its place after the axles have begun anew.
+        // The lead node's place is set after the axle nodes have restarted.
         self.await_record(|robot| robot.others.iter().all(|other| other.link.has_begun()))?;
         self.link.record();
         if let Some(place) = place {
@@ -260,7 +259,7 @@ impl SerialRobot {
         self.await_record(|robot| robot.link.has_begun() && robot.is_ready())
     }
 
-    /// Waits for boards that begin anew.
+    /// Waits for boards whose nodes restart.
     fn await_record(&mut self, ready: impl Fn(&Self) -> bool) -> Result<(), Error> {
         let end = self.tick + RECORD_MS;
         while !ready(self) {
@@ -295,7 +294,7 @@ impl SerialRobot {
         self.monitor.topology.nodes().all(ready)
     }
 
-    /// Tells the observers what was recorded.
+    /// Passes recorded events to the observers.
     fn publish(&mut self) {
         if self.control.observers.is_empty() {
             return;
@@ -338,17 +337,17 @@ impl SerialRobot {
         self.link.build()
     }
 
-    /// Bus frames that the front board had no room for.
+    /// Bus frames and events lost because the front board had no room.
     pub fn lost(&self) -> u16 {
         self.link.lost()
     }
 
-    /// Times the port was opened again.
+    /// Number of times the port was opened again.
     pub fn reconnected(&self) -> u32 {
         self.reconnected
     }
 
-    /// Waits until `until`, and opens the port again if it is time for it.
+    /// Waits until `until`, and opens the port again if an attempt is due.
     fn reconnect(&mut self, until: Instant) -> Result<(), Error> {
         let now = self.clock();
         if now.saturating_sub(self.heard) > PATIENCE {
@@ -370,7 +369,7 @@ impl SerialRobot {
             return Ok(());
         }
         self.opened = now;
-        // It holds the port that was open.
+        // The last action holds the former port.
         interrupt::clear_last_action();
         if let Ok(port) = (self.connect)() {
             self.port = Some(port);
@@ -454,7 +453,7 @@ impl SerialRobot {
     }
 }
 
-/// Number of this program for its lease: another one for each run.
+/// Random number of this program for its lease; differs between runs.
 fn owner() -> u16 {
     let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     let nanoseconds = since.map_or(0, |since| since.subsec_nanos());
@@ -463,7 +462,7 @@ fn owner() -> u16 {
 
 impl Drop for SerialRobot {
     fn drop(&mut self) {
-        // The error that ended the run was reported.
+        // The error that ended the run is already reported.
         let _ = self.stop();
         interrupt::clear_last_action();
     }
@@ -496,7 +495,7 @@ impl Robot for SerialRobot {
     }
 
     fn failure(&self) -> Option<String> {
-        // A speed that is no longer given has this notice, too.
+        // A speed command that is not renewed also sets this notice.
         let ends_itself = matches!(
             self.task,
             Task::Regulate { .. } | Task::Follow { .. } | Task::Track { .. }
@@ -515,7 +514,7 @@ impl Robot for SerialRobot {
 
     fn step(&mut self) -> Result<(), Error> {
         let mut until = self.began + Duration::from_micros((self.tick + 1) * TICK);
-        // A program that was held up does not make up for lost ticks: the timers of the link count them.
+        // A delayed program skips the missed ticks, because the link's timeouts count ticks.
         let behind = Instant::now().saturating_duration_since(until);
         if behind > HELD_UP {
             self.began += behind;
@@ -539,14 +538,14 @@ impl Robot for SerialRobot {
         None
     }
 
-    /// Ends the lease, too; once.
+    /// Stops the robot and ends the lease; once.
     fn stop(&mut self) -> Result<(), Error> {
-        // A board of another version would not understand.
+        // A board with another protocol would reject the requests.
         if self.closed || self.link.build().is_empty() {
             return Ok(());
         }
         self.closed = true;
-        // They take no part in the stop.
+        // The other boards take no part in the stop.
         self.others.clear();
         let stopped = self.bring_to_rest().and_then(|()| {
             self.link.release();

@@ -1,18 +1,18 @@
-//! Bytes at a port that are no answer, and what they say about it.
+//! Diagnosis of bytes that arrive at a port without a reply.
 
 use std::fmt;
 
-/// Bytes that came without an answer to the request that was sent.
+/// Bytes received without a reply to the request sent.
 #[derive(Clone, Debug, Default)]
 pub struct Unanswered {
     request: Vec<u8>,
     count: usize,
-    /// The first bytes, as many as the request has.
+    /// The first bytes, at most as many as the request has.
     first: Vec<u8>,
 }
 
 impl Unanswered {
-    /// No bytes yet to this request.
+    /// No bytes received after this request.
     pub fn to(request: &[u8]) -> Self {
         Self {
             request: without_delimiters(request).to_owned(),
@@ -20,7 +20,7 @@ impl Unanswered {
         }
     }
 
-    /// Takes in bytes.
+    /// Adds received bytes.
     pub fn hear(&mut self, bytes: &[u8]) {
         self.count += bytes.len();
         let bytes = match self.first.is_empty() {
@@ -31,18 +31,18 @@ impl Unanswered {
         self.first.extend(bytes.iter().take(room));
     }
 
-    /// True if nothing came yet.
+    /// True before the first byte.
     pub fn is_new(&self) -> bool {
         self.count == 0
     }
 
-    /// True if the request itself came back.
+    /// True if the first bytes are the request itself.
     pub fn is_echo(&self) -> bool {
         !self.request.is_empty() && self.first == self.request
     }
 }
 
-/// Bytes from the first frame on.
+/// Bytes without leading frame delimiters.
 fn without_delimiters(bytes: &[u8]) -> &[u8] {
     let start = bytes.iter().position(|byte| *byte != 0);
     bytes

@@ -1,7 +1,7 @@
-//! A virtual board behind its serial port, in a thread of its own.
+//! Virtual board behind its serial port, in its own thread.
 //!
-//! The board's time passes only while it is asked: from the first byte sent to the end of its answer, or to the time
-//! after which a request counts as lost.
+//! The board's time advances only during an exchange: from the first byte sent to the end of the reply, or to the
+//! timeout of a request.
 
 use crate::board_log::BoardLog;
 use crate::images::Images;
@@ -22,14 +22,14 @@ use virtual_board::board::Board;
 use virtual_board::chip::{Circuit, Drive, Inputs, Pin};
 use virtual_board::finding::Kind;
 
-/// Strap of the rear board, and nSLEEP of the drivers.
+/// Pins: strap of the rear board, nSLEEP of the motor drivers.
 const STRAP: Pin = Pin::new('C', 13);
 const NSLEEP: Pin = Pin::new('C', 4);
-/// Time that the board runs between looks at what it sent.
+/// Time that the board runs between two checks of its output, ns.
 const SLICE_NS: u64 = 200_000;
-/// Time after which a request counts as lost, ns.
+/// Timeout of a request, ns.
 const PATIENCE_NS: u64 = 250_000_000;
-/// First byte of the store in the flash.
+/// Offset of the store in the flash.
 const STORE: usize = 16 << 10;
 
 /// Circuit of the board: a serial adapter and, on a rear board, the strap.
@@ -38,7 +38,7 @@ struct Port {
     rear: bool,
     told: bool,
     line: SerialLine,
-    /// The drivers were woken.
+    /// True if the motor drivers were woken.
     woken: bool,
 }
 
@@ -68,14 +68,13 @@ impl Circuit for Port {
     }
 }
 
-/// Order to the thread of a board.
+/// Command to the thread of a board.
 enum Order {
     Send(Vec<u8>),
     Power(bool),
     Hold(bool),
 }
 
-/// A board and its log.
 struct Bench {
     board: Board,
     reader: Reader,
@@ -94,7 +93,7 @@ impl Bench {
         None
     }
 
-    /// Sends bytes and runs the board to the end of its answer, or until there is none.
+    /// Sends bytes and runs the board to the end of its reply, or to the timeout.
     fn exchange(&mut self, bytes: &[u8]) -> io::Result<Vec<u8>> {
         if self.held {
             return Ok(Vec::new());
@@ -107,7 +106,7 @@ impl Bench {
             let until = self.board.now() + Time::from_nanos(SLICE_NS);
             self.board.run_until(until);
             let sent = &self.port()?.line.sent;
-            // An answer ends with a zero, and is more than that.
+            // A reply ends with a zero and has at least one other byte.
             if sent.len() > 1 && sent.ends_with(&[0]) || until > end {
                 break;
             }
@@ -131,7 +130,7 @@ impl Bench {
         port.ok_or_else(|| io::Error::other("the board has no port"))
     }
 
-    /// Writes the store to its file when it has changed.
+    /// Writes the store to its file if the store has changed.
     fn keep(&mut self) -> io::Result<()> {
         let Some(file) = &self.file else {
             return Ok(());
@@ -146,19 +145,19 @@ impl Bench {
     }
 }
 
-/// A board on its way or at rest.
+/// Link to a virtual board.
 pub struct VirtualLink {
     on: bool,
     orders: Option<Sender<Order>>,
     answers: Receiver<io::Result<Vec<u8>>>,
-    /// Exchanges whose answer was not fetched yet.
+    /// Exchanges whose reply was not yet read.
     waiting: usize,
     rest: VecDeque<u8>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl VirtualLink {
-    /// Switches a board on; its log goes to `log`, its store is in the file `flash`, else in memory.
+    /// Switches a board on. Its log goes to `log`; its store is in the file `flash`, or in memory without one.
     pub fn start(
         images: &Images,
         role: Role,
@@ -192,7 +191,7 @@ impl VirtualLink {
         let (to, answers) = channel();
         let thread = thread::spawn(move || {
             for order in from {
-                // Nobody waits for the answer of a link that is being dropped.
+                // A link being dropped takes no reply.
                 if let Some(answer) = bench.obey(order)
                     && to.send(answer).is_err()
                 {
@@ -261,7 +260,7 @@ impl Drop for VirtualLink {
     fn drop(&mut self) {
         self.orders = None;
         if let Some(thread) = self.thread.take() {
-            // The thread has ended, by a panic or not.
+            // A panic of the thread is ignored.
             let _ = thread.join();
         }
     }

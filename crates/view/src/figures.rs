@@ -1,4 +1,4 @@
-//! The figures of the experiments, as [`plot::Figure`](crate::plot::Figure)s.
+//! Figures of the experiments, as [`plot::Figure`](crate::plot::Figure)s.
 //!
 //! Postures are (x, y, heading) in metres and radians.
 
@@ -12,10 +12,10 @@ use host_sim::run::final_error::FinalError;
 use host_sim::run::robot::{FrameRecord, Record};
 use host_sim::world::body::Body;
 
-/// Distance below which θ and α are not drawn, m: there they are the direction of a residue.
+/// Goal distance below which θ and α are not drawn, m: near the goal they are dominated by millimetres.
 pub const LEAST_DISTANCE_M: f64 = 0.05;
 
-/// The robot at one instant.
+/// Robot at one instant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Snapshot {
     /// Time, s.
@@ -27,7 +27,7 @@ pub struct Snapshot {
 }
 
 impl Snapshot {
-    /// The robot of a record.
+    /// Snapshot of a record.
     pub fn of(record: &Record) -> Self {
         let frame = |frame: &FrameRecord| frame.points.map(|p| p.map(f64::from)).to_vec();
         Self {
@@ -38,22 +38,22 @@ impl Snapshot {
     }
 }
 
-/// Paths of many trials of one configuration, and one of them in full.
+/// Paths of many trials of one configuration, one of them in full.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathsPanel {
-    /// Configuration, and the trial that is shown in full.
+    /// Configuration, and trial shown in full.
     pub title: String,
     /// Path of O in each of the other trials, m.
     pub others: Vec<Vec<[f64; 2]>>,
-    /// Path of O in the trial that is shown in full, m.
+    /// Path of O in the trial shown in full, m.
     pub path: Vec<[f64; 2]>,
     /// Paths of the wheels in that trial, m.
     pub wheels: Vec<Vec<[f64; 2]>>,
-    /// The robot at some instants of that trial.
+    /// Robot at several instants of that trial.
     pub snapshots: Vec<Snapshot>,
-    /// Posture that O is to reach, if there is one.
+    /// Goal posture of O, if there is one.
     pub goal: Option<[f64; 3]>,
-    /// Tolerance of the goal: m, rad.
+    /// Tolerance of the goal: position (m), heading (rad).
     pub tolerance: [f64; 2],
     /// Verdict and final posture of O in every trial.
     pub ends: Vec<(Verdict, [f64; 3])>,
@@ -97,8 +97,8 @@ fn position_cm(e_m: f64, theta: f64) -> [f64; 2] {
     [-100.0 * e_m * cos, -100.0 * e_m * sin]
 }
 
-/// Robot paths during posture regulation (paper figure 7): one panel for each configuration on
-/// the same scale and, below, where the trials ended.
+/// Robot paths during posture regulation (paper figure 7): one panel per configuration with a common scale, and a row
+/// with the final postures below.
 pub fn paths(title: &str, body: &Body, panels: &[PathsPanel]) -> Figure {
     let maps: Vec<Panel> = panels.iter().map(|panel| path_map(body, panel)).collect();
     let [x, y] = shared_limits(&maps, 0.07);
@@ -113,7 +113,7 @@ pub fn paths(title: &str, body: &Body, panels: &[PathsPanel]) -> Figure {
         return figure;
     }
     let ends: Vec<Panel> = panels.iter().map(end_map).collect();
-    // Square and centred on the goal.
+    // The panels are square and centred on the goal.
     let corners = shared_limits(&ends, 0.0);
     let far = corners.into_iter().flatten();
     let far = far.fold(1.0, |far: f64, v| far.max(1.12 * v.abs()));
@@ -148,7 +148,7 @@ fn path_map(body: &Body, data: &PathsPanel) -> Panel {
     panel
 }
 
-/// Final postures in the frame of the goal, in centimetres.
+/// Final postures in the coordinates of the goal, cm.
 fn end_map(data: &PathsPanel) -> Panel {
     let mut panel = Panel::new("along the goal's heading (cm)", "across (cm)")
         .title(match data.ends.len() {
@@ -198,7 +198,7 @@ fn goal(panel: &mut Panel, [x, y, heading]: [f64; 3]) {
     panel.mark("goal", [x, y], GOAL_MARK.heading(heading));
 }
 
-/// Times of the drawn robots in words. They stand outside the panel, where they cover no track.
+/// Caption with the times of the snapshots, outside the panel, where it covers no track.
 fn times(snapshots: &[Snapshot]) -> String {
     let mut times: Vec<f64> = snapshots.iter().map(|snapshot| snapshot.time_s).collect();
     times.sort_by(f64::total_cmp);
@@ -209,7 +209,7 @@ fn times(snapshots: &[Snapshot]) -> String {
     }
 }
 
-/// Wheels, axles, frames and an arrow at the front.
+/// Draws wheels, axles, frames and an arrow at the front.
 fn robot(panel: &mut Panel, body: &Body, snapshot: &Snapshot) {
     for &axle in snapshot.axles.iter().rev() {
         let ends = [body.half_track_m, -body.half_track_m].map(|y| ahead(axle, [0.0, y]));
@@ -235,7 +235,7 @@ fn robot(panel: &mut Panel, body: &Body, snapshot: &Snapshot) {
     }
 }
 
-/// A point given in the frame of a posture.
+/// Converts a point from the coordinates of a posture to global coordinates.
 fn ahead([x, y, heading]: [f64; 3], [forward, left]: [f64; 2]) -> [f64; 2] {
     let (sin, cos) = libm::sincos(heading);
     [
@@ -247,17 +247,17 @@ fn ahead([x, y, heading]: [f64; 3], [forward, left]: [f64; 2]) -> [f64; 2] {
 /// Posture errors of one configuration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorsColumn {
-    /// Configuration, and the trial.
+    /// Configuration and trial.
     pub title: String,
-    /// Time, s, and errors by the robot's own estimate.
+    /// Time, s, and goal errors of the robot's estimate.
     pub estimate: Vec<(f64, FinalError)>,
-    /// Time, s, and true errors.
+    /// Time, s, and true goal errors.
     pub truth: Vec<(f64, FinalError)>,
     /// Final e (m), θ and α (rad) that the paper prints for its robot's own estimate, if it does.
     pub measured: Option<[f64; 3]>,
 }
 
-/// One of the three errors: label, caption unit, factor of the caption and plotted value.
+/// One of the three errors: axis label, unit of the caption, caption units per unit of the curve, and value.
 struct ErrorAxis {
     label: &'static str,
     unit: &'static str,
@@ -286,7 +286,7 @@ const ERROR_AXES: [ErrorAxis; 3] = [
     },
 ];
 
-/// An angle in degrees; not a number within [`LEAST_DISTANCE_M`] of the goal.
+/// An angle in degrees; NaN within [`LEAST_DISTANCE_M`] of the goal.
 fn angle_far_away(error: &FinalError, angle: f64) -> f64 {
     match error.e_m < LEAST_DISTANCE_M {
         true => f64::NAN,
@@ -294,8 +294,8 @@ fn angle_far_away(error: &FinalError, angle: f64) -> f64 {
     }
 }
 
-/// Posture errors over time (paper figure 8): e, θ and α as estimated and as they are, with the
-/// final values in words. θ and α end where e is below [`LEAST_DISTANCE_M`].
+/// Posture errors over time (paper figure 8): e, θ and α, estimated and true, with the final values in the caption.
+/// The curves of θ and α end where e falls below [`LEAST_DISTANCE_M`].
 pub fn errors(title: &str, columns: &[ErrorsColumn]) -> Figure {
     let mut figure = Figure::new(title);
     for (row, axis) in ERROR_AXES.iter().enumerate() {
@@ -357,7 +357,7 @@ fn error_panel(axis: &ErrorAxis, row: usize, column: &ErrorsColumn) -> Panel {
     }
 }
 
-/// Interrupts a line where it jumps by more than `gap`, as an angle does that wraps around.
+/// Interrupts a line at jumps larger than `gap`, such as the wrap of an angle.
 fn with_gaps(points: impl Iterator<Item = [f64; 2]>, gap: f64) -> Vec<[f64; 2]> {
     let mut out: Vec<[f64; 2]> = Vec::new();
     for point in points {
@@ -372,35 +372,35 @@ fn with_gaps(points: impl Iterator<Item = [f64; 2]>, gap: f64) -> Vec<[f64; 2]> 
     out
 }
 
-/// One run along a path or after a moving reference.
+/// Run along a path or after a moving reference.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FollowRun {
     /// Reference path, m.
     pub reference: Vec<[f64; 2]>,
     /// Path of O as driven, m.
     pub driven: Vec<[f64; 2]>,
-    /// The robot at some instants.
+    /// Robot at several instants.
     pub snapshots: Vec<Snapshot>,
-    /// Caption of the panel of the distance.
+    /// Caption of the distance panel.
     pub distance_label: &'static str,
-    /// Errors of the true position of O.
+    /// Path errors of the true posture of O.
     pub truth: FollowErrors,
-    /// Errors of O as the robot estimates it.
+    /// Path errors of the estimated posture of O.
     pub estimate: FollowErrors,
 }
 
-/// Errors of a run over time.
+/// Path errors over time.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FollowErrors {
     /// Time of each error, s.
     pub t_s: Vec<f64>,
-    /// Distance from the reference, m (signed where it is a distance across the path).
+    /// Distance from the reference, m; signed if it is measured across the path.
     pub distance_m: Vec<f64>,
-    /// Heading minus the reference's heading, rad.
+    /// Heading less the reference's heading, rad.
     pub heading_rad: Vec<f64>,
 }
 
-/// Reference and driven path, and the errors over time.
+/// Figure of the reference path, the driven path, and the path errors over time.
 pub fn follow(title: &str, body: &Body, run: &FollowRun) -> Figure {
     let mut map = Panel::new("x (m)", "y (m)")
         .caption(times(&run.snapshots))
@@ -436,18 +436,18 @@ pub fn follow(title: &str, body: &Body, run: &FollowRun) -> Figure {
         .row(Height::Fixed(140.0), [heading])
 }
 
-/// One start of a map.
+/// One start posture of a map.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StartMark {
     /// Start posture of O.
     pub posture: [f64; 3],
-    /// Value shown by colour if the run ended within the tolerance.
+    /// Value that the colour shows if the run ended within the tolerance.
     pub value: f64,
-    /// Verdict on the run.
+    /// Verdict of the run.
     pub end: Verdict,
 }
 
-/// Limits of the colours of runs that ended within the tolerance: up to the 98th percentile.
+/// Limits of the colour scale: least value and 98th percentile of the runs that ended within the tolerance.
 fn color_limits<'a>(starts: impl Iterator<Item = &'a StartMark>) -> [f64; 2] {
     let within = starts.filter(|start| start.end == Verdict::Within);
     let values = within
@@ -461,7 +461,7 @@ fn color_limits<'a>(starts: impl Iterator<Item = &'a StartMark>) -> [f64; 2] {
     [low, if high > low { high } else { low + 1.0 }]
 }
 
-/// Colour of a start: by its value within the tolerance, else by its end.
+/// Colour of a start: by its value if within the tolerance, otherwise by its verdict.
 fn color_of(start: &StartMark, [low, high]: [f64; 2]) -> Rgb {
     match start.end {
         Verdict::Within => color_scale((start.value - low) / (high - low)),
@@ -473,14 +473,14 @@ fn count_of(starts: &[StartMark], end: Verdict) -> usize {
     starts.iter().filter(|start| start.end == end).count()
 }
 
-/// Starts: place, heading, end, and value by colour; `room` is for all marks.
+/// Panel of starts: posture, verdict, and value by colour. `room` scales the marks with their number.
 fn starts_panel(
     starts: &[StartMark],
     limits: [f64; 2],
     room: f64,
     (goal_at, tolerance): ([f64; 3], [f64; 2]),
 ) -> Panel {
-    // Marks shrink so that thousands of them leave some white.
+    // Marks shrink with their number, so that thousands still leave white space.
     let radius = (room / (starts.len() as f64).max(1.0).sqrt()).clamp(0.9, 3.5);
     let mut panel = Panel::new("x (m)", "y (m)").equal_axes();
     for end in Verdict::ALL {
@@ -500,8 +500,8 @@ fn starts_panel(
     panel
 }
 
-/// Maps of random starts to a goal with a tolerance (m, rad), beside each other, each with its label, on one scale of
-/// colours.
+/// Maps of random starts to a goal with a tolerance (m, rad), side by side, each with its label, with a common colour
+/// scale.
 pub fn maps(
     title: &str,
     value_label: &str,

@@ -1,4 +1,4 @@
-//! Pictures of runs: figures and report pages. [`figures`] draws, [`page`] writes the report page.
+//! Figures and report pages of runs: [`figures`] draws, [`page`] writes the report page.
 
 #![cfg_attr(
     test,

@@ -1,7 +1,7 @@
-//! The report page: a run as one HTML file that needs nothing else.
+//! Report page: a run as one self-contained HTML file.
 //!
-//! `report.html` beside this file holds the page; a run's data are put into it as JSON, at most
-//! `MOST_SAMPLES` samples and about 50 a second.
+//! `page.html` beside this file is the template. The data of a run are inserted as JSON, with at most `MOST_SAMPLES`
+//! samples, about 50 per second.
 
 use crate::style;
 use crate::style::{ESTIMATE, TRUTH};
@@ -18,19 +18,19 @@ use serde::{Serialize, Serializer};
 use serde_json::json;
 
 const PAGE: &str = include_str!("page.html");
-/// Placeholders of the data, and of the colours on a light and on a dark page.
+/// Placeholders of the data and of the colours for a light and a dark page.
 const PLACE: &str = "/*DATA*/";
 const LIGHT: &str = "/*LIGHT*/";
 const DARK: &str = "/*DARK*/";
-/// Name of the file.
+/// Name of the report file.
 pub const FILE: &str = "report.html";
 
-/// Most samples of a run in the page.
+/// Largest number of samples per run.
 const MOST_SAMPLES: usize = 3_000;
-/// Samples a second, if there are not too many then.
+/// Samples per second, unless that exceeds [`MOST_SAMPLES`].
 const RATE: f64 = 50.0;
 
-/// A number with at most this many places.
+/// A number rounded to this many decimal places.
 #[derive(Clone, Copy, Debug)]
 struct Rounded<const PLACES: i32>(f64);
 
@@ -38,7 +38,7 @@ impl<const PLACES: i32> Serialize for Rounded<PLACES> {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
         let scale = libm::pow(10.0, f64::from(PLACES));
         let value = (self.0 * scale).round() / scale;
-        // No number shows as a gap in a plot.
+        // NaN becomes null, which plots show as a gap.
         match value.is_finite() {
             true if value == value.trunc() => to.serialize_i64(value as i64),
             true => to.serialize_f64(value),
@@ -47,33 +47,33 @@ impl<const PLACES: i32> Serialize for Rounded<PLACES> {
     }
 }
 
-/// Positions to 10 µm and angles to 10 µrad.
+/// Positions rounded to 10 µm, angles to 10 µrad.
 type Place = Rounded<5>;
 
 fn places<const N: usize>(values: [f64; N]) -> [Place; N] {
     values.map(Rounded)
 }
 
-/// Errors of a midpoint: distance, m, and heading, rad.
+/// Errors of a midpoint: distance (m) and heading (rad).
 pub type Error = [f64; 2];
 
-/// A run to be shown.
+/// A run on the page.
 pub struct Run<'a> {
-    /// Heading of the page.
+    /// Title of the page.
     pub title: String,
-    /// Name where there are several.
+    /// Name of the run among several.
     pub name: String,
     /// Goal.
     pub goal: Option<[f64; 3]>,
-    /// Path it was to drive.
+    /// Reference path, m.
     pub reference: Vec<[f64; 2]>,
     /// Epochs, in order.
     pub records: Vec<&'a Record>,
-    /// Errors of the true midpoint and of the midpoint as estimated, one for each record.
+    /// Errors of the true and of the estimated midpoint, one pair per record.
     pub errors: Vec<[Error; 2]>,
-    /// Name of the distance.
+    /// Title of the distance plot.
     pub distance: &'static str,
-    /// End of the run; first in the summary.
+    /// End of the run, the first rows of the summary.
     pub end: &'a RunEnd,
     /// Further rows of the summary.
     pub summary: Vec<(String, String)>,
@@ -84,7 +84,7 @@ pub struct Run<'a> {
 #[derive(Serialize)]
 struct Series {
     name: String,
-    /// CSS variable of its colour and dash.
+    /// CSS variable of the colour and the dash.
     look: String,
     data: Vec<Rounded<4>>,
 }
@@ -101,14 +101,14 @@ fn posture(p: Posture) -> [f64; 3] {
 }
 
 impl Run<'_> {
-    /// The epochs that are shown.
+    /// Indices of the shown epochs.
     fn shown(&self) -> impl Iterator<Item = usize> + use<> {
         let count = self.records.len();
         let time = |record: &&Record| record.time_s;
         let span = self.records.last().map_or(0.0, time) - self.records.first().map_or(0.0, time);
         let wanted = ((span * RATE) as usize).clamp(1, MOST_SAMPLES);
         let stride = count.saturating_sub(1).div_ceil(wanted).max(1);
-        // The last epoch is always there.
+        // The last epoch is always included.
         let last = count.checked_sub(1).filter(|last| last % stride != 0);
         (0..count).step_by(stride).chain(last)
     }
@@ -119,7 +119,7 @@ impl Run<'_> {
             look: format!("--{look}"),
             data: shown.iter().map(|&i| Rounded(value(i))).collect(),
         };
-        // Values of a sample and of the n-th series.
+        // `value` takes the sample and the number of the series.
         let numbered = |names: &[&str], value: &dyn Fn(usize, usize) -> f64| {
             let names = names.iter().enumerate();
             names
@@ -190,7 +190,7 @@ impl Run<'_> {
             let series = numbered(&strains[..gauges], &strain);
             plot("Strains, from the rear end on", "µm/m", series)
         }));
-        // The truth of a real robot is not known.
+        // The truth of a real robot is unknown.
         for plot in &mut plots {
             let known = |series: &Series| series.data.iter().any(|value| value.0.is_finite());
             plot.series.retain(known);
@@ -206,7 +206,7 @@ impl Run<'_> {
             let values = seen.iter().map(value);
             values.map(places).collect()
         };
-        // The frames' points beside the midpoint, from the rear on.
+        // Points of the frames relative to the midpoint, from the rear on.
         let frame = |record: &Record| -> Vec<Place> {
             let [x, y, _] = record.midpoint;
             let points = record.frames.iter().rev().flat_map(|frame| &frame.points);
@@ -224,7 +224,7 @@ impl Run<'_> {
             [p[0][0], p[0][1], p[1][1], p[2][2]].map(Rounded)
         };
         let target = |record: &Record| record.lead.target.map(|p| places(posture(p)));
-        // How far the estimate and its ellipse reach from the truth.
+        // Upper bound of the distance from the truth to the 2σ ellipse of the estimate.
         let spread = |record: &Record| {
             let [x, y, _] = posture(record.lead.fused.robot.posture);
             let p = &record.lead.fused.robot.covariance;
@@ -253,7 +253,7 @@ impl Run<'_> {
             "t": shown.iter().map(|&i| Rounded::<3>(self.records[i].time_s)).collect::<Vec<_>>(),
             "truth": list(&|record| record.midpoint),
             "axles": axles.map(|axle| list(&|record| record.axles[axle.index()].posture)).collect::<Vec<_>>(),
-            // Near the truth, so that a value between two samples is between them too.
+            // The heading is unwrapped to the true heading, so that values between two samples interpolate correctly.
             "estimate": list(&|record| {
                 let [x, y, phi] = posture(record.lead.fused.robot.posture);
                 let truth = record.midpoint[2];
@@ -281,7 +281,7 @@ fn phase(record: &Record) -> String {
     }
 }
 
-/// Adds the page of these runs; the last one is shown first.
+/// Adds the page of these runs, which first shows the last run.
 pub fn add(files: &mut OutputDir, subtitle: &str, body: &Body, runs: &[Run]) {
     files.text(FILE, page(subtitle, body, runs));
 }
@@ -296,7 +296,7 @@ fn page(subtitle: &str, body: &Body, runs: &[Run]) -> String {
         },
         "runs": runs.iter().map(Run::json).collect::<Vec<_>>(),
     });
-    // Nothing in the data ends the element that holds them.
+    // Escape tags, so that the data cannot end the element that contains them.
     let data = data
         .to_string()
         .replace("</", "<\\/")
@@ -319,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_holds_the_run_and_nothing_ends_it_early() {
+    fn page_contains_the_run_and_escapes_tags_in_its_data() {
         let scenario = Scenario::default();
         let records: Vec<Record> = (1..=1001)
             .map(|epoch| Record {
@@ -361,7 +361,7 @@ mod tests {
         assert_eq!(run["summary"][1], json!(["End", end]));
         assert_eq!(run["summary"][2], json!(["Notices", "estimate vague"]));
         let times = run["t"].as_array().unwrap();
-        // 50 a second, with the first and the last.
+        // 50 samples per second, with the first and the last.
         assert!((500..=503).contains(&times.len()), "{}", times.len());
         assert_eq!(times[0], 0.01);
         assert_eq!(times[times.len() - 1], 10.01);
@@ -369,7 +369,7 @@ mod tests {
         assert!(run["truth"][0][1].is_null(), "no number is no number");
         assert_eq!(run["plots"][0]["series"][0]["data"][7], 250);
         assert_eq!(run["plots"].as_array().unwrap().len(), 6);
-        // Each colour and dash of a plot is in the style sheet, once for each kind of page.
+        // Each colour and dash of a plot is in the style sheet once per colour scheme.
         for series in run["plots"].as_array().unwrap() {
             for one in series["series"].as_array().unwrap() {
                 let look = one["look"].as_str().unwrap();
@@ -377,7 +377,7 @@ mod tests {
                 assert_eq!(page.matches(&format!("{look}-dash: ")).count(), 2, "{look}");
             }
         }
-        // No address but those of standards that are never fetched.
+        // No address that the page would fetch.
         assert!(!page.contains("http://") && !page.contains("https://"));
     }
 }

@@ -1,8 +1,7 @@
-//! Colours, dashes and marks of every picture and of the report page.
+//! Colours, dashes and marks of all figures and of the report page.
 //!
-//! One table: a picture takes a [`Look`] from here and defines none of its own. The colours are those
-//! of Okabe and Ito, which colour-blind readers tell apart. Dashes and shapes tell the kinds apart in
-//! grayscale.
+//! Figures take each [`Look`] from one table and define none of their own. The colours are those of Okabe and Ito,
+//! which colour-blind readers can distinguish. Dashes and shapes distinguish the kinds in grayscale.
 
 use host_sim::run::end::Verdict;
 
@@ -11,7 +10,7 @@ use host_sim::run::end::Verdict;
 pub struct Rgb(pub u8, pub u8, pub u8);
 
 impl Rgb {
-    /// Mixed with white: 0 stays, 1 is white.
+    /// The colour mixed with white: `by` = 0 is unchanged, 1 is white.
     pub fn lighter(self, by: f64) -> Self {
         self.mixed(Self(255, 255, 255), by)
     }
@@ -26,7 +25,7 @@ impl Rgb {
         )
     }
 
-    /// The colour in a style sheet.
+    /// The colour in CSS notation.
     pub fn css(self) -> String {
         format!("#{:02x}{:02x}{:02x}", self.0, self.1, self.2)
     }
@@ -39,14 +38,14 @@ pub enum Dash {
     Solid,
     /// Long dashes.
     Dashed,
-    /// Long and short dashes in turn.
+    /// Alternating long and short dashes.
     DashDot,
     /// Short dashes.
     Dotted,
 }
 
 impl Dash {
-    /// Lengths drawn and left out in turn, in units of the picture; empty for an unbroken line.
+    /// Alternating lengths of dash and gap, in units of the figure; empty for a solid line.
     pub const fn pattern(self) -> &'static [f64] {
         match self {
             Self::Solid => &[],
@@ -57,12 +56,12 @@ impl Dash {
     }
 }
 
-/// A line's colour, width and pattern.
+/// Colour, width and pattern of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stroke {
     /// Colour.
     pub color: Rgb,
-    /// Width in units of the picture.
+    /// Width in units of the figure.
     pub width: f64,
     /// Pattern.
     pub dash: Dash,
@@ -73,29 +72,29 @@ pub struct Stroke {
 pub enum Shape {
     /// A filled circle.
     Disc,
-    /// A circle's outline.
+    /// A circle.
     Ring,
-    /// A circle's outline with a cross in it.
+    /// A circle with a cross in it.
     Target,
     /// A diagonal cross.
     Cross,
 }
 
-/// A mark of constant size on the page.
+/// Mark of constant size on the page.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
     /// Shape.
     pub shape: Shape,
-    /// Half its size in units of the picture.
+    /// Half the size in units of the figure.
     pub radius: f64,
     /// Colour.
     pub color: Rgb,
-    /// Direction of the stroke from its middle, rad.
+    /// Direction of the stroke from the centre, rad; `None` without a stroke.
     pub heading: Option<f64>,
 }
 
 impl Mark {
-    /// A mark without a heading.
+    /// Mark without a heading.
     pub const fn new(shape: Shape, radius: f64, color: Rgb) -> Self {
         Self {
             shape,
@@ -105,7 +104,7 @@ impl Mark {
         }
     }
 
-    /// The mark of a posture with this heading, rad.
+    /// Mark with a heading, rad.
     pub fn heading(self, heading: f64) -> Self {
         Self {
             heading: Some(heading),
@@ -114,7 +113,7 @@ impl Mark {
     }
 }
 
-/// Appearance of one kind of thing in every picture.
+/// Appearance of one kind of object in every figure.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Look {
     /// Name of the CSS variable on the report page.
@@ -133,7 +132,7 @@ const GREEN: Rgb = Rgb(0, 158, 115);
 const PURPLE: Rgb = Rgb(204, 121, 167);
 const ORANGE: Rgb = Rgb(230, 159, 0);
 const SKY: Rgb = Rgb(86, 180, 233);
-/// Colours of the [`series`] with those on a dark page, most distinct first.
+/// Colours of the [`series`] on a light and on a dark page, most distinct first.
 const SERIES: [(Rgb, Rgb); 7] = [
     (BLUE, Rgb(108, 178, 255)),
     (VERMILION, Rgb(255, 138, 92)),
@@ -157,13 +156,13 @@ const fn look(name: &'static str, (color, dark): (Rgb, Rgb), width: f64, dash: D
 pub const TRUTH: Look = look("truth", SERIES[0], 2.0, Dash::Solid);
 /// The robot's estimate.
 pub const ESTIMATE: Look = look("estimate", SERIES[6], 1.6, Dash::Dashed);
-/// Path or motion to follow.
+/// Reference path or reference motion.
 pub const REFERENCE: Look = look("reference", SERIES[2], 2.0, Dash::DashDot);
 /// Goal posture.
 pub const GOAL: Look = look("goal", SERIES[2], 2.0, Dash::Solid);
-/// A run that stopped, failed or ran out of time.
+/// Run that stopped, failed or ran out of time.
 pub const FAILURE: Look = look("failure", SERIES[1], 1.8, Dash::Dotted);
-/// A run that ended outside the tolerance.
+/// Run that ended outside the tolerance.
 pub const OUTSIDE: Look = look("outside", SERIES[3], 1.6, Dash::Dashed);
 /// Flexible frame.
 pub const FRAME: Look = look("frame", SERIES[4], 3.0, Dash::Solid);
@@ -171,9 +170,9 @@ pub const FRAME: Look = look("frame", SERIES[4], 3.0, Dash::Solid);
 pub const BODY: Look = look("body", (GREY, Rgb(160, 169, 179)), 2.5, Dash::Solid);
 /// Tracks of the wheels.
 pub const WHEELS: Look = look("wheels", (GREY, Rgb(160, 169, 179)), 1.1, Dash::Dotted);
-/// The trials that are not drawn in full.
+/// Trials that are not drawn in full.
 pub const OTHERS: Look = look("others", SERIES[5], 0.9, Dash::Solid);
-/// Tolerance, and the band in which a claim holds.
+/// Tolerance, and 95 % band.
 pub const BAND: Look = look(
     "band",
     (Rgb(214, 214, 214), Rgb(60, 66, 74)),
@@ -184,30 +183,30 @@ pub const BAND: Look = look(
 /// Figures that the paper prints for its robot.
 pub const PAPER: Look = look("paper", SERIES[6], 1.8, Dash::DashDot);
 
-/// Every kind of thing.
+/// Table of all looks.
 pub const TABLE: [Look; 12] = [
     TRUTH, ESTIMATE, REFERENCE, GOAL, FAILURE, OUTSIDE, FRAME, BODY, WHEELS, OTHERS, BAND, PAPER,
 ];
 
-/// Line by two numbers: `color` by colour, `dash` by pattern.
+/// Look with the `color`-th colour and the `dash`-th pattern.
 pub const fn series_by(color: usize, dash: usize) -> Look {
     let colors = SERIES[color % SERIES.len()];
     look("series", colors, 1.8, DASHES[dash % DASHES.len()])
 }
 
-/// Line of the n-th of several series without a kind.
+/// Look of the n-th series without a kind of its own.
 pub const fn series(n: usize) -> Look {
     series_by(n, n)
 }
 
-/// Colour of text and of lines that stand for all series.
+/// Colour of text and of lines that represent all series.
 pub const INK: Rgb = BLACK;
 /// Mark of a figure that the paper prints.
 pub const PAPER_MARK: Mark = Mark::new(Shape::Ring, 5.0, PAPER.stroke.color);
 /// Mark of the goal.
 pub const GOAL_MARK: Mark = Mark::new(Shape::Target, 6.0, GOAL.stroke.color);
 
-/// Line of a run.
+/// Line of a run with this verdict.
 pub const fn stroke_of(verdict: Verdict) -> Stroke {
     match verdict {
         Verdict::Within => TRUTH.stroke,
@@ -216,7 +215,7 @@ pub const fn stroke_of(verdict: Verdict) -> Stroke {
     }
 }
 
-/// Mark of a run.
+/// Mark of a run with this verdict.
 pub const fn mark_of(verdict: Verdict, radius: f64) -> Mark {
     let color = stroke_of(verdict).color;
     match verdict {
@@ -243,10 +242,10 @@ pub fn color_scale(value: f64) -> Rgb {
     ANCHORS[index].mixed(ANCHORS[index + 1], place - index as f64)
 }
 
-/// Series that the report page has names for: `c0`, `c1`, …
+/// Number of series that the report page has names for: `c0`, `c1`, …
 const PAGE_SERIES: usize = 8;
 
-/// The table as CSS variables: colours for a light or a dark page, and dashes.
+/// CSS variables of all looks: colours for a light or a dark page, and dashes.
 pub fn css(dark: bool) -> String {
     let series = (0..PAGE_SERIES).map(|n| (format!("c{n}"), series(n)));
     let named = TABLE.map(|look| (look.name.to_owned(), look));
@@ -275,7 +274,7 @@ mod tests {
 
     #[test]
     fn lines_of_one_picture_differ_in_grayscale() {
-        // The kinds that meet in one panel.
+        // Kinds that appear together in one panel.
         for kinds in [
             &[TRUTH, ESTIMATE, REFERENCE][..],
             &[TRUTH, OUTSIDE, FAILURE],

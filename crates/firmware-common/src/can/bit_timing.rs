@@ -1,31 +1,30 @@
 //! Bit timing of the chip's CAN controller (RM0090, 32.7.7).
 //!
-//! A bit is a synchronisation segment of one quantum, segment 1 and segment 2; it is sampled between
-//! the last two. At a resynchronisation segment 1 is lengthened or segment 2 shortened by at most the
-//! jump width.
+//! A bit consists of a synchronisation segment of one quantum, segment 1 and segment 2; the sample point lies between
+//! segments 1 and 2. A resynchronisation lengthens segment 1 or shortens segment 2 by at most the jump width.
 
 /// Quanta of a bit.
 const QUANTA: u32 = 14;
-/// Quanta after the sample point: it lies at 78.6 % of the bit. Cable and transceivers have the rest
-/// twice, there and back.
+/// Quanta after the sample point, which lies at 78.6 % of the bit. The time before the sample point covers the round
+/// trip over transceivers and cable.
 const SEGMENT_2: u32 = 3;
 
 /// Timing of a bit, in quanta.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BitTiming {
-    /// Periods of the controller's clock in a quantum, 1 to 1024.
+    /// Controller clock periods per quantum, 1 to 1024.
     pub prescaler: u32,
-    /// Quanta between synchronisation and sample point, 1 to 16.
+    /// Quanta between the synchronisation segment and the sample point, 1 to 16.
     pub segment_1: u32,
-    /// Quanta behind the sample point, 1 to 8.
+    /// Quanta after the sample point, 1 to 8.
     pub segment_2: u32,
-    /// Largest correction, 1 to 4.
+    /// Jump width, quanta, 1 to 4.
     pub jump: u32,
 }
 
 impl BitTiming {
-    /// Timing for `bit_rate` (bit/s) of a controller that is clocked with `clock_hz`; `None` if no
-    /// prescaler gives that rate exactly.
+    /// Timing for `bit_rate` (bit/s) with the controller clock `clock_hz`; `None` if no prescaler gives that rate
+    /// exactly.
     pub const fn new(clock_hz: u32, bit_rate: u32) -> Option<Self> {
         let quantum_rate = bit_rate.saturating_mul(QUANTA);
         if quantum_rate == 0 || !clock_hz.is_multiple_of(quantum_rate) {
@@ -39,7 +38,7 @@ impl BitTiming {
             prescaler,
             segment_1: QUANTA - 1 - SEGMENT_2,
             segment_2: SEGMENT_2,
-            // As wide as segment 2 allows: clocks may differ the more.
+            // The widest jump that segment 2 allows, for the largest clock tolerance.
             jump: SEGMENT_2,
         })
     }
@@ -61,13 +60,13 @@ mod tests {
     const BIT_RATE: u32 = core_algos::bus::layout::BIT_RATE;
 
     #[test]
-    fn a_bit_lasts_a_microsecond_and_is_sampled_late_in_it() {
+    fn bit_lasts_1_us_and_is_sampled_at_75_to_90_percent() {
         let timing = BitTiming::new(CLOCK_HZ, BIT_RATE).expect("14 quanta fit three times");
         let quantum_ns = 1e9 * f64::from(timing.prescaler) / f64::from(CLOCK_HZ);
         let before_ns = quantum_ns * f64::from(1 + timing.segment_1);
         let bit_ns = before_ns + quantum_ns * f64::from(timing.segment_2);
         assert!((bit_ns - 1000.0).abs() < 1e-9, "{bit_ns}");
-        // CiA 301 wants 75 to 90 % of the bit.
+        // CiA 301 demands 75 to 90 % of the bit.
         assert!(
             (750.0..=900.0).contains(&before_ns),
             "sampled at {before_ns} ns"
@@ -75,7 +74,7 @@ mod tests {
     }
 
     #[test]
-    fn clocks_may_differ_by_more_than_crystals_do() {
+    fn clock_tolerance_exceeds_that_of_crystals() {
         let t = BitTiming::new(CLOCK_HZ, BIT_RATE).expect("14 quanta fit three times");
         let quanta = f64::from(1 + t.segment_1 + t.segment_2);
         let (jump, after) = (f64::from(t.jump), f64::from(t.segment_2));
@@ -87,9 +86,9 @@ mod tests {
         );
     }
 
-    /// The usual calculators give this value for 42 MHz, 1 Mbit/s and a sample point at 85.7 %.
+    /// Common bit timing calculators give this value for 42 MHz, 1 Mbit/s and a sample point at 85.7 %.
     #[test]
-    fn the_register_is_laid_out_as_the_manual_says() {
+    fn register_layout_matches_the_reference_manual() {
         let timing = BitTiming {
             prescaler: 3,
             segment_1: 11,
@@ -108,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_that_cannot_be_had_exactly_are_refused() {
+    fn bit_rate_without_exact_prescaler_is_refused() {
         for (clock_hz, bit_rate) in [
             (42_000_000, 0),
             (42_000_000, 800_000),

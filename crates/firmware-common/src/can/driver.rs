@@ -1,15 +1,15 @@
-//! The controller's driver: the tick's two ends, the interrupts, and the supervision.
+//! Driver of the CAN controller: the tick's two ends, the interrupts and the supervision.
 //!
-//! - **Start**: the controller is asked for its initialisation, where alone the bit timing can be
-//!   written, and then to join; it does so after eleven recessive bits. Nobody waits for it: on a bus
-//!   that is held dominant the board runs, [`is_off`] is true, and the controller joins when the bus is free.
-//! - **Sending**: `CAN1_TX` moves frames from the queue to free mailboxes, records when
-//!   a `TimeSync` had left, and drops what is too old ([`queues`](super::queues)). A frame that
-//!   nobody acknowledges is repeated by the controller until then.
-//! - **Receiving**: `CAN1_RX0` empties the FIFO of three frames and stamps each.
-//! - **Errors**: `CAN1_SCE` counts the first one between two checks of [`supervise`]; a bus where nobody
-//!   acknowledges has one every 0.1 ms. The controller leaves bus-off by itself after 128 times eleven
-//!   recessive bits.
+//! - **Start**: the driver requests initialisation mode, the only mode in which the bit timing can be written, and then
+//!   leaves it. The controller joins the bus after eleven recessive bits. No code waits for the bus: while it is held
+//!   dominant, the board runs, [`is_off`] is true, and the controller joins once the bus is free.
+//! - **Sending**: `CAN1_TX` moves frames from the queue to free mailboxes, records when a `TimeSync` had left, and
+//!   drops frames that are too old ([`queues`](super::queues)). The controller repeats a frame until
+//!   a node acknowledges it.
+//! - **Receiving**: `CAN1_RX0` empties the FIFO of three frames and timestamps each frame.
+//! - **Errors**: `CAN1_SCE` counts the first error between two checks of [`supervise`]; on a bus without an
+//!   acknowledging node an error occurs every 0.1 ms. The controller leaves bus-off by itself after 128 times
+//!   eleven recessive bits.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -33,46 +33,46 @@ use super::service::{self, ServicePort};
 use crate::record::Recorder;
 use crate::task_watchdog::CheckIn;
 
-/// Time between two checks of the controller.
+/// Period of the checks of the controller.
 const CHECK: Duration = Duration::from_millis(5);
-/// Time within which the bus reports at least, µs.
+/// Longest time between two reports of the bus task, µs.
 pub const REPORTS_WITHIN: Micros = 200_000;
-/// Looks at the FIFO in one interrupt; a frame needs 47 µs at least, so it is empty long before.
+/// Polls of the FIFO in one interrupt; a frame takes at least 47 µs, so fewer polls empty the FIFO.
 const FIFO_LOOKS: u32 = 16;
 
 static HEALTH: Health = Health::new();
-/// The handlers' ends of both queues, until each handler takes its own.
+/// Ends of both queues for the handlers, until each handler takes its end.
 static TRANSMITTER: Mutex<Cell<Option<Transmitter<'static>>>> = Mutex::new(Cell::new(None));
 static FROM_BUS: Mutex<Cell<Option<Producer<'static, Timed>>>> = Mutex::new(Cell::new(None));
 static SYNC_SENT: Mutex<Cell<Option<Micros>>> = Mutex::new(Cell::new(None));
-/// Handlers that ran since the last check.
+/// Bits of the handlers that ran since the last check.
 static RAN: AtomicU32 = AtomicU32::new(0);
 const RAN_TX: u32 = 1 << 0;
 const RAN_RX0: u32 = 1 << 1;
 
-/// The counters.
+/// Counters of the bus since the start.
 pub fn counters() -> Counters {
     HEALTH.counters()
 }
 
-/// True if the board cannot send: not yet on the bus, bus-off after too many errors, or back on the
-/// bus without an acknowledged frame.
+/// True if the board cannot send: not yet on the bus, bus-off after too many errors, or no frame acknowledged since
+/// bus-off.
 pub fn is_off() -> bool {
     let was_off = HEALTH.was_off(registers::is_bus_off());
     !registers::is_joined() || was_off
 }
 
-/// The ends of the bus.
+/// Ends of the bus.
 pub struct Bus {
-    /// The tick's, for what it sends.
+    /// The tick's end for sending.
     pub sender: Sender,
-    /// The tick's, for what arrived.
+    /// The tick's end for receiving.
     pub receiver: Receiver,
-    /// The link's, for frames of the link.
+    /// The link's end, for frames of the link.
     pub service: ServicePort,
 }
 
-/// The tick's end for what it sends.
+/// The tick's end for sending.
 pub struct Sender {
     queue: Producer<'static, Timed>,
     service: service::Outgoing,
@@ -80,8 +80,8 @@ pub struct Sender {
 }
 
 impl Sender {
-    /// Puts a message in the queue. What cannot be encoded or finds no room is counted. Gives the
-    /// message as the other boards will read it.
+    /// Queues a message and returns it as other boards decode it. Counts a message that cannot be encoded or finds no
+    /// room.
     pub fn send(&mut self, message: &Message) -> Option<Message> {
         let Ok(frame) = bus::encode(message) else {
             HEALTH.count(|counters| &mut counters.refused);
@@ -92,7 +92,7 @@ impl Sender {
         bus::decode(&frame).ok()
     }
 
-    /// Sends the next frame of the link; to be called once a tick.
+    /// Sends the next frame of the link; call it once per tick.
     pub fn send_link_frame(&mut self) {
         if let Some(frame) = self.service.next() {
             self.put(frame);
@@ -104,19 +104,19 @@ impl Sender {
         if self.queue.enqueue((now, frame)).is_err() {
             HEALTH.count(|counters| &mut counters.dropped);
         }
-        // With all mailboxes full, the next one that becomes free asks for the interrupt.
+        // If all mailboxes are full, the next free mailbox raises the interrupt.
         if registers::has_free_mailbox() {
             interrupt::CAN1_TX.pend();
         }
     }
 
-    /// Local time at which the latest [`Message::TimeSync`] of this board had left the bus.
+    /// Local time at which this board's latest [`Message::TimeSync`] had left the bus.
     pub fn take_sync_sent(&mut self) -> Option<Micros> {
         critical_section::with(|cs| SYNC_SENT.borrow(cs).take())
     }
 }
 
-/// The tick's end for what arrived.
+/// The tick's end for receiving.
 pub struct Receiver {
     queue: Consumer<'static, Timed>,
     service: service::Incoming,
@@ -140,7 +140,8 @@ impl Receiver {
     }
 }
 
-/// Starts the controller, once. It joins the bus under [`supervise`]. `recorder` gets the tick's frames.
+/// Starts the controller; call it once. The controller joins the bus under [`supervise`]. `recorder` records the
+/// tick's frames.
 pub fn start(
     can: Peri<'static, peripherals::CAN1>,
     rx: Peri<'static, PB8>,
@@ -159,11 +160,11 @@ pub fn start(
         FROM_BUS.borrow(cs).set(Some(from_bus));
     });
     registers::start(can, rx, tx);
-    // Above the tick: the handlers take a few microseconds, and the times they record are what the
-    // boards' clocks are compared by.
+    // Above the tick: the handlers take a few microseconds, and the timestamps that they record synchronise the
+    // boards' clocks.
     for interrupt in [interrupt::CAN1_TX, interrupt::CAN1_RX0, interrupt::CAN1_SCE] {
         interrupt.set_priority(Priority::P3);
-        // SAFETY: the handlers have their data from the start.
+        // SAFETY: the handlers' data are set before the interrupts are enabled.
         unsafe { interrupt.enable() };
     }
     let (incoming, outgoing, service) = service::split();
@@ -182,8 +183,8 @@ pub fn start(
     }
 }
 
-/// Looks after what has no interrupt: the way onto the bus, frames that wait too long, the next
-/// error. Both handlers run with every check, and the task reports only if they did.
+/// Handles what has no interrupt: joining the bus, frames that wait too long, the next error. Every check triggers
+/// both handlers, and the task reports to the watchdog only if both ran.
 #[embassy_executor::task]
 pub async fn supervise(mut check_in: CheckIn) -> ! {
     loop {
@@ -195,7 +196,7 @@ pub async fn supervise(mut check_in: CheckIn) -> ! {
     }
 }
 
-/// Keeps the bus of a board in a session, whose nodes do not take part in it: only frames of the link pass.
+/// Runs the bus of a board in a session: only frames of the link pass, because the nodes take no part in the bus.
 #[embassy_executor::task]
 pub async fn carry(mut sender: Sender, mut receiver: Receiver) -> ! {
     loop {
@@ -206,7 +207,6 @@ pub async fn carry(mut sender: Sender, mut receiver: Receiver) -> ! {
     }
 }
 
-/// One check of the controller.
 fn check() {
     registers::join();
     registers::clear_error();
@@ -215,7 +215,7 @@ fn check() {
     interrupt::CAN1_RX0.pend();
 }
 
-/// A handler's own end of a queue, taken over at its first run.
+/// A handler's end of a queue, taken at the handler's first run.
 fn own<'a, T>(end: &'a mut Option<T>, from: &Mutex<Cell<Option<T>>>) -> Option<&'a mut T> {
     if end.is_none() {
         *end = critical_section::with(|cs| from.borrow(cs).take());
@@ -237,7 +237,7 @@ fn CAN1_TX() {
     transmitter.fill(now, registers::is_joined(), registers::request, drop);
 }
 
-/// Takes note of what was sent or given up.
+/// Handles mailboxes whose frame was sent or aborted.
 fn acknowledge(transmitter: &mut Transmitter, now: Micros) {
     for (mailbox, sent) in registers::take_finished() {
         match transmitter.release(mailbox) {
@@ -280,7 +280,7 @@ fn CAN1_RX0() {
     }
 }
 
-/// Counted once, then silent until the next check.
+/// Counts one error, then disables the error interrupt until the next check.
 #[handler]
 fn CAN1_SCE() {
     registers::enable_interrupts(false);

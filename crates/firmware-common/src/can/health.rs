@@ -1,4 +1,4 @@
-//! Health of the bus: counters, and the memory of a bus-off.
+//! Health of the bus: counters, and whether a frame was acknowledged since bus-off.
 
 use core::cell::Cell;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -11,18 +11,18 @@ use critical_section::Mutex;
 pub struct Counters {
     /// Messages that could not be encoded.
     pub refused: u16,
-    /// Messages that found no room in a queue, or grew too old to be sent.
+    /// Messages for which a queue had no room, or that became too old to be sent.
     pub dropped: u16,
-    /// Frames that are no message of this bus.
+    /// Received frames that are no message of this bus.
     pub unknown: u16,
-    /// Errors the controller reported, at most one in five milliseconds.
+    /// Errors that the controller reported, at most one in five milliseconds.
     pub errors: u16,
-    /// Times the FIFO was full when a frame came: at least one was lost.
+    /// Overruns of the FIFO; each lost at least one frame.
     pub overrun: u16,
 }
 
 impl Counters {
-    /// Nothing counted.
+    /// All zero.
     const NONE: Self = Self {
         refused: 0,
         dropped: 0,
@@ -35,7 +35,7 @@ impl Counters {
 /// Health of a bus, shared by tick, supervision and interrupt handlers.
 pub struct Health {
     counters: Mutex<Cell<Counters>>,
-    /// The controller was off the bus and has sent nothing since.
+    /// True from bus-off until the next acknowledged frame.
     was_off: AtomicBool,
 }
 
@@ -63,13 +63,13 @@ impl Health {
         critical_section::with(|cs| self.counters.borrow(cs).get())
     }
 
-    /// A frame was acknowledged.
+    /// Ends the state after bus-off: a frame was acknowledged.
     pub fn on_acknowledged(&self) {
         self.was_off.store(false, Ordering::Relaxed);
     }
 
-    /// True if the board cannot send: bus-off at this moment (`bus_off`), or back on the bus without an acknowledged
-    /// frame. On a dead bus the controller recovers and goes bus-off again every two milliseconds.
+    /// True if the board cannot send: bus-off at this moment (`bus_off`), or no frame acknowledged since bus-off. On
+    /// a dead bus the controller recovers and goes bus-off again every two milliseconds.
     pub fn was_off(&self, bus_off: bool) -> bool {
         if bus_off {
             self.was_off.store(true, Ordering::Relaxed);

@@ -1,9 +1,8 @@
-//! The three transmit mailboxes of the controller.
+//! Choice among the controller's three transmit mailboxes.
 //!
-//! Of the mailboxes that are full the controller sends the one with the lowest identifier first, and
-//! of equal identifiers the one with the lowest number (RM0090, 32.7.1). A frame is therefore put
-//! above every waiting one of its own identifier, so that none overtakes another, and never in the
-//! place of one that waits.
+//! The controller first sends the frame with the lowest identifier, and of equal identifiers the frame in the mailbox
+//! with the lowest number (RM0090, 32.7.1). A frame therefore goes to a mailbox above every waiting frame with the
+//! same identifier, so that frames of one identifier keep their order. A frame never replaces a waiting frame.
 //!
 //! Nothing here can fail.
 
@@ -15,9 +14,9 @@ pub const COUNT: usize = 3;
 /// A frame in a mailbox.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Waiting {
-    /// Its identifier.
+    /// Identifier of the frame.
     pub id: u16,
-    /// Time of the hand-over for sending, µs.
+    /// Time at which the frame was queued, µs.
     pub since: Micros,
 }
 
@@ -26,12 +25,12 @@ pub struct Waiting {
 pub struct Mailboxes([Option<Waiting>; COUNT]);
 
 impl Mailboxes {
-    /// All free.
+    /// All mailboxes free.
     pub const fn new() -> Self {
         Self([None; COUNT])
     }
 
-    /// The mailbox for a frame of this identifier; `None` as long as it has to wait.
+    /// Mailbox for a frame with this identifier; `None` while the frame has to wait.
     pub fn choose(&self, id: u16) -> Option<usize> {
         let same = |waiting: &Option<Waiting>| waiting.is_some_and(|waiting| waiting.id == id);
         let above = self.0.iter().rposition(same).map_or(0, |last| last + 1);
@@ -39,14 +38,14 @@ impl Mailboxes {
         free.position(|free| free).map(|place| above + place)
     }
 
-    /// A frame was put in a mailbox.
+    /// Marks a mailbox as full.
     pub fn fill(&mut self, mailbox: usize, waiting: Waiting) {
         if let Some(place) = self.0.get_mut(mailbox) {
             *place = Some(waiting);
         }
     }
 
-    /// A mailbox has become free; gives what was in it.
+    /// Marks a mailbox as free and returns its frame.
     pub fn release(&mut self, mailbox: usize) -> Option<Waiting> {
         self.0.get_mut(mailbox)?.take()
     }
@@ -66,7 +65,7 @@ mod tests {
     use super::*;
     use std::collections::VecDeque;
 
-    /// A deterministic sequence; the tests want variety, not quality.
+    /// Deterministic random numbers; the tests need variety, not quality.
     struct Lot(u64);
 
     impl Lot {
@@ -79,14 +78,14 @@ mod tests {
         }
     }
 
-    /// The controller as the manual describes it: what it would send next.
+    /// Model of the controller by the reference manual: the mailbox that it sends next.
     fn next(hardware: &[Option<(u16, u32)>; COUNT]) -> Option<usize> {
         let full = (0..COUNT).filter(|&m| hardware[m].is_some());
         full.min_by_key(|&m| (hardware[m].map(|(id, _)| id), m))
     }
 
     #[test]
-    fn equal_identifiers_leave_in_order_and_none_is_displaced() {
+    fn frames_of_one_identifier_leave_in_order_and_none_is_replaced() {
         let mut lot = Lot(7);
         let (mut mailboxes, mut hardware) = (Mailboxes::new(), [None; COUNT]);
         let mut queue = VecDeque::new();
@@ -121,20 +120,20 @@ mod tests {
     }
 
     #[test]
-    fn three_different_frames_go_in_and_a_fourth_waits() {
+    fn fourth_frame_waits_for_a_free_mailbox() {
         let mut mailboxes = Mailboxes::new();
         for (expected, id) in [0x300, 0x200, 0x100].into_iter().enumerate() {
             assert_eq!(mailboxes.choose(id), Some(expected));
             mailboxes.fill(expected, Waiting { id, since: 0 });
         }
-        // Not even the most urgent takes another's place.
+        // Even the most urgent frame replaces no waiting frame.
         assert_eq!(mailboxes.choose(0), None);
         mailboxes.release(1);
         assert_eq!(mailboxes.choose(0), Some(1));
     }
 
     #[test]
-    fn an_equal_one_in_the_last_mailbox_has_to_leave_first() {
+    fn frame_waits_while_its_identifier_is_in_the_last_mailbox() {
         let mut mailboxes = Mailboxes::new();
         mailboxes.fill(2, Waiting { id: 5, since: 0 });
         assert_eq!(mailboxes.choose(5), None);
@@ -144,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_older_than_the_limit_is_named() {
+    fn frame_older_than_the_limit_is_stale() {
         let mut mailboxes = Mailboxes::new();
         for (mailbox, since) in [(0, 1_000), (2, 30_000)] {
             mailboxes.fill(mailbox, Waiting { id: 1, since });

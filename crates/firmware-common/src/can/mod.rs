@@ -1,21 +1,21 @@
-//! The bus on CAN1: RX on PB8, TX on PB9, 1 Mbit/s.
+//! CAN bus on CAN1: RX on PB8, TX on PB9, 1 Mbit/s.
 //!
-//! [`start`] gives the ends: the tick sends with [`Sender`] and receives with [`Receiver`], the link uses
-//! [`ServicePort`]. Between the tick's queues and the registers stand the controller's
-//! interrupts; [`supervise`] looks after what has no interrupt.
+//! [`start`] returns the ends: the tick sends with [`Sender`] and receives with [`Receiver`], the link uses
+//! [`ServicePort`]. Interrupts move frames between the tick's queues and the registers; [`supervise`] handles what
+//! has no interrupt.
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | `bit_timing` | bit rate, sample point and jump width as the register has them |
-//! | `mailboxes` | which mailbox a frame may take, and which frames have waited too long |
+//! | `bit_timing` | bit rate, sample point and jump width in register format |
+//! | `mailboxes` | choice of a frame's mailbox, list of stale frames |
 //! | `queues` | queues between tick and interrupts; moves frames to mailboxes, drops old ones |
-//! | `health` | counters, memory of a bus-off |
+//! | `health` | counters, state after bus-off |
 //! | `registers` | access to the controller's registers |
 //! | `driver` | start, interrupts, supervision, the tick's ends |
-//! | `service` | frames of the link of other boards |
+//! | `service` | frames of the link, for boards reached over the bus |
 //!
-//! The HAL's driver is not used: it displaces frames from their mailboxes, stamps arrivals in a task,
-//! passes over a full FIFO, and waits for ever for a bus that is not there.
+//! The HAL's driver is not used: it replaces waiting frames in their mailboxes, timestamps arrivals in a task,
+//! ignores a full FIFO, and waits for ever for a missing bus.
 
 mod bit_timing;
 mod health;
@@ -41,7 +41,7 @@ pub use service::ServicePort;
 
 pub use health::Counters;
 
-/// A message and the local time at which its frame ended.
+/// A received message and the local time at which its frame ended.
 #[derive(Clone, Copy, Debug)]
 pub struct Arrived {
     /// Local time, µs.

@@ -1,7 +1,7 @@
 //! Queues between the tick and the controller's interrupts, without access to registers.
 //!
-//! Frames that wait longer than [`STALE`] are dropped, in the queue and in the mailboxes: on a bus that comes back, an old
-//! message must not pass for a new one.
+//! Frames that wait longer than [`STALE`] are dropped, in the queue and in the mailboxes: after a bus failure, old
+//! messages must not pass for new ones.
 
 use core_algos::bus::CanFrame;
 use core_algos::time::{EPOCH, Micros};
@@ -9,17 +9,17 @@ use heapless::spsc::{Consumer, Producer, Queue};
 
 use super::mailboxes::{Mailboxes, Waiting};
 
-/// Messages that wait to be sent; an epoch has at most fourteen of one board.
+/// Messages waiting to be sent; a board sends at most fourteen in an epoch.
 const SENDING: usize = 24;
-/// Frames that wait for the next tick; a millisecond has room for nine on the bus.
+/// Frames waiting for the next tick; the bus carries at most nine in a millisecond.
 const ARRIVED: usize = 32;
-/// Age at which a message is not worth sending any more, µs: two epochs.
+/// Age at which a message is dropped, µs: two epochs.
 const STALE: Micros = 2 * EPOCH;
 
-/// A frame, and the local time at which it was to be sent or had arrived.
+/// A frame and the local time at which it was queued or had arrived.
 pub type Timed = (Micros, CanFrame);
 
-/// Both queues. A queue holds one frame less than it has places.
+/// Both queues. A `heapless` queue holds one frame less than its size.
 pub struct Queues {
     sending: Queue<Timed, { SENDING + 1 }>,
     arrived: Queue<Timed, { ARRIVED + 1 }>,
@@ -52,35 +52,35 @@ impl Queues {
 
 /// Ends of [`Queues`].
 pub struct Ends<'a> {
-    /// The tick's, for frames to be sent.
+    /// The tick's end for frames to be sent.
     pub to_send: Producer<'a, Timed>,
-    /// The tick's, for frames that arrived.
+    /// The tick's end for frames that arrived.
     pub arrived: Consumer<'a, Timed>,
-    /// The transmit handler's.
+    /// The transmit handler's end.
     pub transmitter: Transmitter<'a>,
-    /// The receive handler's.
+    /// The receive handler's end.
     pub from_bus: Producer<'a, Timed>,
 }
 
-/// Queue of frames to be sent, and what the mailboxes hold.
+/// Queue of frames to be sent, and the state of the mailboxes.
 pub struct Transmitter<'a> {
     queue: Consumer<'a, Timed>,
     mailboxes: Mailboxes,
 }
 
 impl Transmitter<'_> {
-    /// A mailbox has become free; gives what was in it.
+    /// Marks a mailbox as free and returns its frame.
     pub fn release(&mut self, mailbox: usize) -> Option<Waiting> {
         self.mailboxes.release(mailbox)
     }
 
-    /// Mailboxes whose frame is to be given up.
+    /// Mailboxes whose frame is too old and must be aborted.
     pub fn stale(&self, now: Micros) -> impl Iterator<Item = usize> {
         self.mailboxes.stale(now, STALE)
     }
 
-    /// Moves frames from the queue to mailboxes while the controller takes part in the bus: `request` writes one. Calls
-    /// `drop` for each that has waited too long.
+    /// Moves frames from the queue to mailboxes while the controller takes part in the bus. Calls `request` for each
+    /// frame moved and `drop` for each frame that has waited too long.
     pub fn fill(
         &mut self,
         now: Micros,
@@ -115,7 +115,7 @@ mod tests {
         }
     }
 
-    /// Mailboxes and identifiers that were written, and frames that were dropped.
+    /// Mailboxes and identifiers that were written, and the number of dropped frames.
     fn fill(transmitter: &mut Transmitter, now: Micros, joined: bool) -> (Vec<(usize, u16)>, u32) {
         let (mut written, mut dropped) = (Vec::new(), 0);
         transmitter.fill(
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_older_than_two_epochs_are_dropped_from_the_queue_and_named_in_the_mailboxes() {
+    fn frames_older_than_two_epochs_are_dropped_in_the_queue_and_stale_in_the_mailboxes() {
         let mut queues = Queues::new();
         let mut ends = queues.split();
         ends.to_send.enqueue((0, frame(1))).unwrap();
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn queues_hold_their_number_of_frames_in_order() {
+    fn queues_hold_their_capacity_in_order() {
         let mut queues = Queues::new();
         let mut ends = queues.split();
         let put = |queue: &mut Producer<Timed>| {

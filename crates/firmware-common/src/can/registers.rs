@@ -27,28 +27,28 @@ const BIT_TIMING: BitTiming = match BitTiming::new(APB1_HZ, BIT_RATE) {
 pub enum Fifo {
     /// No frame.
     Empty,
-    /// The release of the frame before is not done yet.
+    /// The last frame taken is still being released.
     Releasing,
     /// At least one frame.
     Frame,
 }
 
-/// Sets pins and controller up and asks for its initialisation, in which [`join`] finds it.
+/// Sets up the pins and the controller and requests initialisation mode, which [`join`] completes.
 pub fn start(
     _can: Peri<'static, peripherals::CAN1>,
     rx: Peri<'static, PB8>,
     tx: Peri<'static, PB9>,
 ) {
     let (mut rx, mut tx) = (Flex::new(rx), Flex::new(tx));
-    // Recessive while the transceiver has no supply.
+    // The pull-up reads as recessive while the transceiver has no supply.
     rx.set_as_af_unchecked(ALTERNATE, AfType::input(Pull::Up));
     let fast = AfType::output(OutputType::PushPull, Speed::VeryHigh);
     tx.set_as_af_unchecked(ALTERNATE, fast);
-    // Dropped they would be disconnected.
+    // Dropped pins would be disconnected.
     core::mem::forget((rx, tx));
 
     rcc::enable_and_reset::<peripherals::CAN1>();
-    // Out of sleep and into initialisation, which needs no bus.
+    // Leaves sleep and requests initialisation mode, which needs no bus.
     CAN1.mcr().modify(|w| {
         w.set_sleep(false);
         w.set_inrq(true);
@@ -58,7 +58,7 @@ pub fn start(
     enable_interrupts(true);
 }
 
-/// One filter, a mask of 32 bits that asks for nothing, into FIFO 0.
+/// Sets one filter that accepts every identifier into FIFO 0: a mask of 32 zero bits.
 fn accept_all() {
     CAN1.fmr().modify(|w| w.set_finit(true));
     CAN1.fs1r().modify(|w| w.set_fsc(0, true));
@@ -68,7 +68,7 @@ fn accept_all() {
     CAN1.fmr().modify(|w| w.set_finit(false));
 }
 
-/// Enables the interrupts, with or without errors.
+/// Enables the interrupts; `errors` includes those of errors.
 pub fn enable_interrupts(errors: bool) {
     let mut ier = Ier(0);
     ier.set_tmeie(true);
@@ -79,7 +79,7 @@ pub fn enable_interrupts(errors: bool) {
     CAN1.ier().write_value(ier);
 }
 
-/// Once the controller is in its initialisation: sets the bit timing and leaves it.
+/// Sets the bit timing and leaves initialisation mode, once the controller has entered it.
 pub fn join() {
     if CAN1.mcr().read().inrq() && CAN1.msr().read().inak() {
         CAN1.btr().write_value(Btr(BIT_TIMING.register()));
@@ -97,7 +97,7 @@ pub fn is_bus_off() -> bool {
     CAN1.esr().read().boff()
 }
 
-/// Clears the flag of an error, so that the next one asks for an interrupt.
+/// Clears the error flag, so that the next error raises an interrupt.
 pub fn clear_error() {
     CAN1.msr().write(|w| w.set_erri(true));
 }
@@ -107,7 +107,7 @@ pub fn has_free_mailbox() -> bool {
     (0..COUNT).any(|mailbox| CAN1.tsr().read().tme(mailbox))
 }
 
-/// Mailboxes whose frame was sent or given up, each with whether it was sent; clears their flags.
+/// Mailboxes whose frame was sent or aborted, each with true if it was sent; clears their flags.
 pub fn take_finished() -> impl Iterator<Item = (usize, bool)> {
     let status = CAN1.tsr().read();
     let finished = (0..COUNT).filter(move |&mailbox| status.rqcp(mailbox));
@@ -118,12 +118,12 @@ pub fn take_finished() -> impl Iterator<Item = (usize, bool)> {
     })
 }
 
-/// Asks the controller to give up the frame of a mailbox. One that is on the wire just now may still succeed.
+/// Asks the controller to abort the frame of a mailbox. A frame already on the wire may still be sent.
 pub fn abort(mailbox: usize) {
     CAN1.tsr().write(|w| w.set_abrq(mailbox, true));
 }
 
-/// Writes a frame into a mailbox and asks for it to be sent.
+/// Writes a frame into a mailbox and requests transmission.
 pub fn request(mailbox: usize, frame: &CanFrame) {
     let [a, b, c, d, e, f, g, h] = frame.data;
     let registers = CAN1.tx(mailbox);
@@ -140,7 +140,7 @@ pub fn request(mailbox: usize, frame: &CanFrame) {
 /// State of the FIFO, and true if a frame was lost since the last call.
 pub fn fifo() -> (Fifo, bool) {
     let state = CAN1.rfr(0).read();
-    // Each write names one flag: those that are written as read would be cleared.
+    // Each write sets one flag only: the flags are cleared by writing 1.
     if state.fovr() {
         CAN1.rfr(0).write(|w| w.set_fovr(true));
     }
@@ -165,7 +165,7 @@ fn first_in_fifo() -> Option<CanFrame> {
     if head.ide() != Ide::STANDARD || head.rtr() != Rtr::DATA {
         return None;
     }
-    // Lengths of nine and more stand for eight.
+    // Length codes of nine and more mean eight bytes.
     let length = registers.rdtr().read().dlc().min(8);
     let low = registers.rdlr().read().0;
     let high = registers.rdhr().read().0;

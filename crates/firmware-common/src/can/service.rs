@@ -1,4 +1,4 @@
-//! Bus frames of the link ([`core_algos::link::segment`]): they pass by the nodes.
+//! Bus frames of the link ([`core_algos::link::segment`]), which bypass the nodes.
 
 use core_algos::bus::CanFrame;
 use core_algos::link::segment;
@@ -6,9 +6,9 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use static_cell::ConstStaticCell;
 
-/// Frames that wait for the link; a board sends one a tick.
+/// Frames waiting for the link; a board sends one a tick.
 const ARRIVED: usize = 16;
-/// Frames that wait to be sent: those of the longest reply.
+/// Frames waiting to be sent: the number of frames of the longest reply.
 const SENDING: usize = 34;
 
 type Frames<const N: usize> = Channel<CriticalSectionRawMutex, CanFrame, N>;
@@ -18,7 +18,7 @@ struct Channels {
     sending: Frames<SENDING>,
 }
 
-/// The ends of the frames' channels; to be called once.
+/// Splits the channels into their ends; call it once.
 pub(super) fn split() -> (Incoming, Outgoing, ServicePort) {
     static CHANNELS: ConstStaticCell<Channels> = ConstStaticCell::new(Channels {
         arrived: Channel::new(),
@@ -36,7 +36,8 @@ pub(super) fn split() -> (Incoming, Outgoing, ServicePort) {
 pub(super) struct Incoming(&'static Frames<ARRIVED>);
 
 impl Incoming {
-    /// True if the frame is one of the link, which gets it. Without room it is lost, and the host repeats its request.
+    /// True if the frame belongs to the link, which then receives it. If the channel is full, the frame is lost and
+    /// the host repeats its request.
     pub fn take(&mut self, frame: &CanFrame) -> bool {
         let service = segment::address(frame.id).is_some();
         if service {
@@ -65,7 +66,8 @@ impl ServicePort {
         self.0.arrived.receive().await
     }
 
-    /// Frames to be sent, at most one a tick. Without room they are lost, and the host repeats its request.
+    /// Queues frames, of which one is sent per tick. If the channel is full, frames are lost and the host repeats its
+    /// request.
     pub fn send(&mut self, frames: impl Iterator<Item = CanFrame>) {
         for frame in frames {
             let _ = self.0.sending.try_send(frame);

@@ -1,4 +1,4 @@
-//! A board that drives, at its link: what it does with what arrives, without access to hardware.
+//! Link of a board that drives: handles bytes and frames that arrive, without access to hardware.
 
 use core_algos::bus::CanFrame;
 use core_algos::link::attendant::Station;
@@ -11,35 +11,35 @@ use core_algos::topology::Role;
 use super::ends::{LinkEnd, OrderResult};
 use super::{Output, Route};
 
-/// Event that ends a wait of the link.
+/// Event that ends the link's wait.
 pub enum Event<'a> {
     /// Bytes arrived at the serial port.
     Bytes(&'a [u8]),
     /// A frame of the link arrived on the bus.
     Frame(CanFrame),
-    /// The tick executed an order.
+    /// The tick executed an order, with this result.
     Executed(OrderResult),
-    /// The report before was sent, or it is time for the next.
+    /// The previous report was sent, or the next report is due.
     Nothing,
 }
 
-/// A board that drives, at its link.
+/// Link of a board that drives.
 pub struct Driving {
     role: Role,
-    /// For the host at the port of this board.
+    /// Serves a host at this board's serial port.
     at_port: &'static mut Attendant,
-    /// For a host at the port of another board.
+    /// Serves a host at another board's serial port, over the bus.
     on_bus: &'static mut Attendant,
     station: Station,
     end: LinkEnd,
-    /// Replies of other boards.
+    /// Decoder of other boards' replies.
     relayed: Decoder,
-    /// Route of the latest order.
+    /// Route on which the latest order arrived.
     ordered: Route,
 }
 
 impl Driving {
-    /// A board with nothing under way.
+    /// A link without requests or orders in progress.
     pub fn new(role: Role, [at_port, on_bus]: &'static mut [Attendant; 2], end: LinkEnd) -> Self {
         Self {
             role,
@@ -52,12 +52,13 @@ impl Driving {
         }
     }
 
-    /// The link's end, to wait with.
+    /// The link's end of the channels to the tick.
     pub fn end(&self) -> &LinkEnd {
         &self.end
     }
 
-    /// One turn at `now`. Gives the route of a request for a session: the board is to reset into one when all is sent.
+    /// Handles one event at `now`. Returns the route of a request for a session: the board must then reset into a
+    /// session once all bytes are sent.
     pub fn turn(&mut self, now: Micros, event: Event, output: &mut impl Output) -> Option<Route> {
         if self.end.is_watched() {
             self.report(output);
@@ -82,7 +83,7 @@ impl Driving {
         None
     }
 
-    /// Takes bytes of a host, and does what they demand.
+    /// Handles bytes from a host.
     fn receive(&mut self, route: Route, bytes: &[u8], output: &mut impl Output) -> Option<Route> {
         let attendant = match route {
             Route::Serial => &mut *self.at_port,
@@ -105,13 +106,12 @@ impl Driving {
             (Some(Demand::Relay(to, frame)), Route::Serial) => {
                 output.send(segment::frames(to, Direction::To, frame.repeated()));
             }
-            // A host that watches has a port, and a board relays for its port only.
+            // Watching and relaying are served only at a board's own port.
             (Some(Demand::Watch | Demand::Relay(..)), Route::Bus) | (None, _) => {}
         }
         None
     }
 
-    /// Replies to the latest order.
     fn reply_to_order(&mut self, result: OrderResult, output: &mut impl Output) {
         let (role, route) = (self.role, self.ordered);
         let attendant = match route {
@@ -121,7 +121,7 @@ impl Driving {
         attendant.done(result, &mut |reply| output.reply(route, role, reply));
     }
 
-    /// Takes a part of another board's reply.
+    /// Handles a part of another board's reply.
     fn relay(&mut self, from: Role, bytes: &[u8], output: &mut impl Output) {
         for &byte in bytes {
             if let Some(payload) = self.relayed.take_byte(byte) {
@@ -131,8 +131,8 @@ impl Driving {
         }
     }
 
-    /// Sends the host entries of the tick and the next part of the lead node's output. While the report before is on the
-    /// line there is no other: entries wait, and an output is replaced by the next.
+    /// Sends the host log entries of the tick and the next part of the lead node's output. While the previous report
+    /// is being sent, no new report starts: entries wait, and a newer output replaces an older one.
     fn report(&mut self, output: &mut impl Output) {
         if !output.is_free() {
             return;

@@ -1,9 +1,9 @@
-//! The tick's end and the link's end of a board that drives.
+//! Channels between the tick and the link of a board that drives.
 //!
 //! | from → to | what |
 //! |---|---|
-//! | link → tick | an order with its number; that the lease lapsed; that the nodes are to begin anew |
-//! | tick → link | the result of an order; output of the lead node; entries for the record; the state of the motors |
+//! | link → tick | an order with its number; lapse of the lease; request to restart the nodes |
+//! | tick → link | result of an order; output of the lead node; log entries; state of the motors |
 
 use core::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
@@ -18,10 +18,10 @@ use embassy_sync::signal::Signal;
 
 use crate::record::{Entries, Reader, Recorder, Ring};
 
-/// Result of an order: an error where the lead node did not accept all of it.
+/// Result of an order; an error if the lead node rejected a part.
 pub type OrderResult = Result<(), PathError>;
 
-/// Memory of both ends: one for a board, in a static place.
+/// Memory of both ends: one per board, in a static.
 pub struct Channels {
     shared: Shared,
     ring: Ring,
@@ -37,7 +37,7 @@ struct Shared {
 }
 
 impl Channels {
-    /// Nothing under way, motors off, no host that watches.
+    /// No order in progress, motors off, no host that watches.
     pub const fn new() -> Self {
         Self {
             shared: Shared {
@@ -52,7 +52,7 @@ impl Channels {
         }
     }
 
-    /// The two ends.
+    /// Splits the channels into the two ends.
     pub fn split(&'static mut self) -> (TickEnd, LinkEnd) {
         let Self { shared, ring } = self;
         let shared = &*shared;
@@ -68,7 +68,7 @@ pub struct TickEnd {
 }
 
 impl TickEnd {
-    /// For the bus, whose frames are recorded too.
+    /// Recorder for the frames of the bus.
     pub fn recorder(&self) -> &Recorder {
         &self.recorder
     }
@@ -78,7 +78,7 @@ impl TickEnd {
         self.recorder.put(entry);
     }
 
-    /// Hands over the output of a step of the lead node at `now`, if a host watches.
+    /// Publishes the output of the lead node's step at `now`, if a host watches.
     pub fn publish(&mut self, now: Micros, output: Output, lead: &mut LeadNode) {
         if self.recorder.is_watched() {
             self.shared
@@ -87,14 +87,14 @@ impl TickEnd {
         }
     }
 
-    /// Executes the order of a host, if one has come, and stops the robot of a host whose lease lapsed.
+    /// Executes the order of a host, if one has arrived, and stops the robot if the host's lease lapsed.
     pub fn execute_orders(&mut self, lead: &mut LeadNode) {
         if self.shared.lapsed.swap(false, Ordering::Relaxed) {
             self.execute(Order::Lost, lead);
         }
         if let Some((number, order)) = self.shared.order.try_take() {
             let result = order.carry_out(lead);
-            // The lead node may have accepted some points of a refused order.
+            // The lead node may have accepted some points of a rejected order.
             self.put(&match result {
                 Ok(()) => Entry::Carried(number),
                 Err(_) => Entry::End,
@@ -103,9 +103,9 @@ impl TickEnd {
         }
     }
 
-    /// Executes an order of the board itself.
+    /// Executes an order that the board itself gives.
     pub fn execute(&mut self, order: Order, lead: &mut LeadNode) {
-        // The board's own are finite and hold no points.
+        // The board's own orders are finite and hold no points, so they cannot fail.
         let _ = order.carry_out(lead);
         self.put(&Entry::Order(order));
     }
@@ -115,7 +115,7 @@ impl TickEnd {
         self.shared.motors.store(motors as u8, Ordering::Relaxed);
     }
 
-    /// True once after a host has asked for nodes that begin anew.
+    /// True once after a host has asked to restart the nodes.
     pub fn take_begin(&mut self) -> bool {
         self.shared.begin.swap(false, Ordering::Relaxed)
     }
@@ -137,7 +137,7 @@ impl LinkEnd {
             .unwrap_or(MotorState::Driven)
     }
 
-    /// Gives the tick the order of this number.
+    /// Sends the tick an order with this number.
     pub fn order(&mut self, number: u16, order: Order) {
         self.shared.order.signal((number, order));
     }
@@ -147,17 +147,17 @@ impl LinkEnd {
         self.shared.result.wait().await
     }
 
-    /// The lease of a host lapsed.
+    /// Reports to the tick that the host's lease lapsed.
     pub fn on_lease_lapsed(&mut self) {
         self.shared.lapsed.store(true, Ordering::Relaxed);
     }
 
-    /// Asks the tick to let the nodes begin anew.
+    /// Asks the tick to restart the nodes.
     pub fn begin(&mut self) {
         self.shared.begin.store(true, Ordering::Relaxed);
     }
 
-    /// A host watches from here on.
+    /// Starts recording for a host that watches.
     pub fn watch(&mut self) {
         self.reader.watch();
     }
@@ -172,17 +172,17 @@ impl LinkEnd {
         self.shared.telemetry.try_take()
     }
 
-    /// The oldest entries that fit into `most` bytes.
+    /// Takes the oldest entries that fit into `most` bytes.
     pub fn take_entries(&mut self, most: usize) -> Entries {
         self.reader.take(most)
     }
 
-    /// True if an entry waits that did not fit.
+    /// True if the next entry did not fit into the last report.
     pub fn is_behind(&self) -> bool {
         self.reader.is_behind()
     }
 
-    /// Entries that were lost, modulo 65 536.
+    /// Log entries lost because the ring was full, modulo 65 536.
     pub fn lost(&self) -> u16 {
         self.reader.lost()
     }

@@ -1,19 +1,20 @@
-//! The link of a board: its serial port, and what it serves there.
+//! Link of a board: its serial port and the services there.
 //!
-//! A board that drives answers who it is ([`Driving`]). With its motors off it can be asked for a session: it resets, and
-//! its nodes are fed from the link instead of sensors and bus. Drivers and sensors are not started then;
-//! the session ends with a reset.
+//! A board that drives reports its identity, executes orders of a host and sends reports to a host that watches
+//! ([`Driving`]). While its motors are off, a host can request a session, which is hardware in the loop: the board
+//! resets, and the host feeds its nodes in place of sensors and bus. In a session, motor drivers and sensors are not
+//! started; the session ends with a reset.
 //!
-//! A host at the serial port of another board reaches this one over the bus. A session that it asks for there is served
-//! there.
+//! A host at another board's serial port reaches this board over the bus. A session requested over the bus is also
+//! served over the bus.
 //!
 //! | module | what it holds |
 //! |---|---|
 //! | `ends` | the tick's end and the link's end of a board that drives |
-//! | `driving` | a board that drives: replies, orders, reports, relays; without hardware |
+//! | `driving` | link of a board that drives: replies, orders, reports, relays; without hardware |
 //! | `ports` | serial port and frames on the bus |
 //! | `request` | request for a session, kept over the reset |
-//! | `tasks` | the task of a board that drives, and that of a session |
+//! | `tasks` | link task of a board that drives, and of a session |
 //! | `uart` | driver of the serial port |
 
 mod driving;
@@ -42,23 +43,23 @@ pub use request::take as requested_session;
 #[cfg(target_os = "none")]
 pub use tasks::{Link, ends};
 
-/// Route from the host to the board, with the word that asks for a session there.
+/// Route from the host to the board; the value is the word that requests a session over that route.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Route {
     /// The board's serial port.
     Serial = 0x5e55_10e1,
-    /// The port of another board, and the bus.
+    /// Another board's serial port, and the bus.
     Bus = 0x5e55_10e2,
 }
 
 /// Outputs of the link.
 pub trait Output {
-    /// Sends a frame at the serial port, after the one before.
+    /// Sends a frame at the serial port, after the previous frame.
     fn write(&mut self, bytes: &[u8]);
-    /// True if the serial port has sent the frame before.
+    /// True if the serial port has sent the previous frame.
     fn is_free(&self) -> bool;
-    /// Sends frames on the bus, one a tick.
+    /// Sends frames on the bus, one per tick.
     fn send(&mut self, frames: impl Iterator<Item = CanFrame>);
 
     /// Sends a reply of this board to the host.

@@ -15,7 +15,7 @@ use crate::can::ServicePort;
 pub struct Ports {
     /// Serial port.
     pub uart: Uart,
-    /// Frames of the link on the bus; `None` in a session at the serial port, where the bus is not started.
+    /// Frames of the link on the bus; `None` in a session at the serial port, which does not start the bus.
     pub service: Option<ServicePort>,
 }
 
@@ -36,7 +36,7 @@ impl Ports {
         }
     }
 
-    /// Waits until all is sent.
+    /// Waits until all bytes and frames are sent.
     pub async fn flush(&mut self, route: Route) {
         if route == Route::Serial {
             return self.uart.flush();
@@ -44,7 +44,7 @@ impl Ports {
         while self.service.as_ref().is_some_and(|port| !port.is_sent()) {
             Timer::after_millis(1).await;
         }
-        // Longer than a frame waits for a busy bus.
+        // 20 ms is longer than a frame waits on a busy bus.
         Timer::after_millis(20).await;
     }
 }

@@ -1,19 +1,19 @@
-//! Request for a session, kept over the reset that begins it.
+//! Request for a session, in memory that a reset keeps.
 
 use core::mem::MaybeUninit;
 use core::ptr::addr_of_mut;
 
 use super::Route;
 
-/// Word that asks the next start for a session; any value after power came on.
+/// Word that requests a session at the next start; random after power-on.
 #[unsafe(link_section = ".uninit.SESSION")]
 static mut WORD: MaybeUninit<u32> = MaybeUninit::uninit();
 
-/// Route of the request for a session that has asked for this start, if one has; once.
+/// Takes the route of the requested session; `None` if this start is not for a session.
 pub fn take() -> Option<Route> {
     let place = addr_of_mut!(WORD).cast::<u32>();
-    // SAFETY: only this module uses the word, and any pattern is a number; volatile, because it was written before the
-    // reset.
+    // SAFETY: only this module uses the word, and every bit pattern is a number. The read is volatile, because the
+    // word was written before the reset.
     unsafe {
         let word = place.read_volatile();
         place.write_volatile(0);

@@ -1,4 +1,4 @@
-//! The tasks of the link.
+//! Tasks of the link: one of a board that drives, one of a session.
 
 use core::future::pending;
 
@@ -26,16 +26,16 @@ use crate::store::chip::Parameters;
 use crate::watchdog::Watchdog;
 use crate::{fault, stack};
 
-/// Longest wait for bytes before the watchdog is fed all the same.
+/// Longest wait for bytes between two feeds of the watchdog.
 const IDLE: Duration = Duration::from_millis(100);
 /// Time between reports to a host that watches.
 const REPORT_EVERY: Duration = Duration::from_millis(REPORT_MS);
-/// A session without a request for so long has ended.
+/// Time without a request after which a session ends.
 const SILENCE: Duration = Duration::from_secs(60);
 /// Time between reports in the log.
 const REPORT: Duration = Duration::from_secs(10);
 
-/// The tick's end and the link's end of this board; to be called once.
+/// Splits the static channels of this board into the tick's end and the link's end; call it once.
 pub fn ends() -> (TickEnd, LinkEnd) {
     static CHANNELS: ConstStaticCell<Channels> = ConstStaticCell::new(Channels::new());
     CHANNELS.take().split()
@@ -48,7 +48,7 @@ pub struct Link {
 }
 
 impl Link {
-    /// Opens it, once. `build` names the image.
+    /// Opens the serial port; call it once. `build` names the image.
     pub fn open(
         uart: Peri<'static, USART3>,
         rx: Peri<'static, PB11>,
@@ -62,7 +62,7 @@ impl Link {
         }
     }
 
-    /// Starts the task of a board that drives, with nodes of this configuration.
+    /// Starts the link task of a board that drives with nodes of this configuration.
     pub fn start_driving(
         self,
         config: &RobotConfig,
@@ -75,7 +75,7 @@ impl Link {
         spawner.spawn(drive(self, config, service, end).expect("spawned once"));
     }
 
-    /// Starts a session; `bus` is the bus of one that was requested there.
+    /// Starts a session; `bus` is given for a session over the bus.
     pub fn start_session(
         self,
         watchdog: Watchdog,
@@ -91,13 +91,13 @@ impl Link {
         spawner.spawn(serve(self, service, watchdog, parameters).expect("spawned once"));
     }
 
-    /// The place of the nodes of a board that drives: that of the nodes in a session.
+    /// Puts the nodes of a board that drives into the static memory that a session uses for its nodes.
     pub fn place(&self, nodes: Ready) -> &'static mut Board {
         endpoint(self.identity).begin(nodes)
     }
 }
 
-/// Answers what the link brings to a board that drives, for ever.
+/// Serves the link of a board that drives, for ever.
 #[embassy_executor::task]
 async fn drive(link: Link, config: &'static RobotConfig, service: ServicePort, end: LinkEnd) -> ! {
     static ATTENDANTS: StaticCell<[Attendant; 2]> = StaticCell::new();
@@ -116,7 +116,7 @@ async fn drive(link: Link, config: &'static RobotConfig, service: ServicePort, e
             true => REPORT_EVERY,
             false => IDLE,
         };
-        // With more to report than fits, the next report follows at once.
+        // If entries are left over, the next report follows at once.
         let is_behind = end.is_behind();
         let sent = async {
             match is_behind {
@@ -138,8 +138,8 @@ async fn drive(link: Link, config: &'static RobotConfig, service: ServicePort, e
     }
 }
 
-/// Serves a session until the host leaves or is silent. The watchdog is fed once a turn: a node that does not return
-/// from a step lets it reset the board.
+/// Serves a session until the host ends it or is silent for [`SILENCE`]. The watchdog is fed once per turn, so a node
+/// step that hangs resets the board.
 #[embassy_executor::task]
 async fn serve(
     link: Link,
@@ -194,15 +194,14 @@ async fn serve(
     }
 }
 
-/// The endpoint in its static place. Not inlined: should it pass over the stack, all 20 kB, nothing else
-/// is there.
+/// Endpoint in static memory. Not inlined, so that its 20 kB, if built on the stack, enlarge no caller's frame.
 #[inline(never)]
 fn endpoint(identity: Identity) -> &'static mut Endpoint {
     static ENDPOINT: StaticCell<Endpoint> = StaticCell::new();
     ENDPOINT.init_with(|| Endpoint::new(identity, stack_use))
 }
 
-/// Stack use for the host and the log.
+/// Stack use for the host; also logs it.
 fn stack_use() -> StackUse {
     let stack = stack::high_water();
     defmt::info!("{}", stack);

@@ -1,4 +1,4 @@
-//! Both ends of the link and a board that drives between them, with fixed inputs.
+//! Tests of a board that drives, between both ends of its link, with fixed inputs.
 
 use std::sync::LazyLock;
 
@@ -21,7 +21,7 @@ use super::*;
 
 static CONFIG: LazyLock<RobotConfig> = LazyLock::new(RobotConfig::default);
 
-/// Serial port and bus that keep what was sent.
+/// Serial port and bus that keep all bytes and frames sent.
 #[derive(Default)]
 struct Sent {
     serial: Vec<u8>,
@@ -43,7 +43,7 @@ impl Output for Sent {
     }
 }
 
-/// A front board that drives: its link, its tick's end, and the lead node.
+/// Front board that drives: its link, the tick's end, and the lead node.
 struct Bench {
     driving: Driving,
     tick: TickEnd,
@@ -54,7 +54,7 @@ struct Bench {
 }
 
 impl Bench {
-    /// A board to which a host has said hello at both routes.
+    /// A board that has received a hello on both routes.
     fn new() -> Self {
         let identity = Identity {
             build: "test build",
@@ -83,7 +83,7 @@ impl Bench {
         self.driving.turn(self.now, event, &mut self.sent)
     }
 
-    /// Sends a request; gives the replies, and the route of a request for a session.
+    /// Sends a request; returns the replies and the route of a requested session.
     fn ask(&mut self, route: Route, request: &Request) -> (Vec<Vec<u8>>, Option<Route>) {
         self.number += 1;
         let frame = protocol::encode(self.number, request).unwrap();
@@ -99,7 +99,7 @@ impl Bench {
         (self.take(route), session)
     }
 
-    /// Payloads that were sent since the last call.
+    /// Payloads sent on a route since the last call.
     fn take(&mut self, route: Route) -> Vec<Vec<u8>> {
         let bytes = match route {
             Route::Serial => core::mem::take(&mut self.sent.serial),
@@ -131,14 +131,14 @@ impl Bench {
         self.turn(Event::Executed(result));
     }
 
-    /// Entries of the reports that the link sends now.
+    /// Entries of the reports that one turn of the link sends.
     fn entries(&mut self) -> Vec<String> {
         self.turn(Event::Nothing);
         entries_of(&self.take(Route::Serial))
     }
 }
 
-/// Entries of the reports among these payloads.
+/// Entries of all reports among these payloads.
 fn entries_of(payloads: &[Vec<u8>]) -> Vec<String> {
     let mut found = Vec::new();
     for payload in payloads {

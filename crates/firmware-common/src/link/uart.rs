@@ -1,10 +1,10 @@
-//! USART3 (TX on PB10, RX on PB11), fetched and fed by DMA1 (RM0090, chapters 10 and 30).
+//! USART3 (TX on PB10, RX on PB11) with DMA1 in both directions (RM0090, chapters 10 and 30).
 //!
-//! The HAL's drivers are not used: the buffered one has an interrupt a byte, the one with a ring reads the data
-//! register in each call, and the one with DMA panics on an empty write.
+//! The HAL's drivers are not used. The buffered driver has an interrupt per byte, the ring buffer driver reads the
+//! data register in each call, and the DMA driver panics on an empty write.
 //!
-//! Stream 1 writes what arrives into a ring. The line that falls idle after the last byte wakes the reader: the host
-//! sends one request and waits for its answer.
+//! Stream 1 writes received bytes into a ring buffer. The idle line after the last byte wakes the reader: the host
+//! sends one request and waits for its reply.
 
 use core::sync::atomic::{AtomicU8, Ordering, compiler_fence};
 
@@ -19,7 +19,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use static_cell::ConstStaticCell;
 
-/// Symbols a second; 42 MHz give 913 043, 0.9 % slow, well within what a UART tolerates.
+/// Baud rate; the 42 MHz clock gives 913 043, 0.9 % slow, within the tolerance of a UART.
 const BAUD: u32 = 921_600;
 /// Clock of APB1, Hz.
 const CLOCK_HZ: u32 = 42_000_000;
@@ -29,40 +29,40 @@ const ALTERNATE: u8 = 7;
 const RX: usize = 1;
 const TX: usize = 3;
 const CHANNEL: u8 = 4;
-/// Bytes that wait to be read: two of the longest frames.
+/// Size of the receive buffer, bytes: two of the longest frames.
 const ROOM: usize = 2 * MAX_FRAME;
 
 static RING: [AtomicU8; ROOM] = [const { AtomicU8::new(0) }; ROOM];
 static IDLE: Signal<CriticalSectionRawMutex, ()> = Signal::new();
 static SENT: Signal<CriticalSectionRawMutex, ()> = Signal::new();
-/// Status bits that writing leaves as they are; those of the transmission's end apart.
+/// Status bits that a write of 1 keeps: all except transmission complete.
 const KEPT: u32 = 0x3ff & !(1 << 6);
 
-/// The port.
+/// The serial port.
 pub struct Uart {
-    /// Bytes of the ring that were read, modulo its length.
+    /// Read position in the ring buffer.
     read: usize,
     sending: &'static mut [u8; MAX_FRAME],
 }
 
 impl Uart {
-    /// Starts it, once.
+    /// Starts the port; call it once.
     pub fn start(
         _uart: Peri<'static, USART3>,
         rx: Peri<'static, PB11>,
         tx: Peri<'static, PB10>,
     ) -> Self {
         static SENDING: ConstStaticCell<[u8; MAX_FRAME]> = ConstStaticCell::new([0; MAX_FRAME]);
-        // The clock of DMA1 runs since the HAL was started.
+        // The HAL has already started the clock of DMA1.
         rcc::enable_and_reset::<USART3>();
         let (mut rx, mut tx) = (Flex::new(rx), Flex::new(tx));
-        // Without an adapter the input would float.
+        // The pull-up keeps the input from floating without an adapter.
         rx.set_as_af_unchecked(ALTERNATE, AfType::input(Pull::Up));
         tx.set_as_af_unchecked(
             ALTERNATE,
             AfType::output(OutputType::PushPull, Speed::Medium),
         );
-        // A pin that is dropped is disconnected.
+        // Dropped pins would be disconnected.
         core::mem::forget((rx, tx));
 
         let uart = pac::USART3;
@@ -82,10 +82,10 @@ impl Uart {
             w.set_dmar(true);
             w.set_dmat(true);
         });
-        // Below the tick; above the thread, whose reader it wakes.
+        // Below the tick, above the thread, whose reader the handler wakes.
         interrupt::USART3.set_priority(Priority::P6);
         interrupt::USART3.unpend();
-        // SAFETY: the handler below is the interrupt's, and shares nothing but a signal.
+        // SAFETY: the handler of this interrupt is below and shares only signals.
         unsafe { interrupt::USART3.enable() };
         uart.cr1().write(|w| {
             w.set_ue(true);
@@ -99,7 +99,7 @@ impl Uart {
         }
     }
 
-    /// Waits for bytes; the number read, at least one.
+    /// Waits for bytes; returns the number read, at least one.
     pub async fn read(&mut self, buffer: &mut [u8]) -> usize {
         loop {
             let left = usize::from(DMA1.st(RX).ndtr().read().ndt());
@@ -118,15 +118,15 @@ impl Uart {
         }
     }
 
-    /// True if the frame before is on its way to the end.
+    /// True if DMA has read the whole previous frame, so that a new frame can start.
     pub fn is_free(&self) -> bool {
         !DMA1.st(TX).cr().read().en()
     }
 
-    /// Sends a frame, after the one before; what is longer than any is cut off.
+    /// Sends a frame after the previous one; bytes beyond the longest frame are cut off.
     pub fn write(&mut self, bytes: &[u8]) {
         let stream = DMA1.st(TX);
-        // A stream without bytes would not start, nor end.
+        // A stream of length zero would neither start nor end.
         if bytes.is_empty() {
             return;
         }
@@ -134,7 +134,7 @@ impl Uart {
         let count = bytes.len().min(MAX_FRAME);
         self.sending[..count].copy_from_slice(&bytes[..count]);
         compiler_fence(Ordering::Release);
-        // All of them: a stream with an error flag of the frame before would not start (RM0090, 10.3.17).
+        // Clear all flags: a stream with an error flag of the previous frame would not start (RM0090, 10.3.17).
         DMA1.ifcr(TX / 4).write(|w| {
             w.set_feif(TX % 4, true);
             w.set_dmeif(TX % 4, true);
@@ -156,15 +156,15 @@ impl Uart {
         pac::USART3.cr1().modify(|w| w.set_tcie(true));
     }
 
-    /// Waits until all is sent.
+    /// Waits until all bytes are sent.
     pub fn flush(&mut self) {
         while DMA1.st(TX).cr().read().en() {}
-        // The last bytes are in the shift register and before it: two of 11 µs, in cycles.
+        // The last two bytes are in the data and shift registers; each takes 11 µs.
         cortex_m::asm::delay(2 * 11 * (crate::clock::CORE_HZ / 1_000_000));
     }
 }
 
-/// Waits for the end of the frame that is being sent.
+/// Waits until the current frame is sent.
 pub async fn sent() {
     SENT.wait().await;
 }
@@ -173,8 +173,8 @@ pub async fn sent() {
 fn USART3() {
     let status = pac::USART3.sr().read();
     if status.idle() {
-        // Read after the status this clears the flags, those of errors of the line too: a frame that such an error
-        // spoiled is found by its check. DMA has fetched the byte a whole byte's time ago.
+        // Clears the flags, including those of line errors, by a read of the data register after the status. The
+        // check of a frame detects line errors. DMA fetched the last byte one byte time ago.
         pac::USART3.dr().read();
         IDLE.signal(());
     }

@@ -1,6 +1,6 @@
-//! The store on the chip: sectors 1 to 3 of the flash, 16 KiB each, which `memory.x` keeps free.
+//! Parameter store on the chip: sectors 1 to 3 of the flash, 16 KiB each, which `memory.x` keeps free.
 //!
-//! A write holds the core for 16 to 100 µs a word, an erase for up to half a second.
+//! A write stops the core for 16 to 100 µs per word, an erase for up to half a second.
 
 use super::Store;
 use crate::accelerator;
@@ -41,7 +41,7 @@ impl NorFlash for Region {
     const WRITE_SIZE: usize = Sectors::WRITE_SIZE;
     const ERASE_SIZE: usize = Sectors::ERASE_SIZE;
 
-    /// The caches may hold what was there, so they are emptied; whether or not the erase went well.
+    /// Empties the caches after the erase, even a failed one: they may hold the former contents.
     async fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
         let erased = self.0.erase(from, to).await;
         accelerator::flush();
@@ -53,10 +53,10 @@ impl NorFlash for Region {
     }
 }
 
-/// Within the region; sector 0 holds the vectors.
+/// Addresses of the store in the region; sector 0 holds the vectors.
 const RANGE: core::ops::Range<u32> = 16 * 1024..64 * 1024;
 
-/// The store.
+/// Opens the store.
 fn open(flash: Peri<'static, FLASH>) -> Store<Region> {
     let region = Flash::new_blocking(flash)
         .into_blocking_regions()
@@ -71,17 +71,17 @@ fn open(flash: Peri<'static, FLASH>) -> Store<Region> {
 /// The board's parameters.
 pub struct Parameters {
     store: Store<Region>,
-    /// The board's settings when nothing is stored.
+    /// Settings of the board if the store is empty.
     base: Settings,
-    /// The settings to run with.
+    /// Settings in use.
     pub settings: Settings,
     /// State of the store at the start.
     pub report: Report,
 }
 
 impl Parameters {
-    /// Loads them, once. Values that are lost or cannot be used have their defaults; the report and
-    /// the log say so. The core does the reading, so nothing is waited for.
+    /// Loads the parameters; call it once. Lost and invalid values have their defaults, and the report and the log
+    /// show them. The core itself reads the flash, so the call does not wait.
     pub fn load(flash: Peri<'static, FLASH>, role: Role) -> &'static mut Self {
         let parameters = Self::unread(flash, role);
         parameters.read();
@@ -90,7 +90,7 @@ impl Parameters {
         parameters
     }
 
-    // One after the other and not inlined: what each takes of the stack is free again for the next.
+    // Called in turn and not inlined, so that each step frees its stack for the next.
 
     #[inline(never)]
     fn unread(flash: Peri<'static, FLASH>, role: Role) -> &'static mut Self {
@@ -118,14 +118,13 @@ impl Parameters {
         (self.settings, self.report) = contents.settle(&self.base, check);
     }
 
-    /// Saves the settings; whether that worked. The core does the writing: nothing else runs meanwhile but
-    /// interrupts.
+    /// Saves the settings; true on success. The core itself writes the flash: only interrupts run meanwhile.
     pub fn save(&mut self, off: Disarmed) -> bool {
         let settings = self.settings;
         self.write(&settings, off).is_some()
     }
 
-    /// Writes settings to the store; gives the number of values written.
+    /// Writes settings to the store; returns the number of values written, or `None` on an error.
     #[inline(never)]
     pub(crate) fn write(&mut self, settings: &Settings, off: Disarmed) -> Option<usize> {
         let saved = block_on(self.store.save(settings, &self.base, off));

@@ -1,12 +1,12 @@
-//! Parameters in flash: items appended to sectors of their own, by `sequential-storage`.
+//! Parameters in flash, as items that `sequential-storage` appends to dedicated sectors.
 //!
-//! Loading reads and never writes: whatever the sectors hold, it stays as it is. A save writes only
-//! what has changed, the manifest last, and reads everything back. What a power cut left is tidied
-//! at the next save: a sector is erased only if every newest copy is in another one. Only when two
-//! attempts have not brought the values into the store is all of it erased and written anew.
+//! Loading never writes, whatever the sectors hold. A save writes only changed values, then the manifest, and reads
+//! everything back. The next save repairs the effects of a power cut: a sector is erased only if the newest copy of
+//! every value is in another sector. If two attempts fail to store the values, the whole store is erased and written
+//! again.
 //!
-//! The reading does not trust the marks at the ends of a sector, by which the library tells which
-//! sector is in use: each one is read as if it were, and of several copies the newest counts.
+//! Reading does not use the marks at the ends of a sector, by which the library finds the sector in use. Each sector
+//! is read as if in use, and of several copies of a value the newest counts.
 
 #[cfg(target_os = "none")]
 pub mod chip;
@@ -27,8 +27,8 @@ use view::View;
 
 type Map<K, F> = MapStorage<K, F, Cache<Uncached, Uncached, Uncached, K>>;
 
-/// The key of an item that is being read, left with its value: the library would cut it off an item
-/// of no bytes, and panic.
+/// Key of an item being read, which leaves the key byte in the value: for an item of no bytes the library would panic
+/// when it cuts the key off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Uncut;
 
@@ -42,13 +42,13 @@ impl Key for Uncut {
     }
 }
 
-/// Key and longest item, in whole words.
+/// Bytes of the key and the longest item, rounded up to whole words.
 const BUFFER: usize = (1 + MANIFEST_BYTES).next_multiple_of(4);
 
-/// Why parameters were not saved.
+/// Reason why parameters were not saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SaveError {
-    /// The flash refused to be written or erased.
+    /// The flash reported an error while writing or erasing.
     Flash,
     /// The bytes read back differ from the written bytes.
     Verify,
@@ -62,13 +62,13 @@ pub struct Store<F> {
 }
 
 impl<F: NorFlash> Store<F> {
-    /// A store in the sectors of `range`; `None` unless they are at least two whole ones.
+    /// A store in the sectors of `range`; `None` unless `range` is at least two whole sectors.
     pub fn new(flash: F, range: Range<u32>) -> Option<Self> {
         let config = MapConfig::try_new(range.clone()).ok()?;
         Some(Self::of(flash, config, range))
     }
 
-    /// The same of a range that was checked before; `_checked` was made from it.
+    /// A store in a valid range, from which `_checked` was made.
     pub(crate) const fn of(flash: F, _checked: MapConfig<F>, range: Range<u32>) -> Self {
         Self {
             flash,
@@ -77,7 +77,7 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// Content at the latest reading.
+    /// Contents at the latest reading.
     pub fn contents(&self) -> &Contents {
         &self.contents
     }
@@ -91,7 +91,7 @@ impl<F: NorFlash> Store<F> {
         &self.contents
     }
 
-    /// Writes what is not yet stored of `settings`, on a board whose own settings are `base`; gives
+    /// Writes the values of `settings` that are not yet stored, on a board whose default settings are `base`; returns
     /// the number of values written.
     pub async fn save(
         &mut self,
@@ -103,7 +103,7 @@ impl<F: NorFlash> Store<F> {
         let mut values = self.contents.changes(settings, base).count();
         let attempts = if self.contents.is_unreadable() { 0 } else { 2 };
         for _ in 0..attempts {
-            // A library that cannot go on leaves the values out, which the check below notices.
+            // If the library fails, values are missing, which the check below detects.
             if self.tidy().await
                 && self.write(settings, base).await.is_ok()
                 && self.holds(settings, base)
@@ -123,13 +123,13 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// True if the last reading found every value and the manifest.
+    /// True if the last reading found every value and a current manifest.
     fn holds(&self, settings: &Settings, base: &Settings) -> bool {
         let mut missing = self.contents.changes(settings, base);
         missing.next().is_none() && self.contents.manifest().is_none()
     }
 
-    /// Appends what has changed, then the manifest, and reads everything again.
+    /// Appends changed values, then the manifest, and reads the store again.
     async fn write(&mut self, settings: &Settings, base: &Settings) -> Result<(), SaveError> {
         let before = self.contents;
         for (key, item) in before.changes(settings, base) {
@@ -151,8 +151,8 @@ impl<F: NorFlash> Store<F> {
         stored.map_err(|_| SaveError::Flash)
     }
 
-    /// Makes the sectors what the library expects after a power cut; `false` if it cannot be done
-    /// without losing a value.
+    /// Repairs the sectors after a power cut, so that the library can use them; `false` if an erase failed or would
+    /// lose a value.
     async fn tidy(&mut self) -> bool {
         for sector in self.sectors() {
             let (begun, blank) = self.state(&sector).await;
@@ -162,7 +162,7 @@ impl<F: NorFlash> Store<F> {
             }
         }
         for sector in self.sectors() {
-            // The sector after the one in use is empty, unless copying or erasing it was cut short.
+            // The sector after the one in use is empty, unless a power cut interrupted copying or erasing.
             let next = self.after(&sector);
             let in_use = self.state(&sector).await.0 && !self.is_closed(&sector).await;
             if !in_use || !self.state(&next).await.0 {
@@ -182,18 +182,18 @@ impl<F: NorFlash> Store<F> {
         true
     }
 
-    /// True if only this sector has the newest copy of a value.
+    /// True if the newest copy of a value is in this sector only.
     async fn is_needed(&mut self, sector: &Range<u32>) -> bool {
         self.read(Some(sector)).await != self.read(None).await
     }
 
-    /// State of a sector for the library: in use or full; and blank.
+    /// State of a sector: true if the library has begun to use it; true if it is blank.
     async fn state(&mut self, sector: &Range<u32>) -> (bool, bool) {
         let begun = view::is_marked(&mut self.flash, sector.start).await;
         (begun, self.are_blank(sector.clone()).await)
     }
 
-    /// True if no sector has bytes between the marks at its ends.
+    /// True if all sectors are blank between the marks at their ends.
     async fn is_blank(&mut self) -> bool {
         let mark = F::WRITE_SIZE.max(F::READ_SIZE) as u32;
         let mut blank = true;
@@ -226,7 +226,7 @@ impl<F: NorFlash> Store<F> {
         erased.map_err(|_| SaveError::Flash)
     }
 
-    /// All there is, apart from one sector.
+    /// Reads all sectors, except `without`.
     async fn read(&mut self, without: Option<&Range<u32>>) -> Contents {
         let mut contents = Contents::EMPTY;
         for sector in self.sectors() {
@@ -237,7 +237,7 @@ impl<F: NorFlash> Store<F> {
         contents
     }
 
-    /// Takes in every sound item of a sector.
+    /// Adds every valid item of a sector to `contents`.
     async fn read_sector(&mut self, sector: Range<u32>, contents: &mut Contents) {
         let view = View::new(&mut self.flash, sector);
         let Some(mut map) = map::<Uncut, _>(view, self.range.clone()) else {
@@ -247,7 +247,7 @@ impl<F: NorFlash> Store<F> {
         let Ok(mut items) = map.fetch_all_items(&mut buffer).await else {
             return;
         };
-        // An item that cannot be read ends the sector; the manifest tells what was lost with it.
+        // An unreadable item ends the sector; the manifest shows which values were lost with it.
         while let Ok(Some((Uncut, item))) = items.next::<&[u8]>(&mut buffer).await {
             if let Some((&key, bytes)) = item.split_first() {
                 contents.take(key, bytes);
@@ -275,7 +275,7 @@ impl<F: NorFlash> Store<F> {
         &self.flash
     }
 
-    /// Gives the flash back.
+    /// Returns the flash.
     pub fn into_flash(self) -> F {
         self.flash
     }

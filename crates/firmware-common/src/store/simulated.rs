@@ -1,4 +1,4 @@
-//! A flash in memory that loses its power when told to.
+//! Simulated flash in memory, with a power cut at a given step.
 
 use core::future::Future;
 use core::pin::pin;
@@ -19,22 +19,22 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// A whole number below `end`.
+    /// Integer below `end`.
     pub fn below(&mut self, end: usize) -> usize {
         (self.draw() % end as u64) as usize
     }
 }
 
-/// Content of a half-written word or a half-erased sector after a power cut.
+/// Content of an interrupted word or sector after a power cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Torn {
-    /// The content before.
+    /// The former content.
     Untouched,
-    /// Some bits of it are done.
+    /// Some bits have their new value.
     Bits,
-    /// A sector: the first part is erased. A word: done.
+    /// Sector: the first part is erased. Word: written.
     Front,
-    /// A sector: the last part is erased. A word: done.
+    /// Sector: the last part is erased. Word: written.
     Back,
 }
 
@@ -43,8 +43,7 @@ impl Torn {
     pub const ALL: [Self; 4] = [Self::Untouched, Self::Bits, Self::Front, Self::Back];
 }
 
-/// Sectors of `SECTOR` bytes, written word by word as the chip's are: a write clears bits, an erase
-/// sets them.
+/// Sectors of `SECTOR` bytes, written word by word as on the chip: a write clears bits, an erase sets them.
 #[derive(Clone, Debug)]
 pub struct Flash<const SECTOR: usize> {
     /// Bytes of the flash.
@@ -53,7 +52,7 @@ pub struct Flash<const SECTOR: usize> {
     pub steps: u64,
     /// Sectors erased.
     pub erases: u64,
-    /// The step at which the power fails, and how that step ends.
+    /// Step at which the power fails, and the outcome of that step.
     pub cut: Option<(u64, Torn)>,
     /// True if the power failed during an erase.
     pub cut_in_erase: bool,
@@ -73,12 +72,12 @@ impl<const SECTOR: usize> Flash<SECTOR> {
         }
     }
 
-    /// All of it.
+    /// Address range of the whole flash.
     pub fn range(&self) -> core::ops::Range<u32> {
         0..self.bytes.len() as u32
     }
 
-    /// The next step; how it ends if the power fails in it, an error if it has failed already.
+    /// Counts a step; the outcome if the power fails in it, an error if it has already failed.
     fn step(&mut self) -> Result<Option<Torn>, NorFlashErrorKind> {
         let step = self.steps;
         self.steps += 1;

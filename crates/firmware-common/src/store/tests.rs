@@ -3,7 +3,7 @@ use super::*;
 use core_algos::params::{Parameter, Report, TABLE, find};
 use core_algos::safety::OperatingState;
 
-/// Smaller sectors than the chip's fill up sooner.
+/// Sectors smaller than the chip's, which fill up sooner.
 type SmallFlash = Flash<4096>;
 
 fn disarmed() -> Disarmed {
@@ -15,10 +15,10 @@ fn store<const SECTOR: usize>(flash: Flash<SECTOR>) -> Store<Flash<SECTOR>> {
     Store::new(flash, range).unwrap()
 }
 
-/// A start: settings and report. The flash must stay as it is.
+/// Loads the parameters as at a start: settings and report. Checks that the flash is unchanged.
 fn load<const SECTOR: usize>(flash: &Flash<SECTOR>) -> (Settings, Report) {
     let mut store = store(flash.clone());
-    // Values are drawn at random within their ranges: together they make no node.
+    // The values are drawn at random within their ranges and need not fit together, so the check accepts all.
     let started = run(store.load()).settle(&Settings::default(), |_| Ok(()));
     assert_eq!(store.flash().bytes, flash.bytes);
     started
@@ -30,14 +30,14 @@ fn save<const SECTOR: usize>(flash: &Flash<SECTOR>, settings: &Settings) -> (Fla
     (store.into_flash(), saved.is_ok())
 }
 
-/// Saves the settings, which must then be found without a notice.
+/// Saves the settings and checks that they are loaded without a notice.
 fn assert_repaired<const SECTOR: usize>(flash: &Flash<SECTOR>, settings: &Settings) {
     let (repaired, saved) = save(flash, settings);
     let (found, report) = load(&repaired);
     assert!(saved && found == *settings && report.conditions().is_empty());
 }
 
-/// Gives `count` parameters other values.
+/// Sets `count` parameters to random values.
 fn change(settings: &mut Settings, count: usize, random: &mut Random) {
     for _ in 0..count {
         set_to_random(&TABLE[random.below(TABLE.len())], settings, random);
@@ -55,7 +55,7 @@ fn set_to_random(parameter: &Parameter, settings: &mut Settings, random: &mut Ra
 }
 
 #[test]
-fn nothing_is_written_unless_the_motors_are_off() {
+fn save_is_allowed_only_while_the_motors_are_off() {
     for state in OperatingState::ALL {
         let off = matches!(
             state,
@@ -66,7 +66,7 @@ fn nothing_is_written_unless_the_motors_are_off() {
 }
 
 #[test]
-fn a_blank_store_gives_the_defaults_and_a_save_writes_only_what_differs() {
+fn blank_store_gives_defaults_and_a_save_writes_only_changed_values() {
     let base = Settings::default();
     let mut store = store(SmallFlash::new(2, 1));
     let (settings, report) = run(store.load()).settle(&base, |_| Ok(()));
@@ -82,13 +82,13 @@ fn a_blank_store_gives_the_defaults_and_a_save_writes_only_what_differs() {
     assert_eq!(run(store.save(&wanted, &base, disarmed())), Ok(2));
     assert_eq!(run(store.save(&wanted, &base, disarmed())), Ok(0));
     let flash = store.into_flash();
-    // Two items of 8 and 12 bytes, a manifest of 8 and 200, and the mark of the sector.
+    // Words written: two items of 8 and 12 bytes, a manifest of 8 and 200 bytes, and the sector's mark.
     assert_eq!((flash.steps, flash.erases), (5 + 5 + 52 + 1, 0));
     assert_eq!(load(&flash).0, wanted);
 }
 
 #[test]
-fn a_store_of_an_image_with_95_identifiers_is_read_and_written_on() {
+fn store_written_with_95_identifiers_is_read_and_extended() {
     let base = Settings::default();
     let mut store = store(SmallFlash::new(2, 1));
     let with = |settings: Settings, name: &str, value| {
@@ -113,9 +113,9 @@ fn a_store_of_an_image_with_95_identifiers_is_read_and_written_on() {
     assert_eq!((settings, report.conditions().is_empty()), (wanted, true));
 }
 
-/// Damage may leave one; the library takes the first byte of what it read before for its key.
+/// Damage may leave an item of no bytes. The library would take the first byte of an earlier item as its key.
 #[test]
-fn an_item_without_bytes_is_passed_over() {
+fn item_without_bytes_is_skipped() {
     #[derive(Clone, Debug, PartialEq, Eq)]
     struct Nothing;
     impl Key for Nothing {
@@ -150,12 +150,12 @@ fn sectors_must_be_whole_and_at_least_two() {
     }
 }
 
-/// Values that differ from the defaults in the tests of power cuts. With their manifest they fill most of a tiny sector.
+/// Number of values that the tests of power cuts change. With their manifest they fill most of a tiny sector.
 const VALUES: usize = 8;
-/// With sectors of 512 bytes every second save moves on to the next sector.
+/// Sectors of 512 bytes, so that every second save moves on to the next sector.
 type TinyFlash = Flash<512>;
 
-/// A save on its way: what was acknowledged, what is being written, and the flash before and after.
+/// A save: acknowledged settings, settings being written, and the flash before and after.
 struct Change {
     acknowledged: Settings,
     wanted: Settings,
@@ -164,7 +164,7 @@ struct Change {
 }
 
 impl Change {
-    /// Saves of one value each, until `erasing` of them have erased a sector.
+    /// Saves of one value each, until `erasing` saves have erased a sector.
     fn sequence(erasing: u32) -> Vec<Self> {
         let mut random = Random(3);
         let mut wanted = Settings::default();
@@ -200,7 +200,8 @@ impl Change {
         steps.map(move |step| save_with_cut(&self.before, &self.wanted, (step, torn(step))))
     }
 
-    /// A start finds each value as it was acknowledged, or as it was being written.
+    /// Checks that a start finds each value as acknowledged or as being written; counts the changed values found
+    /// either way.
     fn assert_found(&self, flash: &TinyFlash, found: &mut [u32; 2]) {
         let (settings, _) = load(flash);
         for parameter in &TABLE {
@@ -212,13 +213,13 @@ impl Change {
     }
 }
 
-/// The flash after a save during which the power fails, with power again.
+/// The flash after a save during which the power fails; power is back on.
 fn save_with_cut(flash: &TinyFlash, settings: &Settings, cut: (u64, Torn)) -> TinyFlash {
     let mut failing = flash.clone();
     (failing.cut, failing.cut_in_erase) = (Some(cut), false);
     let (mut stopped, saved) = save(&failing, settings);
     stopped.cut = None;
-    // The power may fail once everything is stored.
+    // The power may fail after the last value is stored.
     assert!(!saved || load(&stopped).0 == *settings);
     stopped
 }
@@ -240,7 +241,7 @@ fn power_cut_at_any_step_of_a_save_keeps_every_acknowledged_value() {
     assert!(cuts > 1000 && cuts_in_erase >= 12 && found.iter().all(|&count| count > 50));
 }
 
-/// A start writes nothing: the repair is the beginning of the next save. The ways of tearing take turns.
+/// A start writes nothing, so the next save begins with the repair. The kinds of torn writes alternate.
 #[test]
 fn second_power_cut_at_any_step_of_the_repair_keeps_every_acknowledged_value() {
     let (mut cuts, mut cuts_in_erase, mut found) = (0, 0, [0; 2]);
@@ -270,30 +271,31 @@ fn damage_gives_defaults_with_a_notice_and_erases_nothing() {
     const ROUNDS: u32 = 1500;
     let [single, many] = [1, 60].map(|most| damage(ROUNDS, most));
     println!("{single:?} {many:?}");
-    // Of a single fault the manifest tells every loss.
+    // The manifest reveals every loss by a single fault.
     assert!(single.intact > 1000 && single.defaults > 10 && single.silent == 0);
-    // Of many faults, some may hit a value and the manifest of the same save, and nothing else.
+    // Many faults may hit both a value and the manifest of its save, and such a loss is undetected.
     assert!(many.defaults > 1000 && many.silent * 200 <= ROUNDS);
 }
 
 /// Counts of starts with damaged bytes.
 #[derive(Debug, Default)]
 struct Damage {
-    /// Flashes with every value intact.
+    /// Starts with every value intact.
     intact: u32,
-    /// Values that had their default instead, with a notice.
+    /// Values replaced by their defaults, with a notice.
     defaults: usize,
-    /// Starts with a value that was not the one saved, and no notice.
+    /// Starts with a wrong value and without a notice.
     silent: u32,
 }
 
-/// Damages up to `most` bytes of a store in use, `rounds` times. Every value stays in its range and can be saved again.
+/// Damages up to `most` bytes of a store in use, `rounds` times. Checks that every value stays in its range and can
+/// be saved again.
 fn damage(rounds: u32, most: usize) -> Damage {
     let mut counts = Damage::default();
     let (mut random, mut settings) = (Random(4), Settings::default());
     let mut flash = SmallFlash::new(3, 4);
     for round in 0..rounds {
-        // Another state of the sectors now and then.
+        // Changes the state of the sectors from time to time.
         if round % 50 == 0 {
             change(&mut settings, 5, &mut random);
             flash = save(&flash, &settings).0;
@@ -301,7 +303,7 @@ fn damage(rounds: u32, most: usize) -> Damage {
         let mut damaged = flash.clone();
         for _ in 0..1 + random.below(most) {
             let place = random.below(damaged.bytes.len());
-            // Mostly where something is written, which is toward the front of a sector.
+            // Mostly in the written part, at the front of a sector.
             let place = match random.below(4) {
                 0 => place,
                 _ => place / 4096 * 4096 + place % 4096 / (1 + random.below(8)),
@@ -325,7 +327,7 @@ fn damage(rounds: u32, most: usize) -> Damage {
     counts
 }
 
-/// No save leaves such sectors; a failed erase or a wrong tool may.
+/// No save leaves such sectors; a failed erase or another tool may.
 #[test]
 fn a_store_that_is_not_blank_and_has_no_item_is_reported() {
     let blank = SmallFlash::new(3, 1);

@@ -1,12 +1,11 @@
-//! One sector of a flash as the library would see it if it were the one in use and the others blank;
-//! nothing can be written through it.
+//! Read-only view of one flash sector, as if it were the sector in use and all others were blank.
 
 use core::ops::Range;
 use embedded_storage_async::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
 
-/// Byte of a mark at either end of a sector; a blank byte is no mark.
+/// Byte of a mark at either end of a sector; a blank byte is not a mark.
 const MARK: u8 = 0;
 const BLANK: u8 = 0xff;
 
@@ -27,7 +26,7 @@ pub struct View<'a, F> {
 }
 
 impl<'a, F: NorFlash> View<'a, F> {
-    /// Shows one sector.
+    /// Creates a view of one sector.
     pub fn new(flash: &'a mut F, sector: Range<u32>) -> Self {
         Self { flash, sector }
     }
@@ -78,7 +77,7 @@ impl<F: NorFlash> NorFlash for View<'_, F> {
     }
 }
 
-/// True if the library reads the byte at `address` as a mark: half of its bits.
+/// True if the library accepts the byte at `address` as a mark: at least half of its bits are zero.
 pub async fn is_marked<F: NorFlash>(flash: &mut F, address: u32) -> bool {
     let mut bytes = [BLANK; 32];
     let Some(bytes) = bytes.get_mut(..F::READ_SIZE) else {

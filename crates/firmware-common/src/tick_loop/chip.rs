@@ -1,4 +1,4 @@
-//! Hardware of the loop on the board.
+//! Hardware of the tick loop on the board.
 
 use core_algos::bus::Message;
 use core_algos::time::Micros;
@@ -10,7 +10,7 @@ use crate::can::{self, Arrived, Receiver, Sender};
 use crate::led::Led;
 use crate::task_watchdog::CheckIn;
 
-/// Hardware of the loop on the board.
+/// LED, bus and task watchdog of the tick loop.
 pub struct Chip {
     led: Led,
     sender: Sender,
@@ -19,9 +19,9 @@ pub struct Chip {
 }
 
 impl Chip {
-    /// Of these parts; starts the cycle counter.
+    /// Combines these parts and starts the cycle counter.
     pub fn new(led: Led, sender: Sender, receiver: Receiver, check_in: CheckIn) -> Self {
-        // SAFETY: only the cycle counter is touched, and switching it on twice does no harm.
+        // SAFETY: only the cycle counter is accessed, and enabling it twice is harmless.
         let mut core = unsafe { cortex_m::Peripherals::steal() };
         DCB::enable_trace(&mut core.DCB);
         core.DWT.enable_cycle_counter();
@@ -33,7 +33,7 @@ impl Chip {
         }
     }
 
-    /// Local time at which the latest [`Message::TimeSync`] of this board had left the bus.
+    /// Local time at which this board's latest [`Message::TimeSync`] had left the bus.
     pub fn take_sync_sent(&mut self) -> Option<Micros> {
         self.sender.take_sync_sent()
     }

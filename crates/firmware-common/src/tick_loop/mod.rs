@@ -1,8 +1,8 @@
-//! The tick of a board, once a millisecond: the loop that all boards share.
+//! Tick loop that all boards share, once a millisecond.
 //!
-//! Wait for the tick → check in → begin (sample) → receive → step (nodes, messages, actuators) → frame of the link →
-//! with every hundredth tick health on the bus and a report for the log. A board supplies what differs
-//! ([`BoardTick`]); the hardware of the loop itself is behind [`Hardware`].
+//! Wait for the tick → check in → begin (sample) → receive → step (nodes, messages, actuators) → frame of the link.
+//! Every hundredth tick also sends health on the bus and a report to the log. A board supplies its own parts
+//! ([`BoardTick`]); the hardware of the loop is behind [`Hardware`].
 
 #[cfg(target_os = "none")]
 mod chip;
@@ -38,7 +38,7 @@ pub type Reports<R> = watch::Sender<'static, CriticalSectionRawMutex, R, 1>;
 
 /// Hardware that the loop uses.
 pub trait Hardware {
-    /// The tick goes on: reports to the watchdog.
+    /// Reports to the task watchdog that the tick runs.
     fn check_in(&mut self);
     /// Local time, µs.
     fn now(&self) -> Micros;
@@ -46,43 +46,43 @@ pub trait Hardware {
     fn cycles(&self) -> u32;
     /// True if the board cannot send on the bus.
     fn is_bus_off(&self) -> bool;
-    /// Lights the LED.
+    /// Switches the LED on or off.
     fn set_led(&mut self, lit: bool);
     /// The next message that arrived.
     fn receive(&mut self) -> Option<Arrived>;
-    /// Sends a message; gives it as the other boards will read it.
+    /// Sends a message; returns it as other boards decode it.
     fn send(&mut self, message: &Message) -> Option<Message>;
     /// Sends the next frame of the link.
     fn send_link_frame(&mut self);
 }
 
-/// Parts of a board's tick that differ, in the order in which the loop calls them.
+/// Board-specific parts of the tick, in the order in which the loop calls them.
 pub trait BoardTick {
     /// Hardware of the loop.
     type Hardware: Hardware;
-    /// Input that comes with the tick.
+    /// Input that arrives with the tick.
     type Input;
     /// Samples of the tick.
     type Samples;
     /// Report for the log.
     type Report: Clone + 'static;
 
-    /// Waits for the tick; gives its local time and input. `None` leaves the tick out.
+    /// Waits for the tick; returns its local time and input. `None` skips the tick.
     fn wait(&mut self) -> impl Future<Output = Option<(Micros, Self::Input)>>;
-    /// Samples the sensors, and takes what the nodes are to do before the messages that arrived.
+    /// Samples the sensors, and takes commands that apply before the messages that arrived.
     fn begin(
         &mut self,
         local: Micros,
         input: Self::Input,
         common: &mut Common<Self::Hardware>,
     ) -> Self::Samples;
-    /// Takes a message that arrived since the last tick.
+    /// Handles a message that arrived since the last tick.
     fn receive(&mut self, samples: &Self::Samples, arrived: &Arrived);
     /// Steps the nodes, sends their messages and commands the actuators.
     fn step(&mut self, samples: &Self::Samples, common: &mut Common<Self::Hardware>);
     /// State of the motors.
     fn motors(&self) -> MotorState;
-    /// Sends the board's health; gives the report for the log.
+    /// Sends the board's health; returns the report for the log.
     fn report(
         &mut self,
         samples: &Self::Samples,
@@ -91,21 +91,21 @@ pub trait BoardTick {
     ) -> Self::Report;
 }
 
-/// Health of a tick, the same on every board.
+/// Health of the tick, common to all boards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Health {
-    /// Sequence of the health messages.
+    /// Sequence number of the health messages.
     pub sequence: u8,
-    /// Since the last report.
+    /// Jitter and longest tick since the last report.
     pub timing: Timing,
     /// Ticks missed since the start.
     pub missed: u16,
-    /// True if the common time is known and the ticks are in step with it.
+    /// True if the common time is known and the ticks are synchronised to it.
     pub in_step: bool,
 }
 
 impl Health {
-    /// The message of a board with this supply and temperature.
+    /// Health message of a board with this supply and temperature.
     pub fn message(&self, board: Role, supply_v: f32, temperature_c: f32) -> Message {
         Message::BoardHealth {
             board,
@@ -119,7 +119,7 @@ impl Health {
     }
 }
 
-/// Parts of a board's tick that are the same on every board.
+/// Parts of the tick that all boards share.
 pub struct Common<H> {
     /// Hardware of the loop.
     pub hardware: H,
@@ -132,14 +132,14 @@ pub struct Common<H> {
     role_conflict: RoleConflict,
     identity: Identity,
     led: Led,
-    /// Ticks so far: the LED's time, ms, without a division.
+    /// Ticks since the start: the LED's time in ms, kept without a division.
     ticks: u32,
     /// The latest tick that was recorded.
     reference: Reference,
 }
 
 impl<H: Hardware> Common<H> {
-    /// Of a board with this role, at the start.
+    /// State at the start, for a board with this role.
     pub fn new(role: Role, hardware: H, link: TickEnd, sync: TickSync, identity: Identity) -> Self {
         Self {
             hardware,
@@ -163,12 +163,12 @@ impl<H: Hardware> Common<H> {
             .with(Condition::BusOff, self.hardware.is_bus_off())
     }
 
-    /// Sends a message; gives it as the other boards will read it.
+    /// Sends a message; returns it as other boards decode it.
     pub fn send(&mut self, message: &Message) -> Option<Message> {
         self.hardware.send(message)
     }
 
-    /// Sends a message of a node, whose state the LED shows.
+    /// Sends a message of a node; the LED shows the state in it.
     pub fn send_of_node(&mut self, message: &Message) -> Option<Message> {
         self.led.see(message);
         self.hardware.send(message)
@@ -181,7 +181,7 @@ impl<H: Hardware> Common<H> {
         }
     }
 
-    /// Records that the nodes began anew before the tick at `now`.
+    /// Records that the nodes restarted before the tick at `now`.
     pub fn record_begin(&mut self, now: Micros) {
         self.link.put(&self.reference.begin(now));
     }
@@ -191,7 +191,7 @@ impl<H: Hardware> Common<H> {
         self.link.put(&self.reference.tick(now, samples, torque_nm));
     }
 
-    /// Records the end of what can be replayed: the nodes no longer match the board's configuration.
+    /// Records the end of the replayable part: the nodes no longer match the board's configuration.
     pub fn record_end(&mut self) {
         self.link.put(&Entry::End);
     }
@@ -221,7 +221,7 @@ pub struct TickLoop<B: BoardTick> {
 }
 
 impl<B: BoardTick> TickLoop<B> {
-    /// Before the first tick.
+    /// Creates the loop, before its first tick.
     pub fn new(board: B, common: Common<B::Hardware>, reports: Reports<B::Report>) -> Self {
         Self {
             board,
@@ -232,7 +232,7 @@ impl<B: BoardTick> TickLoop<B> {
         }
     }
 
-    /// Runs the tick for ever. By reference: a future that owned the loop would hold it twice.
+    /// Runs the tick for ever. Takes a reference, because a future that owned the loop would store it twice.
     pub async fn run(&mut self) -> ! {
         loop {
             self.turn().await;

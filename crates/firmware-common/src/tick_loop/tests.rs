@@ -1,4 +1,4 @@
-//! The loop with a board and hardware that record the calls.
+//! Tests of the tick loop with a board and hardware that record the calls.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -149,7 +149,7 @@ impl Bench {
         let hardware = Fake {
             calls: calls.clone(),
             now: 0,
-            // The counter wraps in a tick of the tests.
+            // Close to its end, so that the cycle counter wraps in the first ticks.
             cycles: u32::MAX - 1_000,
             arrived: VecDeque::new(),
             sent: Vec::new(),
@@ -180,7 +180,7 @@ impl Bench {
         }
     }
 
-    /// A tick at this local time, which begins then; `None` is one without samples.
+    /// Runs a tick that begins at this local time; `None` is a tick without samples.
     fn turn(&mut self, local: Option<Micros>) -> Vec<String> {
         self.tick.board.ticks.push_back(local);
         self.tick.common.hardware.now = local.unwrap_or_default();
@@ -188,7 +188,7 @@ impl Bench {
         self.calls.take()
     }
 
-    /// Ticks on time, by number.
+    /// Runs ticks on time, by number.
     fn turns(&mut self, ticks: core::ops::RangeInclusive<u64>) {
         for tick in ticks {
             self.turn(Some(tick * TICK));
@@ -244,7 +244,7 @@ fn tick_without_samples_checks_in_and_is_left_out() {
 }
 
 #[test]
-fn link_knows_the_motors_after_each_tick() {
+fn link_has_the_state_of_the_motors_after_each_tick() {
     let mut bench = Bench::new();
     let states = [
         MotorState::Driven,
@@ -293,7 +293,7 @@ fn identity_is_sent_with_every_tenth_health_report() {
 fn late_tick_is_counted_as_jitter_and_its_missed_tick_as_missed() {
     let mut bench = Bench::new();
     bench.turns(1..=50);
-    // One tick is left out, and the next one begins 0.3 ms late.
+    // Tick 51 is left out, and tick 52 begins 0.3 ms late.
     bench.tick.board.ticks.push_back(Some(52 * TICK));
     bench.tick.common.hardware.now = 52 * TICK + 300;
     block_on(bench.tick.turn());
@@ -308,7 +308,7 @@ fn late_tick_is_counted_as_jitter_and_its_missed_tick_as_missed() {
 }
 
 #[test]
-fn longest_tick_is_that_since_the_last_report() {
+fn longest_tick_is_reset_by_each_report() {
     let mut bench = Bench::new();
     bench.turns(1..=10);
     bench.tick.board.step_us = 620;
@@ -361,7 +361,7 @@ fn message_that_arrived_reaches_the_common_time() {
 }
 
 #[test]
-fn messages_of_another_board_with_the_own_role_are_a_condition_for_a_second() {
+fn message_of_another_board_with_the_same_role_sets_role_taken_for_a_second() {
     let mut bench = Bench::new();
     let mut conditions = |tick: u64, arrived: Option<Message>| {
         let arrived = arrived.map(|message| Arrived { local: 0, message });

@@ -1,4 +1,4 @@
-//! The MCAP file: a channel for each topic.
+//! MCAP file of a run, with a channel for each topic.
 
 use super::sink::Sink;
 use super::standard;
@@ -29,17 +29,17 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Epochs between two pictures of the scene.
+/// Epochs between two messages of the scene.
 const SCENE_EPOCHS: u64 = 5;
-/// Epochs between two points of the way so far, and between two messages of it.
+/// Epochs between two points of the path driven so far, and between two messages of that path.
 const WAY_EPOCHS: [u64; 2] = [10, 100];
-/// Most points of the way in a message, about; of a longer one every n-th is sent.
+/// Approximate limit of points in a message of the driven path; a longer path is thinned.
 const WAY_POINTS: usize = 300;
 
-/// Most points of the path to be driven, about.
+/// Approximate limit of points of the reference path.
 const REFERENCE_POINTS: usize = 2_000;
 
-/// A simulated time in ns as that of a message.
+/// Log time of a message from simulated time, ns.
 fn at(nanos: u64) -> PartialMetadata {
     PartialMetadata::with_log_time(nanos)
 }
@@ -48,10 +48,10 @@ fn nanos(tick: u32) -> u64 {
     u64::from(tick) * 1_000_000
 }
 
-/// A channel of messages in JSON.
+/// Channel of JSON messages.
 struct Json {
     channel: Arc<RawChannel>,
-    /// A file takes them all; a viewer need not want them.
+    /// True if the log goes to a file, which takes all messages; viewers take only subscribed topics.
     filed: bool,
 }
 
@@ -76,7 +76,7 @@ impl Json {
             .map_err(failed)
     }
 
-    /// A channel of each board.
+    /// One channel per board.
     fn of_boards(
         sink: &Sink,
         topics: &[Topic],
@@ -94,24 +94,24 @@ impl Json {
             return;
         }
         room.clear();
-        // No entry's `Serialize` fails, and memory can be written to.
+        // No entry's `Serialize` fails, and writing to memory does not fail.
         if serde_json::to_writer(&mut *room, entry).is_ok() {
             self.channel.log_with_meta(room, at(nanos));
         }
     }
 }
 
-/// A channel of Foxglove's messages.
+/// Channel of one of Foxglove's messages.
 fn standard_channel<T: Encode>(sink: &Sink, topic: &str) -> Channel<T> {
     ChannelBuilder::new(topic).context(sink.context()).build()
 }
 
-/// An MCAP file that is being written.
+/// MCAP file being written.
 pub struct Mcap {
     sink: Sink,
     robot: Topology,
     about: Vec<(String, String)>,
-    /// Description of each board.
+    /// Target and build of each board.
     boards: Vec<String>,
     body: Body,
     transforms: Channel<FrameTransforms>,
@@ -134,7 +134,7 @@ pub struct Mcap {
     zero: i64,
     /// Latest heartbeat of each node.
     statuses: Vec<Option<Status>>,
-    /// The latest estimate and when it holds, ns.
+    /// Latest estimate and its time of validity, ns.
     estimate: Option<(u64, Posture)>,
     way_so_far: Vec<Pose>,
     epochs: u64,
@@ -146,7 +146,7 @@ pub struct Mcap {
 }
 
 impl Mcap {
-    /// A file whose metadata are those of the run.
+    /// Creates a file with the metadata of the run.
     pub fn new(sink: Sink, about: &About) -> Result<Self, Error> {
         let scenario = about.scenario.to_toml()?;
         let robot = about.scenario.robot.topology();
@@ -164,7 +164,7 @@ impl Mcap {
             ("scenario", scenario),
             ("messages_hash", sum(&dbc::description(robot))),
         ];
-        // At the start, so that a log that is cut off can be replayed.
+        // The metadata are also at the start, so that a truncated log can be replayed.
         sink.metadata(ABOUT, &described);
         Ok(Self {
             robot,
@@ -203,7 +203,7 @@ impl Mcap {
         })
     }
 
-    /// Goal and path of the run.
+    /// Writes goal and path of the run.
     pub fn plan(&mut self, goal: [f64; 3], path: &[[f64; 3]]) {
         let goal = standard::in_world(0, &goal.into());
         self.goal.log_with_meta(&goal, at(0));
@@ -218,7 +218,7 @@ impl Mcap {
         }
     }
 
-    /// Waits for a viewer of a run that is served; an error if the flag is set meanwhile.
+    /// Waits for a viewer if the run is served; an error if the flag is set meanwhile.
     pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
         match self.sink.server() {
             Some(server) => server.await_viewer(interrupt),
@@ -226,7 +226,7 @@ impl Mcap {
         }
     }
 
-    /// Tells viewers the time, and those that have just come where the robot is to go.
+    /// Sends viewers the time, and new viewers the goal and the reference path.
     fn serve(&self, time: u64) {
         let Some(server) = self.sink.server() else {
             return;
@@ -248,13 +248,13 @@ impl Mcap {
         }
     }
 
-    /// Time of the run at a tick of the boards, ns; ticks before the start have its time.
+    /// Time of the run at a tick of the boards, ns; zero for ticks before the start.
     fn nanos(&self, tick: u32) -> u64 {
         let micros = i64::from(tick) * 1000 - self.zero;
         u64::try_from(micros).unwrap_or_default() * 1000
     }
 
-    /// Line of a tap.
+    /// Writes a line of the recording.
     pub fn note(&mut self, line: &Line) {
         let at = |tick: u32| self.nanos(tick);
         match line {
@@ -298,7 +298,7 @@ impl Mcap {
         }
     }
 
-    /// The boards are started one after the other; the last one completes what is known of the run.
+    /// Records target and build of a started board; the lead board's parameter hash goes into the metadata.
     fn started(&mut self, role: Role, parameters: &str, report: Option<&Report>) {
         let board = &mut self.boards[self.robot.place(role)];
         if let (true, Some(report)) = (board.is_empty(), report) {
@@ -330,7 +330,7 @@ impl Mcap {
         }
     }
 
-    /// Tells of a node that has changed.
+    /// Writes a log message if a node's state or reason has changed.
     fn status(&mut self, tick: u32, status: Status) {
         let Some(place) = self.robot.place_of_node(status.node) else {
             return;
@@ -361,12 +361,12 @@ impl Mcap {
         self.log.log_with_meta(&log, at(time));
     }
 
-    /// The true state at the end of an epoch.
+    /// Writes the estimate and the true state at the end of an epoch.
     pub fn see(&mut self, record: &Record) {
         let tick = (record.time_s * 1e3).round() as u32;
         let time = nanos(tick);
         self.serve(time);
-        // The true state of a real robot is not known.
+        // The true state of a real robot is unknown.
         let known = record.midpoint[0].is_finite();
         let robot = Pose::from(record.midpoint);
         let mut frames = Vec::new();
@@ -389,7 +389,7 @@ impl Mcap {
         self.epochs += 1;
     }
 
-    /// The true state of a simulated robot.
+    /// Writes the true state of a simulated robot.
     fn see_truth(&mut self, record: &Record, time: u64) {
         let robot = Pose::from(record.midpoint);
         let pose = standard::in_world(time, &robot);
@@ -410,7 +410,7 @@ impl Mcap {
         }
     }
 
-    /// Metadata of the run, at its end.
+    /// Writes the metadata at the end of the run.
     fn metadata(&mut self) {
         let mut with_boards = false;
         for (role, board) in self.robot.boards().zip(std::mem::take(&mut self.boards)) {
@@ -421,7 +421,7 @@ impl Mcap {
             }
         }
         if with_boards {
-            // A reader takes the later record of a name.
+            // Readers use the latest record of a name.
             self.sink.metadata(ABOUT, &self.about);
         }
         let mut end = self.end.fields();

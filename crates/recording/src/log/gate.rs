@@ -1,7 +1,7 @@
-//! The door of the live server: a web page of another site is refused by its Origin header.
+//! Gate of the live server: rejects web pages of other sites by their Origin header.
 //!
-//! A browser lets any page connect to any websocket and names the page's site in `Origin`. Programs that are no
-//! browsers send none.
+//! A browser lets any page connect to any websocket and sends the page's site in `Origin`. Programs other than
+//! browsers send no `Origin`.
 
 use output::terminal::note;
 use std::io::{self, Read, Write};
@@ -11,19 +11,20 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::Duration;
 
-/// Longest head of a request, bytes.
+/// Longest HTTP head of a request, bytes.
 const LONGEST_HEAD: usize = 16 * 1024;
-/// Longest wait for the head.
+/// Timeout for the HTTP head.
 const HEAD_WITHIN: Duration = Duration::from_secs(5);
 
-/// A listener that hands connections on to the server behind it.
+/// Listener that passes accepted connections to the server behind it.
 pub struct Gate {
     address: SocketAddr,
     closed: Arc<AtomicBool>,
 }
 
 impl Gate {
-    /// Listens at an address for the server at `inner`. Pages of the `allowed` origins may connect, and of this machine.
+    /// Listens at `address` for the server at `inner`. Pages of this machine and of the `allowed` origins may
+    /// connect.
     pub fn open(address: SocketAddr, inner: SocketAddr, allowed: Vec<String>) -> io::Result<Self> {
         let listener = TcpListener::bind(address)?;
         let gate = Self {
@@ -38,7 +39,7 @@ impl Gate {
                 }
                 let allowed = allowed.clone();
                 if let Ok(outside) = outside {
-                    // A connection that fails ends by itself.
+                    // A failed connection ends by itself.
                     thread::spawn(move || drop(admit(outside, inner, &allowed)));
                 }
             }
@@ -46,7 +47,7 @@ impl Gate {
         Ok(gate)
     }
 
-    /// The address, with the port that was chosen.
+    /// Address with the chosen port.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
@@ -55,7 +56,7 @@ impl Gate {
 impl Drop for Gate {
     fn drop(&mut self) {
         self.closed.store(true, Relaxed);
-        // The listener waits for a connection.
+        // A connection wakes the waiting listener.
         let here = match self.address.ip() {
             ip if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
             ip => ip,
@@ -64,14 +65,14 @@ impl Drop for Gate {
     }
 }
 
-/// A loopback address that nobody guesses: the server behind the gate has no check of its own.
+/// Random loopback address, hard to guess, because the server behind the gate checks nothing.
 pub fn hidden_address() -> Ipv4Addr {
     use std::hash::{BuildHasher, RandomState};
     let [a, b, c, ..] = RandomState::new().hash_one(()).to_le_bytes();
     Ipv4Addr::new(127, a.max(1), b, c.clamp(1, 254))
 }
 
-/// Lets a connection through, or refuses it.
+/// Passes a connection on or rejects it.
 fn admit(mut outside: TcpStream, inner: SocketAddr, allowed: &[String]) -> io::Result<()> {
     outside.set_nodelay(true)?;
     outside.set_read_timeout(Some(HEAD_WITHIN))?;
@@ -100,7 +101,7 @@ fn admit(mut outside: TcpStream, inner: SocketAddr, allowed: &[String]) -> io::R
     copied.map(drop)
 }
 
-/// Bytes up to the end of the head, and what came with it.
+/// Received bytes up to at least the end of the HTTP head.
 fn head(from: &mut TcpStream) -> io::Result<Vec<u8>> {
     let (mut head, mut room) = (Vec::new(), [0; 2048]);
     while !head.windows(4).any(|end| end == b"\r\n\r\n") {
@@ -121,8 +122,8 @@ fn origin(head: &[u8]) -> Option<String> {
     found.map(|(_, value)| value.trim().to_owned())
 }
 
-/// True for origins of this machine and for the allowed ones. A desktop program built on a browser sends `file://`,
-/// which no web page can.
+/// True for origins of this machine and for the allowed origins. Desktop programs built on a browser send `file://`,
+/// which no web page can send.
 fn is_allowed(origin: &str, allowed: &[String]) -> bool {
     let Some((scheme, place)) = origin.split_once("://") else {
         return false;
@@ -166,7 +167,7 @@ mod tests {
         }
     }
 
-    /// A server that answers with what it gets.
+    /// Server that echoes its input.
     fn echo() -> SocketAddr {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let address = listener.local_addr().unwrap();

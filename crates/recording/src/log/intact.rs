@@ -1,4 +1,4 @@
-//! Lengths and checksums of an MCAP file, checked before a reader trusts them.
+//! Check of an MCAP file's lengths and checksums before a reader trusts them.
 //!
 //! Source: the MCAP format specification, sections Records, Data End, Footer and Chunk.
 
@@ -7,11 +7,12 @@ use mcap::MAGIC;
 use mcap::records::op;
 use std::io::{self, Read, Seek, SeekFrom};
 
-/// Records in memory: operation, place of the first byte, content; or the fault of the next.
+/// Iterator over records in memory: operation, position of the first byte, content; or an error for a truncated
+/// record.
 pub(super) struct Records<'a> {
     /// The records.
     pub bytes: &'a [u8],
-    /// Place of the next record.
+    /// Position of the next record.
     pub at: usize,
 }
 
@@ -45,14 +46,14 @@ fn matches(given: Option<&[u8]>, sum: Option<u32>, of: &str) -> Result<(), Strin
     let given = given
         .and_then(|given| given.first_chunk())
         .map(|given| u32::from_le_bytes(*given));
-    // A fuzzer would not get past it.
+    // A fuzzer could not pass the checksum.
     match cfg!(fuzzing) || given.is_some() && given == sum {
         true => Ok(()),
         false => Err(format!("damaged: the checksum of {of} does not match")),
     }
 }
 
-/// Refuses a record of another length, which no checksum covers.
+/// Rejects a record of another length; no checksum covers the length.
 fn exactly(length: usize, content: &[u8], of: &str, at: u64) -> Result<(), String> {
     match content.len() == length {
         true => Ok(()),
@@ -63,14 +64,14 @@ fn exactly(length: usize, content: &[u8], of: &str, at: u64) -> Result<(), Strin
     }
 }
 
-/// Replaces what `content` holds by the next bytes of a file; false if it has fewer.
+/// Replaces `content` by the next bytes of a file; false if the file has fewer.
 fn fill(content: &mut Vec<u8>, file: impl Read, length: u64) -> io::Result<bool> {
     content.clear();
     file.take(length).read_to_end(content)?;
     Ok(content.len() as u64 == length)
 }
 
-/// Refuses a file whose records do not fill it, or whose data or summary do not match their checksums.
+/// Rejects a file whose records do not fill it, or whose data or summary fail their checksums.
 pub fn check(mut file: impl Read + Seek) -> Result<(), String> {
     let in_words = |error: io::Error| error.to_string();
     let mark = MAGIC.len() as u64;
@@ -137,7 +138,7 @@ pub fn check(mut file: impl Read + Seek) -> Result<(), String> {
     }
 }
 
-/// Refuses a chunk whose records do not fill it. The reader checks the records of a compressed chunk.
+/// Rejects a chunk whose records do not fill it. For a compressed chunk the reader does this check.
 fn check_chunk(content: &[u8]) -> Result<(), String> {
     // Start, end, size and checksum, then the name of the compression.
     let name = content.get(28..32).and_then(|name| name.first_chunk());

@@ -1,4 +1,4 @@
-//! A run served by websocket while it goes: the topics of a log, to viewers such as Foxglove.
+//! Websocket server of a running run: the topics of a log for viewers such as Foxglove.
 
 use super::gate::{Gate, hidden_address};
 use foxglove::websocket::{Capability, ChannelView, Client, ServerListener};
@@ -12,13 +12,13 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::time::Duration;
 use std::{mem, thread};
 
-/// Time between two looks at whether a viewer has come.
+/// Polling interval while waiting for a viewer.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Longest time in which viewers are handed what waits for them.
+/// Longest time for viewers to take the queued messages at the end.
 const STOP: Duration = Duration::from_secs(2);
 
-/// Subscriptions since the last call, and whether a viewer ever connected.
+/// Subscriptions since the last call, and true once a viewer has subscribed.
 #[derive(Default)]
 struct Viewers {
     joined: Mutex<Vec<(ChannelId, SinkId)>>,
@@ -33,7 +33,7 @@ impl ServerListener for Viewers {
     }
 }
 
-/// A server of all channels of a context.
+/// Server of all channels of a context.
 pub struct Server {
     handle: WebSocketServerHandle,
     viewers: Arc<Viewers>,
@@ -41,7 +41,8 @@ pub struct Server {
 }
 
 impl Server {
-    /// Serves from now on; port 0 is any that is free. Web pages of other machines may connect from these origins only.
+    /// Starts the server; port 0 selects a free port. Web pages of other machines may connect only from these
+    /// origins.
     pub fn start(
         context: &Arc<Context>,
         address: SocketAddr,
@@ -71,7 +72,7 @@ impl Server {
         })
     }
 
-    /// Says where it is, and waits for a viewer; an error if the flag is set meanwhile.
+    /// Reports the address and waits for a viewer; an error if the flag is set meanwhile.
     pub fn await_viewer(&self, interrupt: &AtomicBool) -> Result<(), Error> {
         note(format!(
             "live: ws://{}, waiting for a viewer (Foxglove: Open connection, Foxglove WebSocket)",
@@ -88,7 +89,7 @@ impl Server {
         Ok(())
     }
 
-    /// Tells viewers the simulated time, ns.
+    /// Sends viewers the simulated time, ns.
     pub fn time(&self, nanos: u64) {
         self.handle.broadcast_time(nanos);
     }
@@ -99,14 +100,14 @@ impl Server {
         mem::take(&mut *joined.unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Hands out what waits, and ends; a viewer that takes nothing is not waited for longer than [`STOP`].
+    /// Sends the queued messages and ends, within [`STOP`] even if a viewer takes nothing.
     pub fn stop(self) {
         let (ended, end) = mpsc::channel();
         let handle = self.handle;
         drop(self.gate);
         thread::spawn(move || {
             handle.stop().wait_blocking();
-            // Nobody listens after the limit.
+            // After the timeout the receiver is gone.
             let _ = ended.send(());
         });
         let _ = end.recv_timeout(STOP);

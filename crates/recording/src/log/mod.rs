@@ -1,4 +1,4 @@
-//! The run as an MCAP file or served to live viewers; the way back from the file.
+//! Log of a run as an MCAP file or for live viewers, and its reading.
 
 mod file;
 mod gate;
@@ -26,7 +26,7 @@ pub(crate) fn check(to: &Destinations) -> Result<(), Error> {
     }
 }
 
-/// Opens the log, and serves the run to live viewers.
+/// Opens the log file and the server, as `to` demands.
 pub(crate) fn open(to: &Destinations, about: &About) -> Result<Option<Mcap>, Error> {
     let mut sink = to.log.as_deref().map(Sink::to_file).transpose()?;
     if let Some(address) = to.live {

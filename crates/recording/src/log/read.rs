@@ -1,11 +1,10 @@
-//! Reading a log again: what each board got and did, in order.
+//! Reading of a log: inputs and outputs of each board, in order.
 //!
-//! A file that is cut short, damaged, or none of this program is refused as bad input with what is
-//! wrong with it and where; nothing in a file can make the reader panic or take much more memory
-//! than the file.
+//! A truncated, damaged or foreign file is rejected as bad input, with the fault and its position. No file can make
+//! the reader panic or take much more memory than the file.
 //!
-//! [`stream`] holds one record of the file and [`LATE`] of the front board's events; [`read`] keeps
-//! all events.
+//! [`stream`] keeps one record of the file and [`LATE`] of the front board's events in memory; [`read`] keeps all
+//! events.
 
 use super::intact;
 use crate::entry::{
@@ -28,31 +27,31 @@ use serde::de::DeserializeOwned;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::io::{Cursor, Read, Seek};
 
-/// Longest time from a tick of the front board to the message with its output of the lead node, ms.
+/// Longest delay of the lead node's output after the front board's tick in a log, ms.
 pub const LATE: u32 = 10_000;
 
 /// Event of a board.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Event {
-    /// Its nodes were started.
+    /// The nodes of the board were started.
     Start {
-        /// The first tick, ms.
+        /// First tick, ms.
         tick: u32,
         /// Parameters.
         config: Box<RobotConfig>,
         /// Initial estimate of the lead node.
         place: Option<Box<Place>>,
     },
-    /// It was switched off or lost, or its record ended, at this tick, ms, for this reason.
+    /// The board was switched off or lost, or its record ended: tick (ms) and reason.
     Off(u32, String),
-    /// The lead node was told something before this tick, ms.
+    /// The lead node received a command before this tick, ms.
     Command(u32, HostCommand),
-    /// A tick.
+    /// A tick of the board.
     Tick(Box<Step>),
 }
 
 impl Event {
-    /// The parameters, of a start.
+    /// Parameters of a start; `None` for other events.
     pub fn config(&self) -> Option<&RobotConfig> {
         match self {
             Self::Start { config, .. } => Some(config),
@@ -76,13 +75,13 @@ pub struct Step {
     pub tick: u32,
     /// Samples.
     pub samples: Samples,
-    /// Frames that arrived.
+    /// Frames that arrived before the tick.
     pub received: Vec<CanFrame>,
-    /// Torques it commanded, N m.
+    /// Commanded wheel torques, N m.
     pub torque_nm: Wheels<Exact>,
-    /// Frames it sent.
+    /// Frames that the board sent.
     pub sent: Vec<CanFrame>,
-    /// The lead node's output, when it came with this tick's answer.
+    /// Output of the lead node, if it belongs to this tick.
     pub lead: Option<Box<lead::Output>>,
 }
 
@@ -91,13 +90,13 @@ pub struct Step {
 pub struct Run {
     /// Metadata of the run.
     pub about: BTreeMap<String, String>,
-    /// Result.
+    /// Metadata of the end of the run.
     pub end: BTreeMap<String, String>,
-    /// The true state, by time of the run, ms.
+    /// True state by time of the run, ms.
     pub truth: BTreeMap<u32, TruthEntry>,
     /// Common time of the boards at the start of the run, µs.
     pub zero_us: Option<i64>,
-    /// Ticks of the board that has most.
+    /// Largest number of ticks of a board.
     pub ticks: usize,
 }
 
@@ -107,23 +106,23 @@ pub const ROBOT: Topology = Topology::PAIR;
 /// Events of each board, in the order of [`Topology::boards`].
 pub type Events = Vec<Vec<Event>>;
 
-/// A log.
+/// Complete contents of a log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
-    /// The run.
+    /// Log without the events.
     pub run: Run,
     /// Events of the boards.
     pub boards: Events,
 }
 
 impl Recording {
-    /// Ticks of the board that has most.
+    /// Largest number of ticks of a board.
     pub fn ticks(&self) -> usize {
         self.run.ticks
     }
 }
 
-/// Reads a log in memory; `name` stands in errors.
+/// Reads a log in memory; `name` identifies it in errors.
 pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
     let mut boards = vec![Vec::new(); ROBOT.board_count()];
     let mut keep = |role, event| boards[ROBOT.place(role)].push(event);
@@ -131,10 +130,10 @@ pub fn read(bytes: &[u8], name: &str) -> Result<Recording, Error> {
     Ok(Recording { run, boards })
 }
 
-/// Reads a log and hands over the events of each board in order; `name` stands in errors.
+/// Reads a log and passes the events of each board to `to`, in order; `name` identifies the log in errors.
 ///
-/// The checksums are checked before the first event. The messages are checked on the way: after an
-/// error, the log is damaged and the events so far do not count.
+/// The checksums are checked before the first event. The messages are checked during reading: after an error the log
+/// is damaged, and the earlier events are invalid.
 pub fn stream(
     mut file: impl Read + Seek,
     name: &str,
@@ -170,7 +169,7 @@ pub fn stream(
                 reader
                     .take(topic, &data)
                     .map_err(|what| refuse(format!("message {position} on {topic}: {what}")))?;
-                // Ticks before the start of the run have its time.
+                // Ticks before the start of the run have log time zero.
                 if reader.run.zero_us.is_none() && header.log_time > 0 {
                     let last = match reader.board_of(topic) {
                         Some((role, "tick")) => reader.boards[reader.robot.place(role)].last,
@@ -208,7 +207,7 @@ pub fn stream(
     Ok(run)
 }
 
-/// An error of the file's format in plain words.
+/// Description of an error of the file's format.
 fn explain(error: &McapError) -> String {
     match error {
         McapError::UnexpectedEof | McapError::UnexpectedEoc | McapError::BadFooter => {
@@ -225,28 +224,28 @@ fn parse<T: DeserializeOwned>(data: &[u8]) -> Result<T, String> {
     serde_json::from_slice(data).map_err(|error| error.to_string())
 }
 
-/// A board while a log is read.
+/// State of a board during reading.
 #[derive(Default)]
 struct Board {
     /// Time of the latest event, ms.
     last: Option<u32>,
-    /// True if it is recorded at this point of the log.
+    /// True if the board is recorded at this position of the log.
     on: bool,
     ticks: usize,
-    /// Frames that it sent at the tick whose entry comes next.
+    /// Frames sent at the tick whose entry follows.
     sent: Vec<(u32, CanFrame)>,
 }
 
-/// State while a log is read.
+/// State of reading.
 struct Reader<'a> {
     run: Run,
     robot: Topology,
     boards: Vec<Board>,
-    /// Latest events of the front board, which wait for their outputs of the lead node.
+    /// Latest events of the front board, which wait for the outputs of the lead node.
     front: VecDeque<Event>,
-    /// Outputs of the lead node by tick, ms: of a board at a link they come later than the tick.
+    /// Outputs of the lead node by tick, ms; a board behind a link delivers them later than the tick.
     leads: HashMap<u32, Box<lead::Output>>,
-    /// Time of the latest event of the front board since its start that no longer waits, ms.
+    /// Time of the front board's latest event that was passed on since its start, ms.
     released: Option<u32>,
     to: &'a mut dyn FnMut(Role, Event),
 }
@@ -264,7 +263,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Board and kind of a topic of a board.
+    /// Board and kind of a board's topic.
     fn board_of<'t>(&self, topic: &'t str) -> Option<(Role, &'t str)> {
         let (name, kind) = topic.strip_prefix("/boards/")?.split_once('/')?;
         let role = self
@@ -274,7 +273,7 @@ impl<'a> Reader<'a> {
         Some((role, kind))
     }
 
-    /// Hands over the events of the front board that are older than a time, ms; all without one.
+    /// Passes on the front board's events before `before`, ms; all events if `None`.
     fn release(&mut self, before: Option<u32>) {
         let old = |event: &Event| before.is_none_or(|before| event.tick() < before);
         while let Some(mut event) = self.front.pop_front_if(|event| old(event)) {
@@ -286,7 +285,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Hands over all that waits.
+    /// Passes on all waiting events.
     fn settle(&mut self) {
         self.release(None);
         self.leads.clear();
@@ -300,7 +299,7 @@ impl<'a> Reader<'a> {
         self.run
     }
 
-    /// Takes in a message; one on a topic that replay does not need is left alone.
+    /// Takes a message; ignores topics that replay does not need.
     fn take(&mut self, topic: &str, data: &[u8]) -> Result<(), String> {
         match topic {
             "/truth" => {
@@ -407,7 +406,7 @@ impl<'a> Reader<'a> {
     fn push(&mut self, role: Role, event: Event) -> Result<(), String> {
         let board = &mut self.boards[self.robot.place(role)];
         let tick = event.tick();
-        // A board that was restarted may count from zero.
+        // A restarted board may count its time from zero.
         let begins = matches!(event, Event::Start { .. });
         if !begins && board.last.is_some_and(|last| last > tick) {
             return Err("its time is before the previous message".to_owned());
@@ -425,7 +424,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// The frames of the nodes at a tick; those of other ticks belong to ticks whose answers never came.
+/// Frames of the nodes at this tick. Frames of other ticks belong to ticks without a reply and are dropped.
 fn sent_at(sent: &mut Vec<(u32, CanFrame)>, tick: u32) -> Vec<CanFrame> {
     let of_nodes = |(at, frame): &(u32, CanFrame)| *at == tick && is_of_nodes(frame);
     let frames = sent.drain(..).filter(of_nodes);
@@ -457,7 +456,7 @@ mod tests {
     }
 
     #[test]
-    fn output_of_the_lead_node_that_comes_too_late_is_refused() {
+    fn late_output_of_the_lead_node_is_refused() {
         let mut ticks = Vec::new();
         let mut keep = |_, event: Event| ticks.push(event.tick());
         let mut reader = Reader::new(ROBOT, &mut keep);

@@ -1,4 +1,4 @@
-//! Recovery of a log whose writing was cut off: every whole record goes into a new, complete file.
+//! Recovery of a truncated log: every complete record goes into a new, complete file.
 
 use super::intact::Records;
 use crate::entry::{ABOUT, END};
@@ -8,13 +8,13 @@ use mcap::{MAGIC, McapError, WriteOptions, Writer};
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 
-/// Length of the head of a chunk without compression, bytes.
+/// Length of the head of an uncompressed chunk, bytes.
 const CHUNK_HEAD: usize = 40;
 
-/// Contents of a recovered log, and what it lacks.
+/// Summary of a recovered log.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Recovered {
-    /// Messages.
+    /// Number of messages.
     pub messages: u64,
     /// Time of the latest message, ns.
     pub last_ns: u64,
@@ -22,7 +22,7 @@ pub struct Recovered {
     pub missing: Vec<String>,
 }
 
-/// Writes the whole records of a log into a new one. An error says why nothing can be recovered.
+/// Writes the complete records of a log into a new log. An error is the reason why nothing can be recovered.
 pub fn recover(bytes: &[u8], to: impl Write + Seek) -> Result<Recovered, String> {
     if !bytes.starts_with(MAGIC) {
         return Err("not an MCAP file: its first bytes are wrong".to_owned());
@@ -42,14 +42,14 @@ fn in_words(error: McapError) -> String {
     error.to_string()
 }
 
-/// True if the checksum at a place of a record is that of `bytes`; a checksum of 0 is none.
+/// True if the checksum at position `at` of a record matches `bytes`; a checksum of 0 means none.
 fn checksum_of(record: &[u8], at: usize, bytes: &[u8]) -> bool {
     let sum = record.get(at..).and_then(|sum| sum.first_chunk());
     let sum = sum.map(|sum| u32::from_le_bytes(*sum));
     sum.is_some_and(|sum| sum == 0 || sum == crc32fast::hash(bytes))
 }
 
-/// A copy that is being written.
+/// Copy being written.
 struct Copy<W: Write + Seek> {
     writer: Writer<W>,
     found: Recovered,
@@ -57,7 +57,7 @@ struct Copy<W: Write + Seek> {
 }
 
 impl<W: Write + Seek> Copy<W> {
-    /// Takes in the records of a file.
+    /// Copies the records of a file.
     fn file(&mut self, bytes: &[u8]) -> Result<(), String> {
         let mut records = Records {
             bytes,
@@ -75,7 +75,7 @@ impl<W: Write + Seek> Copy<W> {
                 Some(Ok((op::CHUNK, at, content))) => self.chunk(at, content)?,
                 Some(Ok((operation, _, content))) => self.record(operation, content)?,
                 Some(Err(_)) if bytes.get(at) == Some(&op::CHUNK) => {
-                    // A chunk that was being written: its head has neither length nor checksum.
+                    // An unfinished chunk: its head has neither length nor checksum.
                     let inner = bytes.get(at + 9 + CHUNK_HEAD..).unwrap_or_default();
                     self.records(inner)?;
                     self.lacks(format!("the chunk at byte {at} is cut off"));
@@ -97,7 +97,7 @@ impl<W: Write + Seek> Copy<W> {
         self.found.missing.push(what);
     }
 
-    /// Takes in a complete chunk, unless it is damaged.
+    /// Copies a complete chunk, unless it is damaged or compressed.
     fn chunk(&mut self, at: usize, content: &[u8]) -> Result<(), String> {
         let plain = content.get(28..32) == Some(&[0; 4]);
         let inner = content.get(CHUNK_HEAD..).filter(|_| plain);
@@ -118,7 +118,7 @@ impl<W: Write + Seek> Copy<W> {
         Ok(())
     }
 
-    /// Takes in a record; one that does not decode is left out.
+    /// Copies a record; a record that does not decode is left out.
     fn record(&mut self, operation: u8, content: &[u8]) -> Result<(), String> {
         let Ok(record) = mcap::read::parse_record(operation, content) else {
             self.lacks("a record that does not decode".to_owned());
@@ -144,7 +144,7 @@ impl<W: Write + Seek> Copy<W> {
             }
             _ => return Ok(()),
         };
-        // Its schema may stand in a chunk that is lost.
+        // The schema may be in a lost chunk.
         if let Err(error) = added {
             self.lacks(format!("a channel: {error}"));
         }
@@ -158,7 +158,7 @@ impl<W: Write + Seek> Copy<W> {
                 self.found.last_ns = self.found.last_ns.max(header.log_time);
                 Ok(())
             }
-            // Its channel stood in a chunk that is lost.
+            // The channel was in a lost chunk.
             Err(McapError::UnknownChannel(..)) => {
                 self.lacks(format!(
                     "a message at {:.3} s of a channel that is lost",
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_log_is_recovered_as_it_is() {
+    fn complete_log_is_recovered_unchanged() {
         let log = recorded(1200, |_| ());
         let (found, copy) = recovered(&log);
         assert_eq!(found.missing, Vec::<String>::new());
@@ -216,9 +216,9 @@ mod tests {
         assert_eq!(recovered(&copy).1, copy);
     }
 
-    /// Cut anywhere, as many ticks are recovered as are in the file, and they replay bit by bit.
+    /// A log truncated anywhere: all ticks in the file are recovered and replay exactly.
     #[test]
-    fn log_cut_anywhere_keeps_its_beginning() {
+    fn log_truncated_anywhere_keeps_its_complete_records() {
         let log = recorded(1200, |_| ());
         let whole = read::read(&log, "log").unwrap();
         let mut last = 0;
@@ -229,7 +229,7 @@ mod tests {
             assert!(!found.missing.is_empty());
             let read = read::read(&copy, "copy").unwrap();
             for (part, all) in read.boards.iter().zip(&whole.boards) {
-                // The outputs of the last tick may come after it.
+                // Outputs of the last tick may follow the tick.
                 let kept = part.len().saturating_sub(2);
                 assert_eq!(part[..kept], all[..kept]);
             }

@@ -1,10 +1,10 @@
 //! Replay of a recorded run: the nodes of each board receive the recorded inputs again.
 //!
 //! [`Comparison`] runs each board alone on its recorded inputs and finds the first difference.
-//! [`estimate_again`] runs the boards with other parameters. The frames that a board sends then change too. So each
-//! recorded frame is replaced by the frame that its sender puts on the bus at the same tick. A lost frame stays lost, and a
-//! frame that was never sent does not arrive. The motion stays the recorded one: the robot does not drive by the new
-//! estimates.
+//!
+//! [`estimate_again`] runs the boards with other parameters. The boards then send other frames, so each recorded
+//! frame is replaced by the replayed frame of its sender and tick. A lost frame stays lost, and a frame that was
+//! never sent does not arrive. The motion is the recorded motion: the robot does not drive by the new estimates.
 
 use super::read::{Event, Events, Run, Step};
 use crate::entry::{Exact, Pose, TruthEntry, epoch_of};
@@ -23,18 +23,18 @@ use host_sim::targets::{Fault, InProcess, Posted, Target};
 use serde::Serialize;
 use std::collections::{BTreeMap, HashMap};
 
-/// The first thing that a board did otherwise.
+/// First difference between replay and record.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Divergence {
-    /// The tick, ms.
+    /// Tick, ms.
     pub tick: u32,
-    /// The board.
+    /// Name of the board.
     pub board: &'static str,
     /// Name of the differing signal.
     pub signal: String,
-    /// As recorded.
+    /// Recorded value.
     pub recorded: String,
-    /// As replayed.
+    /// Replayed value.
     pub replayed: String,
 }
 
@@ -54,13 +54,13 @@ impl std::fmt::Display for Divergence {
     }
 }
 
-/// A board under replay.
+/// Board under replay.
 struct ReplayedBoard {
     robot: Topology,
     name: &'static str,
     target: InProcess,
     on: bool,
-    /// The lead node's latest output.
+    /// Latest output of the lead node.
     lead: Option<lead::Output>,
 }
 
@@ -90,7 +90,7 @@ impl ReplayedBoard {
         Error::input(format!("tick {tick}, {} board: {why}", self.name))
     }
 
-    /// Anything but a tick; parameters are put through `change`.
+    /// Handles any event except a tick; `change` maps the parameters of a start.
     fn event(
         &mut self,
         event: &Event,
@@ -117,12 +117,12 @@ impl ReplayedBoard {
         result.map_err(|fault| self.failed(tick, fault))
     }
 
-    /// One tick, with these frames arriving before it.
+    /// Replays a tick, with these frames arriving before it.
     fn step(&mut self, step: &Step, received: &[CanFrame]) -> Result<TickResult, Error> {
         let failed = |again: &Self, fault| again.failed(step.tick, fault);
         let now = Micros::from(step.tick) * TICK;
         for frame in received {
-            // The board cannot have heard what it cannot decode.
+            // The board ignored frames that do not decode.
             if let Ok(message) = bus::decode(frame) {
                 self.target.receive(now, frame, &message);
             }
@@ -185,7 +185,7 @@ impl ReplayedBoard {
     }
 }
 
-/// A board that is compared with its record, and the time of its first fault or difference, ms.
+/// Board compared with its record: replay, and time (ms) of the first fault or difference.
 struct ComparedBoard {
     again: ReplayedBoard,
     found: Option<(u32, Result<Divergence, Error>)>,
@@ -228,7 +228,7 @@ impl Comparison {
         }
     }
 
-    /// Takes in the next event of a board; nothing after its first difference.
+    /// Takes the next event of a board; ignores events after its first difference.
     pub fn take(&mut self, role: Role, event: &Event) {
         let board = &mut self.boards[self.robot.place(role)];
         if board.found.is_none() {
@@ -237,7 +237,7 @@ impl Comparison {
         }
     }
 
-    /// The first difference.
+    /// First difference of all boards.
     pub fn first(self) -> Result<Option<Divergence>, Error> {
         let mut first: Option<Divergence> = None;
         for (tick, found) in self.boards.into_iter().filter_map(|board| board.found) {
@@ -256,17 +256,17 @@ impl Comparison {
 /// Estimates of the lead node by time of validity, ms.
 pub type Estimates = BTreeMap<u32, robot::Output>;
 
-/// The lead node's estimates as recorded, until the common time of the boards goes back.
+/// Recorded estimates of the lead node, until the common time of the boards jumps back.
 #[derive(Default)]
 pub struct RecordedEstimates {
-    /// The estimates.
+    /// Estimates by time of validity, ms.
     pub estimates: Estimates,
     last: u32,
     over: bool,
 }
 
 impl RecordedEstimates {
-    /// Takes in the next event of a board.
+    /// Takes the next event of a board.
     pub fn take(&mut self, role: Role, event: &Event) {
         if role != Role::LEAD {
             return;
@@ -281,7 +281,7 @@ impl RecordedEstimates {
     }
 }
 
-/// The lead node's estimates with other parameters.
+/// Estimates of the lead node with other parameters.
 pub fn estimate_again(
     robot: Topology,
     boards: &Events,
@@ -293,7 +293,7 @@ pub fn estimate_again(
         .iter()
         .map(|events| events.iter().peekable())
         .collect();
-    // When each frame was last sent, and what its sender sends at a tick now.
+    // Tick at which each recorded frame was last sent, and replayed frame of each identifier and tick.
     let mut recorded: HashMap<(u16, u8, [u8; 8]), u32> = HashMap::new();
     let mut now: HashMap<(u16, u32), CanFrame> = HashMap::new();
     let key = |frame: &CanFrame| (frame.id, frame.length, frame.data);
@@ -303,13 +303,13 @@ pub fn estimate_again(
         .filter_map(|rest| rest.peek().map(|event| event.tick()))
         .min()
     {
-        // What is sent at a tick arrives at a later one.
+        // A frame sent at a tick arrives at a later tick.
         let (mut sent, mut sent_now) = (Vec::new(), Vec::new());
         for (again, rest) in replayed.iter_mut().zip(&mut rest) {
             while let Some(event) = rest.next_if(|event| event.tick() <= tick) {
                 let heard = again.event(event, change);
-                // By other estimates the robot is elsewhere on its path, so that more of the path may
-                // find no room. That steers; it does not estimate.
+                // With other estimates the robot is at another point of its path, so further path points may find no
+                // room. That affects steering, not estimation.
                 if !matches!(event, Event::Command(..)) {
                     heard?;
                 }
@@ -344,7 +344,7 @@ pub fn estimate_again(
 /// Quality of estimates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Quality {
-    /// Root mean square of the midpoint's position error, m; none without the true state.
+    /// Root mean square of the midpoint's position error, m; `None` without the true state.
     pub position_rms_m: Option<f64>,
     /// Largest position error, m.
     pub position_max_m: Option<f64>,
@@ -354,20 +354,20 @@ pub struct Quality {
     pub final_position_m: Option<f64>,
     /// Heading error at the end, rad.
     pub final_heading_rad: Option<f64>,
-    /// Root mean square of the error of the front axle's position seen from the rear axle, m.
+    /// Root mean square of the position error of the front axle in the rear axle's frame, m.
     pub relative_rms_m: Option<f64>,
-    /// Mean of the midpoint's normalised error squared; 3 if its covariance is right.
+    /// Mean normalised estimation error squared (NEES) of the midpoint; 3 if its covariance is right.
     pub mean_nees: Option<f64>,
-    /// Mean of the beam's normalised innovation squared; 3 if its covariance is right.
+    /// Mean normalised innovation squared (NIS) of the beam; 3 if its covariance is right.
     pub mean_nis: f64,
-    /// Share of innovations that the gate refused.
+    /// Fraction of innovations that the gate rejected.
     pub refused: f64,
     /// Number of estimates.
     pub count: usize,
 }
 
 impl Quality {
-    /// Of estimates of a recording against the true states of the same instants.
+    /// Quality of estimates against the true states at the same times.
     pub fn of(estimates: &Estimates, run: &Run) -> Self {
         let zero_us = run.zero_us.unwrap_or_default();
         let mut errors = Errors::default();
@@ -400,8 +400,8 @@ impl Quality {
     }
 }
 
-/// True postures of the midpoint and of the front axle in the rear axle's frame at a time of the run, µs, between the
-/// entries around it.
+/// True postures at a time of the run, µs, interpolated between entries: midpoint in the global frame, front axle in
+/// the rear axle's frame.
 fn true_state(truth: &BTreeMap<u32, TruthEntry>, at_us: i64) -> Option<(Pose, Pose)> {
     let at = u32::try_from(at_us.div_euclid(1000)).ok()?;
     let (before, first) = truth.range(..=at).next_back()?;
@@ -424,7 +424,7 @@ fn true_state(truth: &BTreeMap<u32, TruthEntry>, at_us: i64) -> Option<(Pose, Po
     Some((robot, between(first.relative, second.relative)))
 }
 
-/// Sums that become a [`Quality`].
+/// Sums of errors for a [`Quality`].
 #[derive(Clone, Copy, Debug, Default)]
 struct Errors {
     position: f64,
@@ -497,7 +497,7 @@ pub(super) mod tests {
         scenario
     }
 
-    /// The bytes of a log of so many ticks; the robot drives after the first fifth of a second.
+    /// Log of this many ticks, as bytes; the robot drives after 0.2 s.
     pub(in crate::log) fn recorded(ticks: u32, prepare: impl FnOnce(&mut Simulation)) -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.mcap");
@@ -520,7 +520,7 @@ pub(super) mod tests {
         prepare(&mut simulation);
         let goal = Posture::ORIGIN;
         for tick in 0..ticks {
-            // The boards must have heard each other at rest.
+            // The boards must have received each other's messages at rest.
             if tick == 200 {
                 let task = Task::regulate(goal);
                 simulation.command(&HostCommand::Task(task)).unwrap();
@@ -564,7 +564,7 @@ pub(super) mod tests {
         assert_eq!((found.tick, found.board), (1400, "rear"));
         assert_eq!(found.signal, "right wheel torque");
 
-        // An encoder count more is felt at once by the axle that drives.
+        // One additional encoder count changes the axle's output at once.
         let mut other = recording.clone();
         if let core_algos::node::board::Samples::Axle(samples) =
             &mut step(&mut other, Role::LEAD, 1300).samples
@@ -590,7 +590,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_board_that_fails_and_comes_back_replays_too() {
+    fn recording_with_failing_and_restarting_boards_replays_exactly() {
         let bytes = recorded(1500, |simulation| {
             let failure = |role, at| Failure {
                 role,
@@ -610,7 +610,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_same_parameters_estimate_the_same_and_others_do_not() {
+    fn replay_with_equal_parameters_gives_equal_estimates_and_others_differ() {
         let recording = read::read(&recorded(11_000, |_| ()), "log").unwrap();
         let mut recorded = RecordedEstimates::default();
         for event in &recording.boards[read::ROBOT.place(Role::LEAD)] {
@@ -624,7 +624,7 @@ pub(super) mod tests {
             "frames were lost alike, and none came otherwise"
         );
 
-        // A radius that is believed a hundredth too large makes the way that much longer.
+        // A wheel radius configured 1 % too large makes the estimated path about 1 % longer.
         let larger = |config: &RobotConfig| {
             let mut config = *config;
             config.geometry.wheel_radius_m *= 1.01;
@@ -638,7 +638,7 @@ pub(super) mod tests {
         };
         assert!(way(&estimates) > 1.0, "{}", way(&estimates));
         let ratio = way(&wrong) / way(&estimates);
-        // The beam tells the filter some of it.
+        // The beam corrects a part of the error.
         assert!((1.003..1.012).contains(&ratio), "{ratio}");
         let good = Quality::of(&estimates, &recording.run);
         let bad = Quality::of(&wrong, &recording.run);
@@ -647,7 +647,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_file_that_is_cut_short_damaged_or_foreign_is_refused_as_bad_input() {
+    fn truncated_damaged_or_foreign_file_is_refused_as_bad_input() {
         let bytes = recorded(60, |_| ());
         assert!(read::read(&bytes, "log").is_ok());
         let refused = |bytes: &[u8]| {

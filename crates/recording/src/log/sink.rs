@@ -1,8 +1,7 @@
-//! The file of a log: a temporary one until it is whole, then renamed.
+//! File of a log, temporary until complete and then renamed.
 //!
-//! A log that is dropped before it was closed is finished and renamed too, so that a run that was
-//! interrupted leaves a readable file of what there was. What cannot be written is told at the end:
-//! a log is no reason to stop a robot.
+//! A log that is dropped before it is closed is also completed and renamed, so an interrupted run leaves a readable
+//! file. Write errors are reported at the end: a log is no reason to stop a robot.
 
 use super::live::Server;
 use foxglove::{Context, McapWriter, McapWriterHandle};
@@ -16,10 +15,10 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use tempfile::{NamedTempFile, TempPath};
 
-/// The first error of a writer, which its user does not hear of.
+/// First error of a writer that does not report its errors.
 type FirstError = Arc<Mutex<Option<io::Error>>>;
 
-/// The file of a log.
+/// File of a log that keeps its first error.
 struct Watched {
     file: BufWriter<File>,
     error: FirstError,
@@ -64,9 +63,9 @@ fn failed(path: &Path) -> impl FnOnce(io::Error) -> OutputError + use<> {
     }
 }
 
-/// The file under its temporary name.
+/// Creates the file under its temporary name.
 fn create(path: &Path) -> Result<NamedTempFile, OutputError> {
-    // A log is read from its end: a pipe or a device would take none.
+    // A log is read from its end, which pipes and devices do not allow.
     if fs::metadata(path).is_ok_and(|data| !data.is_file()) {
         let what = io::Error::new(ErrorKind::InvalidInput, "must be a regular file");
         return Err(failed(path)(what));
@@ -74,19 +73,19 @@ fn create(path: &Path) -> Result<NamedTempFile, OutputError> {
     files::temporary_beside(path)
 }
 
-/// An open log.
+/// Open log.
 pub struct Sink {
     context: Arc<Context>,
     handle: Option<McapWriterHandle<Watched>>,
     server: Option<Server>,
     error: FirstError,
-    /// Path until the file is whole, and then.
+    /// Path before the file is complete, and final path.
     temporary: Option<TempPath>,
     path: Option<PathBuf>,
 }
 
 impl Sink {
-    /// A log in a file, which appears when it is closed or dropped.
+    /// Opens a log in a file, which appears when the log is closed or dropped.
     pub fn to_file(path: &Path) -> Result<Self, OutputError> {
         let (file, temporary) = create(path)?.into_parts();
         let mut sink = Self::open(BufWriter::new(file)).map_err(failed(path))?;
@@ -94,7 +93,7 @@ impl Sink {
         Ok(sink)
     }
 
-    /// A log that is not written, to be served.
+    /// A log without a file, for live viewers.
     pub fn nowhere() -> Self {
         Self {
             context: Context::new(),
@@ -111,8 +110,8 @@ impl Sink {
         self.handle.is_some()
     }
 
-    /// Serves to viewers at this address what is written from now on; web pages of other machines only from these
-    /// origins.
+    /// Starts a server of the log for viewers at this address. Web pages of other machines may connect only from
+    /// these origins.
     pub fn serve(&mut self, address: SocketAddr, origins: &[String]) -> Result<(), Error> {
         self.server = Some(Server::start(&self.context, address, origins.to_vec())?);
         Ok(())
@@ -152,12 +151,12 @@ impl Sink {
         let entries = entries.iter();
         let map = entries.map(|(key, value)| (key.to_string(), value.clone()));
         if let Some(handle) = &self.handle {
-            // Told at the end, as of all that is written.
+            // An error is reported at the end, as all write errors.
             let _ = handle.write_metadata(name, map.collect());
         }
     }
 
-    /// Finishes the log; an error if not all of it could be written, and then there is no file.
+    /// Completes the log; on a write error there is no file.
     pub fn close(&mut self) -> Result<(), OutputError> {
         if let Some(server) = self.server.take() {
             server.stop();
@@ -181,7 +180,7 @@ impl Sink {
 
 impl Drop for Sink {
     fn drop(&mut self) {
-        // Nobody is left to be told.
+        // An error cannot be reported here.
         let _ = self.close();
     }
 }

@@ -9,12 +9,12 @@ use foxglove::messages::{
 use host_sim::run::robot::Record;
 use host_sim::world::body::Body;
 
-/// The frame everything is given in.
+/// Coordinate frame of all messages.
 const WORLD: &str = "world";
-/// Diameter of a wheel's and of the frame's drawing above the ground, m.
+/// Height of the frame's drawing above the ground, m.
 const FRAME_HEIGHT_M: f64 = 0.06;
 
-/// Simulated time in ns as a time stamp.
+/// Time stamp of a simulated time, ns.
 pub fn stamp(nanos: u64) -> Timestamp {
     Timestamp::new(
         (nanos / 1_000_000_000) as u32,
@@ -47,7 +47,7 @@ fn pose(planar: &Planar) -> Pose {
     }
 }
 
-/// A posture in the world.
+/// Message of a posture in world coordinates.
 pub fn in_world(nanos: u64, planar: &Planar) -> PoseInFrame {
     PoseInFrame {
         timestamp: Some(stamp(nanos)),
@@ -56,7 +56,7 @@ pub fn in_world(nanos: u64, planar: &Planar) -> PoseInFrame {
     }
 }
 
-/// Postures in the world.
+/// Message of several postures in world coordinates.
 pub fn path<'a>(nanos: u64, postures: impl IntoIterator<Item = &'a Planar>) -> PosesInFrame {
     PosesInFrame {
         timestamp: Some(stamp(nanos)),
@@ -65,7 +65,7 @@ pub fn path<'a>(nanos: u64, postures: impl IntoIterator<Item = &'a Planar>) -> P
     }
 }
 
-/// Frames of the robot as it is and as the lead node takes it to be.
+/// Transforms from world coordinates to the true and the estimated frames of the robot.
 pub fn transforms(nanos: u64, frames: &[(&str, Planar)]) -> FrameTransforms {
     let one = |(name, planar): &(&str, Planar)| FrameTransform {
         timestamp: Some(stamp(nanos)),
@@ -83,7 +83,7 @@ const fn color(r: f64, g: f64, b: f64) -> Color {
     Color { r, g, b, a: 1.0 }
 }
 
-/// Wheels, axles and the bent frames.
+/// Scene of wheels, axles and bent frames.
 pub fn scene(nanos: u64, record: &Record, body: &Body) -> SceneUpdate {
     let mut cubes = Vec::new();
     let mut lines = Vec::new();

@@ -1,4 +1,4 @@
-//! What is soldered to an axle's board, wired as docs/wiring.md says.
+//! Circuit of an axle board: the parts wired to it, by docs/wiring.md.
 
 use super::power::{BATTERY_V, Power};
 use crate::serial_line::SerialLine;
@@ -31,16 +31,16 @@ const STRAP: Pin = Pin::new('C', 13);
 const BUTTON: Pin = Pin::new('A', 0);
 const LED: Pin = Pin::new('C', 12);
 
-/// Supply of chip, amplifiers and sensors, V.
+/// Supply of the chip, the amplifiers and the sensors, V.
 const LOGIC_V: f64 = 3.3;
 /// Temperature between the drivers, °C.
 const AMBIENT_C: f64 = 25.0;
-/// Two periods of the pulses.
+/// Two PWM periods.
 const PULSE_PERIODS: Time = Time::from_micros(100);
-/// Largest time for which contacts bounce.
+/// Longest bounce of the contacts.
 const BOUNCE: Time = Time::from_micros(5_000);
 
-/// Motion of a wheel from a time on: angle (rad), speed (rad/s), forward positive.
+/// Motion of a wheel from a given time: angle (rad) and speed (rad/s), positive forward.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct WheelMotion {
     /// Angle, rad.
@@ -49,10 +49,10 @@ pub struct WheelMotion {
     pub speed_rad_s: f64,
 }
 
-/// Motion of an axle from a time on.
+/// Motion of an axle from a given time.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct AxleMotion {
-    /// Wheels, left and right.
+    /// Wheels (left, right).
     pub wheels: [WheelMotion; 2],
     /// Motion at an inertial sensor in the middle of the axle.
     pub inertial: Motion,
@@ -61,29 +61,29 @@ pub struct AxleMotion {
 /// Parts that differ from axle to axle.
 #[derive(Clone, Debug)]
 pub struct AxleParts {
-    /// The strap says that this is the rear one.
+    /// True if the strap marks the rear axle.
     pub rear: bool,
-    /// Lines of the encoders, and their phases (left, right), counts.
+    /// Lines of the encoders per revolution.
     pub lines: u32,
     /// Phases of the encoders (left, right), counts.
     pub phase: [f64; 2],
-    /// The inertial sensor, if one is fitted.
+    /// Inertial sensor; `None` if not fitted.
     pub inertial: Option<InertialConfig>,
-    /// Battery, V.
+    /// Battery voltage, V.
     pub battery_v: f64,
     /// Seed of all noise.
     pub seed: u64,
 }
 
 impl AxleParts {
-    /// Those of an axle of a scenario, as they were drawn.
+    /// Parts of an axle of a scenario, as drawn for the trial.
     pub fn of(scenario: &Scenario, drawn: &Drawn, axle: AxleId, seed: u64) -> Self {
         let k = axle.index();
         let (gyro, accelerometer) = (
             &scenario.world.sensors.gyro,
             &scenario.world.sensors.accelerometer,
         );
-        // The average at rest takes the bias away; what comes after it is that of the world's sensors.
+        // The average at rest removes the bias; the later bias comes from the world's sensors.
         let mut random = generator(seed, 0, Stream::Other(0x202));
         let third = |value: f64| [0.0, 0.0, value];
         let first = |value: f64| [value, 0.0, 0.0];
@@ -106,7 +106,7 @@ impl AxleParts {
     }
 }
 
-/// The parts around an axle's board.
+/// Parts around an axle board.
 #[derive(Clone)]
 pub struct AxleBoard {
     pub(super) drivers: [Drv8874; 2],
@@ -120,21 +120,21 @@ pub struct AxleBoard {
     pub(super) button: Contact,
     /// Serial port.
     pub(super) serial: SerialLine,
-    /// Edges of the LED; it is lit at every other one, from the first on.
+    /// Edges of the LED, which is lit from each even edge to the next.
     pub(super) led: Vec<Time>,
-    /// The strap's contact, and whether the chip knows.
+    /// Strap closed to ground; true once the level was passed to the chip.
     strap: (bool, bool),
     /// Times of scheduled events at the drivers.
     looks: Vec<Time>,
-    /// Latest levels of the fault pins at the chip.
+    /// Latest levels of the fault pins passed to the chip.
     faults: [Drive; 2],
-    /// Nothing was told yet.
+    /// True until the first levels were passed to the chip.
     fresh: bool,
 }
 
-/// Drivers with their motors, amplifiers, and the resistors of the supply's divider, Ω, within their tolerances.
+/// Drivers with their motors, amplifiers, and resistors of the supply's divider, Ω, within their tolerances.
 fn power_parts(parts: &AxleParts) -> ([Drv8874; 2], [Amplifier; 2], [f64; 2]) {
-    // Standard deviations of a third of the data sheets' tolerances, relative ones but the offset's, V.
+    // Standard deviations are a third of the data sheets' tolerances: relative values, except the offset in V.
     let mut random = generator(parts.seed, 0, Stream::Other(0x203));
     let mut scaled = |nominal: f64, sigma: f64| nominal * (1.0 + normal(&mut random, sigma));
     let resistors = [47e3, 10e3].map(|ohm| scaled(ohm, 3e-3));
@@ -167,20 +167,20 @@ fn power_parts(parts: &AxleParts) -> ([Drv8874; 2], [Amplifier; 2], [f64; 2]) {
     (drivers, amplifiers, resistors)
 }
 
-/// Seed of a part of an axle.
+/// Random seed of a part of an axle.
 fn part_seed(seed: u64, part: u64) -> u64 {
     seed ^ part.wrapping_mul(0x9e37_79b9_7f4a_7c15)
 }
 
 impl AxleBoard {
-    /// The parts at rest.
+    /// Parts at rest.
     pub fn new(parts: &AxleParts) -> Self {
         let seed = |part: u64| part_seed(parts.seed, part);
         let (drivers, amplifiers, resistors) = power_parts(parts);
         let encoder = |k: usize| {
             let phase = match k {
                 0 => parts.phase[k],
-                // It turns the other way round.
+                // The right motor turns in the opposite direction.
                 _ => 1.0 - parts.phase[k],
             };
             Encoder::new(EncoderConfig {
@@ -207,17 +207,17 @@ impl AxleBoard {
         }
     }
 
-    /// Presses the button, or lets it go.
+    /// Presses or releases the button.
     pub fn press(&mut self, pressed: bool, at: Time) {
         self.button.set(pressed, at);
     }
 
-    /// Presses the emergency stop, or releases it.
+    /// Presses or releases the emergency stop.
     pub fn stop(&mut self, pressed: bool, at: Time) {
         self.stop.set(!pressed, at);
     }
 
-    /// The axle moves in this way from `at` on.
+    /// Sets the motion of the axle from `at` on.
     pub fn motion(&mut self, at: Time, motion: &AxleMotion) {
         for (k, wheel) in motion.wheels.iter().enumerate() {
             let sign = if k == 0 { 1.0 } else { -1.0 };
@@ -230,7 +230,7 @@ impl AxleBoard {
         }
     }
 
-    /// Mean torques at the wheels since the last call, N m; the battery sags by what the motors took.
+    /// Mean torques at the wheels since the last call, N m. The battery voltage sags with the current drawn.
     pub fn take_torque(&mut self, at: Time) -> [f64; 2] {
         let works = [0, 1].map(|k: usize| self.drivers[k].take_work(at));
         let amperes = works.iter().map(|work| work.mean_supplied_a()).sum();
@@ -244,29 +244,29 @@ impl AxleBoard {
         })
     }
 
-    /// Closes the strap to ground, or opens it.
+    /// Closes the strap to ground or opens it.
     pub fn strap(&mut self, closed: bool) {
         self.strap = (closed, false);
     }
 
-    /// From one time to another a driver reports a fault and is off.
+    /// Makes a driver report a fault and switch off, from `from` to `to`.
     pub fn force_fault(&mut self, side: usize, from: Time, to: Time) {
         self.drivers[side].force_fault(from, to);
         self.looks.extend([from, to]);
     }
 
-    /// Currents of the motors, A; none while a motor brakes in a short circuit.
+    /// Currents of the motors, A; zero while a motor is braked by a short circuit.
     pub fn driven_currents(&mut self, at: Time) -> [f64; 2] {
         [0, 1].map(|k: usize| {
             let driver = &mut self.drivers[k];
             let current = driver.current(at);
-            // Between two pulses a bridge shorts its motor too.
+            // Between two pulses a bridge also shorts its motor.
             let brakes = driver.brakes() && at > driver.driven_until() + PULSE_PERIODS;
             if brakes { 0.0 } else { current }
         })
     }
 
-    /// True while the supply drives a motor, or did in the latest two periods of the pulses.
+    /// True if the supply has driven a motor within the last two PWM periods.
     pub fn is_driven(&self, at: Time) -> bool {
         let drivers = self.drivers.iter();
         drivers
@@ -414,7 +414,7 @@ mod tests {
     use core_algos::drive::sampling;
     use virtual_board::chip::Usable;
 
-    /// Rows of the pin tables of docs/wiring.md: pins and function.
+    /// Rows of the pin tables in docs/wiring.md: pin and function.
     fn wiring() -> Vec<(Pin, String)> {
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/wiring.md");
         let text = std::fs::read_to_string(path).unwrap();
@@ -447,9 +447,9 @@ mod tests {
         }
     }
 
-    /// The loader drives PA9 with nSLEEP low, so the bridge stays off, and PB10 as the image does.
+    /// The boot loader drives PA9 while nSLEEP is low, so the bridge stays off, and PB10 as the image does.
     #[test]
-    fn the_boot_loader_drives_no_pin_of_the_wiring_against_a_part() {
+    fn boot_loader_drives_no_wired_pin_against_a_part() {
         let driven = olimex_h405::LOADER.iter().filter(|pin| pin.driven);
         let wired: Vec<_> = driven
             .map(|loader| loader.pin)
@@ -459,8 +459,8 @@ mod tests {
         assert!(!wired.contains(&AWAKE));
     }
 
-    /// Largest error of a current, A, as the axle's board samples it at these duties, with the slowest amplifier that
-    /// the data sheet allows.
+    /// Largest error of the sampled currents of an axle board at these duty cycles, A, with the slowest amplifier
+    /// that the data sheet allows.
     fn sampling_error(duties: [f64; 2]) -> f64 {
         const TOP: u16 = sampling::AXLE.top;
         let compares = duties.map(|duty| (duty * f64::from(TOP)) as u16);
@@ -481,11 +481,12 @@ mod tests {
             );
             driver.awake(true, Time(0));
             driver.phase(true, Time(0));
-            // A mean current of about 1 A.
+            // The mean current is about 1 A.
             driver.speed(((12.0 * duties[k] - 3.1) / 0.6).max(-5.0), Time(0));
             let wakes = counts(400 * u64::from(TOP));
             for period in 0..200 {
-                // From zero up to the top and down again: the pulse ends at the compare value and begins opposite.
+                // The counter runs from zero to the top and back: the pulse ends at the compare value and begins at
+                // the opposite count.
                 let at = |count: u64| wakes + counts(2 * u64::from(TOP) * period + count);
                 let (ends, begins) = (u64::from(compare), 2 * u64::from(TOP) - u64::from(compare));
                 let sampled = at(u64::from(trigger) + [112, 432][k]);
@@ -517,7 +518,7 @@ mod tests {
             // 60 mV e^(−10.9/4.8) are 31 mA.
             assert!(error < 0.035, "{percent} %: {error} A");
         }
-        // The worst pair of duties.
+        // The worst pair of duty cycles.
         let error = sampling_error([0.2, 0.72]);
         assert!(error < 0.13, "{error} A");
     }

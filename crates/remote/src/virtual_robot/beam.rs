@@ -1,4 +1,4 @@
-//! What is soldered to the beam's board, wired as docs/wiring.md says.
+//! Circuit of the beam board: the parts wired to it, by docs/wiring.md.
 
 use super::power::{BATTERY_V, Power};
 use crate::serial_line::SerialLine;
@@ -11,7 +11,7 @@ use virtual_board::Time;
 use virtual_board::chip::{Circuit, Drive, Inputs, Net, Pin};
 use virtual_board::device::{Bridge, BridgeConfig as DeviceConfig, Thermistor, olimex_h405};
 
-/// Bridges from the root.
+/// Pins of the bridges, from the root.
 const BRIDGES: [Pin; 5] = [
     Pin::new('C', 0),
     Pin::new('C', 1),
@@ -26,9 +26,9 @@ const TEMPERATURE: Pin = Pin::new('A', 3);
 const LOGIC_V: f64 = 3.3;
 /// Temperature of the strip, °C.
 const AMBIENT_C: f64 = 25.0;
-/// Conversions of a bridge in a millisecond.
+/// Conversions of a bridge per millisecond.
 const SCANS: f64 = core_algos::acquisition::oversampling::SCANS as f64;
-/// Milliseconds between two steps of the bridges' drift.
+/// Time between two steps of the bridges' drift, ms.
 const DRIFT_MS: u32 = 100;
 
 /// Parts that differ from beam to beam, by bridge.
@@ -36,18 +36,18 @@ const DRIFT_MS: u32 = 100;
 pub struct BridgeParts {
     /// Relative error of the gain.
     pub gain_error: f64,
-    /// Unbalance when it was zeroed, strain.
+    /// Unbalance at the time of zeroing, strain.
     pub offset: f64,
-    /// Drift since then, strain.
+    /// Drift since zeroing, strain.
     pub drift: f64,
     /// Zero shift per kelvin, strain.
     pub zero_per_k: f64,
-    /// Creep beyond the mean share.
+    /// Deviation of the creep share from its mean.
     pub creep_error: f64,
 }
 
 impl BridgeParts {
-    /// Those of bridge `k` of a frame, as they were drawn.
+    /// Parts of bridge `k` of a frame, as drawn for the trial.
     pub fn of(drawn: &Drawn, frame: FrameId, k: usize) -> Self {
         let frame = &drawn.frames[frame.index()];
         Self {
@@ -60,7 +60,7 @@ impl BridgeParts {
     }
 }
 
-/// A bridge that has drifted.
+/// A bridge with drift and ageing.
 #[derive(Clone)]
 struct Drifting {
     bridge: Bridge,
@@ -70,7 +70,7 @@ struct Drifting {
     last: f64,
 }
 
-/// The parts around the beam's board.
+/// Parts around the beam board.
 #[derive(Clone)]
 pub struct BeamBoard {
     bridges: Vec<Drifting>,
@@ -78,13 +78,13 @@ pub struct BeamBoard {
     pub(super) power: Power,
     /// Serial port.
     pub(super) serial: SerialLine,
-    /// Share of the excitation that arrives at the strip.
+    /// Fraction of the excitation that reaches the strip.
     pub(super) excitation: f64,
     walk: f64,
     countdown: u32,
 }
 
-/// A bridge of the kind that sensors are configured to be.
+/// Device model of a bridge of the world's sensors.
 fn device(config: &BridgeConfig, parts: &BridgeParts) -> DeviceConfig {
     let factor = config.gauge_factor * f64::from(config.active_gauges) / 4.0;
     DeviceConfig {
@@ -98,7 +98,7 @@ fn device(config: &BridgeConfig, parts: &BridgeParts) -> DeviceConfig {
     }
 }
 
-/// Share of the converter's range that a bridge reads on a straight strip when it is zeroed.
+/// Reading of a bridge on a straight strip at the time of zeroing, fraction of the converter's range.
 pub fn zero(config: &BridgeConfig, parts: &BridgeParts) -> f64 {
     let config = DeviceConfig {
         noise_v: 0.0,
@@ -108,7 +108,7 @@ pub fn zero(config: &BridgeConfig, parts: &BridgeParts) -> f64 {
 }
 
 impl BeamBoard {
-    /// The parts on a straight strip.
+    /// Parts on a straight strip.
     pub fn new(
         config: &BridgeConfig,
         parts: &[BridgeParts],
@@ -144,13 +144,13 @@ impl BeamBoard {
         }
     }
 
-    /// A bridge, counted from the root.
+    /// Bridge at index `place`, counted from the root.
     pub fn bridge(&mut self, place: usize) -> Option<&mut Bridge> {
         let drifting = self.bridges.get_mut(place)?;
         Some(&mut drifting.bridge)
     }
 
-    /// This share of the excitation arrives at the strip from `at` on.
+    /// Sets the fraction of the excitation that reaches the strip from `at` on.
     pub fn excite(&mut self, at: Time, share: f64) {
         self.excitation = share;
         for drifting in &mut self.bridges {
@@ -158,8 +158,8 @@ impl BeamBoard {
         }
     }
 
-    /// True strains at `at`, to be called once a millisecond: they go on as they came. What the gauges
-    /// have drifted by is added to them.
+    /// Sets the true strains at `at`, which continue with their latest slope; call it once per millisecond. On
+    /// return, `strains` includes creep, thermal effects and drift of the gauges.
     pub fn strain(&mut self, at: Time, strains: &mut [f64]) {
         self.countdown -= 1;
         let step = self.countdown == 0;

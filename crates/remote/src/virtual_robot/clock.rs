@@ -1,9 +1,9 @@
-//! The common time of the boards, as the bus shows it.
+//! Common time of the boards, estimated from bus frames.
 
 use core_algos::bus::Message;
 use core_algos::time::{EPOCH, Micros, TICK};
 
-/// The common time.
+/// Estimate of the common time.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Clock {
     epoch: Option<Epoch>,
@@ -15,14 +15,14 @@ pub struct Clock {
 #[derive(Clone, Copy, Debug)]
 struct Epoch {
     number: u32,
-    /// Its beginning, µs.
+    /// Start of the epoch, µs.
     began: Micros,
     /// Arrival of its message, µs.
     heard: Micros,
 }
 
 impl Clock {
-    /// Time of validity of the lead node's latest estimates: the beginning of its epoch, µs.
+    /// Time of validity of the lead node's latest estimates, µs: the start of their epoch.
     pub fn held(&self) -> Option<Micros> {
         self.held
     }
@@ -34,7 +34,7 @@ impl Clock {
         })
     }
 
-    /// A message whose frame ended at `at`, µs.
+    /// Handles a message whose frame ended at `at`, µs.
     pub fn hear(&mut self, at: Micros, message: &Message) {
         match *message {
             Message::TimeSync {
@@ -45,7 +45,7 @@ impl Clock {
                     (Some(last), Some(delay)) if last.number + 1 == epoch => {
                         last.heard + EPOCH - Micros::from(delay)
                     }
-                    // Until the first delay is told: the message leaves within a fraction of a tick.
+                    // Until the first delay is known, assume that the message leaves within a quarter of a tick.
                     _ => at.saturating_sub(TICK / 4),
                 };
                 self.epoch = Some(Epoch {

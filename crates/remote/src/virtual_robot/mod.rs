@@ -1,9 +1,9 @@
-//! The robot with its boards as users flash them: the boards' default images on virtual STM32F405
-//! boards, with everything that is wired to them, in the simulated plant.
+//! Robot of virtual STM32F405 boards that run the default images, with the parts wired to them, in the simulated
+//! plant.
 //!
-//! Nothing connects the host with the boards but the robot and the serial port of the front board: motors turn wheels,
-//! wheels turn encoders, the bent frame strains gauges. Orders and the lead node's output go through the port
-//! ([`BoardLink`]), states are read on the bus.
+//! The host is connected to the boards only through the robot and the serial port of the front board: motors turn
+//! wheels, wheels turn encoders, the bent frame strains gauges. Orders and the lead node's output pass through the
+//! port ([`BoardLink`]); states are read from the bus.
 
 pub mod axle;
 pub mod beam;
@@ -55,25 +55,25 @@ use virtual_board::device::Motion;
 use virtual_board::network::Network;
 use virtual_board::wire::{Id, Wire};
 
-/// A tick of the plant.
+/// Step of the plant.
 const TICK: Time = Time::from_micros(1_000);
-/// Time for which the boards run by themselves.
+/// Time that the boards run independently of each other.
 const QUANTUM: Time = Time::from_micros(40);
-/// Time within which all nodes must be ready after power came on, and for which they must stay so.
+/// Time after power-on within which all nodes must be ready, and ticks for which they must stay ready.
 const BOOT: Time = Time::from_micros(5_000_000);
 const READY_TICKS: u32 = 100;
-/// Time for which the button is held.
+/// Duration of a press of the button.
 const PRESS: Time = Time::from_micros(150_000);
-/// Crystals are off by this at most, parts in 10⁹.
+/// Largest frequency error of the crystals, parts in 10⁹.
 const CRYSTAL_PPB: i64 = 20_000;
-/// Ticks that a run goes on after the lead node's fault: what follows from it can be seen.
+/// Ticks that a run continues after the lead node's fault, to show its effects.
 const GRACE: u64 = 1000;
-/// Friction of a blocked wheel, N m s/rad: as much as steps of a millisecond can follow.
+/// Friction of a blocked wheel, N m s/rad: the most that is stable with steps of a millisecond.
 const BLOCKED_NM_S: f64 = 2.0;
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.806_65;
 
-/// The robot.
+/// Robot of virtual boards.
 #[derive(Clone)]
 pub struct VirtualRobot {
     topology: Topology,
@@ -83,21 +83,21 @@ pub struct VirtualRobot {
     readers: Vec<Reader>,
     watches: Vec<Watch>,
     plant: Plant,
-    /// Midpoint at the start.
+    /// Posture of the midpoint at the start.
     start: [f64; 3],
-    /// Angles of the motors when the robot was put there again, rad.
+    /// Angles of the motors at the latest placement on the start, rad.
     turned: Vec<[f64; 2]>,
     gauges: Vec<Vec<Station>>,
     outlines: Vec<Outline>,
     half_thickness: f64,
     /// Strains at the gauges of each frame: true strain plus drift.
     strains: Vec<[f32; MAX_GAUGES]>,
-    /// Biases of the inertial sensors since their average at rest, which ends before all nodes are ready.
+    /// Source of the inertial sensors' bias after the average at rest, which ends before all nodes are ready.
     sensors: Box<Sensors>,
     /// True if inertial sensors are fitted.
     inertial: bool,
     biases: Vec<[f64; 2]>,
-    /// Link to the front board, and those to the other boards that are recorded.
+    /// Links to the front board and to the other recorded boards.
     link: BoardLink,
     others: Vec<BoardLink>,
     recorded: bool,
@@ -105,25 +105,24 @@ pub struct VirtualRobot {
     /// True if this program is the host at the front board's serial port.
     hosted: bool,
     clock: Clock,
-    /// Place where the robot is put, as the lead node is told.
+    /// Place of the robot that the lead node is configured with.
     place: Place,
-    /// Latest output of the lead node that came through the link.
+    /// Latest output of the lead node received over the link.
     lead: lead::Output,
-    /// Time of validity of its estimates, µs since power on.
+    /// Time of validity of the estimates in `lead`, µs since power-on.
     held: Option<Micros>,
-    /// The latest task.
     task: Task,
     frames: u64,
-    /// Time from power on to the beginning of the experiment.
+    /// Time from power-on to the start of the experiment.
     booted: Time,
     tick: u64,
     control: RunControl,
     /// Heartbeats of the nodes.
     monitor: Monitor,
-    /// Loss of a board that ends the run.
+    /// Reason for the end of the run, a lost board.
     failure: Option<String>,
     tools: Tools,
-    /// A wheel that is blocked: axle and side.
+    /// Blocked wheel: axle and side.
     blocked: Option<(usize, usize)>,
 }
 
@@ -131,7 +130,7 @@ fn posture(place: [f64; 3]) -> Posture {
     Posture::from(place.map(|value| value as f32))
 }
 
-/// The boards with their parts, images and stores, without power.
+/// Boards with their parts, images and stores, switched off.
 fn boards(
     scenario: &Scenario,
     images: &Images,
@@ -161,7 +160,7 @@ fn boards(
         };
         let mut variation = options::chip(part_seed);
         if let Role::Beam(frame) = role {
-            // The converter of the world's bridges.
+            // Nonlinearity of the world's converter.
             variation.converter_nonlinearity = scenario.world.sensors.bridge.nonlinearity_counts;
             variation.converter_seed = drawn.frames[frame.index()].converter.into();
         }
@@ -178,8 +177,7 @@ fn boards(
 }
 
 impl VirtualRobot {
-    /// Builds a robot with the imperfections of a trial, switches its boards on and waits until all
-    /// nodes are ready.
+    /// Builds a robot with the random errors of a trial, switches its boards on and waits until all nodes are ready.
     pub fn new(
         scenario: &Scenario,
         images: &Images,
@@ -193,7 +191,7 @@ impl VirtualRobot {
         Ok(robot)
     }
 
-    /// The same with its boards still off.
+    /// Builds the robot with its boards switched off.
     fn without_power(
         scenario: &Scenario,
         images: &Images,
@@ -265,7 +263,7 @@ impl VirtualRobot {
         })
     }
 
-    /// Time that the boards took from power on until all nodes were ready, s.
+    /// Time from power-on until all nodes were ready, s.
     pub fn boot_s(&self) -> f64 {
         self.booted.seconds()
     }
@@ -275,7 +273,7 @@ impl VirtualRobot {
         self.frames
     }
 
-    /// Report of each board.
+    /// Reports of all boards.
     pub fn reports(&mut self) -> Vec<BoardReport> {
         let mut reports = Vec::new();
         for (place, &role) in self.roles.iter().enumerate() {
@@ -309,7 +307,7 @@ impl VirtualRobot {
         self.network.board(place)?.chip().circuit::<BeamBoard>()
     }
 
-    /// The host that reads a board's log stops doing so and leaves the log waiting for it.
+    /// Stops the host that reads a board's log, with the log full and blocking.
     fn hang_reader(&mut self, role: Role) {
         if let Some(place) = self.place(role)
             && let Some(board) = self.network.board(place)
@@ -318,7 +316,7 @@ impl VirtualRobot {
         }
     }
 
-    /// Switches those boards on whose time has come.
+    /// Switches boards on at their power-on times.
     fn power_up(&mut self, options: &Options) {
         let now = self.network.now();
         for place in 0..self.roles.len() {
@@ -380,7 +378,8 @@ impl VirtualRobot {
                 Some(status) if status.state != OperatingState::Idle || status.reason.is_some() => {
                     return Some(status.to_string());
                 }
-                // A fitted sensor is there once its bias was found at rest; the robot would drive without it.
+                // A fitted sensor is in use once its bias at rest is known; without it the robot would drive without
+                // the sensor.
                 Some(status)
                     if self.inertial && status.notices.contains(Condition::InertialLost) =>
                 {
@@ -392,7 +391,7 @@ impl VirtualRobot {
         None
     }
 
-    /// One millisecond of boards, bus and plant.
+    /// Advances boards, bus and plant by one millisecond.
     fn advance(&mut self) {
         let from = self.network.now();
         self.show_motion(from);
@@ -400,7 +399,7 @@ impl VirtualRobot {
         self.follow();
     }
 
-    /// The plant moves by what the boards did, and they are listened to.
+    /// Advances the plant with the torques of the boards, then reads the bus and the logs.
     fn follow(&mut self) {
         let until = self.network.now();
         let axles = self.topology.axles().map(Role::Axle);
@@ -409,7 +408,7 @@ impl VirtualRobot {
             axle.map_or([0.0; 2], |axle| axle.take_torque(until))
         });
         let mut torque: Vec<_> = torque.collect();
-        // A blocked wheel is held against its motor.
+        // Friction holds a blocked wheel against its motor.
         if let Some((axle, side)) = self.blocked {
             let speed = self.plant.axles()[axle].wheel_speed[side];
             torque[axle][side] = -BLOCKED_NM_S * speed;
@@ -421,7 +420,7 @@ impl VirtualRobot {
         }
     }
 
-    /// The parts around the boards move as the plant does.
+    /// Passes the plant's motion and strains to the boards' sensors.
     fn show_motion(&mut self, at: Time) {
         let axles = self.plant.axles().to_vec();
         if self.booted > Time(0) {
@@ -466,7 +465,7 @@ impl VirtualRobot {
         }
     }
 
-    /// Takes note of what a board reports about itself.
+    /// Records health and identity messages of a board.
     fn watch(&mut self, message: &Message) {
         let (Message::BoardHealth { board, .. } | Message::BoardIdentity { board, .. }) = *message
         else {
@@ -490,7 +489,7 @@ impl VirtualRobot {
         }
     }
 
-    /// Reads the frames on the bus.
+    /// Reads the bus frames of the latest step.
     fn hear(&mut self) {
         for record in self.network.wire().take_records() {
             let sender = self.roles.get(record.node).copied();

@@ -1,4 +1,4 @@
-//! Options of the boards, and what the seed draws of each chip.
+//! Options of the boards, and random properties of each chip.
 
 use core_algos::topology::Role;
 use host_sim::world::random::{Stream, generator};
@@ -9,17 +9,17 @@ use virtual_board::chip::ChipVariation;
 /// Options of the boards.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Threads that the boards are spread over.
+    /// Number of threads for the boards.
     pub threads: usize,
     /// Power-on delay of boards, ms; 0 for the other boards.
     pub late_ms: Vec<(Role, u64)>,
-    /// True if time is counted by instruction, for [`profile`](super::tools::profile).
+    /// True if execution time is counted per instruction, for [`profile`](super::tools::profile).
     pub profile: bool,
     /// Frequency error of the boards' crystals, parts in 10⁹; drawn for the other boards.
     pub fast_ppb: Vec<(Role, i64)>,
-    /// Changes a chip beyond what the seed draws.
+    /// Changes a chip after the random draw.
     pub vary: fn(Role, &mut ChipVariation),
-    /// Nodes at the bus beside the boards.
+    /// Number of bus nodes that are no boards.
     pub others: usize,
     /// True if this program is the host at the front board's serial port.
     pub host: bool,
@@ -27,7 +27,7 @@ pub struct Options {
     pub record: bool,
 }
 
-/// A chip within the limits of its data sheet.
+/// Random chip within the limits of its data sheet.
 pub fn chip(seed: u64) -> ChipVariation {
     let mut random = generator(seed, 0, Stream::Other(0x201));
     ChipVariation {
@@ -42,7 +42,7 @@ pub fn chip(seed: u64) -> ChipVariation {
 }
 
 impl Options {
-    /// Threads of a robot that runs alone.
+    /// Number of threads for a single robot.
     pub fn threads() -> usize {
         rayon::current_num_threads().min(2)
     }

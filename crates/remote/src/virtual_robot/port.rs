@@ -1,4 +1,4 @@
-//! The serial ports of the boards, where the host is.
+//! Host at the boards' serial ports.
 
 use super::axle::AxleBoard;
 use super::beam::BeamBoard;
@@ -12,7 +12,7 @@ use host_sim::targets::HostCommand;
 use virtual_board::network::Network;
 
 impl VirtualRobot {
-    /// Watches the front board, or records all boards, and tells the lead node where the robot stands.
+    /// Watches the front board, or records all boards, and sets the robot's place in the lead node.
     pub(super) fn open_links(&mut self, record: bool) -> Result<(), Error> {
         self.recorded = record;
         if record {
@@ -21,7 +21,7 @@ impl VirtualRobot {
                 .map(|role| BoardLink::new(self.topology, *role, 0))
                 .collect();
         }
-        // The lead node takes its place after the axles have begun anew.
+        // The lead node's place is set after the axle nodes have restarted.
         for role in self.roles.iter().rev().copied().collect::<Vec<_>>() {
             self.open_link(role);
             while record && !self.has_begun(role) {
@@ -34,7 +34,7 @@ impl VirtualRobot {
         Ok(())
     }
 
-    /// One millisecond of the boards before the experiment.
+    /// Advances the boards by one millisecond before the experiment.
     fn exchange(&mut self) -> Result<(), Error> {
         self.ask()?;
         self.advance();
@@ -50,7 +50,7 @@ impl VirtualRobot {
         links.any(|link| link.role() == role && link.has_begun())
     }
 
-    /// Opens the link to a board that has just been started.
+    /// Opens the link to a board that has just started.
     pub(super) fn open_link(&mut self, role: Role) {
         let links = std::iter::once(&mut self.link).chain(&mut self.others);
         for link in links.filter(|link| link.role() == role) {
@@ -64,7 +64,7 @@ impl VirtualRobot {
         }
     }
 
-    /// Sends what is due at the serial ports.
+    /// Sends due bytes to the serial ports.
     pub(super) fn ask(&mut self) -> Result<(), Error> {
         let now = self.network.now();
         for link in std::iter::once(&mut self.link).chain(&mut self.others) {
@@ -87,12 +87,12 @@ impl VirtualRobot {
         &self.reported
     }
 
-    /// The link to the front board.
+    /// Link to the front board.
     pub fn link(&mut self) -> &mut BoardLink {
         &mut self.link
     }
 
-    /// The serial port of a board.
+    /// Serial port of a board.
     pub fn serial(&mut self, role: Role) -> Option<&mut SerialLine> {
         port(&mut self.network, &self.roles, role)
     }
@@ -106,7 +106,7 @@ impl VirtualRobot {
         }
     }
 
-    /// Takes what the boards sent at their serial ports.
+    /// Reads the bytes that the boards sent at their serial ports.
     pub(super) fn answer(&mut self) -> Result<(), Error> {
         if !self.hosted {
             return Ok(());
@@ -129,7 +129,7 @@ impl VirtualRobot {
         Ok(())
     }
 
-    /// Tells the observers what was recorded.
+    /// Passes recorded events to the observers.
     pub(super) fn publish(&mut self) {
         let zero = self.clock.common(self.booted.micros());
         for link in std::iter::once(&mut self.link).chain(&mut self.others) {
@@ -142,7 +142,7 @@ impl VirtualRobot {
     }
 }
 
-/// The serial port of a board.
+/// Serial port of the board with this role.
 fn port<'a>(network: &'a mut Network, roles: &[Role], role: Role) -> Option<&'a mut SerialLine> {
     let place = roles.iter().position(|other| *other == role)?;
     let chip = network.board(place)?.chip();

@@ -7,26 +7,26 @@ use virtual_board::device::{Profile, Supply};
 
 /// Voltage of the battery, V.
 pub const BATTERY_V: f64 = 12.0;
-/// Supply of chip, amplifiers and sensors, V.
+/// Supply of the chip, the amplifiers and the sensors, V.
 const LOGIC_V: f64 = 3.3;
 
-/// Fall of the rail, s/V, and the steps in which the chip sees a fall.
+/// Fall time of the rail, s/V, and number of steps that approximate a fall.
 const FALL_S_PER_V: f64 = 100e-6;
 const FALL_STEPS: u32 = 100;
 
 /// Supplies and clock of a board.
 #[derive(Clone)]
 pub struct Power {
-    /// The battery, with what the drivers get of it.
+    /// Battery as seen at the drivers.
     pub battery: Supply,
     rail: Profile,
-    /// End of the rail's known course at the chip.
+    /// Time up to which the chip has the rail's voltage.
     known: Time,
     crystal: VecDeque<(Time, bool)>,
 }
 
 impl Power {
-    /// As it should be, with a battery of this voltage.
+    /// Sound supplies and crystal, with a battery of this voltage.
     pub fn new(battery_v: f64) -> Self {
         Self {
             battery: Supply::battery(battery_v),
@@ -41,7 +41,7 @@ impl Power {
         self.rail.at(at)
     }
 
-    /// The rail falls to another voltage and comes back at a time, once it is there: 10 µF discharged by 0.1 A.
+    /// Lowers the rail to `volts` from `from` until `to`, or until the fall is complete: 0.1 A discharge 10 µF.
     pub fn dip(&mut self, from: Time, to: Time, volts: f64) {
         let fall = |share: f64| {
             let depth = share * (LOGIC_V - volts);
@@ -53,7 +53,7 @@ impl Power {
         self.rail = Profile::through(falls.chain([(to, volts), (to, LOGIC_V)]));
     }
 
-    /// The crystal stops at a time, or starts.
+    /// Stops or starts the crystal at `at`.
     pub fn crystal(&mut self, at: Time, works: bool) {
         self.crystal.push_back((at, works));
     }
@@ -64,7 +64,7 @@ impl Power {
         self.rail.next(self.known).min(crystal)
     }
 
-    /// Tells the chip what is due.
+    /// Passes due changes to the chip.
     pub fn advance(&mut self, at: Time, inputs: &mut Inputs) {
         inputs.supply |= self.rail.next(self.known) <= at;
         self.known = self.known.max(at);

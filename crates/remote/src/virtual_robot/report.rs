@@ -1,4 +1,4 @@
-//! What is to be said of a virtual board after a run.
+//! Report of a virtual board after a run.
 
 use core_algos::bus::field::Hash24;
 use core_algos::topology::{Role, Topology};
@@ -7,10 +7,10 @@ use virtual_board::board::Board;
 use virtual_board::image::Image;
 use virtual_board::wire::Statistics;
 
-/// Number of the exception whose handler is the current loop.
+/// Exception number of the current loop's handler.
 const ADC: u16 = 16 + 18;
 
-/// Observations of a board.
+/// Observations of a board during a run.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Watch {
     missed_ticks: u8,
@@ -24,36 +24,36 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// The board has told of its health.
+    /// Records a health message of the board.
     pub fn health(&mut self, missed: u8, longest_us: u16, lateness_us: u16) {
         self.missed_ticks = self.missed_ticks.max(missed);
         self.longest_tick_us = self.longest_tick_us.max(longest_us);
         self.tick_lateness_us = self.tick_lateness_us.max(lateness_us);
     }
 
-    /// The board has sent its identity.
+    /// Records an identity message of the board.
     pub fn identify(&mut self, build: Hash24, schema: u8) {
         self.identity = Some((build, schema));
     }
 
-    /// The board is ready: the lowest that its stack pointer has been, the frequency of its core, the
-    /// frames it gave up while it was alone on the bus, and the ticks it missed until it was in step.
+    /// Records the state of a board that is ready: lowest stack pointer, core frequency, frames abandoned while it
+    /// was alone on the bus, ticks missed until it was synchronised.
     pub fn booted(&mut self, board: &mut Board, lost: u64) {
         (self.boot_lost, self.boot_missed) = (lost, self.missed_ticks);
         self.boot_sp = board.core().lowest_msp();
         self.hclk_hz = board.chip().clocks().hclk_hz;
     }
 
-    /// Frequency of the core when the board was ready, Hz: one that has lost its power has none.
+    /// Core frequency when the board was ready, Hz; a board without power has none.
     pub fn hclk_hz(&self) -> u64 {
         self.hclk_hz
     }
 }
 
-/// Something that a board does wrong.
+/// Finding: use of the chip by a board's program that its manual forbids or that the model does not know.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BoardFinding {
-    /// Sort of thing.
+    /// Kind of finding.
     pub kind: &'static str,
     /// Description.
     pub text: String,
@@ -61,22 +61,22 @@ pub struct BoardFinding {
     pub place: String,
     /// First time, s since power on.
     pub time_s: f64,
-    /// Rate.
+    /// Number of occurrences.
     pub count: u64,
 }
 
-/// A board at the bus.
+/// Bus statistics of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Can {
     /// Frames sent and acknowledged.
     pub sent: u64,
     /// Frames received.
     pub received: u64,
-    /// Frames lost because nobody fetched those before.
+    /// Received frames lost by overrun of the FIFO.
     pub overrun: u64,
-    /// Frames given up before they were sent, after all boards were ready.
+    /// Frames abandoned unsent after all boards were ready.
     pub lost: u64,
-    /// Arbitrations lost; the frame goes later.
+    /// Arbitrations lost; the frame is sent later.
     pub arbitrations_lost: u64,
     /// Error frames.
     pub error_frames: u64,
@@ -89,7 +89,7 @@ pub struct BoardReport {
     pub name: &'static str,
     /// Resets since power on, with time (s) and cause.
     pub resets: Vec<(f64, &'static str)>,
-    /// Findings.
+    /// Findings in the board's program.
     pub findings: Vec<BoardFinding>,
     /// Longest tick, as the board measures it, µs.
     pub longest_tick_us: u16,
@@ -99,27 +99,27 @@ pub struct BoardReport {
     pub missed_ticks: u8,
     /// Longest time from the converter's trigger to the new duty, µs; only of a board with motors.
     pub longest_current_loop_us: Option<f64>,
-    /// Share of the time in which the core was awake.
+    /// Fraction of the time in which the core was awake.
     pub load: f64,
-    /// Most stack that was in use, bytes; none if the image does not tell where its stack is.
+    /// Largest stack use, bytes; none if the image has no symbols of the stack.
     pub stack_used: Option<u32>,
     /// Size of the stack, bytes.
     pub stack_size: Option<u32>,
-    /// Most stack that was in use until the board was ready, bytes.
+    /// Largest stack use until the board was ready, bytes.
     pub boot_stack: Option<u32>,
     /// First digits of the hash of the image's sources, as the board sends them.
     pub build: Option<String>,
     /// Instructions executed.
     pub instructions: u64,
-    /// The bus.
+    /// Bus statistics.
     pub can: Can,
 }
 
-/// Limit of a tick, µs: a fifth of the millisecond is kept in reserve. The longest ticks search for a plan.
+/// Limit of a tick, µs; a fifth of the millisecond is reserve. The longest ticks plan a path.
 const TICK_LIMIT_US: u64 = 800;
 
 impl BoardReport {
-    /// First thing that a sound board does not do, if any. Power that is cut may cut a frame.
+    /// First problem of the board, if any. A power cut (`cut`) may interrupt a frame.
     pub fn problem(&self, cut: bool) -> Option<String> {
         let name = self.name;
         if let Some((time_s, cause)) = self.resets.first() {

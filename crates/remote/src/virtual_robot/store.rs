@@ -1,5 +1,4 @@
-//! What a board keeps in its flash: the parameters of a calibrated robot, as the board itself would
-//! have stored them.
+//! Stored parameters of a board: those of a calibrated robot, written as the board itself writes them.
 
 use super::beam::{BridgeParts, zero};
 use core_algos::acquisition::oversampling::FULL_SCALE;
@@ -14,7 +13,7 @@ use host_sim::world::drawn::{Drawn, FrameErrors};
 /// Sectors 1 to 3, 16 KiB each.
 const SECTOR: usize = 16 << 10;
 const SECTORS: usize = 3;
-/// Place of the first in the flash.
+/// Offset of the first sector in the flash.
 pub const FIRST: usize = SECTOR;
 
 /// Bytes of the sectors of a board's parameters in a scenario.
@@ -39,7 +38,7 @@ pub fn sectors(
     Ok(store.into_flash().bytes)
 }
 
-/// The settings of a board that are asked for. What no parameter tells the board must be the default.
+/// Settings of a board in a scenario. Settings without a board parameter must keep their default.
 fn wanted(scenario: &Scenario, role: Role) -> Result<Settings, Error> {
     let mut asked = Settings::new(scenario.completed_robot());
     let [start, goal] = [scenario.mission.start, scenario.mission.goal].map(super::posture);
@@ -72,7 +71,7 @@ fn is_calibrated(name: &str) -> bool {
     name.starts_with("robot.beam.calibration.")
 }
 
-/// Zeros as a straight edge gives them, and gains as the data sheets of these parts do.
+/// Sets the zeros measured at a straight edge and the nominal gains of the parts' data sheets.
 fn calibrate(
     scenario: &Scenario,
     settings: &mut Settings,
@@ -86,7 +85,7 @@ fn calibrate(
     let nominal = 1.0 / (f64::from(FULL_SCALE) * amplified);
     let gain = nominal / f64::from(settings.robot.beam.calibration.strain_per_count);
     let error = |ratio: f64| converter.as_ref().map_or(0.0, |error| error.at(ratio));
-    // The board divides by the excitation as the same converter reads it, at half of its range.
+    // The board divides by the excitation, which the same converter measures at half of its range.
     let excitation = 1.0 + 2.0 * error(0.5);
     for (k, parts) in bridges.iter().enumerate() {
         let ratio = zero(config, parts);
@@ -108,7 +107,7 @@ mod tests {
     use core_algos::fusion::robot::Mode;
 
     #[test]
-    fn without_the_sensor_the_stored_fusion_is_odometry() {
+    fn robot_without_rps_stores_odometry_as_its_fusion() {
         let mut scenario = Scenario::default();
         for rps in [true, false] {
             scenario.mission.rps = rps;

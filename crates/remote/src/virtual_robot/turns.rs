@@ -1,4 +1,4 @@
-//! The boards' driver of the inertial sensor at the virtual sensor, in fast turns.
+//! Test of the inertial sensor's driver with the virtual sensor, in fast turns.
 
 use core_algos::acquisition::icm42688::Icm42688 as Driver;
 use virtual_board::Time;
@@ -7,13 +7,14 @@ use virtual_board::device::{Icm42688, InertialConfig, Motion};
 /// Register with the bits of the adaptive full-scale range.
 const INTF_CONFIG1: u8 = 0x4d;
 const MS: u64 = 1_000_000_000;
-/// Yaw rate of a turn, °/s, and the slopes of its beginning and its end, °/s².
+/// Yaw rate of a turn, °/s, and slopes at its start and its end, °/s².
 const RATE: f64 = 150.0;
 const BEGIN: f64 = 10_000.0;
 const END: f64 = 300.0;
 const TURNS: usize = 10;
 
-/// Heading by the driver's rates less the true one after turns, °. A driver without the remedy never writes its register.
+/// Heading error after the turns, °: integrated rates of the driver less the true heading. Without the remedy,
+/// accesses to INTF_CONFIG1 are suppressed.
 fn heading_error(with_remedy: bool, config: InertialConfig) -> f64 {
     let mut sensor = Icm42688::new(config, 1);
     let mut driver = Driver::new(1.0, 1.0).unwrap();
@@ -57,7 +58,7 @@ fn heading_error(with_remedy: bool, config: InertialConfig) -> f64 {
 }
 
 #[test]
-fn heading_of_fast_turns_is_biased_by_the_adaptive_range_and_not_with_it_off() {
+fn heading_of_fast_turns_is_biased_by_the_adaptive_range_and_unbiased_without() {
     let part = InertialConfig::default();
     let without_stalls = InertialConfig {
         adaptive_stall: Time(0),

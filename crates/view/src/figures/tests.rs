@@ -70,7 +70,7 @@ fn starts(count: u32) -> Vec<StartMark> {
 }
 
 #[test]
-fn every_figure_is_whole_and_on_the_page() {
+fn every_figure_is_complete_and_fits_the_page() {
     let run = FollowRun {
         reference: vec![[0.0, 0.0], [2.0, 0.0]],
         driven: vec![[0.0, 0.1], [1.0, 0.01], [2.0, 0.0]],
@@ -132,9 +132,9 @@ fn empty_results_still_give_figures() {
 }
 
 #[test]
-fn final_errors_stand_beside_their_curves_in_words() {
+fn final_errors_are_given_in_the_caption() {
     let svg = errors("", &[column("with RPS")]).svg();
-    // e^-9.98 is below the last digit.
+    // e^-9.98 is below the last digit shown.
     assert!(svg.contains("final: 9.5 cm; estimate: 1.5 cm"));
     assert!(svg.contains("final: −5.4°; estimate: –"));
 }
@@ -157,7 +157,7 @@ fn angles_are_not_drawn_within_5_cm_of_the_goal() {
 }
 
 #[test]
-fn map_of_starts_tells_ends_apart() {
+fn map_of_starts_distinguishes_verdicts() {
     let map = |starts: Vec<StartMark>| {
         maps(
             "",
@@ -179,7 +179,7 @@ fn map_of_starts_tells_ends_apart() {
 }
 
 #[test]
-fn an_angle_that_wraps_is_not_joined_across_the_panel() {
+fn line_of_an_angle_is_interrupted_where_it_wraps() {
     let points = [[0.0, 170.0], [1.0, -175.0], [2.0, -160.0]];
     let line = with_gaps(points.into_iter(), 180.0);
     assert_eq!(line.len(), 4);
@@ -187,11 +187,11 @@ fn an_angle_that_wraps_is_not_joined_across_the_panel() {
 }
 
 #[test]
-fn ends_are_shown_in_the_frame_of_the_goal() {
+fn final_postures_are_shown_in_goal_coordinates() {
     let data = PathsPanel {
         goal: Some([1.0, 1.0, std::f64::consts::FRAC_PI_2]),
         tolerance: [0.005, 0.1],
-        // One centimetre ahead, two to the right.
+        // One centimetre ahead of the goal, two to its right.
         ends: vec![(Verdict::Within, [1.02, 1.01, 1.0])],
         ..panel("", 0.0)
     };

@@ -1,9 +1,9 @@
-//! Checks of a picture, for tests.
+//! Checks of figures, for tests.
 
 use super::*;
 use kuva::render::render::{Primitive, TextAnchor};
 
-/// Values of an attribute in all elements of a kind.
+/// Values of an attribute in all elements with this name.
 pub(crate) fn attributes(svg: &str, element: &str, attribute: &str) -> Vec<String> {
     let (open, key) = (format!("<{element} "), format!(" {attribute}=\""));
     let starts = svg.match_indices(&open).map(|(start, _)| start);
@@ -20,7 +20,7 @@ pub(super) fn numbers(values: Vec<String>) -> Vec<f64> {
     values.iter().map(|value| value.parse().unwrap()).collect()
 }
 
-/// Checks that tags are balanced, attributes quoted, and that no number is missing.
+/// Checks that tags are balanced, attributes are quoted, and all numbers are finite.
 pub fn check_svg(svg: &str) {
     let mut open = Vec::new();
     let mut rest = svg;
@@ -45,14 +45,14 @@ pub fn check_svg(svg: &str) {
     assert!(!svg.contains("NaN") && !svg.contains("inf"));
 }
 
-/// A rectangle on the page: left, top, right, bottom.
+/// Rectangle on the page: left, top, right, bottom.
 type Rectangle = [f64; 4];
 
 fn overlap(a: &Rectangle, b: &Rectangle) -> bool {
     a[0] < b[2] - 1.0 && b[0] < a[2] - 1.0 && a[1] < b[3] - 1.0 && b[1] < a[3] - 1.0
 }
 
-/// Words with the rectangles that they fill, and the rectangles of the plots.
+/// Texts with their rectangles, and the rectangles of the plot areas.
 fn layout(figure: &Figure) -> (Vec<(String, Rectangle)>, Vec<Rectangle>) {
     let (mut texts, mut plots, mut at) = (Vec::new(), Vec::new(), [0.0; 2]);
     let mut text = |at: [f64; 2], content: String, size: u32, anchor: &TextAnchor, turned: bool| {
@@ -124,8 +124,8 @@ fn layout(figure: &Figure) -> (Vec<(String, Rectangle)>, Vec<Rectangle>) {
     (texts, plots)
 }
 
-/// Checks that a figure is well-formed, and that all its words stand on the page, apart from each other
-/// and outside the plots, where no track is.
+/// Checks that a figure is well-formed, and that all texts are on the page, do not overlap, and are outside the plot
+/// areas.
 pub fn check_figure(figure: &Figure) {
     let svg = figure.svg();
     check_svg(&svg);

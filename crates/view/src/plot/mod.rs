@@ -1,10 +1,10 @@
-//! Pictures as SVG and PNG: panels with axes, lines, marks and one legend.
+//! Figures as SVG and PNG: panels with axes, lines, marks and one legend.
 //!
-//! A [`Figure`] is rows of [`Panel`]s; a panel holds data in the units of its axes. `kuva` lays the axes
-//! out and writes the SVG text and, with its bundled font, the pixels: the same figure gives the same
-//! bytes on any machine. Every item carries its label, and the legend lists the labels of the items
-//! that are drawn: it explains all of them and nothing else. It stands above the panels, as all words
-//! stand outside them. Points that are not finite interrupt a line.
+//! A [`Figure`] consists of rows of [`Panel`]s; a panel holds data in the units of its axes. `kuva` lays out the axes
+//! and writes the SVG text and, with its bundled font, the pixels: equal figures give equal bytes on any machine.
+//!
+//! Every item has a label, and the legend lists exactly the labels of the drawn items. The legend is above the
+//! panels, and all texts are outside the plot areas. Points that are not finite interrupt a line.
 
 mod page;
 mod thin;
@@ -14,12 +14,12 @@ use kuva::backend::raster::RasterBackend;
 use kuva::backend::svg::SvgBackend;
 use output::files::OutputDir;
 
-/// Width of every picture, in units of the SVG.
+/// Width of every figure, in units of the SVG.
 const WIDTH: f64 = 800.0;
-/// Pixels of the PNG for one unit of the SVG.
+/// Pixels of the PNG per unit of the SVG.
 const PNG_SCALE: f32 = 2.0;
 
-/// Something in a panel, in the units of its axes.
+/// Line, area or mark in a panel, in the units of its axes.
 #[derive(Clone, Debug, PartialEq)]
 enum Shown {
     Line(Vec<[f64; 2]>, Stroke),
@@ -27,7 +27,7 @@ enum Shown {
     Mark([f64; 2], Mark),
 }
 
-/// Something in a panel with its words in the legend; none for a part of something explained.
+/// Line, area or mark with its label in the legend; the label is empty for a part of a labelled object.
 #[derive(Clone, Debug, PartialEq)]
 struct Item {
     label: String,
@@ -43,14 +43,14 @@ impl Item {
     }
 }
 
-/// The scale of [`color_scale`](crate::style::color_scale) at the right edge.
+/// Scale of [`color_scale`](crate::style::color_scale) at the right edge of a panel.
 #[derive(Clone, Debug, PartialEq)]
 struct ColorBar {
     label: String,
     limits: [f64; 2],
 }
 
-/// A diagram with its axes.
+/// Diagram with its axes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Panel {
     title: String,
@@ -65,7 +65,7 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// A panel with the labels of its axes, units included. Its limits follow the data.
+    /// Panel with these axis labels, units included. The limits follow the data.
     pub fn new(x_label: impl Into<String>, y_label: impl Into<String>) -> Self {
         Self {
             labels: [x_label.into(), y_label.into()],
@@ -73,31 +73,31 @@ impl Panel {
         }
     }
 
-    /// Sets the line above the panel.
+    /// Sets the title above the panel.
     pub fn title(mut self, title: impl Into<String>) -> Self {
         self.title = title.into();
         self
     }
 
-    /// Sets a smaller line between title and panel.
+    /// Sets a smaller text between title and panel.
     pub fn caption(mut self, caption: impl Into<String>) -> Self {
         self.caption = caption.into();
         self
     }
 
-    /// One unit is as long on both axes; the limits widen as needed.
+    /// Gives both axes the same scale; the limits widen as needed.
     pub fn equal_axes(mut self) -> Self {
         self.equal = true;
         self
     }
 
-    /// Leaves the numbers of the horizontal axis to the panel below.
+    /// Omits the numbers of the horizontal axis, which the panel below shows.
     pub fn hide_x(mut self) -> Self {
         self.hide_x = true;
         self
     }
 
-    /// Makes the horizontal, the vertical axis logarithmic. What is not positive has no place on it.
+    /// Makes the horizontal or the vertical axis logarithmic. Values that are not positive are not drawn.
     pub fn logarithmic(mut self, axes: [bool; 2]) -> Self {
         self.logarithmic = axes;
         self
@@ -115,7 +115,7 @@ impl Panel {
         self
     }
 
-    /// Adds the scale of [`color_scale`](crate::style::color_scale) at the right edge.
+    /// Adds a scale of [`color_scale`](crate::style::color_scale) at the right edge.
     pub fn color_bar(mut self, label: impl Into<String>, limits: [f64; 2]) -> Self {
         self.bar = Some(ColorBar {
             label: label.into(),
@@ -154,7 +154,7 @@ impl Panel {
         self.add(label, Shown::Mark(at, mark));
     }
 
-    /// Limits of the data: [[least, greatest] of x, of y]; none where there is no finite point.
+    /// Limits of the data: [[least, greatest] of x, of y]; `None` without a finite point.
     pub fn extent(&self) -> Option<[[f64; 2]; 2]> {
         extent(self.items.iter().flat_map(Item::points))
     }
@@ -169,7 +169,7 @@ impl Panel {
     }
 }
 
-/// Limits with a share of their width at each end; a constant signal still gets an axis.
+/// Limits widened by a fraction of their width at each end; a constant signal still gets an axis.
 fn padded([low, high]: [f64; 2], share: f64, logarithmic: bool) -> [f64; 2] {
     let width = high - low;
     let pad = if width <= 1e-12 * high.abs().max(low.abs()) {
@@ -186,7 +186,7 @@ fn is_finite(point: &[f64; 2]) -> bool {
     point[0].is_finite() && point[1].is_finite()
 }
 
-/// Limits of points: [[least, greatest] of x, of y]; none where no point is finite.
+/// Limits of points: [[least, greatest] of x, of y]; `None` without a finite point.
 pub fn extent<'a>(points: impl IntoIterator<Item = &'a [f64; 2]>) -> Option<[[f64; 2]; 2]> {
     points
         .into_iter()
@@ -203,9 +203,9 @@ pub fn extent<'a>(points: impl IntoIterator<Item = &'a [f64; 2]>) -> Option<[[f6
 /// Height of a row of panels without its labels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Height {
-    /// In units of the SVG; the picture is 800 wide.
+    /// In units of the SVG; the figure is 800 units wide.
     Fixed(f64),
-    /// As the data of the first panel's equal axes need, within these bounds.
+    /// As needed by the data of the first panel, which has equal axes, within these limits.
     Data {
         /// Least height.
         least: f64,
@@ -236,7 +236,7 @@ impl Figure {
         self
     }
 
-    /// Adds panels in rows of so many.
+    /// Adds panels in rows of `columns`.
     pub fn rows_of(mut self, columns: usize, height: Height, panels: &[Panel]) -> Self {
         for row in panels.chunks(columns.max(1)) {
             self = self.row(height, row.to_vec());
@@ -248,7 +248,7 @@ impl Figure {
         self.rows.iter().flat_map(|(_, panels)| panels)
     }
 
-    /// The first item of each label, as far as it has a point that can be drawn.
+    /// First item of each label that has a finite point.
     fn legend(&self) -> Vec<&Item> {
         let mut entries: Vec<&Item> = Vec::new();
         for item in self.panels().flat_map(|panel| &panel.items) {
@@ -260,17 +260,17 @@ impl Figure {
         entries
     }
 
-    /// Adds the picture to the files, as NAME.svg and NAME.png.
+    /// Adds the figure to the files, as NAME.svg and NAME.png.
     pub fn add(&self, files: &mut OutputDir, name: &str) {
         files.text(&format!("{name}.svg"), self.svg());
         files.bytes(&format!("{name}.png"), self.png());
     }
 
-    /// The picture as text of an SVG file.
+    /// The figure as text of an SVG file.
     pub fn svg(&self) -> String {
         let scene = page::scene(self);
         let size = format!("width=\"{}\" height=\"{}\"", scene.width, scene.height);
-        // Scales with its page, and has the round ends and joins that the pixels have.
+        // The view box lets the figure scale with its page; round ends and joins match the PNG.
         let view = format!(
             "{size} viewBox=\"0 0 {} {}\" stroke-linecap=\"round\" stroke-linejoin=\"round\"",
             scene.width, scene.height
@@ -283,11 +283,11 @@ impl Figure {
         text
     }
 
-    /// The picture as bytes of a PNG file, 1600 pixels wide.
+    /// The figure as bytes of a PNG file, 1600 pixels wide.
     ///
     /// # Panics
     ///
-    /// Never: the size of a picture is greater than zero.
+    /// Never: the size of a figure is greater than zero.
     pub fn png(&self) -> Vec<u8> {
         RasterBackend::new()
             .with_scale(PNG_SCALE)

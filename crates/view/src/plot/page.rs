@@ -1,4 +1,4 @@
-//! A figure on its page: `kuva`'s axes, and the items in them.
+//! Layout of a figure: `kuva`'s axes and the items in them.
 
 use super::thin::{dashes, thinned};
 use super::{Figure, Height, Item, Panel, Shown, WIDTH, is_finite};
@@ -14,17 +14,17 @@ const EDGE: f64 = 10.0;
 const TITLE_SIZE: u32 = 17;
 const TEXT_SIZE: u32 = 14;
 const SMALL_SIZE: u32 = 13;
-/// Lengths of a legend's line and of the gap behind an entry.
+/// Length of a legend's sample line, gap after an entry, and height of a row.
 const SAMPLE: f64 = 32.0;
 const LEGEND_GAP: f64 = 18.0;
 const LEGEND_ROW: f64 = 18.0;
 /// Gap before a colour bar, and its width.
 const BAR: [f64; 2] = [12.0, 14.0];
-/// Room for the numbers of a vertical axis.
+/// Least room for the numbers of a vertical axis.
 const LEAST_NUMBER: f64 = 44.0;
-/// Half of the last number of a horizontal axis.
+/// Room at the right for half of the last number of a horizontal axis.
 const RIGHT: f64 = 22.0;
-/// Room below a panel without numbers there.
+/// Room below a panel without axis numbers.
 const SLIM: f64 = 8.0;
 
 impl From<Rgb> for Color {
@@ -33,7 +33,7 @@ impl From<Rgb> for Color {
     }
 }
 
-/// The picture's primitives.
+/// Drawing primitives of a figure.
 pub(super) fn scene(figure: &Figure) -> Scene {
     let mut page = Page::default();
     let mut top = EDGE;
@@ -42,7 +42,7 @@ pub(super) fn scene(figure: &Figure) -> Scene {
         page.title([WIDTH / 2.0, top], &figure.title);
     }
     top = page.legend(&figure.legend(), top + 6.0);
-    // The same margin for all rows, so that stacked axes stand in line.
+    // All rows have the same left margin, so that stacked axes are aligned.
     let margins = figure
         .panels()
         .map(|panel| Axes::new(panel, [WIDTH; 2]).computed);
@@ -54,7 +54,7 @@ pub(super) fn scene(figure: &Figure) -> Scene {
             .iter()
             .map(|panel| Axes::new(panel, [even, WIDTH]).computed)
             .collect();
-        // Panels with a scale beside them are wider: all plots have the same width.
+        // Panels with a colour bar are wider, so that all plot areas have the same width.
         let right: f64 = margins.iter().map(|axes| axes.margin_right).sum();
         let plot = (even - left - right / count).max(1.0);
         let height = match *height {
@@ -84,7 +84,6 @@ pub(super) fn scene(figure: &Figure) -> Scene {
     scene
 }
 
-/// A panel's axes.
 struct Axes<'a> {
     panel: &'a Panel,
     layout: Layout,
@@ -116,7 +115,7 @@ impl<'a> Axes<'a> {
             .with_subtitle_size(SMALL_SIZE)
             .with_label_size(TEXT_SIZE)
             .with_tick_size(SMALL_SIZE)
-            // So many letters of half an em fit above the panel.
+            // Number of letters of about half an em that fit above the panel.
             .with_title_wrap((width / 8.0) as usize)
             .with_subtitle_wrap((width / 7.0) as usize)
             .with_x_label_overlap(AxisLabelOverlap::Thin);
@@ -135,18 +134,18 @@ impl<'a> Axes<'a> {
             layout.y2_tick_format = layout.y_tick_format.clone();
         }
         let mut computed = ComputedLayout::from_layout(&layout);
-        // The steps that `place` sets can have more digits than those that the library measured.
+        // The tick steps of `place` may have more digits than the steps that the library measured.
         let wider = (LEAST_NUMBER - computed.y_tick_label_px).max(0.0);
         computed.y_tick_label_px += wider;
         computed.margin_left += wider;
-        // The same for all panels, so that stacked axes end in line.
+        // All panels have the same right margin, so that stacked axes are aligned.
         computed.margin_right = RIGHT;
         if panel.hide_x {
             computed.margin_bottom = SLIM;
         }
         if panel.bar.is_some() {
             computed.margin_right += BAR[0] + BAR[1] + computed.y2_axis_width;
-            // The scale is another axis; the panel keeps its own right edge.
+            // The colour bar is drawn as another axis; the panel keeps its own right edge.
             layout.y2_range = None;
         }
         Self {
@@ -156,7 +155,7 @@ impl<'a> Axes<'a> {
         }
     }
 
-    /// Moves the axes to these margins: left, right, top, bottom.
+    /// Sets the margins of the axes: left, right, top, bottom.
     fn place(&mut self, [left, right, top, bottom]: [f64; 4]) {
         let axes = &mut self.computed;
         // The title keeps its distance from the axes.
@@ -184,7 +183,7 @@ impl<'a> Axes<'a> {
     }
 }
 
-/// Width of a text in the bundled font, to a few per cent.
+/// Width of a text in the bundled font, accurate to a few per cent.
 pub(super) fn text_width(text: &str, size: u32) -> f64 {
     let ems: f64 = text
         .chars()
@@ -219,7 +218,7 @@ impl Page {
         });
     }
 
-    /// A line between points on the page, cut into its dashes.
+    /// Draws a line through points on the page, cut into its dashes.
     fn line(&mut self, points: &[(f64, f64)], stroke: Stroke) {
         for points in dashes(points, stroke.dash.pattern()) {
             self.elements.push(Primitive::PolyLine {
@@ -272,7 +271,7 @@ impl Page {
         }
     }
 
-    /// Entries in centred rows; returns the lower edge.
+    /// Draws the legend in centred rows; returns its lower edge.
     fn legend(&mut self, entries: &[&Item], mut y: f64) -> f64 {
         let width = |entry: &Item| SAMPLE + 6.0 + text_width(&entry.label, SMALL_SIZE) + LEGEND_GAP;
         let mut rows: Vec<(f64, Vec<&Item>)> = Vec::new();
@@ -332,7 +331,7 @@ impl Page {
         y + 6.0
     }
 
-    /// A panel whose upper left corner is at a point of the page.
+    /// Draws a panel with its upper left corner at this point of the page.
     fn panel(&mut self, axes: &Axes, [x, y]: [f64; 2], clip: &str) {
         let computed = &axes.computed;
         self.elements.push(Primitive::GroupStart {
@@ -373,7 +372,7 @@ impl Page {
                 x: axes.width - axes.margin_right + BAR[0],
                 y: axes.margin_top + (STEPS - 1 - k) as f64 * step,
                 width: BAR[1],
-                // A little taller than its share, so that no seam shows.
+                // Slightly taller than a step, so that no seam is visible.
                 height: if k == 0 { step } else { step + 0.6 },
                 fill: color_scale((k as f64 + 0.5) / STEPS as f64).into(),
                 stroke: None,

@@ -1,4 +1,4 @@
-//! Tests of the pictures.
+//! Tests of figures.
 
 use super::checks::{attributes, check_figure, check_svg, numbers, png_size};
 use super::thin::{columns, dashes, straightened};
@@ -24,7 +24,7 @@ fn dots(panel: Panel, points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     check_svg(&svg);
     let x = numbers(attributes(&svg, "circle", "cx"));
     let y = numbers(attributes(&svg, "circle", "cy"));
-    // The first one is the legend's.
+    // The first circle belongs to the legend.
     x.into_iter().zip(y).skip(1).map(|(x, y)| [x, y]).collect()
 }
 
@@ -39,7 +39,7 @@ fn equal_axes_are_equal_and_y_points_up() {
 }
 
 #[test]
-fn fixed_limits_are_where_the_axes_end() {
+fn axes_end_at_the_fixed_limits() {
     let panel = Panel::new("x", "y")
         .x_limits([0.0, 10.0])
         .y_limits([-1.0, 1.0]);
@@ -51,7 +51,7 @@ fn fixed_limits_are_where_the_axes_end() {
 }
 
 #[test]
-fn a_picture_has_the_stated_size_and_is_the_same_twice() {
+fn figure_has_the_stated_size_and_is_reproducible() {
     let draw = || {
         let mut panel = Panel::new("t (s)", "<v> & \"w\"").caption("−1 °");
         panel.line(
@@ -70,7 +70,7 @@ fn a_picture_has_the_stated_size_and_is_the_same_twice() {
 }
 
 #[test]
-fn nothing_to_draw_and_no_finite_number_still_give_a_picture() {
+fn figure_without_finite_data_is_still_drawn() {
     let mut broken = Panel::new("x", "y").x_limits([f64::NAN, 1.0]).equal_axes();
     broken.line("a", [[0.0, f64::NAN], [f64::INFINITY, 1.0]], SOLID);
     broken.mark("b", [f64::NAN; 2], DOT);
@@ -85,7 +85,7 @@ fn nothing_to_draw_and_no_finite_number_still_give_a_picture() {
 }
 
 #[test]
-fn a_gap_interrupts_a_line() {
+fn line_is_interrupted_at_a_gap() {
     let mut panel = Panel::new("x", "y");
     let points = [
         [0.0, 0.0],
@@ -100,7 +100,7 @@ fn a_gap_interrupts_a_line() {
 }
 
 #[test]
-fn a_logarithmic_axis_is_labelled_with_powers_of_ten() {
+fn logarithmic_axis_is_labelled_with_powers_of_ten() {
     let mut panel = Panel::new("t (s)", "ratio").logarithmic([true; 2]);
     panel.line("", [[8e3, 6e-3], [2e5, 1.2e3]], SOLID);
     let figure = Figure::new("").row(Height::Fixed(200.0), [panel]);
@@ -134,7 +134,7 @@ properties! { cases 64;
         prop_assert_eq!(kept.first(), points.first());
         prop_assert_eq!(kept.last(), points.last());
         for p in &points {
-            // Nearest of many points on the thinned line.
+            // Distance to the nearest of many points on the thinned line.
             let nearest = kept.windows(2).flat_map(|w| (0..=100).map(move |k| {
                 let t = f64::from(k) / 100.0;
                 (w[0].0 + t * (w[1].0 - w[0].0), w[0].1 + t * (w[1].1 - w[0].1))
@@ -144,7 +144,7 @@ properties! { cases 64;
     }
 
     #[test]
-    fn columns_keep_what_a_signal_reaches(values in prop::collection::vec(-50.0f64..50.0, 2..400)) {
+    fn columns_keep_the_extremes_of_a_signal(values in prop::collection::vec(-50.0f64..50.0, 2..400)) {
         let points: Vec<_> = values.iter().enumerate().map(|(k, &v)| (k as f64 * 0.03, v)).collect();
         let kept = columns(&points);
         let range = |points: &[(f64, f64)]| points.iter().fold(

@@ -1,11 +1,11 @@
-//! Lines as they are seen: thinned, and cut into dashes.
+//! Thinning of lines to visible points, and cutting of lines into dashes.
 
-/// The points of a line that can be told apart on the page.
+/// Points of a line that can be distinguished on the page.
 pub(super) fn thinned(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     straightened(&columns(points))
 }
 
-/// Of the points that fall into one half unit of a signal over time: first, least, greatest, last.
+/// Thins a signal over time to the first, least, greatest and last point per half unit of width.
 pub(super) fn columns(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let over_time = points.windows(2).all(|pair| pair[0].0 <= pair[1].0);
     if !over_time {
@@ -34,7 +34,7 @@ pub(super) fn columns(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     kept
 }
 
-/// Drops points closer than a tenth of a unit to the line without them (Douglas and Peucker).
+/// Drops points closer than 0.1 units to the line without them (Douglas and Peucker).
 pub(super) fn straightened(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     const TOLERANCE: f64 = 0.1;
     if points.len() < 3 {
@@ -72,9 +72,9 @@ fn distance_to_segment(p: (f64, f64), a: (f64, f64), b: (f64, f64)) -> f64 {
     libm::hypot(p.0 - a.0 - along * dx, p.1 - a.1 - along * dy)
 }
 
-/// Pieces that a pattern of drawn and omitted lengths leaves of a line; the whole line if it is empty.
+/// Cuts a line into pieces by alternating lengths of dash and gap; returns the whole line if the pattern is empty.
 ///
-/// The library's dashes start anew at each point of a line in a PNG, so that a curve loses them.
+/// In a PNG, the library's dashes restart at each point of a line, so that a curve appears solid.
 pub(super) fn dashes(points: &[(f64, f64)], pattern: &[f64]) -> Vec<Vec<(f64, f64)>> {
     let mut lengths = pattern.iter().copied().cycle();
     let Some(first) = lengths.next() else {

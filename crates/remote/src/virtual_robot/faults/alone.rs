@@ -1,5 +1,4 @@
-//! Boards that are tried one by one: power that fails while they start and while they write their
-//! flash, and flash that does not hold what it should.
+//! Trials of a single board: power failures at the start and during flash writes, and damaged flash contents.
 
 use super::Campaign;
 use super::bench::Bench;
@@ -28,18 +27,18 @@ use virtual_board::wire::{Frame, Id};
 type Found = Result<Result<usize, String>, Error>;
 
 const SECTOR: usize = 16 << 10;
-/// The store in the flash.
+/// Address range of the store in the flash.
 const STORE: Range<usize> = store::FIRST..store::FIRST + 3 * SECTOR;
-/// Time after which a board has started and told of itself, ms.
+/// Longest time from power-on to a board's first status message, ms.
 const STARTED_MS: u64 = 1_000;
-/// Time that a calibration and its save take at most, ms.
+/// Longest time of a calibration and its save, ms.
 const SAVED_MS: u64 = 6_000;
 
 const fn ms(count: u64) -> Time {
     Time::from_micros(1_000 * count)
 }
 
-/// One board on the bus, with a node that acknowledges.
+/// A bench whose boards are off, with a bus node that acknowledges.
 fn rig(campaign: &Campaign, seed: u64) -> Result<Bench, Error> {
     let mut bench = Bench::new(campaign, Options::default(), seed)?;
     bench.intruder(|_, _| {});
@@ -47,18 +46,18 @@ fn rig(campaign: &Campaign, seed: u64) -> Result<Bench, Error> {
 }
 
 impl Bench {
-    /// So many milliseconds pass.
+    /// Runs boards and plant for `ms` milliseconds.
     pub fn pass(&mut self, ms: u64) {
         for _ in 0..ms {
             self.robot.advance();
         }
     }
 
-    /// Switches a board on, waits until it has told of itself.
+    /// Switches a board on and waits for its first status message.
     fn start_alone(&mut self, role: Role) {
         self.board(role, |board| board.power(true));
         let now = self.now();
-        // Somebody must tell the time for the beam to speak.
+        // The beam board sends only if another node sends the common time.
         if role == Role::beam(0) {
             for epoch in 0..STARTED_MS as u32 / 10 {
                 let message = Message::TimeSync {
@@ -71,7 +70,7 @@ impl Bench {
         self.wait(role);
     }
 
-    /// Waits until a board tells of itself, for as long as it may.
+    /// Waits for the first status message of a board, at most [`STARTED_MS`].
     fn wait(&mut self, role: Role) {
         for _ in 0..STARTED_MS {
             self.pass(1);
@@ -81,7 +80,7 @@ impl Bench {
         }
     }
 
-    /// The node that is no board sends a message.
+    /// Sends a message from the bus node that is no board.
     fn say(&mut self, at: Time, message: &Message) {
         let Ok(frame) = bus::encode(message) else {
             return;
@@ -91,7 +90,7 @@ impl Bench {
         self.intruder(|node, _| node.send(at, frame));
     }
 
-    /// Content of the store in a board's flash.
+    /// Contents of the store in a board's flash.
     fn stored(&mut self, role: Role) -> Vec<u8> {
         let mut bytes = Vec::new();
         self.board(role, |board| bytes = board.chip().flash()[STORE].to_vec());
@@ -112,7 +111,7 @@ impl Bench {
         list
     }
 
-    /// Finding or reset of a board, if any.
+    /// First finding of a board that is not a reset, if any.
     fn complaint(&mut self, role: Role) -> Option<String> {
         let mut complaint = None;
         self.board(role, |board| {
@@ -124,7 +123,7 @@ impl Bench {
     }
 }
 
-/// The settings that a board makes of its store.
+/// Settings and report that a board derives from its store.
 fn settled(bytes: &[u8], role: Role) -> (Settings, Report) {
     let mut flash = Flash::<SECTOR>::new(3, 1);
     flash.bytes.copy_from_slice(bytes);
@@ -137,7 +136,7 @@ fn settled(bytes: &[u8], role: Role) -> (Settings, Report) {
     run(store.load()).settle(&base, check)
 }
 
-/// The rail fails once the board has started before, at instants of its next start.
+/// Rail failures at random instants of a start, after one undisturbed start.
 pub fn brown_outs(campaign: &Campaign, seed: u64) -> Found {
     let cases = if campaign.quick { 10 } else { 100 };
     let mut bench = rig(campaign, seed)?;
@@ -170,7 +169,7 @@ pub fn brown_outs(campaign: &Campaign, seed: u64) -> Found {
     Ok(Ok(cases))
 }
 
-/// A board that was asked at this time to set its zeros, and saves them.
+/// A beam board that has been asked to calibrate its zeros and will save them, and the time of the request.
 fn calibrating(
     campaign: &Campaign,
     seed: u64,
@@ -191,7 +190,8 @@ fn calibrating(
     Ok((bench, asked))
 }
 
-/// The power fails at these instants of the operations of a save: the share of the operation's time.
+/// Power cuts during the flash operations of a save; `wanted` gives the instants in each operation as fractions of
+/// its duration.
 fn cuts(
     campaign: &Campaign,
     seed: u64,
@@ -223,7 +223,7 @@ fn cuts(
     })
 }
 
-/// The power fails at an instant and comes back: each value must be the old or the new one.
+/// A power cut at `at`: afterwards each value must be the old or the new value.
 fn cut(
     campaign: &Campaign,
     seed: u64,
@@ -266,7 +266,7 @@ fn cut(
     })
 }
 
-/// Power cuts in the words of a save.
+/// Power cuts during the written words of a save.
 pub fn cuts_of_words(campaign: &Campaign, seed: u64) -> Found {
     let every = if campaign.quick { 16 } else { 1 };
     cuts(campaign, seed, None, |k, operation| {
@@ -278,7 +278,7 @@ pub fn cuts_of_words(campaign: &Campaign, seed: u64) -> Found {
     })
 }
 
-/// Power cuts in the erase of a save into a store that is full.
+/// Power cuts during the erase of a save into a full store.
 pub fn cuts_of_erases(campaign: &Campaign, seed: u64) -> Found {
     let full = full_store(campaign, seed)?;
     let shares: &[f64] = match campaign.quick {
@@ -296,7 +296,7 @@ pub fn cuts_of_erases(campaign: &Campaign, seed: u64) -> Found {
     )
 }
 
-/// The store of a beam in which the next save of its zeros erases a sector.
+/// Store of a beam board that is full: the next save of the zeros erases a sector.
 fn full_store(campaign: &Campaign, seed: u64) -> Result<Vec<u8>, Error> {
     let mut bytes = rig(campaign, seed)?.stored(Role::beam(0));
     let base = Settings::of(Role::beam(0));
@@ -324,8 +324,8 @@ fn full_store(campaign: &Campaign, seed: u64) -> Result<Vec<u8>, Error> {
     Err(Error::Failure("store: never full".to_owned()))
 }
 
-/// A bit of what was stored is another one: the value is as it was, or its default is used with a
-/// notice, and nothing is written.
+/// Starts with one flipped bit in the store: every value must be unchanged or replaced by its default with a notice,
+/// and nothing may be written.
 pub fn flipped_bits(campaign: &Campaign, seed: u64) -> Found {
     let cases = if campaign.quick { 4 } else { 40 };
     let mut random = generator(seed, 0, Stream::Other(0x301));

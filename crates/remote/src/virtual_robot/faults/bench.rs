@@ -1,4 +1,4 @@
-//! The robot with what an act of a fault can reach.
+//! Robot with access for the acts of a fault.
 
 use super::Campaign;
 use crate::board_log::BoardLog;
@@ -14,25 +14,25 @@ use virtual_board::board::Board;
 use virtual_board::core::{System, Transfer};
 use virtual_board::wire::{BitTiming, Fault, Settings, VirtualNode};
 
-/// The robot, and whom a fault strikes.
+/// Robot and the board that a fault affects.
 #[derive(Clone)]
 pub struct Bench {
     pub robot: VirtualRobot,
     pub random: Pcg64,
     seed: u64,
-    /// The board that was struck.
+    /// Affected board.
     pub struck: Option<Role>,
-    /// Failure that an act has seen.
+    /// Failure observed by an act.
     pub wrong: Option<String>,
 }
 
 impl Bench {
-    /// The lowest address of a board's stack, if its image tells.
+    /// Lowest address of a board's stack; `None` if the image has no such symbol.
     pub fn end_of_stack(&self, role: Role) -> Option<u32> {
         self.robot.images.of(role).symbol("_stack_end")
     }
 
-    /// The robot, its boards still off.
+    /// Robot with its boards switched off.
     pub fn new(campaign: &Campaign, options: Options, seed: u64) -> Result<Self, Error> {
         use host_sim::world::random::{Stream, generator};
         let options = Options {
@@ -59,12 +59,12 @@ impl Bench {
         Ok(bench)
     }
 
-    /// Place of the node at the bus that is no board.
+    /// Index of the bus node that is no board.
     fn other(&self) -> usize {
         self.robot.roles.len()
     }
 
-    /// The present.
+    /// Present time.
     pub fn now(&self) -> Time {
         self.robot.network.now()
     }
@@ -74,19 +74,18 @@ impl Bench {
         self.robot.press();
     }
 
-    /// One of several, by chance.
+    /// Random number below `end`.
     pub fn draw(&mut self, end: u64) -> u64 {
         self.random.random_range(0..end)
     }
 
-    /// Goes on to some instant within the next millisecond: nothing of the boards is in step with the
-    /// calls of acts any more.
+    /// Advances to a random instant within the next millisecond, so that acts are not synchronised with the boards.
     pub fn somewhen(&mut self) {
         let until = self.now() + Time::from_nanos(self.draw(1_000_000));
         self.robot.network.run_until(until);
     }
 
-    /// A wheel, by seed: its axle is struck.
+    /// Wheel chosen by the seed; its axle becomes the affected board.
     pub fn wheel(&mut self) -> (Role, usize) {
         let axles = self.robot.topology.axle_count() as u64;
         let role = Role::axle((self.seed % axles) as u8);
@@ -94,7 +93,7 @@ impl Bench {
         (role, (self.seed / axles % 2) as usize)
     }
 
-    /// Any board, by seed: it is struck.
+    /// Board chosen by the seed; it becomes the affected board.
     pub fn any(&mut self) -> Role {
         let boards = &self.robot.roles;
         let role = boards[self.seed as usize % boards.len()];
@@ -102,7 +101,7 @@ impl Bench {
         role
     }
 
-    /// Does something to a board.
+    /// Acts on a board.
     pub fn board(&mut self, role: Role, act: impl FnOnce(&mut Board)) {
         self.struck.get_or_insert(role);
         if let Some(place) = self.robot.place(role)
@@ -112,7 +111,7 @@ impl Bench {
         }
     }
 
-    /// A register of a board's chip that does not mind being read.
+    /// Reads a register without side effects of a board's chip.
     pub fn register(&mut self, role: Role, address: u32) -> u32 {
         let mut value = 0;
         self.board(role, |board| {
@@ -123,7 +122,7 @@ impl Bench {
         value
     }
 
-    /// Does something to the parts of an axle.
+    /// Acts on the parts of an axle.
     pub fn axle(&mut self, role: Role, act: impl FnOnce(&mut AxleBoard, Time)) {
         self.struck.get_or_insert(role);
         let now = self.now();
@@ -132,13 +131,13 @@ impl Bench {
         }
     }
 
-    /// Does something to the parts of the axle of [`Self::wheel`].
+    /// Acts on the axle parts at [`Self::wheel`].
     pub fn at_wheel(&mut self, act: impl FnOnce(&mut AxleBoard, usize, Time)) {
         let (role, side) = self.wheel();
         self.axle(role, |axle, now| act(axle, side, now));
     }
 
-    /// Does something to the parts of the beam.
+    /// Acts on the parts of the beam.
     pub fn beam(&mut self, act: impl FnOnce(&mut BeamBoard, Time)) {
         self.struck.get_or_insert(Role::beam(0));
         let now = self.now();
@@ -147,13 +146,13 @@ impl Bench {
         }
     }
 
-    /// Brings a fault of the wire about now.
+    /// Starts a fault of the bus wire.
     pub fn wire(&mut self, fault: Fault) {
         let now = self.now();
         self.robot.network.wire().inject(now, fault);
     }
 
-    /// The node that is no board, on the bus from now on.
+    /// Connects the node that is no board to the bus and acts on it.
     pub fn intruder(&mut self, act: impl FnOnce(&mut VirtualNode, Time)) {
         let now = self.now();
         self.wire(Fault::Piece {
@@ -165,7 +164,7 @@ impl Bench {
         }
     }
 
-    /// A transceiver sends or hears no more.
+    /// Sets whether a board's transceiver sends and receives.
     pub fn transceiver(&mut self, role: Role, sends: bool, hears: bool) {
         self.struck.get_or_insert(role);
         self.wire(Fault::Transceiver {
@@ -175,7 +174,7 @@ impl Bench {
         });
     }
 
-    /// A board hangs on a piece of the cut wire.
+    /// Connects a board to a piece of the cut bus wire.
     pub fn piece(&mut self, role: Role, piece: u8) {
         self.struck.get_or_insert(role);
         self.wire(Fault::Piece {

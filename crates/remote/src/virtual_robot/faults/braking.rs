@@ -1,4 +1,4 @@
-//! Emergency stops on the level and on a slope: braking distance, and what happens until the robot stands.
+//! Emergency stops on the level and on a slope: braking distance, and the drivers' state until the robot is at rest.
 
 use super::Campaign;
 use super::bench::Bench;
@@ -7,38 +7,39 @@ use crate::virtual_robot::Options;
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
 
-/// Time that the robot drives before the contact opens, ms.
+/// Time of driving before the emergency stop, ms.
 const DRIVE_MS: u64 = 1_600;
-/// Time for which a chock stays after the press of the button, ms.
+/// Time from the press of the button to the removal of the chock, ms.
 const CHOCK_MS: u64 = 150;
-/// Time for which it is watched afterwards, ms.
+/// Time of observation after the stop, ms.
 const WATCH_MS: u64 = 3_000;
 /// Least speed before the stop, m/s.
 const DRIVEN_M_S: f64 = 0.1;
-/// Speed of a robot that rests, m/s: it goes on for 2 mm.
+/// Speed of a robot at rest, m/s; from this speed it moves 2 mm further.
 const REST_M_S: f64 = 1e-2;
 /// Longest time to rest on the level, ms.
 const REST_WITHIN_MS: u64 = 500;
-/// Speed of a braked robot on a slope, m/s, at most, and the time after which it has that, ms.
+/// Largest speed of a braked robot on a slope, m/s, and time from the stop from which it applies, ms.
 const CREEP_M_S: f64 = 0.1;
 const CREEP_AFTER_MS: u64 = 500;
-/// A braked robot creeps on, m/s.
+/// Smallest speed of a braked robot on a slope, m/s.
 const CREEP_AT_LEAST_M_S: f64 = 0.02;
-/// The slope, °.
+/// Angle of the slope, °.
 const SLOPE_DEG: f64 = 5.0;
 
-/// Speed of the robot, m/s, and true while the drivers of both axles are awake: before the stop, then each millisecond.
+/// Speed of the robot, m/s, and true if the drivers of both axles are awake: one sample before the stop, then one per
+/// millisecond.
 fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bool)>, Error> {
     let mut campaign = campaign.clone();
     let world = &mut campaign.scenario.world;
     world.plant.slope_rad = slope_deg.to_radians();
-    // With a chock at one wheel the robot creeps, so that no biases are found.
+    // The chocked robot creeps, so the sensors could not find their biases.
     (
         world.sensors.gyro.fitted,
         world.sensors.accelerometer.fitted,
     ) = (false, false);
     let mut bench = Bench::new(&campaign, Options::default(), seed)?;
-    // A chock holds the robot until its motors do: asleep, the drivers would let it roll.
+    // A chock holds the robot until its motors do: sleeping drivers would let it roll.
     bench.robot.blocked = Some((0, 0));
     bench.robot.boot(&Options::default())?;
     bench.press();
@@ -66,7 +67,7 @@ fn speeds(campaign: &Campaign, seed: u64, slope_deg: f64) -> Result<Vec<(f64, bo
     Ok(seen)
 }
 
-/// First violation of a limit, in words.
+/// First violated limit.
 fn on_the_level(campaign: &Campaign, seed: u64) -> Result<Result<usize, String>, Error> {
     let seen = speeds(campaign, seed, 0.0)?;
     let rest = seen.iter().rposition(|(speed, _)| *speed > REST_M_S);
@@ -88,7 +89,7 @@ fn on_the_level(campaign: &Campaign, seed: u64) -> Result<Result<usize, String>,
     })
 }
 
-/// First violation of a limit, in words.
+/// First violated limit.
 fn on_a_slope(campaign: &Campaign, seed: u64) -> Result<Result<usize, String>, Error> {
     let seen = speeds(campaign, seed, SLOPE_DEG)?;
     for (ms, (speed, awake)) in seen.iter().enumerate() {

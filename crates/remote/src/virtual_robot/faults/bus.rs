@@ -1,4 +1,4 @@
-//! Faults of the bus and of clocks that differ.
+//! Faults of the bus, and clocks with frequency errors.
 
 use super::bench::Bench;
 use super::entry::{Entry, at, entries};
@@ -6,16 +6,15 @@ use core_algos::safety::Condition::{self, *};
 use core_algos::topology::Role;
 use virtual_board::wire::{Fault, Frame, Id, Level};
 
-/// Codes of a bus that carries no messages. A board reports the code of the message that it missed
-/// first.
+/// Condition codes of a bus without messages. A board reports the code of the message that it misses first.
 pub const SILENCE: &[Condition] = &[BusOff, NeighbourLost, NeighbourFault, CommandTimeout];
 
-/// A frame of eight bytes of an identifier.
+/// Frame of eight bytes with this identifier.
 fn frame(id: u16) -> Frame {
     Frame::new(Id::Standard(id), &[0x55; 8])
 }
 
-/// Sets the remaining functions of the transceiver of the affected board.
+/// Sets whether the transceiver of the affected board sends and receives.
 fn transceiver(bench: &mut Bench, sends: bool, hears: bool) {
     let role = bench.wheel().0;
     bench.transceiver(role, sends, hears);
@@ -98,7 +97,7 @@ fn clocks() -> Vec<Entry> {
         "front board 200 ppm fast", "crystal", drive(|_| {}).fast(Role::LEAD, 200_000).goes_on();
         "rear board 200 ppm fast", "crystal", drive(|_| {}).fast(Role::axle(1), 200_000).goes_on();
         "beam board 200 ppm fast", "crystal", drive(|_| {}).fast(Role::beam(0), 200_000).goes_on();
-        // Too much for its ticks, not for the bus: from edge to edge are ten bits at most.
+        // Too much for the board's ticks, but not for the bus: edges are at most ten bits apart.
         "beam board 1.2 % fast", "crystal", start(&[]).fast(Role::beam(0), 12_000_000).unready();
     }
 }

@@ -1,4 +1,4 @@
-//! Faults of the flash and of power while it is written.
+//! Faults of the flash, and power failures during writes.
 
 use super::alone;
 use super::entry::{Entry, entries};

@@ -1,17 +1,17 @@
-//! Catalogue of faults: in the samples and frames of a simulated robot whose boards run in this process, and at registers,
-//! pins, supplies and wires of virtual boards that run the images that users flash.
+//! Catalogue of faults: faults of samples, frames and plant in a simulation with boards in this process, and faults
+//! at registers, pins, supplies and wires of virtual boards.
 //!
 //! | file | what it holds |
 //! |---|---|
-//! | `bench` | the robot with what an act of a fault can reach |
-//! | `entry` | what an entry of the catalogue says |
-//! | `model` | faults of samples, frames and plant, with a run of them |
+//! | `bench` | robot with access for the acts of a fault |
+//! | `entry` | entry of the catalogue: fault, run, permitted outcomes |
+//! | `model` | faults of samples, frames and plant, and their runs |
 //! | `bus`, `power`, `sensors`, `motors`, `program`, `starts`, `memory` | the catalogue |
-//! | `alone` | boards that are tried one by one: power cuts and brown-outs |
-//! | `braking` | emergency stops until the robot stands |
-//! | `outcome` | a run to do, and how it ended |
-//! | `under_way` | robots under way, from which runs go on |
-//! | `run` | a run on virtual boards and how it is judged |
+//! | `alone` | trials of a single board: power cuts, brown-outs, damaged flash |
+//! | `braking` | emergency stops until the robot is at rest |
+//! | `outcome` | case and outcome of a run |
+//! | `under_way` | robots at the time of the fault, shared by runs |
+//! | `run` | run on virtual boards and its verdict |
 
 mod alone;
 mod bench;
@@ -39,7 +39,7 @@ use crate::virtual_robot::Images;
 use host_sim::base::error::Error;
 use host_sim::scenario::Scenario;
 
-/// Every fault, in the order of the table.
+/// All faults, in the order of the table.
 pub fn catalogue() -> Vec<Entry> {
     [
         model::entries(),
@@ -58,16 +58,15 @@ pub fn catalogue() -> Vec<Entry> {
 /// Settings of all runs.
 #[derive(Clone)]
 pub struct Campaign {
-    /// The robot.
+    /// Scenario of the robot.
     pub scenario: Scenario,
-    /// Images of the boards; without them only faults of the simulation in process can be run.
+    /// Images of the boards; without them only faults of robots with boards in this process can be run.
     pub images: Option<Images>,
-    /// Only some of the instants at which power can fail are tried.
+    /// True to try only a few instants of power failures.
     pub quick: bool,
 }
 
 impl Campaign {
-    /// Images of the boards.
     fn images(&self) -> Result<&Images, Error> {
         let missing = || Error::input("faults of the boards need their images");
         self.images.as_ref().ok_or_else(missing)

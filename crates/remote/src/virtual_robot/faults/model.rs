@@ -1,4 +1,4 @@
-//! Faults of samples, frames and plant of a robot whose boards run in this process, and a run with one of them.
+//! Faults of samples, frames and plant of a robot with boards in this process, and their runs.
 
 use super::Campaign;
 use super::entry::{Entry, entries};
@@ -24,9 +24,9 @@ use host_sim::world::faults::Fault::{
 };
 use host_sim::world::faults::{Fault, Rail, Wheel};
 
-/// Codes of a lost or late message.
+/// Condition codes of a lost or late message.
 const SILENCE: &[Condition] = &[CommandTimeout, NeighbourLost, NeighbourFault];
-/// Codes of messages with wrong contents or times.
+/// Condition codes of messages with wrong contents or times.
 const CORRUPTION: &[Condition] = &[
     CommandTimeout,
     NeighbourLost,
@@ -36,32 +36,32 @@ const CORRUPTION: &[Condition] = &[
     WrenchHigh,
     FrameBent,
     WheelSlip,
-    // A stop begins from the last reference, which may be a wrong one: then the motors are cut.
+    // A stop starts from the last reference; if that reference is wrong, the motors are cut.
     StopNotFollowed,
 ];
-/// Codes of wrong gauges.
+/// Condition codes of wrong gauges.
 const GAUGES: &[Condition] = &[EstimateInconsistent, WrenchHigh, FrameBent, DegradedTooLong];
-/// Codes of a frame in two pieces.
+/// Condition codes of a broken frame.
 const SNAPPED: &[Condition] = &[EstimateInconsistent, FrameBent, WrenchHigh, TrackingLost];
-/// Time to the stop of a robot whose beam is lost, s.
+/// Longest time to the stop of a robot that has lost its beam, s.
 const BEAM_S: f64 = 22.0;
-/// Time to the stop of a robot that notices by its estimate, s.
+/// Longest time to the stop if only the estimate reveals the fault, s.
 const SLOW_S: f64 = 20.0;
 
-/// Speed of an axle's midpoint (m/s; the governor allows half of it), steering angle |ψ| (rad) and force of the frame (N)
-/// that a robot under control never exceeds for longer than 0.3 s.
+/// Limits that a controlled robot exceeds for at most 0.3 s: speed of an axle's midpoint (m/s; the governor allows
+/// half of it), steering angle |ψ| (rad), force of the frame (N).
 pub const BOUNDS: [f64; 3] = [0.5, 0.8, 40.0];
-/// The same, ticks.
+/// Longest time beyond [`BOUNDS`], ticks.
 const MOMENT: u32 = 300;
-/// Largest distance (m) and heading error (rad) of a finished task.
+/// Largest goal error of a finished task: position (m) and heading (rad).
 pub const TOLERANCE: [f64; 2] = [0.03, 0.052_36];
 /// Speed of a robot at rest, m/s.
 const REST_M_S: f64 = 0.02;
-/// Speed of a robot that a motor drives again, m/s.
+/// Speed above which a stopped robot counts as driven again, m/s.
 const SWING_M_S: f64 = 0.1;
 /// Time at rest with motors off that counts as stopped, ticks.
 const REST: u32 = 100;
-/// Time a stopped robot is watched, µs.
+/// Time for which a stopped robot is observed, µs.
 const WATCH: Micros = 1_000_000;
 
 pub(super) fn entries() -> Vec<Entry> {
@@ -127,14 +127,14 @@ pub fn tick(scenario: &Scenario, case: &Case) -> u32 {
     (scenario.mission.settle_s * 1e3) as u32 + case.after_ms as u32
 }
 
-/// Regulates to the scenario's goal.
+/// Runs the robot to the scenario's goal with a fault.
 pub(super) fn run(campaign: &Campaign, case: &Case, fault: Fault) -> Result<Outcome, Error> {
     let mut simulation = Simulation::new(&campaign.scenario, case.seed, 0)?;
     simulation.inject(fault, tick(&campaign.scenario, case));
     run_on(&mut simulation, &campaign.scenario, case)
 }
 
-/// A run under way.
+/// State of a run.
 struct Watch {
     goal: Posture,
     /// Time of the fault, µs.
@@ -150,7 +150,7 @@ struct Watch {
 }
 
 impl Watch {
-    /// The bound that was exceeded for longer than a moment.
+    /// Description of a bound exceeded for longer than [`MOMENT`], if any.
     fn exceeded(&mut self, simulation: &Simulation) -> Option<String> {
         let force = simulation.plant().wrench(0).force;
         let seen = [
@@ -194,7 +194,7 @@ impl Errand<Simulation> for Watch {
         self.rest = (self.rest + 1) * u32::from(off && speed < REST_M_S);
         let faulted = simulation.monitor().first_fault().is_some();
         match self.stopped {
-            // The frame may swing a little when the motors let go.
+            // The frame may swing a little when the motors switch off.
             Some(_) if !off || !(speed < SWING_M_S) => {
                 self.wrong = Some("drives again after its stop".to_owned());
             }
@@ -219,7 +219,7 @@ impl Errand<Simulation> for Watch {
     }
 }
 
-/// The same with a simulation into which the fault has been put.
+/// Runs a simulation with an injected fault to its end.
 pub fn run_on(
     simulation: &mut Simulation,
     scenario: &Scenario,
@@ -256,7 +256,7 @@ pub fn run_on(
     })
 }
 
-/// The true error of a finished task, if it is larger than [`TOLERANCE`] and than what the robot claims (95 %).
+/// Description of a finished task's true goal error if it exceeds both [`TOLERANCE`] and the robot's 95 % error.
 fn missed(simulation: &Simulation, scenario: &Scenario, entry: &Entry) -> Option<String> {
     if !entry.goes_on {
         return Some("finished in spite of the fault".to_owned());

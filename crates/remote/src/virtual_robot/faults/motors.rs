@@ -6,7 +6,7 @@ use core_algos::safety::Condition::{self, *};
 use virtual_board::Time;
 use virtual_board::device::{AmplifierFault, Half};
 
-/// Codes of a faulty motor.
+/// Condition codes of a faulty motor.
 const MOTOR: &[Condition] = &[
     TrackingLost,
     WheelSlip,
@@ -19,11 +19,11 @@ const MOTOR: &[Condition] = &[
     OverCurrent,
     StopNotFollowed,
 ];
-/// A driver whose transistor stays on notices by itself, too; the wheel brakes through the transistor
-/// until it rests, so that current flows until then.
+/// A driver with a stuck transistor also reports a fault. The wheel brakes through the transistor until it is at
+/// rest, so current flows until then.
 const NOTICED: &[Condition] = &[DriverFault];
-/// Time in which a motor is off that a cut is for, s: the condition's own time, some ticks, and the
-/// millisecond that a driver takes to fall asleep.
+/// Longest time until a motor is off after a fault that cuts it, s: detection time of the condition, a few ticks, and
+/// the millisecond that a driver takes to fall asleep.
 const CUT_S: f64 = 0.02;
 
 fn driver_fault(bench: &mut Bench, after_us: u64, span_us: u64) {
@@ -41,14 +41,14 @@ fn stuck(bench: &mut Bench, half: Half, upper: bool) {
     bench.at_wheel(|axle, side, now| axle.drivers[side].set_stuck(half, Some(upper), now));
 }
 
-/// The LED of the struck board blinks the code of the emergency stop, 0x80.
+/// Checks that the LED of the affected board blinks the code of the emergency stop, 0x80.
 fn blinks_code(bench: &mut Bench) -> Option<String> {
     let from = bench.now();
     bench.pass(10_000);
     let mut digits = Vec::new();
     bench.axle(bench.struck?, |axle, _| {
         let edges: Vec<f64> = axle.led.iter().map(|at| at.seconds()).collect();
-        // Lit from every even edge to the next one.
+        // The LED is lit from each even edge to the next.
         for lit in edges.chunks_exact(2).filter(|lit| lit[0] > from.seconds()) {
             let dark = digits
                 .last()
@@ -73,7 +73,7 @@ pub fn entries() -> Vec<Entry> {
 
 fn drivers() -> Vec<Entry> {
     entries! {
-        // Ten times, as six of ten are seen by the current loop.
+        // Ten times, because the current loop detects about six of ten.
         "nFAULT low for 30 µs", "DRV8874", steps(&[0, 10, 20, 30, 40, 50, 60, 70, 80, 90].map(|ms| {
             at(ms, |b| {
                 let after_us = b.draw(50);

@@ -1,17 +1,17 @@
-//! A run to do, and how it ended.
+//! Case and outcome of a run.
 
 use super::entry::Entry;
 use core_algos::safety::Condition;
 use serde::{Serialize, Serializer};
 
-/// One run to do.
+/// One case of the campaign: a fault, its time and a seed.
 #[derive(Clone, Copy, Debug)]
 pub struct Case<'a> {
     /// The fault.
     pub entry: &'a Entry,
-    /// Time of the fault after the press of the button or the task, ms.
+    /// Time of the fault after the button was pressed or the task was given, ms.
     pub after_ms: u64,
-    /// Seed of everything.
+    /// Seed of all random numbers.
     pub seed: u64,
 }
 
@@ -19,11 +19,11 @@ pub struct Case<'a> {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum End {
-    /// The robot drove on, or finished its task.
+    /// The robot continued or finished its task.
     WentOn,
     /// All motors were off in time.
     Stopped,
-    /// Anything else, in words.
+    /// Any other end, with its description.
     Wrong(String),
 }
 
@@ -34,16 +34,16 @@ pub struct Outcome {
     pub seed: u64,
     /// Time of the fault, ms after the button was pressed or the task was given.
     pub after_ms: u64,
-    /// Result.
+    /// End of the run.
     pub end: End,
-    /// The first reason that was heard of a stop.
+    /// First reason of a stop seen on the bus.
     #[serde(serialize_with = "name")]
     pub reason: Option<Condition>,
     /// Time from the fault to all motors off, s.
     pub off_s: Option<f64>,
-    /// Time from the fault to the last pulse of the struck axle's drivers, s.
+    /// Time from the fault to the last PWM pulse of the affected axle, s.
     pub own_off_s: Option<f64>,
-    /// Cases that were tried, of a board by itself.
+    /// Number of cases in a trial of a single board.
     pub cases: usize,
 }
 
@@ -51,7 +51,8 @@ fn name<S: Serializer>(reason: &Option<Condition>, to: S) -> Result<S::Ok, S::Er
     reason.map(|reason| reason.entry().name).serialize(to)
 }
 
-/// Complaint about a stop for this reason, after this time; `own_off_s` is that of the struck axle.
+/// Description of what is wrong with a stop for this reason after `off_s`; `own_off_s` is the time of the affected
+/// axle.
 pub(super) fn stopped_wrongly(
     entry: &Entry,
     reason: Option<Condition>,

@@ -8,9 +8,9 @@ use core_algos::topology::Role;
 use virtual_board::Time;
 use virtual_board::device::Profile;
 
-/// Codes of a missing board.
+/// Condition codes of a missing board.
 const GONE: &[Condition] = &[NeighbourLost, NeighbourFault, CommandTimeout, BusOff];
-/// The same when it comes back as one that failed.
+/// Condition codes of a board that fails and returns after a fault.
 const FAILED: &[Condition] = &[
     NeighbourLost,
     NeighbourFault,
@@ -20,17 +20,17 @@ const FAILED: &[Condition] = &[
     TickOverrun,
 ];
 
-/// The board of the struck wheel.
+/// Board of the affected wheel.
 pub fn struck(bench: &mut Bench) -> Role {
     bench.wheel().0
 }
 
-/// The beam's board.
+/// Beam board.
 pub fn beam(_: &mut Bench) -> Role {
     Role::beam(0)
 }
 
-/// The battery's voltage from now on.
+/// Sets the battery's open-circuit voltage from now on.
 fn battery(bench: &mut Bench, volts: f64) {
     let robot = bench.robot.topology;
     for role in robot.axles().map(Role::Axle) {
@@ -40,7 +40,7 @@ fn battery(bench: &mut Bench, volts: f64) {
     }
 }
 
-/// The 3.3 V rail of a board falls to `volts` for so long.
+/// Lowers the 3.3 V rail of a board to `volts` for `span_us`.
 fn dip(bench: &mut Bench, which: fn(&mut Bench) -> Role, volts: f64, span_us: u64) {
     let role = which(bench);
     let span = Time::from_micros(span_us);
@@ -50,7 +50,7 @@ fn dip(bench: &mut Bench, which: fn(&mut Bench) -> Role, volts: f64, span_us: u6
     }
 }
 
-/// The crystal of a board works from now on, or does not.
+/// Starts or stops the crystal of a board.
 pub fn crystal(bench: &mut Bench, which: fn(&mut Bench) -> Role, works: bool) {
     match which(bench) {
         Role::Beam(_) => bench.beam(|beam, now| beam.power.crystal(now, works)),

@@ -1,4 +1,4 @@
-//! What befalls the program: debuggers, hosts that read its log, fingers, and wild stores.
+//! Faults of the program and external disturbances: debuggers, log readers, button and strap, wild stores.
 
 use super::bench::Bench;
 use super::entry::{Entry, at, entries};
@@ -8,7 +8,7 @@ use virtual_board::Time;
 use virtual_board::board::Board;
 use virtual_board::device::Drv8874;
 
-/// Codes of a board that halts or restarts.
+/// Condition codes of a board that halts or restarts.
 const HALTED: &[Condition] = &[
     NeighbourLost,
     NeighbourFault,
@@ -22,19 +22,18 @@ const HALTED: &[Condition] = &[
 const ADC: u16 = 16 + 18;
 /// Exception of the tick.
 const TICK: u16 = 16 + 52;
-/// The lowest addresses of the stack, where a program can stand that nothing uses.
+/// Start of the RAM, the unused end of the stack, which holds the code of a wild store.
 const RAM: u32 = 0x2000_0000;
-/// An address without memory.
+/// Address without memory.
 const NOTHING: u32 = 0x3000_0000;
-/// Findings at a fault of the processor: the fault itself, frames during the wait for the reset,
-/// the reset.
+/// Findings of a processor fault: the fault itself, frames lost during the wait for the reset, the reset.
 const CRASH: &[&str] = &["fault", "bus error", "unmapped", "overrun", "reset"];
-/// The same where the guard below the stack must have stopped the access.
+/// Findings of a processor fault at the guard below the stack.
 const GUARDED: &[&str] = &["fault", "overrun", "reset"];
-/// Time after which a board that has met a fault of the processor gives no pulse, s.
+/// Longest time from a processor fault to the last PWM pulse, s.
 const AT_ONCE_S: f64 = 1e-3;
 
-/// Time after which a board whose current loop stands still gives no pulse, s: that of the window watchdog.
+/// Longest time to the last PWM pulse of a board whose current loop hangs, s: the timeout of the window watchdog.
 pub const WATCHDOG_S: f64 = 0.01;
 
 fn hold(bench: &mut Bench, held: bool) {
@@ -42,7 +41,7 @@ fn hold(bench: &mut Bench, held: bool) {
     bench.board(role, |board| board.hold(held));
 }
 
-/// The board's core has been halted for 1 ms: its motors must have been off for 0.9 ms.
+/// Checks, 1 ms after the core was halted, that the motors have been off for 0.9 ms.
 fn without_pulses(bench: &mut Bench) {
     let role = bench.wheel().0;
     let mut pulses = false;
@@ -55,7 +54,7 @@ fn without_pulses(bench: &mut Bench) {
     }
 }
 
-/// The struck board was reset by its program alone, so that one fault counts.
+/// Checks that only software has reset the affected board, so that the fault is counted once.
 pub fn by_the_program(bench: &mut Bench) -> Option<String> {
     let struck = bench.robot.topology.name(bench.struck?);
     let reports = bench.robot.reports();
@@ -68,7 +67,7 @@ fn hold_beam(bench: &mut Bench, held: bool) {
     bench.board(Role::beam(0), |board| board.hold(held));
 }
 
-/// Lets a board go on until it is in this exception; it may end some µs ahead of the others.
+/// Runs a board until it is in this exception, which may be a few µs ahead of the other boards.
 fn run_into(board: &mut Board, exception: u16) {
     let (core, chip) = board.parts();
     for _ in 0..1_000_000 {
@@ -80,7 +79,7 @@ fn run_into(board: &mut Board, exception: u16) {
     }
 }
 
-/// `str r0, [r1]`, then for ever nothing, with the address to store to.
+/// Makes the core run `str r0, [r1]` with this address in r1, then an endless loop.
 fn store_to(board: &mut Board, address: u32) {
     const CODE: [u8; 4] = [0x08, 0x60, 0xfe, 0xe7];
     if let Some(place) = board.chip().sram().get_mut(..CODE.len()) {
@@ -92,7 +91,7 @@ fn store_to(board: &mut Board, address: u32) {
     core.set_register(15, RAM);
 }
 
-/// Has an axle's board, in this exception, store to an address.
+/// Makes an axle board store to an address, in this exception if given.
 fn wild_store(bench: &mut Bench, exception: Option<u16>, address: u32) {
     let role = bench.wheel().0;
     bench.board(role, |board| {
@@ -131,7 +130,7 @@ fn tools() -> Vec<Entry> {
     }
 }
 
-/// The button is pressed for so long and let go, each with the bounce of its contact.
+/// Presses the button from `from_us` for `span_us`, with contact bounce.
 fn press(bench: &mut Bench, from_us: u64, span_us: u64) {
     bench.axle(Role::LEAD, |axle, now| {
         axle.press(true, now + Time::from_micros(from_us));
@@ -154,12 +153,10 @@ fn hands() -> Vec<Entry> {
     }
 }
 
-/// Faults of the program.
 fn faults() -> Vec<Entry> {
     [crashes(), hangs()].concat()
 }
 
-/// Programs that crash.
 fn crashes() -> Vec<Entry> {
     entries! {
         "wild store to nowhere", "program", drive(|b| { wild_store(b, None, NOTHING); })
@@ -195,11 +192,10 @@ fn crashes() -> Vec<Entry> {
     }
 }
 
-/// Programs that hang, and the rest.
 fn hangs() -> Vec<Entry> {
     entries! {
         "the tick of an axle's board hangs", "program", drive(|b| { wild_store(b, Some(TICK), RAM + 16); })
-            // In a critical section of the tick the bus's handlers wait too.
+            // If the tick hangs in a critical section, the bus's handlers are blocked too.
             .stops(HALTED).own_within(0.01).restarts().finds(&["reset", "overrun"]);
         "the current loop of an axle's board hangs", "program", drive(|b| {
             wild_store(b, Some(ADC), RAM + 16);

@@ -1,4 +1,4 @@
-//! One run with a fault, and how it is judged.
+//! Run with a fault, and its verdict.
 
 use super::Campaign;
 use super::bench::Bench;
@@ -15,22 +15,22 @@ use virtual_board::Time;
 use virtual_board::device::Drv8874;
 use virtual_board::wire::ErrorKind;
 
-/// A current that counts, A: 25 mN m at the wheel.
+/// Current above which a motor counts as driven, A; it gives 25 mN m at the wheel.
 const CURRENT_A: f64 = 0.05;
-/// Time that a robot is watched that goes on, ms.
+/// Time for which a continuing robot is observed, ms.
 const WATCH_MS: u64 = 1_000;
-/// Largest distance of a robot that goes on from where it would be without the fault, m.
+/// Largest distance of a continuing robot from its position in the undisturbed run, m.
 const AWAY_M: f64 = 0.02;
 /// Time within which all nodes must be ready after the last act, ms.
 const READY_MS: u64 = 1_500;
-/// For how long they must be.
+/// Time for which all nodes must stay ready, ms.
 const STAYS_MS: u64 = 100;
 /// Time that a started robot drives, ms.
 const DRIVE_MS: u64 = 400;
 /// Postures of the robot without a fault, by ms since the press of the button.
 pub type Reference = Vec<[f64; 3]>;
 
-/// The course of an undisturbed run, as long as any run is.
+/// Postures of an undisturbed run, long enough for every case.
 pub fn reference(campaign: &Campaign, seed: u64, longest_ms: u64) -> Result<Reference, Error> {
     let mut bench = Bench::new(campaign, Options::default(), seed)?;
     bench.robot.boot(&Options::default())?;
@@ -44,7 +44,7 @@ pub fn reference(campaign: &Campaign, seed: u64, longest_ms: u64) -> Result<Refe
         .collect())
 }
 
-/// Does a run; the robots under way are those of all cases.
+/// Runs a case; `robots` are the shared robots of all cases.
 pub fn run(
     campaign: &Campaign,
     case: &Case,
@@ -77,18 +77,17 @@ pub fn run(
     }
 }
 
-/// Observations of a run.
 #[derive(Clone, Debug)]
 struct Seen {
-    /// The fault began.
+    /// Start of the fault.
     from: Time,
-    /// Last time at which a motor of each axle carried current.
+    /// For each axle, last time at which one of its motors carried current.
     last: Vec<Time>,
     /// True if a motor carried current at the end.
     driven: bool,
 }
 
-/// Lets time pass until it is clear what follows from the fault.
+/// Runs until the effects of the fault are clear.
 fn watch(bench: &mut Bench, entry: &Entry, steps: &[Step]) -> Seen {
     let from = bench.now();
     let mut seen = Seen {
@@ -132,7 +131,8 @@ fn watch(bench: &mut Bench, entry: &Entry, steps: &[Step]) -> Seen {
     seen
 }
 
-/// The first reason for which the lead node or an axle stopped; the robot drives on without its beam.
+/// First reason for which the lead node or an axle stopped; the beam is left out, because the robot continues without
+/// it.
 fn stopped(bench: &Bench) -> Option<Condition> {
     let changes = bench.robot.monitor().changes().iter();
     let mut stops = changes.filter(|status| {
@@ -162,7 +162,7 @@ fn has_restarted(bench: &mut Bench) -> bool {
     told.is_some_and(|status| status.reason == Some(Condition::Restarted))
 }
 
-/// Unexplained resets, findings and losses of a run.
+/// First violation in a run that is independent of its end: reset, finding, changed parameters, missing notice.
 fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<String> {
     let reports = bench.robot.reports();
     for (role, report) in bench.robot.roles.iter().copied().zip(reports) {
@@ -213,13 +213,13 @@ fn complaint(bench: &mut Bench, entry: &Entry, before: &[Vec<u8>]) -> Option<Str
     (entry.restarts && !has_restarted(bench)).then(|| "the restart was not told".to_owned())
 }
 
-/// End of the last pulse of the struck axle's drivers.
+/// End of the last PWM pulse of the affected axle.
 fn last_pulse(bench: &mut Bench) -> Option<Time> {
     let axle = bench.robot.axle(bench.struck?)?;
     axle.drivers.iter().map(Drv8874::driven_until).max()
 }
 
-/// Errors on the bus; that nobody acknowledges while the others start is none.
+/// Bus errors of a board, except missing acknowledgements, which are normal while other boards start.
 fn misread(bench: &mut Bench) -> Option<String> {
     let mut boards = bench.robot.topology.boards();
     let of_board = |role| {
@@ -298,7 +298,7 @@ fn drives_wrongly(bench: &Bench, case: &Case, from: Time, reference: &Reference)
     (away > AWAY_M).then(|| format!("{:.1} cm away from where it should be", 1e2 * away))
 }
 
-/// A run from power on.
+/// Runs a case from power-on.
 fn start(campaign: &Campaign, case: &Case, steps: &[Step]) -> Result<Outcome, Error> {
     let entry = case.entry;
     let options = entry.options();

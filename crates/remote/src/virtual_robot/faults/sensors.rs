@@ -13,11 +13,11 @@ use virtual_board::Time;
 use virtual_board::chip::InjectedFaults;
 use virtual_board::device::{BridgeFault, EncoderFault, InertialFault, Line};
 
-/// Findings if the converter's requests are not served.
+/// Findings if the converter's DMA requests are not served.
 const OVERRUN: &[&str] = &["overrun"];
-/// Codes of wrong strains.
+/// Condition codes of wrong strains.
 const STRAINS: &[Condition] = &[EstimateInconsistent, WrenchHigh, FrameBent, DegradedTooLong];
-/// Codes of a wrong encoder.
+/// Condition codes of a wrong encoder.
 pub(super) const WHEELS: &[Condition] = &[
     TrackingLost,
     WheelSlip,
@@ -52,16 +52,16 @@ fn inertial(bench: &mut Bench, change: fn(&mut InertialFault)) {
     });
 }
 
-/// Remaining degradation of the lead node.
+/// Worst remaining notice of the lead node, which must have none.
 fn degraded(bench: &mut Bench) -> Option<String> {
     let notices = bench.robot.monitor.latest(Node::Lead)?.notices;
     let worst = notices.worst()?.entry().name;
     Some(format!("at the end still {worst}"))
 }
 
-/// Difference between the encoder's counter and the edges of its disc.
+/// Difference between the encoder's counter and the edges of its disc, if too large.
 fn miscounted(bench: &mut Bench) -> Option<String> {
-    /// They began within one line, and the filter holds one back.
+    /// Counter and disc start within one line of each other, and the filter may hold one line back.
     const APART: u16 = 8;
     /// CNT of TIM3 and TIM4.
     const COUNTERS: [u32; 2] = [0x4000_0424, 0x4000_0824];
@@ -157,7 +157,7 @@ fn encoders() -> Vec<Entry> {
             let mut from = b.now();
             for _ in 0..2000 {
                 from = from + Time::from_nanos(50_000 + b.draw(400_000));
-                // On one line it counts forth and back; on both, one after the other, four edges on.
+                // A glitch on one line counts forth and back; on both lines in turn it counts four edges up.
                 b.at_wheel(|axle, side, _| {
                     for (line, after) in [(Line::A, 0), (Line::B, 100)] {
                         let from = from + Time::from_nanos(after);

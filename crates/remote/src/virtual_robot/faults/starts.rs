@@ -1,4 +1,4 @@
-//! Boot orders, and faults that are there when the power comes on.
+//! Boot orders, and faults present at power-on.
 
 use super::bench::Bench;
 use super::entry::{AXLES, BEAM, Entry, at, entries};
@@ -7,7 +7,7 @@ use core_algos::safety::Condition;
 use core_algos::topology::Role;
 use host_sim::run::robot::Robot;
 
-/// The LED of the front board has flashed 20 times a second.
+/// Checks that the LED of the front board flashed 20 times a second.
 fn blinks_fast(bench: &mut Bench) -> Option<String> {
     let mut halves = 0;
     let mut spans = Vec::new();
@@ -25,7 +25,7 @@ fn blinks_fast(bench: &mut Bench) -> Option<String> {
     (halves < 20).then(|| format!("{halves} halves of a blink at the LED: must be 20 and more"))
 }
 
-/// A board has reported that another one has its role.
+/// Checks that a board has reported another board with its role.
 fn names_the_role(bench: &mut Bench) -> Option<String> {
     let mut changes = bench.robot.monitor().changes().iter();
     let named = changes.any(|status| status.reason == Some(Condition::RoleTaken));

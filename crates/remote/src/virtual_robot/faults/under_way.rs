@@ -1,4 +1,4 @@
-//! Robots under way: runs with the same options, seed and time of the fault are one run until then.
+//! Robots at the time of the fault: cases with equal options, seed and time of the fault share the run until then.
 
 use super::Campaign;
 use super::bench::Bench;
@@ -8,13 +8,13 @@ use crate::virtual_robot::{Options, store};
 use host_sim::base::error::Error;
 use std::sync::{Mutex, PoisonError};
 
-/// Size of the parameters in the flash.
+/// Size of the store in the flash, bytes.
 const KEPT: usize = 3 * (16 << 10);
 
-/// A robot at the time of the fault, with the parameters as they were at first.
+/// A robot at the time of the fault, and the stores of its boards at the start.
 type Robot = (Bench, Vec<Vec<u8>>);
 
-/// The parameters of all boards, as their flash holds them.
+/// Stores of all boards, bytes.
 pub fn kept(bench: &mut Bench) -> Vec<Vec<u8>> {
     let boards = bench.robot.network.boards();
     boards
@@ -22,12 +22,12 @@ pub fn kept(bench: &mut Bench) -> Vec<Vec<u8>> {
         .collect()
 }
 
-/// Options, seed and time of the fault, which several cases share.
+/// Options, seed and time of the fault that several cases share.
 struct Group {
     options: Options,
     seed: u64,
     after_ms: u64,
-    /// Cases that have not got theirs, and the robot once the first of them has asked for it.
+    /// Number of cases still to come, and the robot once it has been driven.
     state: Mutex<(usize, Option<Robot>)>,
 }
 
@@ -61,11 +61,11 @@ impl Group {
     }
 }
 
-/// A robot for each group of cases; it is driven when the first asks for it, and kept until the last has.
+/// One robot per group of cases: driven for the group's first case and kept until its last.
 pub struct UnderWay(Vec<Group>);
 
 impl UnderWay {
-    /// Of these cases, each of which will ask once.
+    /// Groups these cases, each of which asks for its robot once.
     pub fn of(cases: &[Case]) -> Self {
         let mut all = Self(Vec::new());
         for case in cases {
@@ -82,13 +82,14 @@ impl UnderWay {
         all
     }
 
-    /// Place of the group of a case, or behind the last; few robots are kept if cases ask in this order.
+    /// Index of a case's group, or the number of groups if there is none. Cases sorted by this index keep few robots
+    /// in memory.
     pub fn place(&self, case: &Case) -> usize {
         let found = self.0.iter().position(|group| group.holds(case));
         found.unwrap_or(self.0.len())
     }
 
-    /// The robot of a case, at the time of the fault.
+    /// Robot of a case at the time of the fault.
     pub(super) fn get(&self, campaign: &Campaign, case: &Case) -> Result<Robot, Error> {
         let Some(group) = self.0.get(self.place(case)) else {
             return Group::of(case).drive(campaign);

@@ -1,4 +1,4 @@
-//! Boards whose power is cut in the middle of a run, and comes back.
+//! Power cuts of boards during a run.
 
 use crate::virtual_robot::VirtualRobot;
 use core_algos::topology::{Role, Topology};
@@ -17,7 +17,7 @@ pub(super) struct Cuts {
 }
 
 impl Cuts {
-    /// All boards have power.
+    /// No cuts; all boards have power.
     pub fn new(topology: Topology) -> Self {
         Self {
             topology,
@@ -39,13 +39,13 @@ impl Cuts {
 }
 
 impl VirtualRobot {
-    /// Boards whose power is cut on the way; it comes back `restart_after` ms later, if at all.
+    /// Plans power cuts; the power returns after `restart_after` ms, or never if `None`.
     pub fn plan(&mut self, failures: Vec<Failure>, restart_after: Option<u32>) {
         let cuts = &mut self.tools.cuts;
         (cuts.failures, cuts.restart_after) = (failures, restart_after);
     }
 
-    /// Cuts power and switches it on where that is due.
+    /// Switches the power of boards off and on at the planned times.
     pub(super) fn switch_power(&mut self) {
         let tick = self.tick as u32;
         let mut restarted = Vec::new();
@@ -80,24 +80,24 @@ impl VirtualRobot {
                 }
             }
         }
-        // They have forgotten their host.
+        // A restarted board has lost its link to the host.
         for role in restarted {
             self.open_link(role);
         }
     }
 
-    /// True if a board's power will come back, or the host will act after it has.
+    /// True if a board's power will return, or an action of the host after a restart is due.
     pub(in crate::virtual_robot) fn restart_pending(&self) -> bool {
         self.tools.recovery.is_pending() || self.tools.cuts.revivals.iter().any(Option::is_some)
     }
 
-    /// Looks whether the motors are off, and whether the run must end.
+    /// Checks whether the motors are off, and whether the run must end.
     pub(super) fn watch_power(&mut self) {
         if self.tools.cuts.losses.events().is_empty() {
             return;
         }
         let (tick, now) = (self.tick as u32, self.network.now());
-        // A motor that brakes in a short circuit is off.
+        // A motor braked by a short circuit counts as off.
         let mut axles = self.topology.axles().map(Role::Axle);
         let off = axles.all(|role| {
             let on = !self.tools.cuts.is_off(role);

@@ -1,12 +1,12 @@
-//! What looks on while the robot runs, and what is done to its boards' power.
+//! Instruments of a run, power cuts, and actions of the user.
 //!
 //! | module | what it holds |
 //! |---|---|
-//! | [`cuts`] | boards switched off and on again at their times |
-//! | [`profile`] | where the boards' time went |
-//! | `user` | what is done at the robot: button, recovery after the restart of an axle board |
+//! | [`cuts`] | power cuts of boards at planned times |
+//! | [`profile`] | execution time of the boards by function and interrupt |
+//! | `user` | actions at the robot: button, recovery after the restart of an axle board |
 //!
-//! What is not asked for costs nothing.
+//! Unused instruments cost no time.
 
 pub mod cuts;
 pub mod profile;
@@ -21,19 +21,19 @@ use host_sim::run::robot::Robot;
 use host_sim::targets::{BoardTraffic, Event, Traffic};
 use virtual_board::wire::Record as Sending;
 
-/// Instruments.
+/// Instruments of a run.
 #[derive(Clone)]
 pub(super) struct Tools {
     cuts: Cuts,
     recovery: Recovery,
-    /// True if the front board was restarted, and has forgotten the robot's place.
+    /// True if the front board has restarted and lost the robot's place.
     moved: bool,
-    /// Frames that each board has put on the bus, and sendings of it that failed.
+    /// Frames of each board on the bus, and its failed transmissions.
     traffic: Vec<Traffic>,
 }
 
 impl Tools {
-    /// Instruments of a robot without power.
+    /// Instruments of a robot that is switched off.
     pub fn new(topology: Topology) -> Self {
         Self {
             cuts: Cuts::new(topology),
@@ -43,7 +43,7 @@ impl Tools {
         }
     }
 
-    /// A sending has ended; gives whether the frame is whole.
+    /// Counts a transmission that has ended; true if the frame is intact.
     pub fn heard(&mut self, role: Option<Role>, sending: &Sending) -> bool {
         let whole = sending.error.is_none();
         if let Some(role) = role {
@@ -61,12 +61,12 @@ impl Tools {
 }
 
 impl VirtualRobot {
-    /// Events of the boards' power.
+    /// Power events of the boards.
     pub fn events(&self) -> &[Event] {
         self.tools.cuts.events()
     }
 
-    /// Before a tick of the experiment.
+    /// Actions before a tick of the experiment.
     pub(super) fn begin_tick(&mut self) {
         if let Some(pace) = &mut self.control.pace {
             pace.wait();
@@ -75,14 +75,14 @@ impl VirtualRobot {
         self.recover();
     }
 
-    /// After a tick of the experiment.
+    /// Actions after a tick of the experiment.
     pub(super) fn end_tick(&mut self) -> Result<(), Error> {
         self.watch_power();
         self.publish();
         self.show()
     }
 
-    /// The boards, with what they have put on the bus.
+    /// Boards with their bus traffic.
     pub(super) fn heard_of_boards(&self) -> Vec<BoardTraffic> {
         let of = |role: Role| BoardTraffic {
             name: self.topology.name(role),

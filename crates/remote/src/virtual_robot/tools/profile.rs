@@ -1,58 +1,57 @@
-//! Where the boards' time went: by function and by interrupt, with the longest of each interrupt.
+//! Execution time of the boards by function and by interrupt, with the longest execution of each interrupt.
 
 use crate::virtual_robot::{BoardReport, VirtualRobot};
 use serde::Serialize;
 use virtual_board::probe::profile::{InterruptTime, Times};
 
-/// A function.
+/// Execution time of a function.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Function {
-    /// Its name.
+    /// Name of the function.
     pub name: String,
-    /// Time in it, without what it called, µs.
+    /// Time in the function without its callees, µs.
     pub us: f64,
 }
 
-/// An interrupt or another exception.
+/// Execution times of an interrupt or another exception.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Interrupt {
     /// Name of its handler.
     pub name: String,
     /// Number of calls.
     pub count: u64,
-    /// Time of all of them, without what preempted them, µs.
+    /// Total time without preemption by others, µs.
     pub us: f64,
-    /// The longest without what preempted it, µs.
+    /// Longest execution without preemption, µs.
     pub longest_us: f64,
-    /// The longest from entry to return, with what preempted it, µs.
+    /// Longest time from entry to return, with preemption, µs.
     pub longest_with_preemption_us: f64,
-    /// The longest from pending to the first instruction, µs.
+    /// Longest time from pending to the first instruction, µs.
     pub longest_latency_us: f64,
 }
 
-/// Time of a board by function since power on.
+/// Execution times of a board since power-on.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Profile {
-    /// The board.
+    /// Name of the board.
     pub board: &'static str,
-    /// Functions, the one that took most first.
+    /// Functions, longest total time first.
     pub functions: Vec<Function>,
-    /// Interrupts, the one that took most first.
+    /// Interrupts, longest total time first.
     pub interrupts: Vec<Interrupt>,
-    /// Most stack that was in use, bytes.
+    /// Largest stack use, bytes.
     pub stack_used: Option<u32>,
     /// Size of the stack, bytes.
     pub stack_size: Option<u32>,
     /// Folded stacks for flame graphs.
     #[serde(skip)]
     pub folded: String,
-    /// As tables.
+    /// Functions and interrupts as text tables.
     #[serde(skip)]
     pub table: String,
 }
 
-/// The profiles of a robot's boards; none was taken unless
-/// [`Options::profile`](crate::virtual_robot::Options::profile) asked for it.
+/// Profiles of a robot's boards; empty without [`Options::profile`](crate::virtual_robot::Options::profile).
 pub fn of(robot: &mut VirtualRobot, reports: &[BoardReport]) -> Vec<Profile> {
     let mut profiles = Vec::new();
     let boards = robot.roles.iter().zip(robot.network.boards());

@@ -1,5 +1,5 @@
-//! The host after an axle board was restarted. The front board has forgotten where the robot is: it is put back on its start
-//! first, and a path is lost.
+//! Actions of the host and the user at the robot. A restarted front board has lost the robot's place: the robot is
+//! put back on its start, and a path is lost.
 
 use crate::virtual_robot::{PRESS, VirtualRobot};
 use core_algos::node::lead::Task;
@@ -7,7 +7,7 @@ use core_algos::topology::Role;
 use host_sim::targets::{HostCommand, What};
 
 impl VirtualRobot {
-    /// Does what the host does at this tick after a restart.
+    /// Performs the host's action of this tick after a restart.
     pub(in crate::virtual_robot) fn recover(&mut self) {
         let tools = &mut self.tools;
         let (tick, restart) = (self.tick as u32, tools.cuts.losses.last_restart());
@@ -26,7 +26,7 @@ impl VirtualRobot {
         self.tools.cuts.losses.note(tick, act);
     }
 
-    /// Puts the robot back on its start.
+    /// Puts the robot back on its start posture.
     fn put_back(&mut self) {
         for (turned, axle) in self.turned.iter_mut().zip(self.plant.axles()) {
             let [left, right] = axle.motor_angle;
