@@ -87,7 +87,7 @@ fn defaults_are_valid_and_survive_toml() {
 }
 
 #[test]
-fn invalid_parameter_is_refused_by_its_key() {
+fn bad_parameters_are_named() {
     for entry in [
         "bridge.bandwidth_hz = 0.0",
         "gyro.noise_density = nan",
@@ -179,7 +179,7 @@ fn drawn_errors_have_the_configured_spread_and_common_random_numbers() {
 }
 
 #[test]
-fn readings_do_not_depend_on_other_fitted_sensors() {
+fn streams_do_not_depend_on_what_else_is_fitted() {
     let bare = SensorConfig::default();
     let mut full = bare.clone();
     full.gyro.fitted = true;
