@@ -43,7 +43,7 @@ impl Table {
         table
     }
 
-    /// Adds a row: cells beyond the header get a column without a name, missing ones stay empty.
+    /// Adds a row. Cells beyond the header get a column without a name; missing cells stay empty.
     pub fn row<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) -> &mut Self {
         self.rows.push(cells.into_iter().map(Into::into).collect());
         self

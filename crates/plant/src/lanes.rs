@@ -15,9 +15,9 @@ pub trait Lanes:
 {
     /// The same number four times.
     fn splat(x: f64) -> Self;
-    /// From memory.
+    /// Loads from memory.
     fn load(x: &[f64; 4]) -> Self;
-    /// To memory.
+    /// Stores to memory.
     fn store(self) -> [f64; 4];
     /// Square roots.
     fn sqrt(self) -> Self;
@@ -59,7 +59,7 @@ pub trait Lanes:
     }
 }
 
-/// Twelve numbers in three groups of four.
+/// Twelve numbers in three groups of four lanes.
 #[derive(Clone, Copy, Debug)]
 pub struct Twelve<V>(pub [V; 3]);
 
@@ -89,13 +89,13 @@ impl<V: Lanes> Mul<V> for Twelve<V> {
 }
 
 impl<V: Lanes> Twelve<V> {
-    /// From memory.
+    /// Loads from memory.
     #[inline(always)]
     pub fn load(x: &[[f64; 4]; 3]) -> Self {
         Self([V::load(&x[0]), V::load(&x[1]), V::load(&x[2])])
     }
 
-    /// To memory.
+    /// Stores to memory.
     #[inline(always)]
     pub fn store(self) -> [[f64; 4]; 3] {
         let [a, b, c] = self.0;

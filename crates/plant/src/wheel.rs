@@ -30,8 +30,8 @@ use super::state::AxleState;
 /// Wheel speed below which rolling resistance and the drift of the ground fade, rad/s.
 const ROLLING_FADE: f64 = 0.05;
 
-/// Constants of the four wheels of two neighbouring axles, in the order left and right ahead, left and right behind. The
-/// last axle of an odd number has no neighbour: two wheels without friction fill the four.
+/// Constants of the four wheels of two neighbouring axles: left and right ahead, then left and right behind. The last
+/// axle of an odd number has no neighbour: two wheels without friction fill the four.
 #[derive(Clone, Debug)]
 pub struct Wheels {
     friction: [f64; 4],

@@ -5,8 +5,8 @@
 use core_algos::fusion::Estimate;
 use serde::{Deserialize, Serialize};
 
-/// Expected mean of the beam's normalised innovation squared (NIS). It is below its three degrees of freedom, because the
-/// beam board states the covariance of the worst posture.
+/// Expected mean of the beam's normalised innovation squared (NIS). The mean is below the three degrees of freedom,
+/// because the beam board reports the covariance of the worst posture.
 pub const NIS_EXPECTED: &str = "0.1 to 0.5";
 
 /// Mean, spread and mean magnitude of a sample; NaN where the sample is too small.

@@ -19,13 +19,13 @@ pub enum Progress {
     Over,
 }
 
-/// Time after the task from which a failure reported by the lead node belongs to the task, µs.
+/// Time after the start of a task from which a failure reported by the lead node belongs to that task, µs.
 const FRESH: Micros = 5 * EPOCH;
 
 /// Time at rest after which all notices of the end have arrived, µs.
 const CONFIRMED: Micros = 10 * EPOCH;
 
-/// Task as the host gives and observes it.
+/// Task that the host gives and observes.
 pub trait Errand<R: Robot> {
     /// Task that the lead node gets once the robot has settled. `None` keeps the lead node's present task.
     fn task(&self) -> Option<Task>;
@@ -49,8 +49,8 @@ pub trait Errand<R: Robot> {
     fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress;
 }
 
-/// Lets a robot settle, gives it a task, and steps it until the end of the run. The run ends when the robot has rested
-/// after its task, when the task is over or has failed, or `limit_s` after the start of the task.
+/// Runs a task on a robot: waits until the robot has settled, gives the task, and steps the robot. The run ends when
+/// the robot has rested after the task, when the task is over or has failed, or `limit_s` after the start of the task.
 pub fn drive<R: Robot>(
     robot: &mut R,
     scenario: &Scenario,

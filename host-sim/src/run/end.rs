@@ -19,7 +19,8 @@ use serde_json::Value;
 pub enum EndKind {
     /// At rest at the goal or the end of the path; distance and 95 % error are within the tolerance.
     Reached,
-    /// At rest at the goal or the end of the path, but the 95 % error exceeds the tolerance or a sensor is inconsistent.
+    /// At rest at the goal or the end of the path, but the 95 % error exceeds the tolerance, or a sensor is
+    /// inconsistent.
     Uncertain,
     /// A step without a goal was carried out.
     Done,

@@ -1,6 +1,7 @@
 //! A robot without its plant: sensors, boards and bus in lockstep at 1 kHz.
 //!
-//! [`Rig::step`] takes the true state and gives the torques of the motors. Any model of the plant can supply that state.
+//! [`Rig::step`] takes the true state and gives the torques of the motors. Any model of the plant can supply the true
+//! state.
 
 use crate::base::error::Error;
 use crate::bus::virtual_bus::VirtualBus;

@@ -129,7 +129,7 @@ impl Overlays {
                 };
                 place = inner;
             }
-            // The list goes: a file with the list and the entry of one gauge would give that gauge two values.
+            // The list is removed: a list beside a single entry would give one gauge two values.
             if let Some((list, _)) = last.split_once('[') {
                 place.remove(list);
             }

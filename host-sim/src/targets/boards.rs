@@ -130,8 +130,8 @@ impl Boards {
         self.slots.into_iter().map(|slot| slot.target).collect()
     }
 
-    /// Plans failures of boards during the run; any board that is lost restarts `restart_after` ms later, or stays off
-    /// without it.
+    /// Plans failures of boards during the run. Any board that is lost restarts `restart_after` ms later; without
+    /// `restart_after` the board stays off.
     pub fn plan(&mut self, failures: Vec<Failure>, restart_after: Option<u32>) {
         self.failures = failures;
         self.restart_after = restart_after;

@@ -160,8 +160,8 @@ impl Latency {
 
 /// Board, in this process or behind a link.
 pub trait Target: Send {
-    /// Starts the nodes with these parameters; `tick` is their first tick, ms. The lead node starts with the posture
-    /// `place`; without it, its posture is unknown.
+    /// Starts the nodes with these parameters; `tick` is their first tick, ms. `place` is the initial posture of the
+    /// lead node; without `place` the posture is unknown.
     fn start(
         &mut self,
         config: &RobotConfig,

@@ -5,7 +5,8 @@ use core_algos::beam::MAX_GAUGES;
 use core_algos::topology::Topology;
 use serde::Serialize;
 
-/// Errors of one drawn robot, constant within a trial. Lists by axle and by frame begin at the front; wheel 0 is the left.
+/// Errors of one drawn robot, constant within a trial. Lists by axle and by frame begin at the front; wheel 0 is the
+/// left wheel.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Drawn {
     /// True rolling radius over nominal, by axle and wheel.

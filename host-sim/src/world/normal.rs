@@ -1,7 +1,8 @@
-//! Standard normal distribution with the same draws on every machine: its logarithm and exponential are those of `libm`.
+//! Standard normal distribution with identical draws on every machine: logarithm and exponential are from `libm`.
 //!
 //! The ziggurat of Marsaglia and Tsang, "The Ziggurat Method for Generating Random Variables", Journal of Statistical
-//! Software 5 (2000), with 256 layers, as in Doornik, "An Improved Ziggurat Method to Generate Normal Random Samples" (2005).
+//! Software 5 (2000), with 256 layers, as in Doornik, "An Improved Ziggurat Method to Generate Normal Random Samples"
+//! (2005).
 
 use rand::{Rng, RngExt};
 use std::sync::LazyLock;
@@ -12,8 +13,8 @@ const EDGE: f64 = 3.654_152_885_361_009;
 const AREA: f64 = 0.004_928_673_233_99;
 const LAYERS: usize = 256;
 
-/// Right edges of the layers from the lowest to the highest, and the density there. The first edge is that of a rectangle
-/// with the area of the lowest layer and its tail.
+/// Right edges of the layers from the lowest to the highest, and the density at each edge. The first edge is the edge
+/// of a rectangle with the area of the lowest layer and its tail.
 struct Layers {
     edge: [f64; LAYERS + 1],
     density: [f64; LAYERS + 1],

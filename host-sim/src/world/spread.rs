@@ -17,9 +17,10 @@ table! {
         pub bending_stiffness: f64 = 0.0, "": Range(0.0, 0.1);
         /// Standard deviation of the strip's length.
         pub strip_length_m: f64 = 0.0, "m": Range(0.0, 0.01);
-        /// Standard deviation of each axle's sideways motion over its motion ahead.
+        /// Standard deviation of each axle's side slip: motion aside over motion ahead.
         pub side_slip: f64 = 0.0, "": Range(0.0, 0.01);
-        /// Standard deviation of the displacement by the floor over the distance rolled, along each axis of the floor.
+        /// Standard deviation of the carpet drift along each axis of the floor: displacement by the floor over the
+        /// distance rolled.
         pub carpet_drift: f64 = 0.0, "": Range(0.0, 0.02);
         /// Standard deviation of each gear's backlash, from flank to flank at the wheel; the magnitude of the draw
         /// counts.

@@ -164,7 +164,8 @@ fn dense(mut a: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
     b
 }
 
-/// Compares the solution with that of (M + h·D + Jᵀ·K·J)·x = h·b. A column of J is the frame's rate for a unit velocity.
+/// Compares the solution with the solution of the whole system (M + h·D + Jᵀ·K·J)·x = h·b. A column of J is the frame's
+/// rate for a unit velocity.
 fn solution_is_that_of_the_whole_system<const N: usize, const F: usize, const G: usize>() {
     let mut plant = PlantConfig::default().build(N).unwrap();
     for k in 0..700 {
