@@ -146,7 +146,7 @@ declare! {
         pub no_load_speed_rad_s: f64 = 20.0, "rad/s": Range(0.1, 1e4);
         /// Largest torque that the current loop allows, at the wheel.
         pub torque_limit_n_m: f64 = 2.5, "N m": Range(0.0, 1e3);
-        /// Time constant of the current loop: 0 for an ideal one.
+        /// Time constant of the current loop: 0 for an ideal loop.
         pub current_loop_time_s: f64 = 0.0, "s": Range(0.0, 1.0);
         /// Backlash of each wheel's gear, from flank to flank at the wheel.
         pub backlash_rad: PerAxle<[f64; 2]> = [[0.0; 2]].into(), "rad": Range(0.0, 0.2);

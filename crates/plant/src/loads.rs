@@ -18,7 +18,7 @@ pub fn gravity(config: &PlantConfig) -> (f64, [f64; 2]) {
     )
 }
 
-/// Inertia of one axle with what it carries, about the axle's midpoint.
+/// Inertia of one axle with payload and sensing, about the axle's midpoint.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
     /// Mass, kg.

@@ -1,4 +1,4 @@
-//! State of the plant as it is read from outside.
+//! State of the plant for its users.
 
 use super::geometry::Vec3;
 

@@ -99,8 +99,8 @@ fn robot_on_a_slope_accelerates_like_a_rolling_body() {
     }
 }
 
-/// The front wheels pull the braked rear ones along: at constant speed each tyre's force is its
-/// torque over the radius, and its slip the force over C·N, enlarged as it nears the friction.
+/// The front wheels pull the braked rear wheels. At constant speed each tyre's force is its torque over the radius. Its
+/// slip is the force over C·N, enlarged as the force nears the friction limit.
 #[test]
 fn braked_and_driven_wheels_slip_by_their_stiffness() {
     let stiffness = [17.5, 27.5];
@@ -163,8 +163,7 @@ fn bent_robot_at_rest_stays_bent_on_brush_tyres() {
     assert!(brushed > 0.99, "{brushed}");
 }
 
-/// With the motors off. At steps of 1 ms, energy may rise by the step's velocity tolerance where the robot comes to
-/// rest.
+/// Motors are off. With steps of 1 ms, energy may rise within the step's velocity tolerance as the robot comes to rest.
 #[test]
 fn energy_never_grows() {
     let config = PlantConfig {

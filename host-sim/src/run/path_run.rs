@@ -91,7 +91,7 @@ impl Route {
             deviations[i] = Deviation::of([x, y, phi], &self.path.at(places[i]));
         }
         if record.midpoint[0].is_nan() {
-            // Without a true posture the estimated arc length takes the place of the true one.
+            // Without a true posture the estimated arc length replaces the true arc length.
             places[0] = places[1];
         }
         deviations

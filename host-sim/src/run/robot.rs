@@ -232,7 +232,7 @@ impl Clone for RunControl {
 pub trait Robot {
     /// Simulated time, µs.
     fn now(&self) -> Micros;
-    /// Sends the lead node a task, or points of a path or trajectory. Delivery is complete when [`Self::is_settled`].
+    /// Sends the lead node a task, or points of a path or trajectory; delivered when [`Self::is_settled`] is true.
     fn command(&mut self, command: &HostCommand) -> Result<(), Error>;
     /// Sends a frame of a service tool on the bus through the front board; no effect on boards in this process.
     fn send(&mut self, _frame: &CanFrame) -> Result<(), Error> {

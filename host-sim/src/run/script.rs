@@ -651,7 +651,7 @@ mod tests {
             assert!(off < 0.05, "{at:?}, expected {x}, {y}");
         };
         near(truth(0), 1.0, 0.2);
-        // Speed times time, less the ramps, on an arc to the left.
+        // Speed times time minus the ramps, on an arc to the left.
         let way = (truth(2)[0] - 1.0).hypot(truth(2)[1] - 0.2);
         assert!((0.3..0.45).contains(&way), "{way}");
         assert!(

@@ -13,7 +13,7 @@ pub struct Drawn {
     pub wheel_radius_factor: Vec<[f64; 2]>,
     /// True track over nominal, by axle.
     pub track_factor: Vec<f64>,
-    /// True start posture of O minus the intended one: x (m), y (m), heading (rad).
+    /// True minus intended start posture of O: x (m), y (m), heading (rad).
     pub placement: [f64; 3],
     /// Phase of each encoder within a count, in [0, 1), by axle and wheel.
     pub encoder_phase: Vec<[f64; 2]>,
@@ -27,7 +27,7 @@ pub struct Drawn {
     pub accelerometer_scale_error: Vec<f64>,
     /// Errors of each frame's bridges.
     pub frames: Vec<FrameErrors>,
-    /// Creep of the gauges less its mean, share of the strain.
+    /// Creep of the gauges minus its mean, share of the strain.
     pub gauge_creep_error: f64,
     /// Errors of the plant's constants.
     pub plant: PlantErrors,

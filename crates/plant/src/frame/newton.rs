@@ -389,7 +389,7 @@ fn slopes<V: Lanes>(k: usize, g: usize) -> V {
 }
 
 /// Factors the system in `a` and solves it for a unit of each coordinate of the end and for the
-/// correction. Returns these four solutions, and the products of `coupling` with each.
+/// correction. Returns the four solutions, and the product of `coupling` with each solution.
 #[inline(always)]
 fn factor<V: Lanes>(
     factor: &mut Factor,

@@ -108,7 +108,7 @@ pub enum Fault {
         /// Share of the torque, 0 to 1.
         share: f64,
     },
-    /// A motor gives a constant torque while its bridge is on.
+    /// A motor gives a constant torque while its motor bridge is on.
     MotorStuckOn {
         /// Wheel.
         wheel: Wheel,
