@@ -290,7 +290,7 @@ fn uncertain(robot: &impl Robot) -> Option<Condition> {
     sensors.find(|&it| all.contains(it))
 }
 
-/// Notice of a robot whose link to the host timed out.
+/// Notice that the commanding host timed out, if the robot reported it.
 fn silence(notices: Conditions) -> Option<Condition> {
     let silent = Condition::CommanderSilent;
     notices.contains(silent).then_some(silent)

@@ -27,7 +27,7 @@ pub enum HostCommand {
     },
     /// Posture of the robot, at rest with its motors off.
     Place(Place),
-    /// The link to the host is lost; the board itself issues this command.
+    /// The commanding host timed out; the board itself issues this command.
     Lost,
 }
 
