@@ -1,5 +1,5 @@
-//! Posture regulation with a kinematic controller of one's own: the law in polar coordinates of Aicardi et al. (1995).
-//! `firmware-axle/examples/own_controller.rs` is the image of the board with the same law.
+//! Posture regulation with a user-written kinematic controller: the law in polar coordinates of Aicardi et al. (1995).
+//! `firmware-axle/examples/own_controller.rs` is a board image with the same law.
 
 #[path = "../../firmware-axle/examples/law/mod.rs"]
 mod law;

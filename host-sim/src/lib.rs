@@ -1,9 +1,11 @@
-//! The code of the boards against a simulated robot. The library writes no file, starts no thread and knows no serial port.
+//! Runs the boards' code against a simulated robot. The library writes no files, starts no threads and opens no serial
+//! ports.
 //!
-//! A [`Simulation`](run::simulation::Simulation) is one robot: the plant, its sensors, the bus and the boards in lockstep
-//! at 1 kHz. A [`Rig`](run::rig::Rig) is the robot without the plant. A [`Scenario`](scenario::Scenario) holds everything that a simulation depends on, apart from the seed.
+//! A [`Simulation`](run::simulation::Simulation) is one robot: plant, sensors, bus and boards in lockstep at 1 kHz. A
+//! [`Rig`](run::rig::Rig) is the robot without the plant. A [`Scenario`](scenario::Scenario) holds everything that a
+//! simulation depends on, apart from the seed.
 //!
-//! A binding holds a `Scenario`, a `Simulation`, which is a [`Robot`](run::robot::Robot), and its
+//! A binding owns a `Scenario` and a `Simulation`, which implements [`Robot`](run::robot::Robot), and reads its
 //! [`Record`](run::robot::Record)s; `bindings/web` is an example.
 //!
 //! ```

@@ -1,4 +1,4 @@
-//! Memory of a run: a tick of a robot under way allocates nothing.
+//! A tick of a driving robot allocates no memory.
 
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
@@ -9,12 +9,12 @@ use host_sim::targets::HostCommand;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-/// Allocations of this program so far.
+/// Number of allocations of this program.
 static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
 
 struct Counting;
 
-// SAFETY: the system's allocator does the work.
+// SAFETY: every call is passed on to the system's allocator.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         ALLOCATIONS.fetch_add(1, Relaxed);
@@ -32,7 +32,7 @@ unsafe impl GlobalAlloc for Counting {
 static ALLOCATOR: Counting = Counting;
 
 #[test]
-fn tick_under_way_allocates_nothing() {
+fn tick_while_driving_allocates_nothing() {
     let mut robot = Simulation::new(&Scenario::default(), 1, 0).unwrap();
     let steps = |robot: &mut Simulation, ticks: usize| {
         for _ in 0..ticks {

@@ -1,5 +1,5 @@
-//! Prints the hashes of the epochs of each case of `cases.json` as this machine computes them; `compare.mjs` compares them
-//! with the hashes from WebAssembly.
+//! Prints the hash of every epoch of each case of `cases.json`, computed on this machine. `compare.mjs` compares the
+//! hashes with those from WebAssembly.
 
 use serde_json::Value;
 

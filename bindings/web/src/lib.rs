@@ -1,8 +1,8 @@
 //! The simulated robot for WebAssembly.
 //!
-//! Functions take and give numbers. Text goes through the buffer of [`text`], hashes come from the buffer of [`hashes`].
-//! Memory may grow during a call, so a caller takes the pointers after the call. A function that gives a count gives 0 if
-//! it refuses; [`message`] then says why.
+//! Functions take and return numbers. Text passes through the buffer of [`text`], hashes are in the buffer of
+//! [`hashes`]. Memory may grow during a call, so a caller gets the pointers after the call. A function that returns a
+//! count returns 0 on an error; [`message`] then gives the error.
 //!
 //! | call | gives |
 //! |---|---|
@@ -10,7 +10,7 @@
 //! | [`trial`]`(seed, trial)` | epochs of posture regulation in the scenario of the buffer |
 //! | [`drive`]`(bytes, seed)` | epochs of a script; the buffer holds a scenario of that many bytes, then the script |
 //! | [`hashes`]`()` | pointer to a 64-bit hash for each epoch of the latest run |
-//! | [`message`]`()` | length of the latest error, once; the error is in the text buffer afterwards |
+//! | [`message`]`()` | length of the latest error, which moves into the text buffer; 0 at the next call |
 
 use core_algos::link::framing::crc32c;
 use host_sim::base::error::Error;
@@ -39,21 +39,21 @@ fn buffers() -> MutexGuard<'static, Buffers> {
     BUFFERS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Hash of every bit of a record; two halves with a different order of the bytes.
+/// Hash of every bit of a record: CRC-32C of its bytes forward and backward.
 fn hash(record: &Record) -> u64 {
-    // `Debug` of a float is the shortest text that reads back the same.
+    // `Debug` of a float is the shortest text that reads back to the same bits.
     let text = format!("{record:?}").into_bytes();
     let forward = crc32c(&text);
     let backward = crc32c(&text.into_iter().rev().collect::<Vec<_>>());
     u64::from(forward) << 32 | u64::from(backward)
 }
 
-/// Text of a part of the buffer.
+/// Part of the text buffer as UTF-8.
 fn part(text: &[u8]) -> Result<&str, Error> {
     std::str::from_utf8(text).map_err(|error| Error::input(error.to_string()))
 }
 
-/// Keeps the hashes or the error of a run, and gives the number of epochs.
+/// Stores the hashes or the error of a run, and gives the number of epochs.
 fn keep(run: impl FnOnce(&[u8], &mut Vec<u64>) -> Result<(), Error>) -> usize {
     let mut buffers = buffers();
     let mut hashes = Vec::new();
@@ -65,7 +65,7 @@ fn keep(run: impl FnOnce(&[u8], &mut Vec<u64>) -> Result<(), Error>) -> usize {
     buffers.hashes.len()
 }
 
-/// Pointer to the text buffer, which then holds this many bytes.
+/// Resizes the text buffer to `length` bytes and gives its pointer.
 #[unsafe(no_mangle)]
 pub extern "C" fn text(length: usize) -> *mut u8 {
     let mut buffers = buffers();
@@ -84,8 +84,8 @@ pub extern "C" fn trial(seed: u64, trial: u64) -> usize {
     })
 }
 
-/// Takes the steps of a script from the origin on; gives the number of epochs. The text buffer holds a scenario of this
-/// many bytes, then the script.
+/// Executes the steps of a script from the origin; gives the number of epochs. The text buffer holds a scenario of
+/// `bytes` bytes, then the script.
 #[unsafe(no_mangle)]
 pub extern "C" fn drive(bytes: usize, seed: u64) -> usize {
     keep(|text, hashes| {

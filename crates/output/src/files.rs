@@ -1,9 +1,8 @@
-//! Result files: all of them or none, and never half of one.
+//! Result files: written completely, all or none.
 //!
 //! A command collects its files in an [`OutputDir`] while it works and writes them at the end with
-//! [`OutputDir::commit`]: each goes to a temporary name in the same directory first, and only when
-//! all are complete are they renamed into place. An error on the way, or an `OutputDir` that is
-//! dropped, leaves the directory as it was.
+//! [`OutputDir::commit`]. Each file gets a temporary name in the same directory first; when all files are complete,
+//! they are renamed. An error before the renaming, or an `OutputDir` that is dropped, leaves the directory unchanged.
 
 use host_sim::base::error::Error;
 use serde::Serialize;
@@ -16,11 +15,11 @@ use tempfile::{Builder, NamedTempFile};
 /// Failed operation on a file.
 #[derive(Debug)]
 pub struct OutputError {
-    /// Operation, as "cannot …".
+    /// Operation, the text after "cannot".
     pub action: &'static str,
-    /// The file or directory.
+    /// File or directory.
     pub path: PathBuf,
-    /// Why not.
+    /// Cause.
     pub source: io::Error,
 }
 
@@ -58,8 +57,8 @@ fn failed<'a>(
     }
 }
 
-/// A directory that no other run writes into as long as this lives. It is made if it is missing, and removed at the
-/// end if nothing was written into it.
+/// A directory locked against other runs while this value lives. A missing directory is created, and removed at the
+/// end if it is still empty.
 #[derive(Debug)]
 pub struct Reserved {
     made: Vec<PathBuf>,
@@ -72,7 +71,7 @@ impl Reserved {
         OutputDir::create(path)?;
         let made = create_missing(path)?;
         let held = fs::File::open(path).map_err(failed("open", path))?;
-        // The kernel gives it free when the process ends, however it ends.
+        // The kernel releases the lock at any end of the process.
         let taken = held.try_lock().map_err(|error| match error {
             fs::TryLockError::WouldBlock => io::Error::other("another run writes into it"),
             fs::TryLockError::Error(error) => error,
@@ -96,8 +95,8 @@ pub struct OutputDir {
 }
 
 impl OutputDir {
-    /// Prepares to write into `path`, which is created on [`Self::commit`] if it is missing. That
-    /// files can be written there is tried now, before hours of work, and leaves no trace.
+    /// Prepares to write into `path`; [`Self::commit`] creates a missing directory. Checks at once, before hours of
+    /// work, that files can be written there; the check leaves no trace.
     pub fn create(path: impl Into<PathBuf>) -> Result<Self, OutputError> {
         let path = path.into();
         let made = create_missing(&path)?;
@@ -109,7 +108,7 @@ impl OutputDir {
         })
     }
 
-    /// Adds a file; one of the same name that was added before is replaced.
+    /// Adds a file, or replaces an added file of the same name.
     ///
     /// # Panics
     ///
@@ -140,8 +139,8 @@ impl OutputDir {
         self.bytes(name, content.into_bytes());
     }
 
-    /// Writes all files, replacing those of the same name, and gives their paths. On an error
-    /// before the last file is complete nothing is changed.
+    /// Writes all files, replacing files of the same name, and gives their paths. An error before the last file is
+    /// complete changes nothing.
     pub fn commit(self) -> Result<Vec<PathBuf>, OutputError> {
         let made = create_missing(&self.path)?;
         let mut complete = Vec::new();
@@ -168,8 +167,7 @@ impl OutputDir {
     }
 }
 
-/// Writes one file: complete or not at all. What is not a regular file (a pipe, a terminal) is
-/// written to directly.
+/// Writes one file, completely or not at all. A pipe, a terminal or a device is written to directly.
 pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<(), OutputError> {
     let special = fs::metadata(path).is_ok_and(|data| !data.is_file());
     if special {
@@ -184,7 +182,7 @@ pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<(), OutputEr
     renamed.map(drop).map_err(failed("write", path))
 }
 
-/// Opens a pipe, a terminal or a device. A pipe without a reader is an error: it would wait for one.
+/// Opens a pipe, a terminal or a device. A pipe without a reader is an error, because opening it would block.
 fn open_special(path: &Path) -> io::Result<fs::File> {
     let flags = rustix::fs::OFlags::NONBLOCK.bits() as i32;
     let mut options = fs::OpenOptions::new();
@@ -199,7 +197,8 @@ fn open_special(path: &Path) -> io::Result<fs::File> {
     Ok(file)
 }
 
-/// A hidden file in the directory of `path`, which is made if it is missing. It is removed unless it is renamed.
+/// A hidden temporary file in the directory of `path`; a missing directory is created. The file is removed unless it is
+/// renamed.
 pub fn temporary_beside(path: &Path) -> Result<NamedTempFile, OutputError> {
     let directory = directory_of(path);
     create_missing(directory)?;
@@ -228,7 +227,7 @@ pub fn try_file(path: &Path) -> Result<(), OutputError> {
     tried
 }
 
-/// Creates `path` and its missing parents; gives those that were missing, innermost first.
+/// Creates `path` and its missing parents; gives the created directories, innermost first.
 fn create_missing(path: &Path) -> Result<Vec<PathBuf>, OutputError> {
     let made: Vec<PathBuf> = path
         .ancestors()
@@ -243,7 +242,7 @@ fn create_missing(path: &Path) -> Result<Vec<PathBuf>, OutputError> {
     Ok(made)
 }
 
-/// Removes directories that this process made, as far as they are still empty.
+/// Removes directories created by this process, if they are empty.
 fn remove_all(made: &[PathBuf]) {
     for directory in made {
         let _ = fs::remove_dir(directory);
@@ -255,12 +254,12 @@ fn temporary_in(directory: &Path, name: &str) -> Result<NamedTempFile, OutputErr
     let mut builder = Builder::new();
     let builder = builder.prefix(&prefix).suffix(".partial");
     let file = builder.permissions(everyone).tempfile_in(directory);
-    // The library's own text repeats the path.
+    // Only the kind of the error: the library's text repeats the path.
     file.map_err(|error| failed("write into", directory)(error.kind().into()))
 }
 
-/// `value` as indented JSON with a newline at the end. Numbers are the shortest that read back the
-/// same; NaN and infinity become null.
+/// `value` as indented JSON with a newline at the end. Numbers have the shortest text that reads back to the same
+/// value; NaN and infinity become null.
 ///
 /// # Panics
 ///
@@ -276,7 +275,7 @@ pub fn json(value: &impl Serialize) -> String {
 pub enum Cell {
     /// A number of the simulation.
     Double(f64),
-    /// A number of the on-board code: written shorter than the same value as a double.
+    /// A number of the on-board code; its text is shorter than that of the same value in double precision.
     Single(f32),
     /// A counter.
     Integer(i64),
@@ -288,8 +287,8 @@ pub enum Cell {
 
 impl fmt::Display for Cell {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // `Debug` of a float is the shortest text that reads back the same, with an exponent
-        // where that is shorter.
+        // `Debug` of a float is the shortest text that reads back to the same bits, with an exponent where that is
+        // shorter.
         match self {
             Self::Double(value) => write!(f, "{value:?}"),
             Self::Single(value) => write!(f, "{value:?}"),
@@ -326,7 +325,7 @@ impl<T: Into<Cell>> From<Option<T>> for Cell {
 }
 
 /// A table as comma-separated text: a header of column names with units, then rows of the same
-/// length. Numbers are the shortest text that reads back the same.
+/// length. Numbers have the shortest text that reads back to the same value.
 #[derive(Debug)]
 pub struct Csv(csv::Writer<Vec<u8>>);
 
@@ -342,15 +341,15 @@ impl Csv {
     ///
     /// # Panics
     ///
-    /// If it has not as many cells as the header.
+    /// If the row has not as many cells as the header.
     pub fn row<C: Into<Cell>>(&mut self, cells: impl IntoIterator<Item = C>) {
         let cells = cells.into_iter().map(|cell| cell.into().to_string());
-        // Memory cannot fail to be written to.
+        // Writing to memory cannot fail.
         let written = self.0.write_record(cells.map(String::into_bytes));
         written.expect("as many cells in a row as in the header");
     }
 
-    /// The text so far.
+    /// Text of header and rows.
     pub fn into_bytes(self) -> Vec<u8> {
         self.0.into_inner().expect("rows in memory")
     }
@@ -371,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_there_before_commit_and_everything_after() {
+    fn files_appear_together_at_commit() {
         let root = tempfile::tempdir().unwrap();
         let path = root.path().join("a/b");
         let mut output = OutputDir::create(&path).unwrap();
@@ -386,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn a_directory_is_reserved_for_one_run_and_removed_if_empty() {
+    fn reserved_directory_excludes_other_runs_and_is_removed_if_empty() {
         let root = tempfile::tempdir().unwrap();
         let path = root.path().join("a/b");
         let first = Reserved::new(&path).unwrap();
@@ -401,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drop_leaves_nothing() {
+    fn dropped_output_leaves_no_file() {
         let root = tempfile::tempdir().unwrap();
         let mut output = OutputDir::create(root.path().join("new")).unwrap();
         output.text("note.txt", "one\n");
@@ -410,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn files_are_replaced_and_others_stay() {
+    fn commit_replaces_its_files_and_keeps_others() {
         let root = tempfile::tempdir().unwrap();
         fs::write(root.path().join("mine"), "keep").unwrap();
         fs::write(root.path().join("note.txt"), "old and longer").unwrap();
@@ -423,7 +422,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_cannot_be_replaced_leaves_all_as_it_was() {
+    fn file_that_cannot_be_replaced_leaves_directory_unchanged() {
         let root = tempfile::tempdir().unwrap();
         fs::write(root.path().join("first"), "old").unwrap();
         fs::create_dir(root.path().join("second")).unwrap();
@@ -437,7 +436,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_file_brings_its_directory_and_a_trial_leaves_nothing() {
+    fn write_creates_directory_and_check_leaves_no_trace() {
         let root = tempfile::tempdir().unwrap();
         let path = root.path().join("a/b/table.json");
         try_file(&path).unwrap();
@@ -447,14 +446,14 @@ mod tests {
         try_file(&path).unwrap();
         assert_eq!(names(path.parent().unwrap()), ["table.json"]);
         assert_eq!(fs::read(&path).unwrap(), b"{}");
-        // A directory's name, and a way through a file.
+        // A directory as file, and a path through a file.
         assert!(try_file(root.path()).is_err());
         assert!(try_file(&path.join("below")).is_err());
         assert!(write_file(&path.join("below"), "x").is_err());
     }
 
     #[test]
-    fn pipe_without_reader_is_refused_and_one_with_a_reader_is_written() {
+    fn pipe_is_written_with_a_reader_and_refused_without() {
         let root = tempfile::tempdir().unwrap();
         let path = root.path().join("pipe");
         let made = std::process::Command::new("mkfifo").arg(&path).status();
@@ -471,7 +470,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_through_a_file_is_refused_at_once_and_named() {
+    fn path_through_a_file_is_refused_by_name_at_creation() {
         let root = tempfile::tempdir().unwrap();
         let file = root.path().join("file");
         fs::write(&file, "x").unwrap();
@@ -487,13 +486,13 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "plain file name")]
-    fn a_name_cannot_leave_the_directory() {
+    fn file_name_outside_the_directory_is_refused() {
         let root = tempfile::tempdir().unwrap();
         OutputDir::create(root.path()).unwrap().text("../up", "x");
     }
 
     #[test]
-    fn single_and_double_precision_are_each_as_short_as_they_can_be() {
+    fn single_and_double_precision_have_shortest_texts() {
         let mut csv = Csv::new(["t_s", "estimate_m", "gyro, raw", "n"]);
         csv.row([Cell::from(0.1), 0.1f32.into(), None::<f32>.into(), 3.into()]);
         csv.row([

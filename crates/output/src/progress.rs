@@ -1,4 +1,4 @@
-//! Progress of long runs, for people only: nothing is drawn unless standard error is a terminal.
+//! Progress of long runs, drawn only if standard error is a terminal.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{self, IsTerminal};
@@ -8,7 +8,7 @@ use std::io::{self, IsTerminal};
 pub struct Progress(ProgressBar);
 
 impl Progress {
-    /// A bar for `total` pieces, named `label`.
+    /// A bar for `total` pieces of work, named `label`.
     pub fn new(total: usize, label: &'static str) -> Self {
         // One piece has no progress to show.
         let target = if total > 1 && io::stderr().is_terminal() {
@@ -24,7 +24,7 @@ impl Progress {
         Self(bar)
     }
 
-    /// One more piece is finished.
+    /// Counts a finished piece.
     pub fn advance(&self) {
         self.0.inc(1);
     }
@@ -32,7 +32,7 @@ impl Progress {
 
 impl Drop for Progress {
     fn drop(&mut self) {
-        // The bar leaves the terminal with its owner, on an error too.
+        // The bar disappears with its owner, on an error too.
         self.0.finish_and_clear();
     }
 }
@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn counts_from_all_threads_and_stays_hidden_where_there_is_no_terminal() {
+    fn progress_counts_all_threads_and_is_hidden_without_terminal() {
         let progress = Progress::new(100, "trials");
         std::thread::scope(|scope| {
             for _ in 0..4 {

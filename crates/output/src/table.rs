@@ -3,7 +3,7 @@
 use crate::terminal;
 use std::fmt;
 
-/// A table: the first column stands left, all others right unless all stand left.
+/// A table: the first column is aligned left, the others right, or all left.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
     left: bool,
@@ -21,13 +21,13 @@ impl Table {
         }
     }
 
-    /// The same with all columns to the left, for words.
+    /// The table with all columns aligned left, for words.
     #[must_use]
     pub fn left_aligned(self) -> Self {
         Self { left: true, ..self }
     }
 
-    /// The same with rows and columns exchanged: for few rows of many columns.
+    /// The table with rows and columns exchanged, for few rows of many columns.
     #[must_use]
     pub fn transposed(self) -> Self {
         let rows = [vec![self.header], self.rows].concat();
@@ -43,7 +43,7 @@ impl Table {
         table
     }
 
-    /// Adds a row: cells beyond the header get a column without a name, missing ones stay empty.
+    /// Adds a row. Cells beyond the header get a column without a name; missing cells stay empty.
     pub fn row<S: Into<String>>(&mut self, cells: impl IntoIterator<Item = S>) -> &mut Self {
         self.rows.push(cells.into_iter().map(Into::into).collect());
         self
@@ -55,8 +55,8 @@ impl Table {
         self
     }
 
-    /// Widths of the columns. Where the table is wider than `limit`, the widest columns get narrower:
-    /// down to their longest word, and if that is not enough to the longest part of a dotted name.
+    /// Widths of the columns. If the table is wider than `limit`, the widest columns shrink to their longest word, and
+    /// if necessary further to the longest part of a name.
     fn widths(&self, limit: usize) -> Vec<usize> {
         let longest = |separators: &[char]| {
             let mut widths = Vec::new();
@@ -84,10 +84,10 @@ impl Table {
     }
 }
 
-/// Characters after which a name may be divided.
+/// Characters after which a name may be split.
 const PARTS: [char; 4] = [' ', '.', '_', '/'];
 
-/// The text divided after each separator, except within a figure such as `18.50 ± 2.10`, `68 %` or `(62 to 74)`.
+/// The text split after each separator, except within a figure such as `18.50 ± 2.10`, `68 %` or `(62 to 74)`.
 fn pieces<'a>(text: &'a str, separators: &[char]) -> Vec<&'a str> {
     let mut pieces = Vec::new();
     let mut rest = text;
@@ -174,7 +174,7 @@ impl fmt::Display for Table {
     }
 }
 
-/// `mean ± spread` with `digits` decimals each; the mean alone where one value has no spread.
+/// `mean ± spread` with `digits` decimals each; the mean alone if `spread` is NaN.
 pub fn plus_minus(mean: f64, spread: f64, digits: usize) -> String {
     if spread.is_nan() {
         return format!("{mean:.digits$}");

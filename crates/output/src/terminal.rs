@@ -1,11 +1,11 @@
-//! Text for people: standard output and its width.
+//! Text on the terminal: standard output and its width.
 
 use host_sim::base::error::Error;
 use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
 
-/// Columns of the terminal that standard output is; 80 where it is none.
+/// Columns of the terminal at standard output; 80 without a terminal.
 pub fn width() -> usize {
     let size = rustix::termios::tcgetwinsize(io::stdout());
     match size {
@@ -14,13 +14,13 @@ pub fn width() -> usize {
     }
 }
 
-/// Prints a line for people to standard error; one that cannot be printed is lost.
+/// Prints a line to standard error; errors of printing are ignored.
 pub fn note(text: impl Display) {
     let text = text.to_string();
     let _ = writeln!(io::stderr(), "{}", short_numbers(&visible(&text)));
 }
 
-/// Prints to standard output; a reader that has seen enough is no failure.
+/// Prints to standard output; a pipe closed by its reader is no error.
 pub fn print(text: &str) -> Result<(), Error> {
     let mut out = io::stdout().lock();
     match out
@@ -34,8 +34,8 @@ pub fn print(text: &str) -> Result<(), Error> {
     }
 }
 
-/// Text with its control characters as JSON escapes them: names come from files and may hold codes of the terminal, or
-/// such as turn the direction of writing.
+/// Text with control characters escaped as in JSON. Names come from files and may hold terminal codes or characters
+/// that change the direction of writing.
 pub fn visible(text: &str) -> Cow<'_, str> {
     let is_hidden = |c: char| {
         c.is_control() && c != '\n' && c != '\t'
@@ -54,7 +54,7 @@ pub fn visible(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// Text whose numbers of more digits than any real one are cut.
+/// Text with numbers of more than 40 digits cut.
 fn short_numbers(text: &str) -> Cow<'_, str> {
     const MOST: usize = 40;
     const KEPT: usize = 8;
@@ -80,12 +80,12 @@ fn short_numbers(text: &str) -> Cow<'_, str> {
     Cow::Owned(short + rest)
 }
 
-/// True if standard input and output are a terminal.
+/// True if standard input and standard output are terminals.
 pub fn is_interactive() -> bool {
     io::stdin().is_terminal() && io::stdout().is_terminal()
 }
 
-/// Prints a page: as it is into a file or a pipe, laid out for reading on a terminal.
+/// Prints a page of Markdown: unchanged to a file or a pipe, laid out on a terminal.
 pub fn print_page(markdown: &str) -> Result<(), Error> {
     if !io::stdout().is_terminal() {
         return print(markdown);
@@ -97,7 +97,7 @@ pub fn print_page(markdown: &str) -> Result<(), Error> {
     print(markdown)
 }
 
-/// Error of a part that is not in this build, with the command that builds the part.
+/// Error for a part that is not in this build, with the command that builds it.
 pub fn left_out(part: &str) -> Error {
     let arguments = std::env::args().skip(1).collect::<Vec<_>>();
     let arguments = shlex::try_join(arguments.iter().map(String::as_str)).unwrap_or_default();
@@ -126,7 +126,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_without_end_are_cut() {
+    fn numbers_of_many_digits_are_cut() {
         let long = format!("a = 1.5, b = -{}.25", "9".repeat(60));
         assert_eq!(
             short_numbers(&long),

@@ -1,8 +1,8 @@
-//! The plant alone on its drives: real-time factors of 20 s, by the wall clock.
+//! Runs the plant alone on its drives and prints the real-time factor over 20 s.
 //!
-//! With an argument, a table of largest bend and force, and of the error against an explicit
+//! With an argument, prints a table of largest bend, largest force, and error against an explicit
 //! reference over this time, s: `cargo run -p plant --release --example drives -- 5`. A second
-//! argument is the number of axles, 2 if it is missing.
+//! argument is the number of axles, by default 2.
 
 use plant::drive::{DRIVES, Drive};
 use plant::{PlantConfig, TICK_S};
@@ -43,7 +43,7 @@ fn main() {
     }
     for drive in DRIVES {
         let config = drive.config(&PlantConfig::default());
-        // Imperfections are those of two axles.
+        // The drive with imperfections has constants of two axles.
         if config.for_axles(axles).is_err() {
             continue;
         }
@@ -52,7 +52,7 @@ fn main() {
             println!("{}: {factor:.0}", drive.name);
             continue;
         };
-        // Loads that move, play and cogging are beyond the reference.
+        // The reference has no load transfer, backlash or cogging.
         let error = match config
             .backlash_rad
             .entries()

@@ -11,9 +11,9 @@ pub const TICK_S: f64 = 1e-3;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Tyre {
-    /// With the slip velocity alone, rolling or not.
+    /// Force depends on the slip velocity alone, rolling or not.
     Creep(Creep),
-    /// With slip over rolling speed.
+    /// Force depends on slip over rolling speed.
     Brush(Brush),
 }
 
@@ -32,8 +32,8 @@ declare! {
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct Brush {
-        /// Slip stiffness C of each wheel's tyre over its load: force over load for a unit of slip
-        /// velocity over rolling speed, where both are small.
+        /// Slip stiffness C of each wheel's tyre: force over load for a unit of slip velocity over rolling
+        /// speed, at small slip.
         pub slip_stiffness: PerAxle<[f64; 2]> = [[20.0; 2]].into(), "": Range(1.0, 300.0);
         /// Slip velocity at which the tyre of a wheel at rest gives half its friction.
         pub rest_velocity_m_s: f64 = 2e-4, "m/s": Range(5e-5, 0.1);
@@ -96,9 +96,9 @@ declare! {
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
     #[serde(deny_unknown_fields, default)]
     pub struct PlantConfig {
-        /// Equal steps into which a tick of 1 ms is divided.
+        /// Integrator steps in a tick of 1 ms.
         pub substeps: u32 = 1, "": Range(1.0, 100.0);
-        /// Velocity error of the lower-order solution beyond which a step is divided.
+        /// Largest velocity difference between the first-order and the second-order solution of an undivided step.
         pub tolerance_m_s: f64 = 6.5e-4, "m/s": Range(1e-7, 1.0);
         /// Mass of each axle with its wheels.
         pub mass_kg: PerAxle<f64> = [4.76].into(), "kg": Range(0.1, 1e3);
@@ -116,29 +116,29 @@ declare! {
         pub friction: f64 = 0.7, "": Range(0.0, 3.0);
         /// Law of the tyre's force over its slip.
         pub tyre: Tyre = Tyre::default();
-        /// Friction above μ at vanishing slip velocity, as a share of μ: 0 turns slip-stick off.
+        /// Excess of friction over μ at vanishing slip velocity, as a share of μ; 0 turns stick-slip off.
         pub static_excess: f64 = 0.0, "": Range(0.0, 1.0);
-        /// Slip velocity over which that excess decays.
+        /// Slip velocity over which the excess of friction decays.
         pub static_decay_m_s: f64 = 0.05, "m/s": Range(1e-3, 1.0);
         /// Rolling resistance coefficient: resisting torque over load times radius.
         pub rolling_resistance: f64 = 0.0, "": Range(0.0, 0.5);
-        /// Way aside, to the left, that each axle rolls free of force, over its way ahead.
+        /// Side slip of each axle that rolls free of force: motion aside, positive to the left, over motion ahead.
         pub side_slip: PerAxle<f64> = [0.0].into(), "": Range(-0.1, 0.1);
-        /// Way, along x and y of the floor, that the floor takes a wheel over the way it rolls.
+        /// Carpet drift of a wheel along x and y of the floor: displacement by the floor over the distance rolled.
         pub carpet_drift: [f64; 2] = [0.0; 2], "": Range(-0.1, 0.1);
-        /// Relative fall of the rolling radius where the load is twice that of the bare robot at rest.
+        /// Relative decrease of the rolling radius at twice the load of the bare robot at rest.
         pub radius_load_sensitivity: f64 = 0.0, "": Range(0.0, 0.1);
         /// Slope of the floor.
         pub slope_rad: f64 = 0.0, "rad": Range(0.0, 0.35);
-        /// Direction on the floor in which it falls.
+        /// Direction on the floor in which the slope falls.
         pub downhill_rad: f64 = 0.0, "rad": Range(-10.0, 10.0);
-        /// Mass carried by each axle, a point.
+        /// Payload of each axle, a point mass.
         pub payload_kg: PerAxle<f64> = [0.0].into(), "kg": Range(0.0, 1e3);
         /// Position of the payload forward and to the left of the axle's midpoint.
         pub payload_position_m: PerAxle<[f64; 2]> = [[0.0; 2]].into(), "m": Range(-2.0, 2.0);
         /// Height of the centre of mass. Above 0, wheel loads shift with acceleration.
         pub center_of_mass_height_m: f64 = 0.0, "m": Range(0.0, 1.0);
-        /// Time in which wheel loads follow the acceleration.
+        /// Time constant with which wheel loads follow the acceleration.
         pub load_transfer_time_s: f64 = 0.02, "s": Range(5e-3, 1.0);
         /// Torque of a motor at standstill and full voltage, at the wheel.
         pub stall_torque_n_m: f64 = 2.5, "N m": Range(1e-3, 1e3);
@@ -146,11 +146,11 @@ declare! {
         pub no_load_speed_rad_s: f64 = 20.0, "rad/s": Range(0.1, 1e4);
         /// Largest torque that the current loop allows, at the wheel.
         pub torque_limit_n_m: f64 = 2.5, "N m": Range(0.0, 1e3);
-        /// Time constant of the current loop: 0 for an ideal one.
+        /// Time constant of the current loop: 0 for an ideal loop.
         pub current_loop_time_s: f64 = 0.0, "s": Range(0.0, 1.0);
-        /// Play of each wheel's gear, from flank to flank at the wheel.
+        /// Backlash of each wheel's gear, from flank to flank at the wheel.
         pub backlash_rad: PerAxle<[f64; 2]> = [[0.0; 2]].into(), "rad": Range(0.0, 0.2);
-        /// Share of a wheel's inertia that turns on the motor's side of the play.
+        /// Share of a wheel's inertia that turns on the motor's side of the backlash.
         pub rotor_inertia_share: f64 = 0.75, "": Range(0.02, 0.98);
         /// Amplitude of the cogging torque at the wheel.
         pub cogging_torque_n_m: f64 = 0.0, "N m": Range(0.0, 10.0);
@@ -200,7 +200,7 @@ impl PlantConfig {
         Ok(config)
     }
 
-    /// Number of axles, of constants with an entry for each.
+    /// Number of axles; the constants must have an entry for each axle.
     pub(super) fn axles(&self) -> usize {
         self.mass_kg.entries().len()
     }

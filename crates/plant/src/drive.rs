@@ -9,15 +9,15 @@ use declare::ConfigError;
 pub struct Drive {
     /// Name.
     pub name: &'static str,
-    /// Changes of the robot.
+    /// Changes to the configured robot.
     pub robot: fn(&mut PlantConfig),
     /// Amplitude (N m) and rate (rad/s) of the torque common to all wheels.
     pub base: [f64; 2],
-    /// Amplitude and rate of the torque that turns the axles against each other.
+    /// Amplitude (N m) and rate (rad/s) of the torque that turns the axles against each other.
     pub steer: [f64; 2],
 }
 
-/// Speeds to 0.9 m/s with the frame bent to 50°: beyond what the controllers ask for.
+/// Speeds up to 0.9 m/s with the frame bent to 50°: beyond the commands of the controllers.
 pub const NORMAL: Drive = Drive {
     name: "normal",
     robot: |c| c.tyre = Tyre::Creep(Creep { velocity_m_s: 0.01 }),
@@ -37,7 +37,7 @@ pub const HARSH: Drive = Drive {
     steer: [1.0, 3.1],
 };
 
-/// Normal and harsh drive on both tyres, then the normal drive with everything that the plant has.
+/// Normal and harsh drive on both tyres, then the normal drive with every imperfection of the plant.
 pub const DRIVES: [Drive; 5] = [
     NORMAL,
     HARSH,
@@ -82,15 +82,15 @@ pub const DRIVES: [Drive; 5] = [
 ];
 
 impl Drive {
-    /// The robot that this drive is for: the configured one with the drive's changes.
+    /// Configuration with the drive's changes.
     pub fn config(&self, config: &PlantConfig) -> PlantConfig {
         let mut config = config.clone();
         (self.robot)(&mut config);
         config
     }
 
-    /// Wheel torques of so many axles at time `t`, N m. The outer axles are turned against each other, the inner ones in
-    /// between.
+    /// Wheel torques of `axles` axles at time `t` (s), N m. The outer axles are turned against each other, the inner
+    /// axles by values in between.
     pub fn torque(&self, t: f64, axles: usize) -> Vec<[f64; 2]> {
         let wave = |[amplitude, rate]: [f64; 2]| amplitude * libm::sin(rate * t);
         let (base, steer) = (wave(self.base), wave(self.steer));
@@ -101,8 +101,8 @@ impl Drive {
         (0..axles).map(of).collect()
     }
 
-    /// Largest difference in position (m) and heading (rad) of an axle between the plant of so many axles and a
-    /// reference at 20 µs (8 µs with the brush tyre, stiffer at rest). NaN if the reference lost the equilibrium of a
+    /// Largest difference in position (m) and heading (rad) of an axle between the plant and a reference with steps of
+    /// 20 µs (8 µs with the brush tyre, which is stiffer at rest). NaN if the reference lost the equilibrium of a
     /// frame.
     pub fn error(
         &self,

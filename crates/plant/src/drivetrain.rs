@@ -1,15 +1,15 @@
-//! What lies between a motor and its wheel: play of the gears, and cogging.
+//! Drivetrain between a motor and its wheel: backlash of the gears, and cogging.
 //!
 //! **Backlash.** Motor shaft and wheel turn together while the teeth of a flank press on each
-//! other, and apart within the play (dead-zone model with inelastic flanks: Nordin and Gutman,
-//! *Controlling mechanical systems with backlash: a survey*, Automatica 38, 2002). The torque that
-//! the teeth pass on is the motor's less what the rotor's own inertia takes; when it would have to
-//! pull, the teeth part. The encoder sits on the motor.
+//! other, and apart within the backlash (dead-zone model with inelastic flanks: Nordin and Gutman,
+//! *Controlling mechanical systems with backlash: a survey*, Automatica 38, 2002). The teeth transmit
+//! the motor's torque minus the inertial torque of the rotor. When the teeth would have to pull, they
+//! separate. The encoder is on the motor.
 //!
 //! **Cogging.** A torque that is periodic in the motor's angle, of mean zero (Hanselman, *Brushless
-//! Permanent Magnet Motor Design*, 2nd edition, 2003). A part of a step takes its mean
-//! over the angle turned meanwhile, so that what is faster than the steps averages out instead of
-//! appearing at another frequency.
+//! Permanent Magnet Motor Design*, 2nd edition, 2003). Each part of a step takes the mean over the
+//! angle turned in the part, so that cogging faster than the steps averages out instead of appearing
+//! at another frequency.
 
 use super::config::PlantConfig;
 use super::lanes::Lanes;
@@ -20,7 +20,7 @@ use super::wheel::{Conditions, Wheels};
 /// Gears of the four wheels of two neighbouring axles, in the order of [`Wheels`].
 #[derive(Clone, Debug)]
 pub struct Drivetrain {
-    /// Half of the play, rad at the wheel.
+    /// Half of the backlash, rad at the wheel.
     half_play: [f64; 4],
     play: bool,
     /// Inertia of a rotor, at the wheel, kg m².
@@ -28,20 +28,20 @@ pub struct Drivetrain {
     cogging: f64,
     periods: f64,
     phase: [f64; 4],
-    /// Angle of the motor less that of the wheel, rad at the wheel.
+    /// Angle of the motor minus angle of the wheel, rad at the wheel.
     gap: [f64; 4],
     /// Speed of the motor, rad/s at the wheel.
     speed: [f64; 4],
 }
 
 impl Drivetrain {
-    /// Of the axles `first` and the one behind it, from checked constants.
+    /// Gears of axle `first` and the axle behind it, from checked constants.
     pub fn new(config: &PlantConfig, first: usize) -> Self {
         let last = (first + 1).min(config.axles() - 1);
         let [[a, b], [c, d]] = [config.backlash_rad[first], config.backlash_rad[last]];
         let phase = &config.cogging_phase_rad;
         let [[e, f], [g, h]] = [phase[first], phase[last]];
-        // Wheels that fill the four have no play, which would keep them on the slower branch.
+        // Missing wheels get no backlash, which would keep the group on the slower branch.
         let half = if last == first { 0.0 } else { 0.5 };
         let half_play = [0.5 * a, 0.5 * b, half * c, half * d];
         Self {
@@ -56,7 +56,7 @@ impl Drivetrain {
         }
     }
 
-    /// At rest, each motor in the middle of its play.
+    /// Sets the gears to rest, each motor in the middle of its backlash.
     pub fn place(&mut self, wheels: &mut Wheels) {
         (self.gap, self.speed) = ([0.0; 4], [0.0; 4]);
         for w in 0..4 {
@@ -66,7 +66,7 @@ impl Drivetrain {
         }
     }
 
-    /// True if any gear has play.
+    /// True if any gear has backlash.
     #[inline(always)]
     pub fn has_play(&self) -> bool {
         self.play
@@ -113,7 +113,7 @@ impl Drivetrain {
         (axle.wheel_angle[side] + self.gap[w], speed)
     }
 
-    /// Lets teeth part and meet after `h` (s), over which the wheels' speeds came from `before`.
+    /// Separates or engages teeth after a part `h` (s) of a step; `before` holds the wheel speeds at its start.
     #[cold]
     pub fn mesh(
         &mut self,
@@ -162,7 +162,7 @@ impl Drivetrain {
         }
     }
 
-    /// Kinetic energy of the rotors that turn apart from their wheels, J.
+    /// Kinetic energy of the rotors whose teeth are separated, J.
     pub fn energy(&self, wheels: &Wheels) -> f64 {
         (0..4)
             .filter(|w| !wheels.meshed(*w))

@@ -1,7 +1,7 @@
 //! The exact strip, by shooting: the same extensible Kirchhoff rod as [`super::frame`], integrated
 //! along its length from the root with its first variation, the root moment and the end force
-//! found by Newton's method. Slow and unassuming: what the fast solution is checked against, and
-//! a source of exact shapes for checks of anything that measures the strip.
+//! found by Newton's method. Slow and simple: the reference for the fast solution, and a source of
+//! exact shapes for tests of anything that measures the strip.
 //!
 //! Signs and frames as in [`super::frame`].
 
@@ -21,7 +21,7 @@ pub struct Elastica {
     pub steps: usize,
 }
 
-/// Root moment (N m) and end force (N, N; root frame): what determines an equilibrium.
+/// Root moment (N m) and end force (N, N; root frame), which determine an equilibrium.
 pub type Load = [f64; 3];
 
 /// One integration along the strip.
@@ -58,7 +58,7 @@ impl Elastica {
         (self.waves[0] * second + self.waves[1] * third) / self.length
     }
 
-    /// Curvature at a point (m, m) of the strip, less the unloaded one.
+    /// Curvature at a point (m, m) of the strip minus the unloaded curvature, 1/m.
     fn elastic_curvature(&self, [moment, fx, fy]: Load, x: f64, y: f64) -> f64 {
         (moment + fx * y - fy * x) / self.bending
     }
@@ -91,8 +91,7 @@ impl Elastica {
         d
     }
 
-    /// Integrates by the classical fourth-order scheme; `visit` sees each grid point as
-    /// (s, θ, x, y).
+    /// Integrates by the classical fourth-order scheme; `visit` gets the arc length and the state at each grid point.
     fn integrate(&self, load: Load, mut visit: impl FnMut(f64, &Line)) -> Line {
         let h = self.length / self.steps as f64;
         let mut line = [0.0; 18];
@@ -128,8 +127,8 @@ impl Elastica {
         }
     }
 
-    /// Load that brings the end to `end` (m, m, rad), by Newton's method from `start`, with a
-    /// damped first approach. `None` if it does not converge.
+    /// Load that brings the end to `end` (m, m, rad), by Newton's method from `start`, with shortened steps where the
+    /// error would grow. `None` if the method does not converge.
     pub fn solve(&self, end: [f64; 3], start: Load) -> Option<Load> {
         let mut load = start;
         let miss = |shot: &Shot| -> [f64; 3] {
@@ -173,8 +172,8 @@ impl Elastica {
         [fx, fy, moment - end[0] * fy + end[1] * fx]
     }
 
-    /// Load whose elastic curvatures (1/m) at fractions of the length are nearest to these, by Gauss–Newton steps from
-    /// `start`; each fraction is rounded to the nearest grid point. `None` if they do not converge.
+    /// Load whose elastic curvatures (1/m) at fractions of the length are nearest to `curvature`, by Gauss–Newton steps
+    /// from `start`; each fraction is rounded to the nearest grid point. `None` if the steps do not converge.
     pub fn fit(&self, start: Load, fractions: &[f64], curvature: &[f64]) -> Option<Load> {
         let mut load = start;
         for _ in 0..20 {
@@ -190,7 +189,7 @@ impl Elastica {
         None
     }
 
-    /// Normal equations of a step towards these curvatures.
+    /// Normal equations of a Gauss–Newton step of [`Self::fit`].
     fn normal(
         &self,
         load: Load,

@@ -1,4 +1,4 @@
-//! Where the ends of the strip are, and plane vectors.
+//! Geometry of the strip's ends, and plane vectors.
 
 pub type Vec3 = [f64; 3];
 pub type Mat3 = [[f64; 3]; 3];
@@ -17,12 +17,12 @@ pub struct Clamps {
     pub tip_length: f64,
     /// Strip's end in the front axle's frame, m.
     pub tip_place: [f64; 2],
-    /// Angle of the front clamp less that of the rear one, rad.
+    /// Angle of the front clamp minus angle of the rear clamp, rad.
     pub twist: f64,
 }
 
 impl Clamps {
-    /// From the lengths (m) and angles (rad) of the rear and the front clamp.
+    /// Clamps of these lengths (m) and angles (rad), rear and front.
     pub fn new(length: [f64; 2], angle: [f64; 2]) -> Self {
         let tip = direction(angle[1]);
         Self {
@@ -44,9 +44,9 @@ pub struct Geometry {
     pub rear: [f64; 2],
     /// Direction of the front axle.
     pub front: [f64; 2],
-    /// Front axle's midpoint seen from the rear axle.
+    /// Front axle's midpoint in the rear axle's frame, m.
     pub position: [f64; 2],
-    /// Front axle's direction seen from the rear axle.
+    /// Front axle's direction in the rear axle's frame.
     pub turn: [f64; 2],
     /// Strip's end in the root frame.
     pub end: [f64; 2],
@@ -57,8 +57,7 @@ pub struct Geometry {
 }
 
 impl Geometry {
-    /// For the axles' directions, and the front axle's midpoint and direction seen from the rear
-    /// axle.
+    /// Geometry from the axles' directions, and the front axle's midpoint and direction in the rear axle's frame.
     #[inline(always)]
     pub fn new(
         clamps: &Clamps,
@@ -103,7 +102,7 @@ impl Geometry {
         [x + self.end[1] * r[2], y - self.end[0] * r[2], f[2] - r[2]]
     }
 
-    /// Its transpose: what the wrench `w` is to the axles' coordinates.
+    /// Transpose of [`Self::rate`]: loads of the wrench `w` in the axles' coordinates.
     #[inline(always)]
     pub fn transpose(&self, w: &Vec3) -> [Vec3; 2] {
         let force = rotate(&[w[0], w[1]], self.root);

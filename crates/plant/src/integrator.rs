@@ -2,14 +2,14 @@
 //!
 //! **Scheme.** Linearly implicit (Rosenbrock–W) in two stages, with γ = 1 − 1/√2. Both stages share
 //! the Jacobian of the start, and the result is of second order, whatever that Jacobian leaves out.
-//! It holds what is stiff: tangent stiffness and damping of the frames, slope of the tyres, spin of
-//! the wheels. Wheel speeds are eliminated. A frame acts on its axles through three numbers, so their
-//! coupling is eliminated too: each stage solves a 3 × 3 system for each axle, and a system of 3 × 3
-//! blocks, tridiagonal, for the frames.
+//! The Jacobian holds the stiff parts: tangent stiffness and damping of the frames, slope of the tyres, spin of
+//! the wheels. Wheel speeds are eliminated. A frame acts on its axles through three numbers, so the coupling of the
+//! axles is eliminated too: each stage solves a 3 × 3 system for each axle, and a block-tridiagonal system of
+//! 3 × 3 blocks for the frames.
 //!
-//! Velocities are held in the axles' frames; within a step, in their frames at its start.
+//! Velocities are in the axles' frames; within a step, in the axles' frames at the start of the step.
 //!
-//! No allocation and no failure in [`Plant::step`].
+//! [`Plant::step`] neither allocates nor fails.
 
 use super::config::{PlantConfig, TICK_S};
 use super::drivetrain::Drivetrain;
@@ -36,17 +36,17 @@ mod interface;
 
 pub use interface::Outline;
 
-/// Coefficient of the implicit part, 1 − 1/√2: the method damps what is infinitely stiff.
+/// Coefficient of the implicit part, 1 − 1/√2: the method damps infinitely stiff modes.
 const GAMMA: f64 = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
 /// Finest division of a step: `1 << FINEST` parts.
 const FINEST: u32 = 4;
-/// Ratios of internal viscosity τ to the whole time step tried when the strip snaps through.
+/// Ratios of internal viscosity τ to the whole time step, tried in turn when the strip snaps through.
 const CREEP: [f64; 5] = [5.0, 20.0, 100.0, 500.0, 5000.0];
 
-/// The robot.
+/// The simulated robot.
 #[derive(Clone, Debug)]
 pub struct Plant {
-    /// True if the processor works on four numbers at once. The results are the same.
+    /// True if the processor has AVX2. The results do not depend on it.
     #[cfg(target_arch = "x86_64")]
     wide: bool,
     bodies: Vec<Body>,
@@ -56,7 +56,7 @@ pub struct Plant {
     half_track: Vec<f64>,
     tolerance: f64,
     current_share: f64,
-    /// Way of the floor over the way rolled.
+    /// Displacement by the floor over the distance rolled, global.
     carpet: [f64; 2],
     /// Gravity along the floor, global, m/s²; `None` on a level floor.
     gravity: Option<[f64; 2]>,
@@ -72,7 +72,7 @@ pub struct Plant {
 #[derive(Clone, Debug)]
 struct Group {
     wheels: Wheels,
-    /// The command is that after the current loop.
+    /// Conditions of the wheels; the command is the output of the current loop.
     conditions: Conditions,
     drivetrain: Drivetrain,
 }
@@ -101,7 +101,7 @@ fn of_group(axles: &[AxleState], group: usize) -> &[AxleState] {
     &axles[2 * group..axles.len().min(2 * group + 2)]
 }
 
-/// The axles of a group, to be changed.
+/// Mutable axles of a group.
 #[inline(always)]
 fn of_group_mut(axles: &mut [AxleState], group: usize) -> &mut [AxleState] {
     let end = axles.len().min(2 * group + 2);
@@ -114,7 +114,7 @@ fn sized<T, const N: usize>(list: &[T]) -> &[T; N] {
     list.first_chunk().expect("as many as the robot has axles")
 }
 
-/// The first `N` entries, to be changed.
+/// Mutable first `N` entries.
 #[inline(always)]
 fn sized_mut<T, const N: usize>(list: &mut [T]) -> &mut [T; N] {
     list.first_chunk_mut()
@@ -122,7 +122,7 @@ fn sized_mut<T, const N: usize>(list: &mut [T]) -> &mut [T; N] {
 }
 
 impl Plant {
-    /// From checked constants with an entry for each axle.
+    /// Plant from checked constants with an entry for each axle.
     fn new(config: &PlantConfig) -> Self {
         let bodies = Body::all(config);
         let bare = PlantConfig {
@@ -157,8 +157,8 @@ impl Plant {
         plant
     }
 
-    /// Puts the robot at rest with its frames straight and unloaded, its middle O ([`Self::midpoint`]) at `midpoint`
-    /// (m, m, rad), time, wheel angles and counters at zero.
+    /// Places the robot at rest with its frames straight and unloaded and its midpoint O ([`Self::midpoint`]) at
+    /// `midpoint` (m, m, rad). Time, wheel angles and counters become zero.
     pub fn place(&mut self, midpoint: Vec3) {
         self.frames.iter_mut().for_each(Frame::unload);
         let seen = self.straight(0.0);
@@ -207,8 +207,8 @@ impl Plant {
         let mut last = chain[0];
         for frame in self.frames.iter().rev() {
             let (end, clamps) = (frame.equilibrium.end(&frame.strip), &frame.clamps);
-            // The axle ahead seen from the one behind, in the root frame: straight ahead but for the
-            // clamps. The unloaded strip may leave its ends a hair apart sideways.
+            // Position of the axle ahead in the root frame of the axle behind: straight ahead except for the
+            // clamps. The ends of the unloaded strip may be slightly offset sideways.
             let offset = [end[0] + clamps.root_length + clamps.tip_length, end[1]];
             let [dx, dy] = rotate(&rotate(&offset, clamps.root), direction(last[2]));
             last = [last[0] + dx, last[1] + dy, last[2] - clamps.twist];
@@ -218,7 +218,7 @@ impl Plant {
         chain
     }
 
-    /// Puts the present loads on the wheels.
+    /// Applies the present loads to the wheels.
     fn bear(&mut self) {
         for (g, group) in self.groups.iter_mut().enumerate() {
             group.conditions.load = of_wheels(&self.loads.now, 2 * g);
@@ -229,8 +229,8 @@ impl Plant {
         }
     }
 
-    /// Advances by a tick ([`TICK_S`]) under the commanded wheel torques (N m, `[axle][left, right]`, held;
-    /// a command that is missing or not finite counts as none).
+    /// Advances by a tick ([`TICK_S`]) under the commanded wheel torques (N m, `[axle][left, right]`), which are held.
+    /// A missing or non-finite command counts as zero.
     pub fn step(&mut self, torque: &[[f64; 2]]) {
         match self.axles.len() {
             2 => self.step_of::<2, 1, 1>(torque),
@@ -336,7 +336,7 @@ impl Plant {
             if self.advance::<V, N, F, G>(h, part == 1) {
                 done += part;
                 self.health.parts += 1;
-                // The largest power of two that `done` is a multiple of, at most twice the last.
+                // Doubles the part where `done` is a multiple of the doubled part.
                 if part < WHOLE && done < WHOLE && done.is_multiple_of(2 * part) {
                     part *= 2;
                 }
@@ -346,7 +346,7 @@ impl Plant {
         }
     }
 
-    /// Advances by `h`, unless the error is too large and `force` is not set.
+    /// Advances by `h` (s). Gives false, with the state unchanged, if the error is too large and `force` is not set.
     #[inline(always)]
     #[expect(clippy::too_many_lines, reason = "one formula")]
     fn advance<V: Lanes, const N: usize, const F: usize, const G: usize>(
@@ -422,7 +422,7 @@ impl Plant {
         }
         let move1 = sum(&start, &gain1);
 
-        // Forces after half a step of it, in the axles' frames there.
+        // Forces after half a step of the first stage, in the axles' frames at that time.
         let a = 0.5 * h;
         let (mut k1, mut there_v, mut body) = (start, start, start);
         let mut turns = [[0.0; 2]; N];
@@ -477,7 +477,7 @@ impl Plant {
         let gain2 = implicit.solve(&geometry, &minus(&load, &on_axles(&geometry, &stiff)));
         let move2 = sum(&move2, &gain2);
 
-        // The second stage is what the second order adds to the first.
+        // The second stage is the difference between the second-order and the first-order solution.
         let mut error: f64 = 0.0;
         for i in 0..N {
             for n in 0..3 {
@@ -525,7 +525,8 @@ impl Plant {
             shapes[f] = frames[f].equilibrium.shape();
         }
         locate::<V>(axles, frames);
-        // A frame that creeps always settles. It comes last, since its shape is no equilibrium that could be restored.
+        // A creeping frame always settles. Creeping frames come last, since their shapes are no equilibria and cannot
+        // be restored.
         for creeping in [false, true] {
             for f in 0..F {
                 if frames[f].creeping != creeping || settled[f] {
@@ -564,7 +565,7 @@ impl Plant {
 /// Updates the geometry of the frames from the postures of the axles.
 #[inline(always)]
 fn locate<V: Lanes>(axles: &[AxleState], frames: &mut [Frame]) {
-    // Of four axles at a time.
+    // Four axles at a time.
     let mut heading = [[0.0; 4]; MAX_AXLES.div_ceil(4)];
     for (i, axle) in axles.iter().enumerate() {
         heading[i / 4][i % 4] = axle.posture[2];
@@ -583,7 +584,7 @@ fn locate<V: Lanes>(axles: &[AxleState], frames: &mut [Frame]) {
     }
 }
 
-/// Wrench and stiffness of the frames as they are now.
+/// Updates wrench and stiffness of the frames.
 #[inline(always)]
 fn linearise(axles: &[AxleState], frames: &mut [Frame]) {
     for (f, frame) in frames.iter_mut().enumerate() {

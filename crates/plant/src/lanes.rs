@@ -1,9 +1,9 @@
-//! Four numbers worked on at once.
+//! Arithmetic on four numbers at once.
 //!
-//! [`Lanes`] has two implementations that give the same bits: each lane sees the same operations
+//! [`Lanes`] has two implementations with identical bits: each lane performs the same operations
 //! in the same order, none of them fused. [`Narrow`] is plain Rust for any machine; [`Wide`] is one
-//! vector register of a processor with AVX2. Hot code is generic over them and inlined whole into
-//! one function of each kind, between which [`super::Plant::step`] chooses.
+//! vector register of a processor with AVX2. Hot code is generic over lanes and inlined into one function
+//! per implementation; [`super::Plant::step`] chooses the function.
 
 #![allow(unsafe_code)]
 
@@ -15,9 +15,9 @@ pub trait Lanes:
 {
     /// The same number four times.
     fn splat(x: f64) -> Self;
-    /// From memory.
+    /// Loads from memory.
     fn load(x: &[f64; 4]) -> Self;
-    /// To memory.
+    /// Stores to memory.
     fn store(self) -> [f64; 4];
     /// Square roots.
     fn sqrt(self) -> Self;
@@ -59,12 +59,12 @@ pub trait Lanes:
     }
 }
 
-/// Twelve numbers in three groups of four.
+/// Twelve numbers in three groups of four lanes.
 #[derive(Clone, Copy, Debug)]
 pub struct Twelve<V>(pub [V; 3]);
 
-// No closures here and in all that is generic over lanes: a closure is compiled as a function of
-// its own, without the vector instructions, and then not inlined.
+// No closures here and in other code generic over lanes: a closure is compiled as a separate function,
+// without the vector instructions, and is then not inlined.
 macro_rules! twelve {
     ($($operator:ident $name:ident $sign:tt),+) => {
         $(impl<V: Lanes> $operator for Twelve<V> {
@@ -89,13 +89,13 @@ impl<V: Lanes> Mul<V> for Twelve<V> {
 }
 
 impl<V: Lanes> Twelve<V> {
-    /// From memory.
+    /// Loads from memory.
     #[inline(always)]
     pub fn load(x: &[[f64; 4]; 3]) -> Self {
         Self([V::load(&x[0]), V::load(&x[1]), V::load(&x[2])])
     }
 
-    /// To memory.
+    /// Stores to memory.
     #[inline(always)]
     pub fn store(self) -> [[f64; 4]; 3] {
         let [a, b, c] = self.0;
@@ -110,7 +110,7 @@ impl<V: Lanes> Twelve<V> {
     }
 }
 
-/// For any machine.
+/// Four numbers on any machine.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
 pub struct Narrow([f64; 4]);
@@ -130,7 +130,7 @@ macro_rules! narrow {
 narrow!(Add add +, Sub sub -, Mul mul *, Div div /);
 
 impl Narrow {
-    /// These numbers where they are taken, others elsewhere.
+    /// These numbers where `taken` is true for the lane, `others` elsewhere.
     #[inline(always)]
     fn or_where(self, others: &[f64; 4], taken: impl Fn(usize) -> bool) -> Self {
         Self([0, 1, 2, 3].map(|i| if taken(i) { self.0[i] } else { others[i] }))
@@ -200,8 +200,8 @@ mod wide {
     use super::{Add, Div, Lanes, Mul, Sub};
     use std::arch::x86_64::*;
 
-    /// For a processor with AVX2, and only inside functions compiled for it: the operations are
-    /// single instructions there, and undefined on any other.
+    /// Four numbers in a register of a processor with AVX2. Use only inside functions compiled for AVX2: there the
+    /// operations are single instructions. On other processors they are undefined behaviour.
     #[derive(Clone, Copy, Debug)]
     pub struct Wide(__m256d);
 
@@ -211,7 +211,7 @@ mod wide {
                 type Output = Self;
                 #[inline(always)]
                 fn $name(self, b: Self) -> Self {
-                    // SAFETY: a value of this type exists only where AVX2 does.
+                    // SAFETY: a value of this type exists only on a processor with AVX2.
                     Self(unsafe { $instruction(self.0, b.0) })
                 }
             })+
@@ -327,14 +327,14 @@ mod tests {
         out.iter().flat_map(|x| x.store().map(canonical)).collect()
     }
 
-    /// Bits, all NaN alike.
+    /// Bits of a number; every NaN has the same bits.
     fn canonical(x: f64) -> u64 {
         if x.is_nan() { u64::MAX } else { x.to_bits() }
     }
 
     #[cfg(target_arch = "x86_64")]
     #[test]
-    fn both_kinds_give_the_same_bits() {
+    fn both_implementations_give_identical_bits() {
         #[target_feature(enable = "avx2")]
         fn wide(rows: &[[f64; 4]; 4]) -> Vec<u64> {
             all::<Wide>(rows)

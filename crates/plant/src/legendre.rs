@@ -4,7 +4,7 @@
 //! only the positive node of each pair is tabulated: sums over the strip work on the even and the
 //! odd part of an integrand, at half the cost.
 
-/// A table of so many rows and columns, entry by entry.
+/// A table of `rows` by `columns`, entry by entry.
 macro_rules! table {
     ([$rows:expr, $columns:expr], |$i:ident, $j:ident| $entry:expr) => {{
         let mut table = [[0.0; $columns]; $rows];
@@ -23,7 +23,7 @@ macro_rules! table {
 
 /// Curvature polynomials, orders 0 to `ORDER − 1`.
 pub const ORDER: usize = 9;
-/// Those that are unknown: all but order 0, which the turn of the end gives.
+/// Polynomials with unknown coefficients: all orders except 0, which the turn of the end gives.
 pub const MODES: usize = ORDER - 1;
 /// Gauss–Legendre points along the strip.
 pub const POINTS: usize = 12;
@@ -33,7 +33,7 @@ pub const PAIRS: usize = POINTS / 2;
 /// Order of the polynomial in each row of the frame's equations: orders whose slope function is
 /// even first, each group from the stiffest down, so that a pivot that may vanish comes late.
 pub const MODE: [usize; MODES] = [7, 5, 3, 1, 8, 6, 4, 2];
-/// Number of [`MODE`] with an even slope function; as many have an odd one.
+/// Number of entries of [`MODE`] with an even slope function; as many have an odd slope function.
 pub const EVEN: usize = 4;
 
 /// P_n(ξ) and its derivative.
@@ -112,7 +112,7 @@ pub const SLOPES: [[f64; MODES]; PAIRS] = table!([PAIRS, MODES], |k, i| slope(MO
 /// their mirrors; the mirrors of the first four.
 pub type Strand = [[f64; 4]; 3];
 
-/// Number of the positive node in each lane of a [`Strand`], and its side.
+/// Number of the positive node in each lane of a [`Strand`], and the sign of the lane's node.
 pub const LANES: [[(usize, f64); 4]; 3] = [
     [(0, 1.0), (1, 1.0), (2, 1.0), (3, 1.0)],
     [(4, 1.0), (5, 1.0), (4, -1.0), (5, -1.0)],
@@ -143,9 +143,9 @@ pub const STRAND_SLOPES: [[[f64; 4]; 2]; MODES] = {
     all
 };
 
-/// Products of slope functions at each positive node, in lanes. Rows 0 to 3: even ones with each
-/// other, row 3 left out, its last entry in place of the first of row 1 (symmetry says the rest).
-/// Rows 3 to 6: odd ones in the same way. Rows 6 to 10: even ones with the odd ones.
+/// Products of slope functions at each positive node, in lanes. Rows 0 to 2: the even functions with each other. Their
+/// fourth row is left out: its last entry replaces the first entry of row 1, the others follow by symmetry. Rows 3
+/// to 5: the odd functions in the same way. Rows 6 to 9: the even with the odd functions.
 pub const PRODUCTS: [[[f64; 4]; 10]; PAIRS] = {
     let mut all = [[[0.0; 4]; 10]; PAIRS];
     let mut k = 0;

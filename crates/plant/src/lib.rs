@@ -2,11 +2,11 @@
 //!
 //! [`PlantConfig`] holds the physical constants, [`Plant`] is the robot, stepped at a fixed rate
 //! with wheel torques. The parts: [`frame`] (the strip between two axles), tyres, wheels and
-//! motors, and the integrator. [`elastica`] solves the same strip by another route; the tests
+//! motors, and the integrator. [`elastica`] solves the same strip by another method; the tests
 //! compare the two.
 //!
-//! Coordinates: global; of an axle x forward, y left. Axles and frames count from 0 at the front;
-//! left wheel first. A frame has its tip at the axle ahead and its root at the axle behind.
+//! Coordinates: global; or of an axle, x forward, y left. Axles and frames are numbered from 0 at the front;
+//! the left wheel is first. A frame has its tip at the axle ahead and its root at the axle behind.
 //!
 //! Deterministic to the bit: no fused operations, elementary functions from `libm` or from here.
 

@@ -18,14 +18,14 @@ pub fn gravity(config: &PlantConfig) -> (f64, [f64; 2]) {
     )
 }
 
-/// Inertia of one axle with what it carries, about the axle's midpoint.
+/// Inertia of one axle with payload and sensing, about the axle's midpoint.
 #[derive(Clone, Copy, Debug)]
 pub struct Body {
     /// Mass, kg.
     pub mass: f64,
     /// Yaw inertia, kg m².
     pub inertia: f64,
-    /// First moment: mass times the centre of mass's place forward and to the left, kg m.
+    /// First moment: mass times the position of the centre of mass, forward and to the left, kg m.
     pub moment: [f64; 2],
     inverse: Mat3,
 }
@@ -73,7 +73,7 @@ impl Body {
         ]
     }
 
-    /// The load with the centrifugal force at a yaw rate.
+    /// Load plus the centrifugal force at a yaw rate.
     #[inline(always)]
     pub fn swung(&self, load: &Vec3, rate: f64) -> Vec3 {
         let square = rate * rate;
@@ -84,14 +84,14 @@ impl Body {
         ]
     }
 
-    /// The load with that of gravity along the floor (m/s², in the body's frame).
+    /// Load plus gravity along the floor (m/s², in the body's frame).
     #[inline(always)]
     pub fn pulled(&self, load: &Vec3, gravity: [f64; 2]) -> Vec3 {
         add(load, 1.0, &self.momentum(&[gravity[0], gravity[1], 0.0]))
     }
 
-    /// Load that gives the same acceleration with the mass matrix of the start of the step, of a
-    /// load in the frame of a body that has turned since.
+    /// Converts a load in the frame of a body that has turned since the start of the step. The result gives the same
+    /// acceleration with the mass matrix at the start of the step.
     #[inline(always)]
     pub fn turned(&self, load: &Vec3, turn: [f64; 2]) -> Vec3 {
         if self.moment == [0.0; 2] {
@@ -144,7 +144,7 @@ fn pitch_share(axle: usize, axles: usize) -> f64 {
 }
 
 impl Loads {
-    /// At rest.
+    /// Loads at rest.
     pub fn new(config: &PlantConfig, bodies: &[Body]) -> Self {
         let at_rest = at_rest(config, bodies);
         Self {
@@ -159,13 +159,13 @@ impl Loads {
         }
     }
 
-    /// Back to rest.
+    /// Resets the loads to rest.
     pub fn settle(&mut self) {
         self.acceleration.fill([0.0; 2]);
         self.now.clone_from(&self.at_rest);
     }
 
-    /// True if the loads move at all.
+    /// True if acceleration shifts the loads.
     #[inline(always)]
     pub fn shift(&self) -> bool {
         self.height > 0.0
@@ -187,7 +187,7 @@ impl Loads {
         }
         let mut pitch = ahead * self.height / base.max(1e-3);
         for i in 0..axles.len() {
-            // No axle bears less than nothing.
+            // No axle gets a negative load.
             let share = pitch_share(i, axles.len());
             if share > 0.0 {
                 pitch = pitch.min(weight(i) / share);
@@ -196,7 +196,7 @@ impl Loads {
             }
         }
         for i in 0..axles.len() {
-            // Rounding may leave less than nothing.
+            // Rounding may leave a negative load.
             let axle = (weight(i) - pitch * pitch_share(i, axles.len())).max(0.0);
             let roll = self.mass[i] * a[i][1] * self.height / (2.0 * self.half_track[i]);
             let left = 0.5 * (axle + rest[i][0] - rest[i][1]) - roll;
@@ -214,7 +214,7 @@ fn base(config: &PlantConfig) -> f64 {
 /// Loads of the robot at rest with its frames straight.
 pub fn at_rest(config: &PlantConfig, bodies: &[Body]) -> Vec<[f64; 2]> {
     let (gravity, _) = gravity(config);
-    // A payload before its axle's middle loads the axles ahead, by way of the frames.
+    // A payload ahead of its axle's midpoint loads the axles ahead, through the frames.
     let ahead: f64 = bodies.iter().map(|body| body.moment[0]).sum();
     let pitch = gravity * ahead / base(config);
     let load = |(i, body): (usize, &Body)| {
@@ -231,7 +231,7 @@ pub fn check_payload(config: &PlantConfig) -> Result<(), ConfigError> {
     let load = at_rest(config, &bodies);
     let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
     for (i, body) in bodies.iter().enumerate() {
-        // The moment of all payloads at which the axle bears nothing.
+        // Moment of all payloads at which the axle has no load.
         let share = pitch_share(i, bodies.len());
         let bound = -body.mass * base(config) / share;
         if share > 0.0 {
@@ -254,7 +254,7 @@ pub fn check_payload(config: &PlantConfig) -> Result<(), ConfigError> {
         let others = bodies.iter().enumerate().filter(|(j, _)| *j != i);
         let others: f64 = others.map(|(_, body)| body.moment[0]).sum();
         check(0, (low - others) / payload, (high - others) / payload)?;
-        // Half the axle's load is what the moment may take from a wheel.
+        // The moment may take at most half the axle's load from a wheel.
         let half = 0.5 * (load[i][0] + load[i][1]);
         let roll = 0.5 * (load[i][0] - load[i][1]);
         if roll.abs() > half {

@@ -4,7 +4,7 @@ use declare::{Allowed, Checked, ConfigError, require};
 use serde::{Deserialize, Serialize};
 use std::ops::Index;
 
-/// Most axles of a robot.
+/// Largest number of axles of a robot.
 pub const MAX_AXLES: usize = 5;
 
 /// A quantity of each axle: one entry for all axles, or one entry per axle, front first.
@@ -18,12 +18,12 @@ impl<T> PerAxle<T> {
         &self.0
     }
 
-    /// The entries, to be changed.
+    /// Mutable entries.
     pub fn entries_mut(&mut self) -> &mut [T] {
         &mut self.0
     }
 
-    /// Gives each of `axles` axles an entry of its own. The error has this `field` and the number of entries.
+    /// Expands the list to one entry for each of `axles` axles. The error has this `field` and the number of entries.
     pub(super) fn spread(&mut self, field: &'static str, axles: usize) -> Result<(), ConfigError>
     where
         T: Clone,
@@ -58,7 +58,7 @@ impl<T> TryFrom<Vec<T>> for PerAxle<T> {
 }
 
 impl<T: PartialEq> PartialEq for PerAxle<T> {
-    /// True if every robot that both lists fit has the same values in both.
+    /// True if both lists give equal values for every number of axles that both fit.
     fn eq(&self, other: &Self) -> bool {
         match (self.entries(), other.entries()) {
             ([one], all) | (all, [one]) => all.iter().all(|entry| entry == one),

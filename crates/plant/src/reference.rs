@@ -1,17 +1,16 @@
-//! The same robot by another route: explicit fourth-order Runge–Kutta at a step far below every
-//! time constant, velocities in the global frame, the strip by shooting at every stage. Hundreds
-//! of times slower than [`super::Plant`], and written apart from it: the check of its accuracy.
+//! Independent reference of the plant: explicit fourth-order Runge–Kutta at a step far below every
+//! time constant, velocities in the global frame, the strip by shooting at every stage. The reference
+//! checks the accuracy of [`super::Plant`], shares no code with its step, and is hundreds of times slower.
 //!
 //! Covers tyres of both kinds with stiction, rolling resistance, side slip and drift of the ground,
-//! motors within their limits, payloads, a sloping floor, the elastic and damped frame with its clamps. Load
-//! transfer, a radius that depends on the load, play, cogging and the lag of the current loop are
-//! left out, and so is snap-through.
+//! motors within their limits, payloads, a sloping floor, the elastic and damped frame with its clamps. Left out are
+//! load transfer, a radius that depends on the load, backlash, cogging, the lag of the current loop and snap-through.
 
 use super::config::{PlantConfig, Tyre};
 use super::elastica::{Elastica, Load, solve};
 use declare::ConfigError;
 
-/// Of each axle x, y, φ; their rates; speeds of the left and the right wheel.
+/// For each axle: x, y, φ; their rates; speeds of the left and the right wheel.
 type Coordinates = Vec<[f64; 8]>;
 
 /// The robot, at rest at the start.
@@ -25,7 +24,7 @@ pub struct Reference {
     pub lost: bool,
 }
 
-/// Load of a strip found last and the end it belongs to, with the derivative of one by the other.
+/// Latest load of a strip, its end, and the derivative of the load with respect to the end.
 #[derive(Clone, Copy, Debug, Default)]
 struct Frame {
     load: Load,
@@ -70,7 +69,8 @@ impl Reference {
         self.y.iter().map(|axle| [axle[0], axle[1], axle[2]])
     }
 
-    /// Angle of a clamp of an axle, of its frame ahead or behind, and from the axle's midpoint to the strip, global.
+    /// Angle of an axle's clamp of the frame ahead or behind, and the vector from the axle's midpoint to the strip,
+    /// global.
     fn clamp(&self, axle: &[f64; 8], ahead: bool) -> (f64, [f64; 2]) {
         let c = &self.config;
         let (angle, length) = match ahead {
@@ -109,7 +109,7 @@ impl Reference {
     fn frame(&mut self, y: &Coordinates, f: usize) -> [f64; 4] {
         let (end, rate) = self.strip_end(y, f);
         let frame = &mut self.frames[f];
-        // Tangent from the last stage, then as many corrections as it takes.
+        // Linear prediction from the last stage, then Newton corrections until they converge.
         for i in 0..3 {
             for n in 0..3 {
                 frame.load[i] += frame.by_end[i][n] * (end[n] - frame.end[n]);
@@ -177,7 +177,7 @@ impl Reference {
         [fx, fy, moment, moment + end[0] * fy - end[1] * fx]
     }
 
-    /// Way of a wheel that rolls free of force over the way rolled, global.
+    /// Displacement of a wheel that rolls free of force, over the distance rolled, global.
     fn rolling(&self, heading: f64, i: usize, speed: f64) -> [f64; 2] {
         let c = &self.config;
         let (s, co) = libm::sincos(heading);
@@ -211,7 +211,7 @@ impl Reference {
         let moment = |axle: usize, n: usize| c.payload_kg[axle] * c.payload_position_m[axle][n];
         let base = c.strip_length_m + c.rigid_root_m + c.rigid_tip_m;
         let mass = c.mass_kg[i] + c.payload_kg[i] + if i > 0 { c.sensing_mass_kg } else { 0.0 };
-        // The axles are springs under a rigid beam: what they give grows linearly from the middle to the ends.
+        // The axles are springs under a rigid beam: their deflection grows linearly from the middle to the ends.
         let lever = |axle: usize| base * (0.5 * (count - 1) as f64 - axle as f64);
         let stiffness: f64 = (0..count).map(|axle| lever(axle) * lever(axle)).sum();
         let pitch: f64 = (0..count).map(|axle| moment(axle, 0)).sum();
@@ -229,7 +229,7 @@ impl Reference {
             let c = &self.config;
             let load = self.loads(i);
             let (mut force, mut moment) = ([0.0; 2], 0.0);
-            // The frame ahead has its root here, that behind its tip.
+            // At this axle the frame ahead has its root, and the frame behind its tip.
             let ahead = i.checked_sub(1).map(|f| (&frames[f], true));
             let behind = frames.get(i).map(|frame| (frame, false));
             for ([fx, fy, end_moment, root_moment], is_ahead) in ahead.into_iter().chain(behind) {
@@ -281,7 +281,7 @@ impl Reference {
         let (payload, [ahead, aside]) = (c.payload_kg[i], c.payload_position_m[i]);
         let mass = bare + payload;
         let share = payload / mass;
-        // Midpoint to centre of mass, and the inertia about the latter.
+        // Vector from the midpoint to the centre of mass, and inertia about the centre of mass.
         let (x, y) = (
             share * (co * ahead - s * aside),
             share * (s * ahead + co * aside),

@@ -45,7 +45,7 @@ pub fn sin_cos<V: Lanes>(angle: Twelve<V>) -> (Twelve<V>, Twelve<V>) {
 const TURNS: f64 = 1e5;
 /// 2π in two parts: the first has zeros at its end, so that its multiples up to 2²⁰ are exact.
 const WHOLE_TURN: [f64; 2] = [6.283_185_306_936_502_5, 2.430_840_202_602_477e-10];
-/// Adding and subtracting it rounds to the nearest integer.
+/// Adding and subtracting this number rounds to the nearest integer.
 const ROUND: f64 = 6_755_399_441_055_744.0;
 
 /// `(sin, cos)` of four angles of any size, to about 1e-15 up to 1e5 rad.
@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn agrees_with_the_standard_library() {
+    fn sine_and_cosine_agree_with_the_standard_library() {
         for k in 0..100_000 {
             let x = (k as f64 - 5e4) * 1e-4;
             let angle: [[f64; 4]; 3] = std::array::from_fn(|i| {
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn passes_what_is_not_a_number_on() {
+    fn sine_and_cosine_of_nan_and_infinity_are_nan() {
         for i in 0..12 {
             for bad in [f64::NAN, f64::INFINITY, -f64::INFINITY] {
                 let mut angle = [[0.3; 4]; 3];

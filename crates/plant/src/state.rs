@@ -1,4 +1,4 @@
-//! State of the plant as it is read from outside.
+//! State of the plant for its users.
 
 use super::geometry::Vec3;
 
@@ -9,16 +9,16 @@ pub struct AxleState {
     pub posture: Vec3,
     /// Velocity of the midpoint forward and to the left (m/s) and yaw rate (rad/s).
     pub velocity: Vec3,
-    /// Specific force at the midpoint forward and to the left (m/s²): acceleration less gravity along the floor, the
-    /// reading of an accelerometer there. Then the yaw acceleration (rad/s²). Means of the last step.
+    /// Specific force at the midpoint forward and to the left (m/s²): acceleration minus gravity along the floor, as an
+    /// accelerometer there reads. Third entry: yaw acceleration (rad/s²). Means over the last step.
     pub acceleration: Vec3,
     /// Wheel speeds, left and right, rad/s, positive forward.
     pub wheel_speed: [f64; 2],
     /// Wheel angles since the start, rad.
     pub wheel_angle: [f64; 2],
-    /// Speeds of the motors at the wheels' side of the gears, rad/s: the wheels' but for the play.
+    /// Speeds of the motors at the wheels' side of the gears, rad/s: the wheel speeds except within the backlash.
     pub motor_speed: [f64; 2],
-    /// Angles of the motors since the start, likewise, rad: what the encoders see.
+    /// Angles of the motors since the start, at the wheels' side of the gears, rad: the encoders measure these.
     pub motor_angle: [f64; 2],
     /// Torques of the motors at the wheels after all limits, N m.
     pub torque: [f64; 2],
@@ -45,16 +45,16 @@ pub struct Health {
     pub steps: u64,
     /// Factorisations of the frame's equations.
     pub factorisations: u64,
-    /// Most factorisations for one equilibrium.
+    /// Largest number of factorisations for one equilibrium.
     pub most_factorisations: u32,
     /// Parts that the steps were divided into.
     pub parts: u64,
-    /// Parts in which the frame's force was taken from its tangent.
+    /// Parts in which the frame's force was a linear prediction.
     pub linear_wrenches: u64,
-    /// Times the frame left one branch for another.
+    /// Number of snap-throughs of a frame from one branch to another.
     pub snap_throughs: u64,
-    /// Parts of steps spent under internal viscosity while it did.
+    /// Parts of steps under internal viscosity, during snap-throughs.
     pub creep_steps: u64,
-    /// Parts of steps whose equilibrium was not found at all: the frame kept its shape.
+    /// Parts of steps without a solution, also under internal viscosity: the frame kept its shape.
     pub failures: u64,
 }

@@ -15,13 +15,13 @@
 //! **Rolling resistance.** A torque of a share of load times radius against the rolling, faded out
 //! below 0.05 rad/s (Wong, *Theory of Ground Vehicles*, 4th edition, 2008, chapter 1).
 //!
-//! **Side slip and drift of the ground.** A wheel rolls, free of force, not exactly ahead: aside by a
-//! share of its way (toe, ply steer and conicity: Pacejka, chapter 4), and along a fixed direction
-//! of the floor, as the grain of a carpet takes it (Goel, Eade, Fong and Munich, *Carpet drift
-//! estimation using differential sensors or visual measurements*, US 9 223 312, 2015). The wheel's torque is taken along that direction too, so that contact
-//! never gives energy.
+//! **Side slip and drift of the ground.** A wheel that rolls free of force does not move exactly ahead. It also moves
+//! aside by a share of the distance rolled (toe, ply steer and conicity: Pacejka, chapter 4), and along a fixed
+//! direction of the floor, the grain of a carpet (Goel, Eade, Fong and Munich, *Carpet drift estimation using
+//! differential sensors or visual measurements*, US 9 223 312, 2015). The wheel's torque acts along that direction
+//! too, so that contact never adds energy.
 //!
-//! **Rolling radius.** It falls linearly with the load (Pacejka, chapter 1; Wong, chapter 1).
+//! **Rolling radius.** The radius decreases linearly with the load (Pacejka, chapter 1; Wong, chapter 1).
 
 use super::config::{PlantConfig, Tyre};
 use super::lanes::Lanes;
@@ -30,33 +30,33 @@ use super::state::AxleState;
 /// Wheel speed below which rolling resistance and the drift of the ground fade, rad/s.
 const ROLLING_FADE: f64 = 0.05;
 
-/// Constants of the four wheels of two neighbouring axles, in the order left and right ahead, left and right behind. The
-/// last axle of an odd number has no neighbour: two wheels without friction fill the four.
+/// Constants of the four wheels of two neighbouring axles: left and right ahead, then left and right behind. The last
+/// axle of an odd number has no neighbour: two wheels without friction fill the four.
 #[derive(Clone, Debug)]
 pub struct Wheels {
     friction: [f64; 4],
-    /// Of the slip velocity of half the force: its part of the speed of rolling, and its least.
+    /// Slip velocity at half the force over the rolling speed; `creep` is its least value, m/s.
     compliance: [f64; 4],
     creep: f64,
-    /// Between the secant (0) and the tangent (1) of force over slip in the linearisation. The
-    /// second order of the step does not depend on it.
+    /// Weight between the secant (0) and the tangent (1) of force over slip in the linearisation. The step is of second
+    /// order for any weight.
     tangent: f64,
     excess: f64,
     decay: f64,
     whole_inertia: f64,
-    /// Inertia of what turns with each wheel, kg m².
+    /// Inertia that turns with each wheel, kg m².
     pub inertia: [f64; 4],
     /// 1 where a motor turns with its wheel, 0 where the teeth are apart.
     meshed: [f64; 4],
     apart: bool,
     rolling: f64,
-    /// Way aside over way ahead.
+    /// Motion aside over motion ahead.
     side: [f64; 4],
     moved: bool,
     stall: f64,
     slope: f64,
     limit: f64,
-    /// Radius as it is, m.
+    /// Radius under the present load, m.
     pub radius: [f64; 4],
     /// Radius under the load at which it was measured, and that load, N.
     nominal: [[f64; 4]; 2],
@@ -74,7 +74,7 @@ pub struct Conditions {
     pub command: [f64; 4],
     /// Cogging torque, N m.
     pub cogging: [f64; 4],
-    /// Way of the ground, forward and left, over the way rolled.
+    /// Displacement by the ground, forward and left, over the distance rolled.
     pub drift: [[f64; 4]; 2],
 }
 
@@ -93,7 +93,7 @@ pub struct Contact<V> {
     pub motor: V,
 }
 
-/// Motion of the wheels' hubs: forward and left velocity of each contact point if it did not roll.
+/// Motion of the wheels' hubs: forward and left velocity that each contact point would have without wheel rotation.
 #[derive(Clone, Copy, Debug)]
 pub struct Hub<V> {
     /// Forward, m/s.
@@ -103,7 +103,8 @@ pub struct Hub<V> {
 }
 
 impl Wheels {
-    /// Of the axles `first` and the one behind it, from checked constants; for the loads at which the radii were measured.
+    /// Wheels of axle `first` and the axle behind it, from checked constants. The radii were measured under the loads
+    /// `load` (N).
     pub fn new(config: &PlantConfig, first: usize, load: [f64; 4]) -> Self {
         let last = (first + 1).min(config.axles() - 1);
         let [a, b] = [config.wheel_radius_m[first], config.wheel_radius_m[last]];
@@ -150,37 +151,37 @@ impl Wheels {
         }
     }
 
-    /// From here on the ground exerts nothing along itself on this wheel.
+    /// Removes the friction between this wheel and the ground.
     pub fn lift(&mut self, wheel: usize) {
         self.friction[wheel] = 0.0;
     }
 
-    /// From here on the ground exerts no force along itself.
+    /// Removes the friction between all wheels and the ground.
     pub fn remove_friction(&mut self) {
         self.friction = [0.0; 4];
     }
 
-    /// The motor of this wheel turns alone from here on.
+    /// Separates a motor from its wheel; `rotor` is the inertia of the rotor at the wheel, kg m².
     pub fn part(&mut self, wheel: usize, rotor: f64) {
         self.meshed[wheel] = 0.0;
         self.inertia[wheel] = self.whole_inertia - rotor;
         self.apart = true;
     }
 
-    /// The motor of this wheel turns with it from here on.
+    /// Couples a motor to its wheel.
     pub fn meet(&mut self, wheel: usize) {
         self.meshed[wheel] = 1.0;
         self.inertia[wheel] = self.whole_inertia;
         self.apart = self.meshed != [1.0; 4];
     }
 
-    /// True if the motor of this wheel turns with it.
+    /// True if the motor of this wheel turns with the wheel.
     #[inline(always)]
     pub fn meshed(&self, wheel: usize) -> bool {
         self.meshed[wheel] == 1.0
     }
 
-    /// Takes on the radii under these loads.
+    /// Sets the radii under these loads, N.
     #[inline(always)]
     pub fn bear(&mut self, load: &[f64; 4]) {
         if self.softness > 0.0 {
@@ -192,7 +193,7 @@ impl Wheels {
         }
     }
 
-    /// True if wheels roll other than exactly ahead.
+    /// True if wheels have side slip or drift of the ground.
     #[inline(always)]
     pub fn moved(&self) -> bool {
         self.moved
@@ -215,7 +216,7 @@ impl Wheels {
         let (radius, load, none) = (V::load(&self.radius), V::load(&c.load), V::splat(0.0));
         let rolled = radius * speed;
         let (mut sx, mut sy) = (hub.forward - rolled, hub.left);
-        // Way free of force, beyond a unit ahead. Its slope is left out of the linearisation.
+        // Motion free of force beside a unit ahead. The linearisation leaves out its slope.
         let (mut ahead, mut aside) = (none, none);
         let (fade, mut faded) = (V::splat(ROLLING_FADE), none);
         if self.moved || self.rolling > 0.0 {
@@ -229,17 +230,17 @@ impl Wheels {
             sy = sy - rolled * aside;
         }
         let s = (sx * sx + sy * sy).sqrt();
-        // Its slope by the speed is left out of the linearisation.
+        // The linearisation leaves out the slope of this velocity with respect to the wheel speed.
         let creep = (V::load(&self.compliance) * rolled.abs()).max(V::splat(self.creep));
         let inverse = V::splat(1.0) / (s + creep);
         let f = V::load(&self.friction) * load * inverse;
-        // d(f)/ds / s, as far as it counts; the floor only matters where sx and sy vanish too.
+        // −(df/ds)/s, weighted by `tangent`; the constant 1e-30 only matters where sx and sy vanish too.
         let h = V::splat(self.tangent) * f * inverse / (s + V::splat(1e-30));
         let mut force = [none - f * sx, none - f * sy];
         let mut slope = [f - h * sx * sx, none - h * sx * sy, f - h * sy * sy];
         if self.excess > 0.0 {
-            // Its falling part has a negative slope, which is left out of the linearisation: the
-            // solver then still meets a positive definite system.
+            // Stiction falls with slip. The linearisation leaves out this negative slope, so that the system stays
+            // positive definite.
             let ratio = s * V::splat(self.decay);
             let share = V::splat(self.excess) / (V::splat(1.0) + ratio * ratio);
             let share = V::splat(1.0) + share;
@@ -255,7 +256,7 @@ impl Wheels {
         let back = gain * speed;
         let lined = wanted.max(none - stall - back).min(stall - back);
         let motor = lined.max(none - limit).min(limit);
-        // The slope of the speed–torque line where that is what limits the torque.
+        // Slope of the speed–torque line where this line limits the torque.
         let free = gain.where_equal(lined, wanted);
         let mut drag = (gain - free).where_equal(motor, lined);
         let motor = motor + V::load(&c.cogging);
@@ -282,7 +283,7 @@ impl Wheels {
         }
     }
 
-    /// Torque of one motor at a speed of its own, N m: as in [`Self::contact`].
+    /// Torque of a motor that turns apart from its wheel, N m, as in [`Self::contact`].
     pub fn motor_torque(&self, speed: f64, command: f64) -> f64 {
         let back = self.slope * speed;
         command
@@ -292,8 +293,8 @@ impl Wheels {
     }
 }
 
-/// The wheels' part of a linearly implicit step, with the wheel speeds eliminated: the axles see
-/// tyres of reduced slope.
+/// The wheels' part of a linearly implicit step. The wheel speeds are eliminated, which reduces the slope
+/// of the tyres on the axles.
 #[derive(Clone, Copy, Debug)]
 pub struct Eliminated<V> {
     /// h over the wheel's effective inertia.
@@ -342,8 +343,8 @@ impl Wheels {
         ]
     }
 
-    /// Force (forward, left) and yaw moment on each axle of the tyre forces in `now`, with what
-    /// the wheels' own acceleration adds to them; `at` is the point of linearisation.
+    /// Force (forward, left) and yaw moment on each axle from the tyre forces in `now` and from the
+    /// wheels' own acceleration; `at` is the point of linearisation.
     #[inline(always)]
     pub fn load<V: Lanes>(
         &self,
@@ -373,7 +374,7 @@ impl Wheels {
 }
 
 impl Wheels {
-    /// Kinetic energy of the spin of what turns with the wheels, J.
+    /// Kinetic energy of the spin of the wheels with their coupled rotors, J.
     pub fn energy(&self, axles: &[AxleState]) -> f64 {
         let speeds = axles.iter().flat_map(|axle| axle.wheel_speed);
         let energy = speeds
@@ -422,7 +423,7 @@ mod tests {
         contact.force.map(Narrow::store)
     }
 
-    /// Directions of slip all round, m/s.
+    /// Slip velocities of equal size in twelve directions, m/s.
     fn around(size: f64) -> impl Iterator<Item = [f64; 2]> {
         (0..12).map(move |k| {
             let angle = 0.3 + f64::from(k) * std::f64::consts::TAU / 12.0;
@@ -430,9 +431,9 @@ mod tests {
         })
     }
 
-    /// Forces lie within the circle of friction and against the slip, and reach it at large slip.
+    /// At large slip the forces reach the circle.
     #[test]
-    fn friction_circle() {
+    fn tyre_forces_oppose_slip_within_the_friction_circle() {
         for tyre in [Tyre::default(), brush()] {
             let wheels = wheels(tyre, 0.0);
             for rolling in [-0.8, 0.0, 0.002, 0.3, 1.5] {
@@ -451,10 +452,9 @@ mod tests {
         }
     }
 
-    /// At small slip, ahead or aside, force over load is C times slip over rolling, with stiction
-    /// too.
+    /// Force over load is C times slip over rolling, ahead and aside, with and without stiction.
     #[test]
-    fn slip_stiffness_of_the_brush_tyre() {
+    fn brush_tyre_has_its_slip_stiffness_at_small_slip() {
         for excess in [0.0, 0.2] {
             let wheels = wheels(brush(), excess);
             for (rolling, slip) in [(0.5f64, 1e-4), (-0.2, -1e-5)] {
@@ -473,9 +473,8 @@ mod tests {
         }
     }
 
-    /// Stiction raises the largest force by its share, and is gone at large slip.
     #[test]
-    fn stiction() {
+    fn stiction_raises_the_peak_force_and_vanishes_at_large_slip() {
         let (plain, sticky) = (wheels(brush(), 0.0), wheels(brush(), 0.2));
         let ahead = |wheels: &Wheels, slip: f64| -forces(wheels, [slip, 0.0], 0.0)[0][0];
         let peak = (1..2000)

@@ -1,4 +1,4 @@
-//! The whole plant: against the explicit reference, and against what mechanics demands.
+//! The whole plant against the explicit reference, and against the laws of mechanics.
 
 #![allow(
     clippy::disallowed_methods,
@@ -16,7 +16,7 @@ fn plant(config: &PlantConfig) -> Plant {
     config.build(2).expect("the configuration is valid")
 }
 
-/// `crates/plant/examples/drives.rs` compares over 5 s; this is its beginning.
+/// The first 0.6 s of the comparison of `crates/plant/examples/drives.rs`.
 #[test]
 fn postures_follow_the_explicit_reference() {
     for drive in [NORMAL, HARSH] {
@@ -35,9 +35,8 @@ fn postures_follow_the_explicit_reference() {
     }
 }
 
-/// A call of `step` is a tick of the boards, however it is divided: the wheels turn as far.
 #[test]
-fn substeps_divide_the_tick() {
+fn step_advances_one_tick_for_any_number_of_substeps() {
     let travel = |substeps: u32| {
         let mut plant = plant(&PlantConfig {
             substeps,
@@ -80,8 +79,8 @@ fn error_falls_with_the_square_of_the_step() {
     assert!((2.8..5.5).contains(&(coarse / fine)), "{coarse} {fine}");
 }
 
-/// A soft strip that the tyres can buckle, driven at random: many snap-throughs, taut pulls at
-/// metres per second, turns beyond what a robot could do.
+/// A soft strip that the tyres can buckle, driven by varied torques: many snap-throughs, taut pulls at
+/// metres per second, turns beyond those of a real robot.
 #[test]
 fn snap_through_converges_and_keeps_its_energy_bounded() {
     let config = PlantConfig {
@@ -101,7 +100,7 @@ fn snap_through_converges_and_keeps_its_energy_bounded() {
             plant.step(&[[wave(0, t), wave(1, t)], [wave(2, t), wave(3, t)]]);
             energy = energy.max(plant.energy());
         }
-        // Four wheels at no-load speed and both axles at the speed that goes with it: 13 J.
+        // Four wheels at no-load speed and both axles at the corresponding speed: 13 J.
         assert!(energy < 60.0, "drive {n}: {energy} J");
         let health = plant.health();
         assert_eq!(health.failures, 0, "drive {n}: {health:?}");
@@ -111,7 +110,7 @@ fn snap_through_converges_and_keeps_its_energy_bounded() {
 }
 
 #[test]
-fn a_placed_robot_is_at_rest_and_stays() {
+fn placed_robot_stays_at_rest() {
     let mut plant = plant(&config());
     plant.place([-1.342, -1.342, 2.0]);
     for _ in 0..2000 {
@@ -126,9 +125,8 @@ fn a_placed_robot_is_at_rest_and_stays() {
     assert!((dx - 0.37).abs() < 1e-6 && dy.abs() < 1e-6 && turn.abs() < 1e-9);
 }
 
-/// Left and right exchanged, the mirrored drive gives the mirrored motion.
 #[test]
-fn mirror_image() {
+fn mirrored_torques_give_mirrored_motion() {
     let config = PlantConfig {
         natural_slope_rad: 0.0,
         ..config()
@@ -146,9 +144,8 @@ fn mirror_image() {
     assert!((one.curvature(0, 0.1) + other.curvature(0, 0.1)).abs() < 1e-6);
 }
 
-/// The robot's motion does not depend on where it stands or how it is turned.
 #[test]
-fn motion_is_the_same_from_any_place() {
+fn motion_does_not_depend_on_the_start_posture() {
     let (mut one, mut other) = (plant(&config()), plant(&config()));
     let place = [3.0, -2.0, 1.1];
     other.place(place);
@@ -164,7 +161,7 @@ fn motion_is_the_same_from_any_place() {
     assert!((place[2] + phi - q[2]).abs() < 1e-6);
 }
 
-/// Full torque on a straight run ends at the no-load speed, less what rolling resistance takes.
+/// Full torque on a straight run ends at the no-load speed, reduced by rolling resistance.
 #[test]
 fn top_speed_lies_on_the_speed_torque_line() {
     let config = PlantConfig {
@@ -177,16 +174,16 @@ fn top_speed_lies_on_the_speed_torque_line() {
     }
     let mass = 2.0 * 4.76 + 0.6;
     let resisting = 0.02 * mass * 9.806_65 * 0.073 / 4.0;
-    // The frame shares the load, so the wheels differ a little; their mean does not.
+    // The frame couples the axles, so the wheels differ slightly, but not their mean.
     let axles = plant.axles().iter();
     let mean = axles.flat_map(|a| a.wheel_speed).sum::<f64>() / 4.0;
     let expected = 20.0 * (1.0 - resisting / 2.5);
     assert!((mean - expected).abs() < 1e-3, "{mean} {expected}");
 }
 
-/// Braking hard shifts load to the front, turning left to the right.
+/// Acceleration shifts load to the rear axle, a left turn to the right wheels.
 #[test]
-fn loads_follow_the_acceleration() {
+fn wheel_loads_shift_with_acceleration() {
     let config = PlantConfig {
         center_of_mass_height_m: 0.06,
         ..config()
@@ -251,10 +248,9 @@ fn gauges_root_moment_and_shape_agree() {
     assert!((length - 0.42).abs() < 1e-4, "{length}");
 }
 
-/// The gauges' shared nodes against nodes laid for each place anew, also where the frame is bent
-/// far and pulled hard.
+/// Compares nodes shared by all gauges with nodes of each single place, also under large bends and forces.
 #[test]
-fn prepared_places_agree_with_any_place() {
+fn prepared_gauge_places_agree_with_single_places() {
     for (drive, allowed) in [(NORMAL, 1e-10), (HARSH, 1e-6)] {
         let mut plant = plant(&drive.config(&config()));
         let places: Vec<f64> = (0..9).map(|i| 0.37 * f64::from(i) / 8.0).collect();
@@ -277,7 +273,7 @@ fn prepared_places_agree_with_any_place() {
 }
 
 #[test]
-fn a_command_that_is_not_finite_counts_as_none() {
+fn command_that_is_not_finite_counts_as_zero() {
     let (mut one, mut other) = (plant(&config()), plant(&config()));
     for _ in 0..100 {
         one.step(&[[0.2, f64::NAN], [f64::INFINITY, 0.2]]);

@@ -1,6 +1,6 @@
-//! Strips of three lobes near the fold where a stable and an unstable shape meet: the plant's strip against two
-//! others that share nothing, the exact elastica with its conjugate points and a chain of 2000 links. Lengths are
-//! in L, forces in EI/L².
+//! Strips of three lobes near the fold, where a stable and an unstable shape meet. The plant's strip is compared with
+//! two independent models: the exact elastica with its conjugate points, and a chain of 2000 links. Lengths are in L,
+//! forces in EI/L².
 
 #![allow(
     clippy::disallowed_methods,
@@ -10,7 +10,7 @@
 use plant::elastica::{Elastica, Load};
 use plant::frame::Strip;
 
-/// Axial stiffness: nearly none of the strip's compliance.
+/// Axial stiffness, so high that the strip hardly stretches.
 const AXIAL: f64 = 1e9;
 const PLACES: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
 const LINKS: usize = 2000;
@@ -31,7 +31,8 @@ fn determinant(m: [[f64; 3]; 3]) -> f64 {
     m[0][0] * minor(1, 2) - m[0][1] * minor(0, 2) + m[0][2] * minor(0, 1)
 }
 
-/// Conjugate points along the strip: each is a direction in which its energy falls while the end is held.
+/// Number of conjugate points along the strip. Each is a direction in which the strip's energy falls while the end is
+/// held.
 fn conjugate_points(load: Load) -> usize {
     let signs = (8..=100).map(|k| {
         let part = Elastica::straight(f64::from(k) / 100.0, 1.0, AXIAL, 8 * k as usize);
@@ -153,7 +154,7 @@ fn three_lobes(count: usize) -> Vec<Load> {
 }
 
 #[test]
-fn three_lobed_shapes_and_their_stability_are_those_of_elastica_and_chain() {
+fn three_lobed_shapes_and_their_stability_match_elastica_and_chain() {
     let exact = Elastica::straight(1.0, 1.0, AXIAL, 800);
     let strip = Strip::new(1.0, 1.0, AXIAL, 0.0);
     let (mut stable_ones, mut beyond_fold) = (0, 0);

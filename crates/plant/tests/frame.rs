@@ -29,7 +29,7 @@ fn compare(strip: &Elastica, load: Load) -> (f64, f64, bool) {
     let found = fast.find(end, &PLACES, &seed);
     let (found, stable) = found.unwrap_or_else(|| panic!("no equilibrium for {load:?}"));
     let (a, b) = (strip.wrench(load, end), fast.wrench(&found));
-    // A moment counts as the force it is over the length.
+    // A moment counts as moment over length.
     let unit = [1.0, 1.0, 1.0 / LENGTH];
     let norm = |v: [f64; 3]| (0..3).map(|i| (v[i] * unit[i]).powi(2)).sum::<f64>().sqrt();
     let wrench = norm([a[0] - b[0], a[1] - b[1], a[2] - b[2]]) / norm(a);
@@ -77,7 +77,7 @@ fn wrench_and_strain_follow_the_exact_elastica() {
     }
 }
 
-/// Both ends clamped and pushed together by a share of the length.
+/// Load of a strip whose clamped ends are pushed together by a share of the length.
 fn buckled(strip: &Elastica, share: f64) -> Load {
     let height = 4.0 * std::f64::consts::PI * share.sqrt();
     let push = 4.0 * std::f64::consts::PI.powi(2) * (1.0 + 0.5 * share);
@@ -102,7 +102,7 @@ fn buckled_shapes_follow_the_exact_elastica() {
     }
 }
 
-/// Small deflections: the clamped beam of the textbooks.
+/// Small deflections of a clamped beam.
 #[test]
 fn small_deflections_follow_beam_theory() {
     let strip = strip();
@@ -117,13 +117,13 @@ fn small_deflections_follow_beam_theory() {
     let wrench = strip.wrench(&found);
     assert!((wrench[1] / force - 1.0).abs() < 1e-5, "{wrench:?}");
     assert!((wrench[2] / moment - 1.0).abs() < 1e-5, "{wrench:?}");
-    // The bending moment at the root is the negative of what the root's support exerts.
+    // The bending moment at the root is the negative of the moment that the root's support exerts.
     assert!((strip.root_moment(&found) / root - 1.0).abs() < 1e-4);
     assert!(stable);
 }
 
 #[test]
-fn pull_stretches_as_a_bar() {
+fn pulled_strip_stretches_like_a_bar() {
     let strip = Strip::new(LENGTH, BENDING, 1e5, 0.0);
     let (found, _) = strip
         .find([1.001 * LENGTH, 0.0, 0.0], &PLACES, &[0.0; 5])
@@ -134,7 +134,7 @@ fn pull_stretches_as_a_bar() {
 
 /// Euler: clamped ends buckle at 4π² EI/L². Stability must change there.
 #[test]
-fn the_straight_strip_loses_stability_at_the_euler_load() {
+fn straight_strip_loses_stability_at_the_euler_load() {
     let strip = strip();
     let critical = 4.0 * std::f64::consts::PI.powi(2) * BENDING / LENGTH.powi(2);
     for (share, expected) in [(0.5, true), (0.98, true), (1.02, false), (1.9, false)] {
@@ -194,7 +194,7 @@ fn wrench_is_the_gradient_of_the_energy() {
     }
 }
 
-/// Viscosity takes energy out and equals the stiffness where the strip carries no load.
+/// Viscosity also dissipates energy under load.
 #[test]
 fn viscosity_is_the_stiffness_of_the_unloaded_strip() {
     let strip = strip();

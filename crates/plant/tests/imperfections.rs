@@ -1,4 +1,4 @@
-//! What the imperfections of the robot do, against what can be said of them without a simulation.
+//! Effects of the robot's imperfections, compared with analytic results.
 
 #![allow(
     clippy::disallowed_methods,
@@ -17,7 +17,7 @@ fn brush() -> PlantConfig {
     }
 }
 
-/// All of them at once, larger than they are.
+/// All imperfections at once, larger than real ones.
 fn crooked() -> PlantConfig {
     PlantConfig {
         friction: 0.6,
@@ -44,7 +44,7 @@ fn crooked() -> PlantConfig {
     }
 }
 
-/// On the brush tyre and a strip that is straight when unloaded.
+/// Brush tyre, and a strip that is straight when unloaded.
 fn straight() -> PlantConfig {
     PlantConfig {
         natural_slope_rad: 0.0,
@@ -74,9 +74,9 @@ fn drive(plant: &mut Plant, steps: usize, amplitude: f64) {
     }
 }
 
-/// Released on a slope it rolls as a body whose wheels turn with it, and an accelerometer reads the rest of gravity.
+/// An accelerometer reads the acceleration minus gravity along the floor.
 #[test]
-fn a_robot_on_a_slope_rolls_with_the_acceleration_of_a_rolling_body() {
+fn robot_on_a_slope_accelerates_like_a_rolling_body() {
     let config = PlantConfig {
         slope_rad: 5f64.to_radians(),
         downhill_rad: std::f64::consts::PI,
@@ -91,7 +91,7 @@ fn a_robot_on_a_slope_rolls_with_the_acceleration_of_a_rolling_body() {
     let rolling = mass + 4.0 * 0.004 / 0.073f64.powi(2);
     let expected = -along * mass / rolling;
     for axle in plant.axles() {
-        // The tyres creep: a hair less.
+        // The tyres creep, so the robot is slightly slower.
         let speed = axle.velocity[0] / (0.5 * expected);
         assert!((speed - 1.0).abs() < 5e-3, "{speed}");
         let felt = axle.acceleration[0] - (expected + along);
@@ -99,10 +99,10 @@ fn a_robot_on_a_slope_rolls_with_the_acceleration_of_a_rolling_body() {
     }
 }
 
-/// The front wheels pull the braked rear ones along: at constant speed each tyre's force is its
-/// torque over the radius, and its slip the force over C·N, enlarged as it nears the friction.
+/// The front wheels pull the braked rear wheels. At constant speed each tyre's force is its torque over the radius. Its
+/// slip is the force over C·N, enlarged as the force nears the friction limit.
 #[test]
-fn slip_of_braked_and_driven_wheels() {
+fn braked_and_driven_wheels_slip_by_their_stiffness() {
     let stiffness = [17.5, 27.5];
     let config = PlantConfig {
         tyre: Tyre::Brush(Brush {
@@ -131,10 +131,9 @@ fn slip_of_braked_and_driven_wheels() {
     }
 }
 
-/// A robot bent by its own motors, its wheels then held where they are, stays bent. On tyres whose
-/// slip depends on the force alone the frame leaks.
+/// The motors bend the robot, then hold the wheel angles. On tyres of constant creep the frame straightens slowly.
 #[test]
-fn a_bent_robot_at_rest_stays() {
+fn bent_robot_at_rest_stays_bent_on_brush_tyres() {
     let left = |config: &PlantConfig| {
         let mut plant = build(config);
         for k in 0..1500 {
@@ -164,13 +163,12 @@ fn a_bent_robot_at_rest_stays() {
     assert!(brushed > 0.99, "{brushed}");
 }
 
-/// With the motors off, energy only falls, whatever ground and gears do; at 1 ms by no more than the
-/// step's tolerance in velocity lets it rise where the robot comes to rest.
+/// Motors are off. With steps of 1 ms, energy may rise within the step's velocity tolerance as the robot comes to rest.
 #[test]
 fn energy_never_grows() {
     let config = PlantConfig {
         cogging_torque_n_m: 0.0,
-        // Loads that follow the acceleration late take no part in the balance.
+        // The lag of load transfer is no part of the energy balance.
         center_of_mass_height_m: 0.0,
         ..crooked()
     };
@@ -200,7 +198,7 @@ fn energy_never_grows() {
     }
 }
 
-/// Momentum and angular momentum of axles and payloads, as of four points and two bodies.
+/// Sums linear and angular momentum of two axles and two payloads.
 #[test]
 fn momentum_is_conserved_without_friction() {
     conserves_momentum([2.0, 3.0], 1e-3);
@@ -266,7 +264,7 @@ fn payloads_load_the_wheels_by_the_lever_rule() {
         ..brush()
     };
     let load = [0, 1].map(|i| build(&config).axles()[i].load);
-    // The payload's weight over the axles, and over the track a quarter to the right.
+    // The payload's weight is shared by the axles, and across the track: a quarter on the right wheel.
     let ahead = 2.0 * 0.185 / 0.4;
     let front = 4.76 + ahead;
     let rear = 5.36 + 2.0 - ahead;
@@ -279,9 +277,8 @@ fn payloads_load_the_wheels_by_the_lever_rule() {
     }
 }
 
-/// Also where a wheel leaves the ground.
 #[test]
-fn loads_add_up_to_the_weight() {
+fn loads_add_up_to_the_weight_with_a_lifted_wheel() {
     let config = PlantConfig {
         center_of_mass_height_m: 0.5,
         friction: 1.5,
@@ -302,7 +299,6 @@ fn loads_add_up_to_the_weight() {
     assert!(lifted > 0 && moved > 5.0, "{lifted} {moved}");
 }
 
-/// A wheel rolls with the radius that its load leaves it.
 #[test]
 fn radius_falls_with_the_load() {
     let config = PlantConfig {
@@ -314,15 +310,15 @@ fn radius_falls_with_the_load() {
     run(&mut plant, 1000, [[0.2; 2]; 2]);
     run(&mut plant, 500, [[0.0; 2]; 2]);
     for axle in plant.axles() {
-        // Half as much again on every wheel.
+        // Every load is 1.5 times the load without payload.
         let radius = axle.velocity[0] / axle.wheel_speed[0];
         assert!((radius / 0.073 - 0.99).abs() < 5e-5, "{radius}");
     }
 }
 
-/// Way aside over way ahead, and way along the floor over way rolled in whatever direction.
+/// Side slip: motion aside over motion ahead. Carpet drift: displacement along the floor over distance rolled.
 #[test]
-fn side_slip_and_carpet_drift_are_shares_of_the_way() {
+fn side_slip_and_carpet_drift_are_shares_of_the_distance() {
     let aside = PlantConfig {
         side_slip: [0.004; 2].into(),
         ..straight()
@@ -339,7 +335,7 @@ fn side_slip_and_carpet_drift_are_shares_of_the_way() {
         ..flat.clone()
     };
     for (heading, torque) in [(0.0, 0.1), (1.3, 0.1), (1.3, -0.1), (-2.5, 0.1)] {
-        // Beyond what driving slip takes: less than what the wheel rolled, on a floor at rest.
+        // The same drive on a floor without drift gives the loss by driving slip, which is subtracted.
         let [[x, y], [u, v]] = [&carpet, &flat].map(|config| {
             let mut plant = build(config);
             plant.place([0.0, 0.0, heading]);
@@ -350,13 +346,13 @@ fn side_slip_and_carpet_drift_are_shares_of_the_way() {
             let (s, c) = heading.sin_cos();
             [x - c * rolled, y - s * rolled].map(|way| way / rolled.abs())
         });
-        // Fading in from rest takes a little.
+        // The fade-in from rest costs a small distance.
         assert!((x - u - 0.006).abs() < 1e-4, "{heading} {}", x - u);
         assert!((y - v + 0.003).abs() < 1e-4, "{heading} {}", y - v);
     }
 }
 
-/// Unloaded, the strip is straight, and the axles stand to it as the clamps have it.
+/// Unloaded, the strip is straight, and the clamps set the angles of the axles.
 #[test]
 fn clamps_set_the_unloaded_posture() {
     let config = PlantConfig {
@@ -379,8 +375,7 @@ fn clamps_set_the_unloaded_posture() {
     for s in [0.0, 0.1, 0.37] {
         assert!(plant.curvature(0, s).abs() < 1e-9);
     }
-    // Axles brought into line bend the strip as far as the clamps disagree, and the outline ends
-    // where the axles are.
+    // Aligned axles bend the strip by the difference of the clamp angles. The outline ends at the axles.
     drive(&mut plant, 1500, 0.5);
     let mut curve = [[0.0; 2]; 50];
     plant.draw(&plant.outline(0, 50), &mut curve);
@@ -394,9 +389,9 @@ fn clamps_set_the_unloaded_posture() {
     assert!(turn.abs() > 0.1 && (sum - turn + 0.07).abs() < 1e-4);
 }
 
-/// At a reversal the motor crosses the play under its torque alone while the wheel rolls on.
+/// At a reversal the motor crosses the backlash under its torque alone while the wheel rolls on.
 #[test]
-fn a_reversed_motor_crosses_its_play() {
+fn reversed_motor_crosses_its_backlash() {
     let (play, torque) = (0.02f64, 0.3);
     let config = PlantConfig {
         backlash_rad: [[play; 2]; 2].into(),
@@ -413,7 +408,7 @@ fn a_reversed_motor_crosses_its_play() {
     let mut crossing = 0;
     let mut rolling = speed;
     while gap(&plant) > -0.5 * play + 1e-9 {
-        // The wheel, no longer driven, keeps its speed within what the tyre's slip gives back.
+        // The wheel is not driven: its speed changes only by recovery of the tyre's slip.
         assert!((rolling - speed).abs() < 0.2, "{rolling} {speed}");
         plant.step(&[[-torque; 2]; 2]);
         rolling = plant.axles()[0].wheel_speed[0];
@@ -423,14 +418,14 @@ fn a_reversed_motor_crosses_its_play() {
     let expected = 1e3 * (2.0 * play * 0.003 / torque).sqrt();
     let late = f64::from(crossing) - expected;
     assert!(late.abs() < 2.5, "{crossing} {expected}");
-    // From then on they turn together, the other flank pressing.
+    // Then motor and wheel turn together, on the other flank.
     run(&mut plant, 300, [[-torque; 2]; 2]);
     assert!((gap(&plant) + 0.5 * play).abs() < 1e-9);
 }
 
-/// Whatever the teeth do, motor and wheel together gain what the motor's torque gives.
+/// Motor and wheel together gain the impulse of the motor's torque, with teeth in contact or apart.
 #[test]
-fn play_keeps_angular_momentum() {
+fn backlash_conserves_angular_momentum() {
     let config = PlantConfig {
         backlash_rad: [[0.03, 0.01], [0.02, 0.0]].into(),
         ..brush()
@@ -454,8 +449,7 @@ fn play_keeps_angular_momentum() {
     assert!(apart > 100, "{apart}");
 }
 
-/// Over whole periods it neither drives nor brakes, and where it is faster than the steps it
-/// averages out.
+/// Over whole periods cogging does no work. Cogging faster than the steps averages out.
 #[test]
 fn mean_of_the_cogging_is_zero() {
     let config = PlantConfig {
@@ -491,7 +485,7 @@ fn mean_of_the_cogging_is_zero() {
     assert!((axle.torque[0] - 0.1).abs() < 0.005);
 }
 
-/// Whichever instructions the processor has, also through snap-through and slip-stick.
+/// Also during snap-through and stick-slip.
 #[test]
 fn vector_and_portable_code_agree_to_the_bit() {
     let soft = PlantConfig {
@@ -517,7 +511,7 @@ fn vector_and_portable_code_agree_to_the_bit() {
 }
 
 #[test]
-fn a_copy_and_a_robot_placed_anew_repeat_to_the_bit() {
+fn copied_plant_and_placed_plant_repeat_to_the_bit() {
     for config in [crooked(), PlantConfig::default()] {
         let run = |plant: &mut Plant| {
             drive(plant, 1500, 0.6);
@@ -533,7 +527,7 @@ fn a_copy_and_a_robot_placed_anew_repeat_to_the_bit() {
 }
 
 #[test]
-fn a_bad_constant_is_named() {
+fn invalid_constant_is_refused_by_name() {
     type Spoil = fn(&mut PlantConfig);
     let spoilt: [(&str, Spoil); 21] = [
         ("mass_kg[1]", |c| c.mass_kg.entries_mut()[1] = f64::NAN),

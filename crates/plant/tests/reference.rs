@@ -1,5 +1,4 @@
-//! The plant against the explicit reference, with the brush tyre and with everything that makes the
-//! robot other than its drawing.
+//! The plant against the explicit reference, with the brush tyre and with the imperfections of the robot.
 
 #![allow(
     clippy::disallowed_methods,
@@ -48,7 +47,7 @@ fn crooked() -> PlantConfig {
 }
 
 #[test]
-fn a_crooked_robot_follows_the_reference() {
+fn robot_with_imperfections_follows_the_reference() {
     for (drive, allowed) in [(NORMAL, [5e-5, 5e-4]), (HARSH, [1.5e-4, 8e-4])] {
         let [position, heading] = drive.error(&crooked(), 2, 0.4).unwrap();
         println!("{}: {position} m, {heading} rad", drive.name);
@@ -58,7 +57,7 @@ fn a_crooked_robot_follows_the_reference() {
 }
 
 #[test]
-fn a_robot_on_a_slope_follows_the_reference() {
+fn robot_on_a_slope_follows_the_reference() {
     for downhill_rad in [0.0, 2.0, -2.5] {
         let config = PlantConfig {
             substeps: 4,
@@ -72,9 +71,8 @@ fn a_robot_on_a_slope_follows_the_reference() {
     }
 }
 
-/// Each of them matters to that comparison: left out of the plant, it fails.
 #[test]
-fn the_reference_sees_each_imperfection() {
+fn comparison_fails_if_an_imperfection_is_left_out() {
     type Mend = fn(&mut PlantConfig);
     let mended: [(&str, Mend); 6] = [
         ("side slip", |c| c.side_slip = [0.0].into()),
@@ -112,9 +110,9 @@ fn the_reference_sees_each_imperfection() {
 }
 
 #[test]
-fn a_chain_of_axles_follows_the_reference() {
+fn chain_of_axles_follows_the_reference() {
     let creep = PlantConfig::default();
-    // What the reference covers differs from axle to axle, so that each entry has to be that of its axle.
+    // All constants that the reference covers differ from axle to axle, so that a swapped entry is found.
     let crooked = PlantConfig {
         tyre: Tyre::Brush(Brush {
             slip_stiffness: [[15.0, 20.0], [26.0, 18.0], [22.0, 30.0], [12.0, 16.0]].into(),

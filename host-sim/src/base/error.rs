@@ -1,23 +1,23 @@
-//! The error every command ends with.
+//! Error type of all commands, with the exit code.
 
 use core_algos::config::ConfigError;
 use std::fmt;
 
-/// Why a command failed.
+/// Failure of a command.
 #[derive(Debug)]
 pub enum Error {
-    /// Something the user gave is wrong; the text names the field, the value and what is allowed.
+    /// Invalid user input; the text names the field, the value and the allowed range.
     Input(String),
-    /// Something else failed (a file could not be written, a thread pool not started).
+    /// Other failure: a file cannot be written, a thread pool does not start.
     Failure(String),
     /// The robot does not answer.
     NoAnswer(String),
-    /// The user ended the run; the results are those of what was done.
+    /// The user interrupted the run; the results cover the finished part.
     Interrupted(String),
 }
 
 impl Error {
-    /// An error about the user's input.
+    /// Error of user input.
     pub fn input(text: impl Into<String>) -> Self {
         Self::Input(text.into())
     }
@@ -51,7 +51,7 @@ impl From<std::io::Error> for Error {
     }
 }
 
-/// Puts the table that holds a refused key before its name.
+/// Prefixes the key in an error with the name of its table.
 pub fn within(table: &str, checked: Result<(), ConfigError>) -> Result<(), Error> {
     checked.map_err(|error| Error::Input(format!("{table}.{error}")))
 }

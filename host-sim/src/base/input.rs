@@ -1,16 +1,16 @@
-//! Files that a user names: regular ones, of limited size.
+//! Reads files named by the user: regular files of limited size.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read, Seek, SeekFrom};
 use std::path::Path;
 
-/// Largest size of a text that people write, bytes.
+/// Largest size of a text file, bytes.
 const TEXT: u64 = 8 << 20;
 /// Largest size of a log, bytes.
 pub const LOG: u64 = 8 << 30;
-/// Largest size of an image of a board, of its flash or of a block of a campaign, bytes.
+/// Largest size of a board image, a flash image or a campaign block, bytes.
 pub const DATA: u64 = 256 << 20;
-/// Largest size of a file of waypoints, bytes.
+/// Largest size of a waypoint file, bytes.
 pub const WAYPOINTS: u64 = 32 << 20;
 
 /// Content of a file of at most `limit` bytes.
@@ -18,7 +18,7 @@ pub fn bytes(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     read(path, limit)
 }
 
-/// True if a regular file begins, and true if it ends, with these bytes.
+/// True if a regular file begins with the bytes of `mark`, and true if it ends with them.
 pub fn has_edges(path: &Path, mark: &[u8]) -> io::Result<[bool; 2]> {
     let size = size_of(path)?;
     let mut file = File::open(path)?;
@@ -43,7 +43,7 @@ pub fn text(path: &Path) -> io::Result<String> {
     Ok(unmarked.unwrap_or(text))
 }
 
-/// A file of at most `limit` bytes.
+/// Opens a regular file of at most `limit` bytes.
 pub fn open(path: &Path, limit: u64) -> io::Result<File> {
     match size_of(path)? {
         size if size > limit => Err(too_large(size, limit)),
@@ -53,7 +53,7 @@ pub fn open(path: &Path, limit: u64) -> io::Result<File> {
 
 fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     let mut content = Vec::new();
-    // A file of /proc has no size, and others may grow.
+    // The size is limited again: a file of /proc reports size 0, and a file may grow.
     open(path, limit)?
         .take(limit + 1)
         .read_to_end(&mut content)?;
@@ -68,7 +68,7 @@ fn too_large(size: u64, limit: u64) -> io::Error {
     io::Error::new(ErrorKind::InvalidInput, what)
 }
 
-/// Size of a regular file. It is not opened: a pipe opens only when somebody writes to it.
+/// Size of a regular file. The file is not opened: opening a pipe blocks until a writer opens it.
 fn size_of(path: &Path) -> io::Result<u64> {
     let data = fs::metadata(path)?;
     match data.is_file() {
@@ -80,7 +80,7 @@ fn size_of(path: &Path) -> io::Result<u64> {
     }
 }
 
-/// A size in words.
+/// Size as text, in bytes or MiB.
 fn shown(bytes: u64) -> String {
     const MIB: u64 = 1 << 20;
     match bytes {
@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_regular_files_of_the_size_are_read() {
+    fn file_that_is_irregular_or_too_large_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("text");
         let said = |read: io::Result<Vec<u8>>| read.unwrap_err().to_string();
@@ -106,7 +106,7 @@ mod tests {
         assert_eq!(text(&path).unwrap(), "1234");
         assert_eq!(read(&path, 7).unwrap().len(), 7);
         assert_eq!(said(read(&path, 6)), "7 bytes: must be at most 6 bytes");
-        // A sparse file: its size alone is read.
+        // Sparse file: refused by its size, without reading the content.
         let large = fs::File::create(folder.path().join("large")).unwrap();
         large.set_len(3 << 30).unwrap();
         let refused = said(bytes(&folder.path().join("large"), WAYPOINTS));

@@ -1,11 +1,11 @@
-//! Numbers on the command line, refused with what is allowed.
+//! Parsers of command-line numbers; errors state the allowed range.
 
 use std::f64::consts::TAU;
 use std::fmt::Display;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
-/// Reads a whole number in a range.
+/// Parser of a whole number in `range`.
 pub fn whole<T>(
     range: RangeInclusive<T>,
 ) -> impl Fn(&str) -> Result<T, String> + Clone + Send + Sync + 'static
@@ -24,7 +24,7 @@ where
     }
 }
 
-/// Reads a number; its range is checked where the scenario is known.
+/// Reads a finite number; the range is checked later, where the scenario is known.
 pub fn number(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(value) if value.is_finite() => Ok(value),
@@ -32,7 +32,7 @@ pub fn number(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Reads an angle, rad: a number, or one in degrees that ends in `deg` or `°`.
+/// Reads an angle in radians, or in degrees with the suffix `deg` or `°`; gives rad.
 pub fn angle(text: &str) -> Result<f64, String> {
     let degrees = text.strip_suffix("deg").or_else(|| text.strip_suffix('°'));
     let (text, unit, scale) = match degrees {
@@ -51,7 +51,7 @@ pub fn angle(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Reads a posture from its three words: m, m, and an angle as [`angle`] reads it; `most` bounds the coordinates.
+/// Reads a posture from three words: x and y, m, and the heading as in [`angle`]. `most` limits |x| and |y|, m.
 pub fn posture([x, y, phi]: [&str; 3], most: f64) -> Result<[f64; 3], String> {
     let coordinate = |name: &str, text: &str| match text.parse::<f64>() {
         Ok(value) if value.abs() <= most => Ok(value),
@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_refused_says_what_is_allowed() {
+    fn invalid_number_is_refused_with_allowed_range() {
         let trials = whole::<u32>(1..=1000);
         assert_eq!((trials("1"), trials("1000")), (Ok(1), Ok(1000)));
         for bad in ["0", "1001", "-1", "many", "1.5", "5_000_000_000", ""] {

@@ -4,19 +4,19 @@ use crate::base::error::Error;
 use std::path::Path;
 use toml::{Table, Value};
 
-/// Likeness, from 0 to 1, from which on a name is offered in place of another.
+/// Least similarity of a suggested name, 0 to 1.
 const ALIKE: f64 = 0.75;
 
 /// Longest word that is compared, bytes.
 const LONGEST: usize = 100;
 
-/// Stands after the path of an unknown key.
+/// Text after the path of an unknown key.
 pub const UNKNOWN: &str = ": unknown key";
 
 /// Beginning of a suggestion.
 const MEANT: &str = "did you mean ";
 
-/// The known name that is most like a word, if one is like it.
+/// Known name most similar to `word`; `None` if no other name is similar enough.
 pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let pairs = known.into_iter().map(|name| (likeness(word, name), name));
     let alike = pairs.filter(|(like, _)| (ALIKE..1.0).contains(like));
@@ -25,7 +25,8 @@ pub fn nearest<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
         .map(|(_, name)| name)
 }
 
-/// Likeness of two words, from 0 to 1. Its time grows with the product of their lengths.
+/// Similarity of two words, 0 to 1. The run time grows with the product of the lengths, so a word longer than
+/// [`LONGEST`] has similarity 0.
 fn likeness(word: &str, name: &str) -> f64 {
     match word.len() <= LONGEST {
         true => strsim::normalized_damerau_levenshtein(word, name),
@@ -33,14 +34,13 @@ fn likeness(word: &str, name: &str) -> f64 {
     }
 }
 
-/// `; did you mean NAME?` for a word that is like a known name, else nothing.
+/// `; did you mean NAME?` if a known name is similar to `word`, else an empty text.
 pub fn hint<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> String {
     let meant = nearest(word, known);
     meant.map_or_else(String::new, |name| format!("; {MEANT}{name}?"))
 }
 
-/// Puts a suggestion in place of the list of keys in the error of a TOML file whose unknown key is like
-/// one of its table.
+/// Replaces the list of expected keys in a TOML error by a suggestion, if one resembles the unknown key.
 pub fn with_sibling(text: String) -> String {
     let parts = text
         .split_once("unknown field `")
@@ -48,15 +48,15 @@ pub fn with_sibling(text: String) -> String {
     let Some((before, (key, known))) = parts else {
         return text;
     };
-    // After the key stand the allowed ones, each between backticks.
+    // The error lists the expected keys after the unknown key, each in backticks.
     match nearest(key, known.split('`').skip(1).step_by(2)) {
         Some(name) => format!("{before}unknown field `{key}`\n{MEANT}{name}?\n"),
         None => text,
     }
 }
 
-/// Advice on an unknown key of a TOML file: the key that was meant, or the nearest ones of all tables; `defaults` is
-/// the whole file with all keys. Empty if no key is near.
+/// Suggestion for an unknown TOML key: a similar key, or else the nearest keys of all tables; empty if no key is near.
+/// `defaults` holds all keys.
 pub fn unknown_key(key: &str, defaults: &Table) -> String {
     if let Some(path) = closest(key, defaults) {
         return format!("; {MEANT}{path}?");
@@ -68,7 +68,7 @@ pub fn unknown_key(key: &str, defaults: &Table) -> String {
     }
 }
 
-/// Adds a suggestion to an error about a scenario; `defaults` is a whole scenario.
+/// Adds advice to an error about a scenario; `defaults` is a scenario with all keys.
 pub fn on_scenario(error: Error, file: Option<&Path>, defaults: &Table) -> Error {
     let Error::Input(text) = error else {
         return error;
@@ -92,7 +92,7 @@ pub fn on_scenario(error: Error, file: Option<&Path>, defaults: &Table) -> Error
     };
     let key = before.rsplit(' ').next().unwrap_or_default();
     let elsewhere = match closest(key, defaults) {
-        // A table of a scenario, given in another file.
+        // A valid key of a scenario, in a file of another kind.
         Some(path) if path == key => format!("{key} belongs into a scenario file. "),
         _ => String::new(),
     };
@@ -102,7 +102,7 @@ pub fn on_scenario(error: Error, file: Option<&Path>, defaults: &Table) -> Error
     ))
 }
 
-/// Types as people call them.
+/// Replaces the Rust types after "expected" by plain words.
 pub fn in_plain_words(text: &str) -> String {
     let mut parts = text.split("expected ");
     let mut plain = parts.next().unwrap_or_default().to_owned();
@@ -120,7 +120,7 @@ pub fn in_plain_words(text: &str) -> String {
     plain
 }
 
-/// The path of a key with a like name, in the table most like its own.
+/// Path of the key with the most similar name; of equal names, the most similar path.
 fn closest(key: &str, defaults: &Table) -> Option<String> {
     let last = |path: &str| path.rsplit('.').next().unwrap_or_default().to_owned();
     let mut all = Vec::new();
@@ -135,13 +135,13 @@ fn closest(key: &str, defaults: &Table) -> Option<String> {
         .map(|(_, path)| path)
 }
 
-/// Letters of a unit in a name, at most.
+/// Longest word that is taken for a unit and not compared, bytes.
 const LONGEST_UNIT: usize = 2;
 
-/// Most keys of a suggestion.
+/// Largest number of suggested keys.
 const MOST_NEAR: usize = 4;
 
-/// The paths that share most words with a key beyond the name of its table, the most like first.
+/// Paths that share the most words with `key`, apart from the name of its table; best match first.
 fn nearest_keys(key: &str, defaults: &Table) -> Vec<String> {
     let words = |path: &str| -> Vec<String> {
         let all = path.split(['.', '_']);
@@ -166,7 +166,7 @@ fn nearest_keys(key: &str, defaults: &Table) -> Vec<String> {
             .sum();
         if shared > 0.0 {
             let same_table = f64::from(u8::from(known.first().is_some_and(|first| first == table)));
-            // Of keys that share as many words, the shorter ones.
+            // Of equal matches, the shorter key comes first.
             scored.push((shared + same_table - 0.01 * known.len() as f64, path));
         }
     }
@@ -178,7 +178,7 @@ fn nearest_keys(key: &str, defaults: &Table) -> Vec<String> {
         .collect()
 }
 
-/// Appends the paths of all keys; those of tables only if `tables` is true.
+/// Appends the paths of all keys, and the paths of tables if `tables` is true.
 fn paths(above: &str, table: &Table, tables: bool, all: &mut Vec<String>) {
     for (key, value) in table {
         let path = match above {
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_key_gets_the_one_that_was_meant_or_the_nearest() {
+    fn unknown_key_gets_similar_or_nearest_keys_as_suggestion() {
         let meant = |key| unknown_key(key, &defaults());
         assert_eq!(meant("plant.frictoin"), "; did you mean plant.friction?");
         assert_eq!(meant("los"), "; did you mean bus.loss?");
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn types_stand_in_plain_words_and_the_rest_as_it_is() {
+    fn type_names_become_plain_words_and_other_text_stays() {
         for (text, plain) in [
             (
                 "invalid type: string \"high\", expected f64\n",
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_file_is_told_with_how_to_make_one() {
+    fn missing_file_error_names_the_command_that_writes_one() {
         let error = Error::input("none.toml: no such file");
         let text = on_scenario(error, Some(Path::new("none.toml")), &defaults()).to_string();
         assert!(

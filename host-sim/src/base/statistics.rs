@@ -1,13 +1,12 @@
 //! Summaries of trials and bounds for consistency tests.
 //!
-//! Everything here takes results in the order of their trials, so that no figure depends on which
-//! thread finished first.
+//! All functions take results in the order of their trials, so that no result depends on which thread finished first.
 
 use core_algos::fusion::Estimate;
 use serde::{Deserialize, Serialize};
 
-/// Expected mean of the beam's normalised innovation squared (NIS). It is below its three degrees of freedom, because the
-/// beam board states the covariance of the worst posture.
+/// Expected mean of the beam's normalised innovation squared (NIS). The mean is below the three degrees of freedom,
+/// because the beam board reports the covariance of the worst posture.
 pub const NIS_EXPECTED: &str = "0.1 to 0.5";
 
 /// Mean, spread and mean magnitude of a sample; NaN where the sample is too small.
@@ -42,7 +41,7 @@ impl Summary {
         let spread = (-2.0 * libm::log(libm::hypot(sin, cos).min(1.0))).sqrt();
         Self {
             mean: libm::atan2(sin, cos),
-            // As with n − 1 in the denominator, to which it comes for small angles.
+            // Factor for n − 1 in the denominator: for small angles the sample standard deviation.
             sd: if values.len() < 2 {
                 f64::NAN
             } else {
@@ -53,8 +52,7 @@ impl Summary {
     }
 }
 
-/// Sum with the rounding errors carried along (Neumaier): exact to the last bit or so for any
-/// order of magnitude among the terms.
+/// Compensated sum (Neumaier): accurate to about the last bit, whatever the magnitudes of the terms.
 pub fn sum(values: impl IntoIterator<Item = f64>) -> f64 {
     let (mut sum, mut lost) = (0.0f64, 0.0f64);
     for value in values {
@@ -66,7 +64,7 @@ pub fn sum(values: impl IntoIterator<Item = f64>) -> f64 {
         };
         sum = next;
     }
-    // A sum that overflowed has lost a NaN.
+    // After an overflow `lost` may be NaN.
     if sum.is_finite() { sum + lost } else { sum }
 }
 
@@ -90,8 +88,8 @@ pub fn standard_deviation(values: &[f64]) -> f64 {
     (square / (values.len() - 1) as f64).sqrt()
 }
 
-/// The value below which the fraction `share` of the sample lies, linear between the values
-/// (`share` 0 gives the least, 1 the greatest); NaN for no values. NaN counts as greatest.
+/// Percentile of the sample, linear between the sorted values: `share` 0 gives the least value, 1 the greatest.
+/// NaN for no values; NaN sorts as greatest.
 pub fn percentile(values: &[f64], share: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -108,7 +106,7 @@ pub fn percentile(values: &[f64], share: f64) -> f64 {
     }
 }
 
-/// Square, the same on every machine: `powi` promises no order of its products.
+/// Square, bit-identical on every machine: `powi` does not guarantee the order of its products.
 pub fn square(x: f64) -> f64 {
     x * x
 }
@@ -118,7 +116,7 @@ pub fn share(values: &[f64], holds: impl Fn(f64) -> bool) -> f64 {
     values.iter().filter(|value| holds(**value)).count() as f64 / values.len() as f64
 }
 
-/// Regularised lower incomplete gamma function P(a, x), a > 0, x ≥ 0: a series below its middle, a continued fraction
+/// Regularised lower incomplete gamma function P(a, x), a > 0, x ≥ 0: a series below x = a + 1, a continued fraction
 /// above (Abramowitz and Stegun 6.5.29, 6.5.31). Relative error of P below and of 1 − P above: 1e-12 for a ≤ 1e4.
 fn gamma_p(a: f64, x: f64) -> f64 {
     if x <= 0.0 {
@@ -151,7 +149,7 @@ fn gamma_p(a: f64, x: f64) -> f64 {
     }
 }
 
-/// The value that a χ² variable of `degrees` degrees of freedom stays below with `probability`.
+/// Quantile of the χ² distribution with `degrees` degrees of freedom.
 ///
 /// Bisection of the regularised incomplete gamma function. `probability` in (0, 1), `degrees` > 0.
 pub fn chi_square_quantile(probability: f64, degrees: f64) -> f64 {
@@ -161,7 +159,7 @@ pub fn chi_square_quantile(probability: f64, degrees: f64) -> f64 {
         low = high;
         high *= 2.0;
     }
-    // Down to neighbouring numbers.
+    // Ends at neighbouring floating-point numbers.
     loop {
         let middle = 0.5 * (low + high);
         if middle <= low || middle >= high {
@@ -183,7 +181,7 @@ pub fn mean_square_band(dimension: usize, runs: usize, probability: f64) -> [f64
     [tail, 1.0 - tail].map(|p| chi_square_quantile(p, degrees) / runs as f64)
 }
 
-/// eᵀ P⁻¹ e of an estimate; infinite if its covariance is not positive definite.
+/// Normalised estimation error squared (NEES), eᵀ P⁻¹ e; infinite if the covariance is not positive definite.
 pub fn nees(estimate: &Estimate, truth: [f64; 3]) -> f64 {
     let p = estimate.covariance.map(|row| row.map(f64::from));
     // P = L Lᵀ, then |L⁻¹ e|².
@@ -211,7 +209,7 @@ pub fn nees(estimate: &Estimate, truth: [f64; 3]) -> f64 {
     y.iter().map(|v| v * v).sum()
 }
 
-/// Estimate less truth, the heading within half a turn.
+/// Estimate minus truth; the heading error is wrapped to ±π.
 pub fn error(estimate: &Estimate, truth: [f64; 3]) -> [f64; 3] {
     let p = estimate.posture;
     let turn = std::f64::consts::TAU;
@@ -255,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn incomplete_gamma_function_is_that_of_statrs() {
+    fn incomplete_gamma_function_matches_statrs() {
         for a in [0.5, 1.0, 1.5, 3.0, 20.0, 300.0, 1e4] {
             for share in [1e-6, 0.1, 0.5, 0.9, 0.99, 1.0, 1.01, 1.1, 1.5, 3.0] {
                 let (ours, theirs) = (gamma_p(a, a * share), gamma_lr(a, a * share));
@@ -269,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn the_band_holds_the_mean_of_squared_normals_as_often_as_promised() {
+    fn mean_square_band_has_the_stated_coverage() {
         let (dimension, runs) = (3, 50);
         let [low, high] = mean_square_band(dimension, runs, 0.9);
         let mut random = generator(1, 2, Stream::Other(3));
@@ -284,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn small_samples_by_hand() {
+    fn statistics_of_small_samples_match_hand_calculation() {
         let values = [-3.0, 1.0, 2.0, 4.0];
         assert_eq!(mean(&values), 1.0);
         assert_eq!(mean_abs(&values), 2.5);
@@ -303,13 +301,13 @@ mod tests {
             values in prop::collection::vec(-1_000_000i64..1_000_000, 0..200)
         ) {
             let exact: i64 = values.iter().sum();
-            // The large pair swallows the low bits of a plain sum.
+            // Next to ±1e17 a plain sum loses the low bits.
             let terms = [1e17].into_iter().chain(values.iter().map(|&v| v as f64)).chain([-1e17]);
             prop_assert_eq!(sum(terms), exact as f64);
         }
 
         #[test]
-        fn a_shift_moves_the_mean_and_keeps_the_spread(
+        fn shift_moves_mean_and_keeps_standard_deviation(
             values in prop::collection::vec(-10.0f64..10.0, 2..50), shift in -1e6f64..1e6
         ) {
             let moved: Vec<f64> = values.iter().map(|v| v + shift).collect();

@@ -1,6 +1,6 @@
 //! Tables of a scenario or world file.
 
-/// Declares a table: see the crate `declare`. Keys that a file leaves out have their defaults.
+/// Declares a table (see the crate `declare`). A key that a file omits has its default.
 macro_rules! table {
     ($(#[$doc:meta])* pub struct $($rest:tt)*) => {
         declare::declare! {

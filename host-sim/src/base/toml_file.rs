@@ -1,7 +1,7 @@
-//! Reading a scenario: TOML text, entries changed on the command line, unknown keys refused.
+//! Builds a scenario or world from TOML text and command-line changes; refuses unknown keys.
 //!
-//! What is left out keeps the default that `T` as a whole has there, which need not be the default
-//! of the part: the text is laid over the defaults.
+//! The text is laid over the defaults of the whole type `T`. An omitted key has the default of `T`, which may differ
+//! from the default of its table.
 
 use crate::base::error::Error;
 use crate::base::input;
@@ -14,22 +14,22 @@ use serde_path_to_error::{Path, Segment};
 use toml::de::{DeTable, DeValue};
 use toml::{Table, Value};
 
-/// Key of the table of which one of several tables stands, [`LAWS`].
+/// Key of the table that holds one of the tables [`LAWS`].
 const TYRE: &str = "tyre";
-/// Tables of which one stands.
+/// Tables of the tyre laws.
 const LAWS: [&str; 2] = ["creep", "brush"];
-/// Keys of version 0.1 in the table `plant`, and the keys in their place.
+/// Keys of version 0.1 in the table `plant`, each with its replacement.
 const RENAMED: [(&str, &str); 3] = [
     ("creep_velocity_m_s", "tyre.creep.velocity_m_s"),
     ("slip_stiffness", "tyre.brush.slip_stiffness"),
     ("rest_creep_velocity_m_s", "tyre.brush.rest_velocity_m_s"),
 ];
-/// Parts of a key on the command line, at most.
+/// Largest number of parts of a key on the command line.
 const DEPTH: usize = 16;
-/// Text in which the line of what is nested too deeply is looked for, bytes.
+/// Longest text in which the line of too deep nesting is searched, bytes.
 const LONGEST_SEARCHED: usize = 100_000;
 
-/// Text of a file, and what it is called in errors; without a file nothing.
+/// Text of a file and its name in errors; the text is empty without a file.
 pub fn read(file: Option<&std::path::Path>) -> Result<(String, String), Error> {
     let Some(path) = file else {
         return Ok((String::new(), "scenario".to_owned()));
@@ -39,7 +39,7 @@ pub fn read(file: Option<&std::path::Path>) -> Result<(String, String), Error> {
     Ok((text, name))
 }
 
-/// Builds `T` from TOML text over its defaults; `name` stands in errors.
+/// Builds `T` from TOML text laid over its defaults. `name` is the name of the text in errors.
 pub fn parse<T>(text: &str, name: &str, changes: &[String]) -> Result<T, Error>
 where
     T: Default + Serialize + DeserializeOwned,
@@ -47,8 +47,8 @@ where
     build(&T::default(), text, name, changes)
 }
 
-/// Lays TOML text over `below`, applies the `KEY=VALUE` changes in order, and builds `T`; `name` stands in
-/// errors.
+/// Lays TOML text over `below`, applies the `KEY=VALUE` changes in order, and builds `T`. `name` is the name of the
+/// text in errors.
 pub fn build<T>(below: &T, text: &str, name: &str, changes: &[String]) -> Result<T, Error>
 where
     T: Serialize + DeserializeOwned,
@@ -61,7 +61,7 @@ where
     let written = given.clone();
     lay_over(&mut table, given);
     let built: T = serde_path_to_error::deserialize(Value::Table(table)).map_err(|error| {
-        // An entry of the command line may stand over that of the text.
+        // With changes, the refused value may come from the command line: no line of the text is named.
         let line = match changes {
             [] => line(text, error.path()).map(|line| format!("line {line}: ")),
             _ => None,
@@ -80,7 +80,7 @@ where
             ))),
         }
     })?;
-    // As it is stored: a number may be finite in the text and too large for its field.
+    // Checked as stored: a number that is finite in the text may be too large for its field.
     let stored = Value::try_from(&built).map_err(|error| Error::Failure(error.to_string()))?;
     match not_finite(&stored) {
         Some((path, value)) => Err(Error::input(format!(
@@ -90,7 +90,7 @@ where
     }
 }
 
-/// Refuses keys of version 0.1, with the keys in their place, and anything but one law for the tyre.
+/// Refuses keys of version 0.1, naming their replacements, and a tyre with an unknown law or two laws.
 fn check_tyre(given: &Table, name: &str) -> Result<(), Error> {
     let Some(plant) = given.get("plant").and_then(Value::as_table) else {
         return Ok(());
@@ -128,7 +128,7 @@ fn check_tyre(given: &Table, name: &str) -> Result<(), Error> {
     }
 }
 
-/// Every key that `T` may have, with a value: those of the tyre's other law too.
+/// All keys that `T` may have, with values; includes the tyre law that `whole` does not use.
 pub fn known_keys<T: Serialize>(whole: &T) -> Result<Table, toml::ser::Error> {
     let mut table = Table::try_from(whole)?;
     let plant = table.get_mut("plant").and_then(Value::as_table_mut);
@@ -142,7 +142,7 @@ pub fn known_keys<T: Serialize>(whole: &T) -> Result<Table, toml::ser::Error> {
     Ok(table)
 }
 
-/// The key of an entry whose path ends at an unknown table: with what was written below.
+/// Full key of an entry whose path ends at an unknown table: the keys written below are appended.
 fn whole_key(mut path: String, written: &Table) -> String {
     let mut value = path
         .split('.')
@@ -154,7 +154,7 @@ fn whole_key(mut path: String, written: &Table) -> String {
     path.chars().take(LONGEST_LINE).collect()
 }
 
-/// Line of the text, from 1, with the entry at a path, or with what the text holds of it.
+/// Line, from 1, of the entry at `path`, or of the deepest part of `path` that the text has.
 fn line(text: &str, path: &Path) -> Option<usize> {
     let root = DeValue::Table(DeTable::parse(text).ok()?.into_inner());
     let (mut value, mut start) = (&root, None);
@@ -171,10 +171,10 @@ fn line(text: &str, path: &Path) -> Option<usize> {
     Some(1 + text[..start?].matches('\n').count())
 }
 
-/// Most characters of a line of a refusal.
+/// Longest line of an error, characters.
 const LONGEST_LINE: usize = 400;
 
-/// A refusal, with a suggestion if a key is like a known one.
+/// Input error, with a suggestion for a misspelt key and long lines cut.
 fn shown(text: String) -> Error {
     let text = spelling::with_sibling(text);
     let lines = text.lines();
@@ -182,13 +182,13 @@ fn shown(text: String) -> Error {
     Error::input(cut.collect::<Vec<String>>().join("\n"))
 }
 
-/// Why TOML text is refused, with the line.
+/// Input error of TOML text, with the line.
 pub fn refusal(name: &str, text: &str, error: &toml::de::Error) -> Error {
     if error.span().is_some() {
         return shown(format!("{name}: {error}"));
     }
-    // Nesting beyond what the parser bears has no place in its error: the line is the first with
-    // which the text is refused so. Each is tried, so of a long text it is not told.
+    // The parser's error of too deep nesting has no position. The line is the first after which the text up to there
+    // gives the same error. Every line is tried, so a long text gets no line.
     let message = error.message();
     let refused = |end: usize| {
         toml::from_str::<Table>(&text[..end])
@@ -205,8 +205,7 @@ pub fn refusal(name: &str, text: &str, error: &toml::de::Error) -> Error {
     Error::input(format!("{name}: {line}{message}"))
 }
 
-/// Path and value of the first number that is not finite. Not every number is checked where it is
-/// used: some are replaced by what follows from others.
+/// Path and value of the first number that is not finite. Later range checks miss numbers that derived values replace.
 fn not_finite(value: &Value) -> Option<(String, f64)> {
     let within = |key: &str, inner: &Value| {
         let (path, number) = not_finite(inner)?;
@@ -228,7 +227,7 @@ fn not_finite(value: &Value) -> Option<(String, f64)> {
     }
 }
 
-/// Replaces entries of `table` by those of `given`, table by table. Another law replaces that of the tyre below.
+/// Merges `given` into `table`, table by table. A given tyre law removes another law from `table`.
 pub fn lay_over(table: &mut Table, given: Table) {
     for (key, value) in given {
         match (table.get_mut(&key), value) {
@@ -245,7 +244,7 @@ pub fn lay_over(table: &mut Table, given: Table) {
     }
 }
 
-/// Table of `KEY=VALUE` changes; of one key the last counts.
+/// Table of `KEY=VALUE` changes; the last change of a key counts.
 pub fn changes(changes: &[String]) -> Result<Table, Error> {
     let mut table = Table::new();
     for change in changes {
@@ -289,7 +288,7 @@ fn apply(table: &mut Table, change: &str) -> Result<(), Error> {
     Ok(())
 }
 
-/// Replaces entries of `table` by those of `above`, table by table.
+/// Merges `above` into `table`, table by table; tyre laws are not special here, unlike in [`lay_over`].
 fn merge(table: &mut Table, above: Table) {
     for (key, value) in above {
         match (table.get_mut(&key), value) {
@@ -343,13 +342,13 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_out_keeps_the_default_of_the_whole() {
+    fn omitted_key_has_default_of_the_whole_type() {
         assert_eq!(changed(&[]).unwrap().bus.kind, "slow");
         assert_eq!(changed(&["rps=true"]).unwrap().bus.kind, "slow");
     }
 
     #[test]
-    fn numbers_must_be_finite_as_they_are_stored() {
+    fn number_that_is_not_finite_in_its_field_is_refused() {
         #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
         #[serde(default)]
         struct Narrow {

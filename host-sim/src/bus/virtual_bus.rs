@@ -1,4 +1,4 @@
-//! Virtual bus: every message goes through its bytes, arrives late and may be lost.
+//! Virtual CAN bus: messages pass as bytes, arrive late and may be lost.
 
 use crate::base::table::table;
 use core_algos::bus::{self, CanFrame, Message, layout};
@@ -18,16 +18,16 @@ table! {
         pub latency_ms: u32 = 2, "ms": Range(0.0, 1000.0);
         /// Additional latency of each board's messages at the other boards, in the order front, rear, beam.
         pub late_ms: Vec<u32> = vec![0; 3], "ms": Range(0.0, 1000.0);
-        /// Time up to which each message comes later to the other boards, drawn evenly: messages
+        /// Largest additional latency of a message at the other boards, drawn uniformly; messages may
         /// overtake each other.
         pub jitter_ms: u32 = 0, "ms": Range(0.0, 1000.0);
-        /// Probability that a frame is lost between boards. The lead node and the front axle share a
-        /// board and lose nothing between them.
+        /// Probability that a frame is lost on its way to another board, drawn for each board. The lead node
+        /// and the front axle share a board and lose nothing between them.
         pub loss: f64 = 0.0, "": Range(0.0, 1.0);
         /// Probability that a frame arrives twice at the other boards.
         pub doubling: f64 = 0.0, "": Range(0.0, 1.0);
-        /// Probability that one to three bits of a frame change on the way to the other boards without
-        /// the checksum showing it.
+        /// Probability that one to three bits of a frame change on the way to the other boards, undetected
+        /// by the checksum.
         pub corruption: f64 = 0.0, "": Range(0.0, 1.0);
         /// True if messages arrive as decoded from their bytes. False leaves out the quantisation, to
         /// measure its effect; no real bus can do that.
@@ -42,7 +42,7 @@ pub struct BusStatistics {
     pub sent: u64,
     /// Messages lost between boards, counted once for each receiving board.
     pub lost: u64,
-    /// Messages that could not be encoded.
+    /// Messages that could not be encoded, and frames that could not be decoded.
     pub refused: u64,
 }
 
@@ -67,7 +67,7 @@ pub struct VirtualBus {
 }
 
 impl VirtualBus {
-    /// A bus whose draws follow from `seed`.
+    /// Bus whose random draws are seeded by `seed`.
     pub fn new(topology: Topology, config: &BusConfig, seed: u64) -> Self {
         Self {
             topology,
@@ -79,8 +79,8 @@ impl VirtualBus {
         }
     }
 
-    /// Sends a message at `now`. It is encoded and decoded as between real boards; gives the frame
-    /// that was on the bus.
+    /// Sends a message at `now`, encoded and decoded as between real boards. Gives the frame on the bus; `None` if
+    /// the message is refused or the bus is cut.
     pub fn send(&mut self, now: Micros, message: &Message) -> Option<CanFrame> {
         match bus::encode(message) {
             Ok(frame) if self.config.quantise => self.send_frame(now, &frame),
@@ -93,7 +93,7 @@ impl VirtualBus {
         }
     }
 
-    /// Sends what a board has encoded itself.
+    /// Sends a frame that a board has encoded.
     pub fn send_frame(&mut self, now: Micros, frame: &CanFrame) -> Option<CanFrame> {
         match bus::decode(frame) {
             Ok(message) => self.transmit(now, frame, message),
@@ -138,9 +138,9 @@ impl VirtualBus {
         share > 0.0 && self.rng.random::<f64>() < share
     }
 
-    /// The way of a frame over a bus that changes frames or on which they overtake each other.
+    /// Sends a frame over a bus with additional latency, jitter, corruption or doubling.
     fn carry(&mut self, mut transit: Transit, origin: Option<Role>) {
-        // What stays on its own board is not disturbed.
+        // Messages within the sending board are undisturbed.
         let mut own = transit;
         for (place, board) in self.topology.boards().enumerate() {
             own.received[place] &= Some(board) == origin;
@@ -172,7 +172,7 @@ impl VirtualBus {
         self.queue(transit);
     }
 
-    /// In order of arrival; frames of one time in order of sending.
+    /// Queues a frame in order of arrival; frames of equal arrival time keep their order of sending.
     fn queue(&mut self, transit: Transit) {
         let place = self
             .transit
@@ -180,7 +180,7 @@ impl VirtualBus {
         self.transit.insert(place, transit);
     }
 
-    /// From now on the bus is another.
+    /// Replaces the properties of the bus.
     pub fn turn_into(&mut self, config: &BusConfig) {
         self.config.clone_from(config);
     }
@@ -197,25 +197,25 @@ impl VirtualBus {
         }
     }
 
-    /// From now on every message is lost, between boards and within them.
+    /// Cuts the bus: all messages are lost, also those under way and those within a board.
     pub fn cut(&mut self) {
         self.severed = true;
         self.transit.clear();
     }
 
-    /// Counters so far.
+    /// Counters since the start.
     pub fn statistics(&self) -> BusStatistics {
         self.statistics
     }
 }
 
-/// The board that sends a frame; a service tool is none, nor is a board that the robot does not have.
+/// Board that sends a frame; `None` for a service tool and for a board that the robot does not have.
 pub fn sender(topology: Topology, frame: &CanFrame) -> Option<Role> {
     let board = layout::sender(frame.id)?.board()?;
     topology.has(board).then_some(board)
 }
 
-/// Name of a frame's message in the bus description; nothing for a frame that is none.
+/// Name of the message with this identifier in the bus description; `None` for an unknown identifier.
 pub fn name_of(topology: Topology, id: u16) -> Option<&'static str> {
     /// Names by number of axles.
     static NAMES: LazyLock<Vec<Vec<(u16, String)>>> = LazyLock::new(|| {
@@ -229,7 +229,7 @@ pub fn name_of(topology: Topology, id: u16) -> Option<&'static str> {
     Some(&names[place].1)
 }
 
-/// True for a frame of the nodes; the others are those of drivers and clock.
+/// True for a frame of a node; false for frames of drivers and clock, and frames that cannot be decoded.
 pub fn is_of_nodes(frame: &CanFrame) -> bool {
     !matches!(
         bus::decode(frame),
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn one_board_may_be_later_than_the_others_and_not_to_itself() {
+    fn late_board_delays_other_boards_and_not_itself() {
         let config = BusConfig {
             latency_ms: 1,
             late_ms: vec![4, 0, 0],
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_three_axles_reach_five_boards_and_are_late_by_board() {
+    fn frames_of_three_axles_reach_five_boards_with_latency_of_sender() {
         let config = BusConfig {
             latency_ms: 1,
             late_ms: vec![0, 4, 0, 0, 0],
@@ -304,7 +304,7 @@ mod tests {
             });
             seen
         };
-        // A board has its own frames first.
+        // A board receives its own frames first.
         let others = |from: Role| robot.boards().filter(move |board| *board != from);
         let to = |from: Role| others(from).map(move |board| (from, board));
         let [front, inner, rear] = [0, 1, 2].map(Role::axle);
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn jitter_comes_on_top_and_stays_below_its_bound() {
+    fn jitter_adds_to_latency_up_to_its_limit() {
         let config = BusConfig {
             latency_ms: 1,
             jitter_ms: 3,
@@ -365,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn loss_spares_the_sending_board_and_meets_its_rate() {
+    fn loss_has_its_rate_and_spares_the_sending_board() {
         let config = BusConfig {
             latency_ms: 0,
             loss: 0.3,
@@ -421,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_encoded_is_counted() {
+    fn message_that_cannot_be_encoded_is_counted() {
         let mut bus = VirtualBus::new(Topology::PAIR, &BusConfig::default(), 1);
         bus.send(
             0,

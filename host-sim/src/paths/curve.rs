@@ -1,4 +1,4 @@
-//! Paths: built-in shapes, sampled evenly by arc length.
+//! Paths: built-in shapes, sampled at equal steps of arc length.
 
 use super::limits::{Bounds, PathError, Place, positive};
 use super::{MAX_LENGTH_M, SPACING_M};
@@ -22,7 +22,7 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// The same in the robot's single precision.
+    /// Converts to the robot's single precision.
     pub fn to_point(self) -> PathPoint {
         PathPoint {
             posture: Posture::new(self.x as f32, self.y as f32, self.phi as f32),
@@ -32,14 +32,14 @@ impl Sample {
     }
 }
 
-/// A plane curve: position and first two derivatives by its parameter.
+/// A plane curve: position and its first two derivatives with respect to the parameter.
 pub(super) type Curve<'a> = dyn Fn(f64) -> [[f64; 2]; 3] + 'a;
 
-/// A path sampled evenly by arc length.
+/// A path sampled at equal steps of arc length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Path {
     pub(super) samples: Vec<Sample>,
-    /// Denser samples in the curve's parameter, so that no peak of curvature falls between.
+    /// Denser samples, at equal steps of the curve's parameter, so that no peak of curvature is missed.
     dense: Vec<Sample>,
     closed: bool,
     /// Arc length and line of each waypoint.
@@ -83,7 +83,7 @@ fn arc(curve: &Curve, from: f64, to: f64) -> f64 {
 }
 
 impl Path {
-    /// Samples `curve` over the knots of its parameter; each interval between knots is smooth.
+    /// Samples `curve` over the knots of its parameter; `curve` is smooth between knots.
     pub(super) fn from_curve(
         curve: &Curve,
         knots: &[f64],
@@ -131,7 +131,7 @@ impl Path {
         })
     }
 
-    /// A built-in shape: it has no waypoints.
+    /// A built-in shape, without waypoints.
     fn shape(curve: &Curve, knots: &[f64], closed: bool) -> Result<Self, PathError> {
         let mut path = Self::from_curve(curve, knots, closed)?;
         path.waypoints.clear();
@@ -162,9 +162,9 @@ impl Path {
 
     /// A figure eight: Bernoulli's lemniscate of half width `half_width` (m, a), from its crossing
     /// at the origin, turning left first; closed. Its curvature is 3ρ/a² at distance ρ from the
-    /// crossing: 0 there, at most 3/a, and as smooth as a circle's everywhere.
+    /// crossing: 0 at the crossing, at most 3/a, smooth everywhere.
     ///
-    /// It starts along x, so its axis lies at −45°.
+    /// The path starts along x, so the axis of the lemniscate lies at −45°.
     pub fn figure_eight(half_width: f64) -> Result<Self, PathError> {
         positive("half_width", half_width)?;
         let curve = |t: f64| {
@@ -178,7 +178,7 @@ impl Path {
             };
             let x = quotient(s, c, -s);
             let y = quotient(s * c, c * c - s * s, -4.0 * s * c);
-            // The loop of t > 0 turns right from +45°; mirrored and turned by 45° it starts along
+            // The loop of t > 0 turns right from +45°. Mirrored and rotated by 45°, the loop starts along
             // x and turns left.
             let h = 0.5f64.sqrt();
             [0, 1, 2].map(|k| {
@@ -192,7 +192,7 @@ impl Path {
         Self::shape(&curve, &knots, true)
     }
 
-    /// The path turned and shifted so that its origin lies at a posture (m, m, rad).
+    /// The path rotated and shifted so that its origin lies at a posture (m, m, rad).
     #[must_use]
     pub fn placed(&self, [x, y, phi]: [f64; 3]) -> Self {
         let (s, c) = libm::sincos(phi);
@@ -204,7 +204,7 @@ impl Path {
         path
     }
 
-    /// The samples, evenly spaced; of a closed path the last is the first again.
+    /// Samples at equal steps; the last sample of a closed path repeats the first.
     pub fn samples(&self) -> &[Sample] {
         &self.samples
     }
@@ -214,7 +214,7 @@ impl Path {
         self.closed
     }
 
-    /// Length (of a loop: of one lap), m.
+    /// Length, m; the length of one lap if the path is closed.
     pub fn length(&self) -> f64 {
         self.samples.last().map_or(0.0, |last| last.s)
     }
@@ -227,7 +227,7 @@ impl Path {
             .fold(0.0, |most, at| at.kappa.abs().max(most))
     }
 
-    /// The samples in the robot's single precision.
+    /// Samples in the robot's single precision.
     pub fn points(&self) -> Vec<PathPoint> {
         self.samples.iter().map(|at| at.to_point()).collect()
     }
@@ -247,7 +247,7 @@ impl Path {
         }
     }
 
-    /// Checks that the frame can follow; the error names the place of the greatest excess.
+    /// Checks curvature and steering rate against the frame's limits; the error names the place of the largest value.
     pub fn check(&self, bounds: &Bounds) -> Result<(), PathError> {
         let bound = bounds.max_curvature();
         let worst = self
@@ -283,7 +283,7 @@ impl Path {
         }
     }
 
-    /// `laps` laps of a closed path as one open path; an open path as it is.
+    /// `laps` laps of a closed path as one open path; an open path is unchanged.
     pub fn unrolled(&self, laps: u32) -> Self {
         let mut path = self.clone();
         if self.closed {
@@ -300,8 +300,8 @@ impl Path {
         path
     }
 
-    /// The path at arc length `s` (m), limited to its ends: the cubic that keeps the headings of
-    /// both neighbouring samples.
+    /// The path at arc length `s` (m), limited to the ends of the path. Positions follow the cubic with the headings
+    /// of both neighbouring samples.
     pub fn at(&self, s: f64) -> Sample {
         let last = self.samples.len() - 1;
         let i = self
@@ -346,8 +346,8 @@ impl Path {
     }
 }
 
-/// Shares of the cubic between two points, at `u` from 0 to 1: of the way between them, and of the
-/// slopes at the first and the second one, `h` apart.
+/// Weights of the cubic Hermite interpolation between two points `h` apart, at `u` from 0 to 1: of the difference
+/// between the points, of the slope at the first and of the slope at the second point.
 pub(super) fn cubic(u: f64, h: f64) -> [f64; 3] {
     [
         u * u * (3.0 - 2.0 * u),
@@ -356,7 +356,7 @@ pub(super) fn cubic(u: f64, h: f64) -> [f64; 3] {
     ]
 }
 
-/// The angle less whole turns, rad.
+/// The angle wrapped to ±π, rad.
 pub(super) fn wrapped(angle: f64) -> f64 {
     angle - TAU * (angle / TAU).round()
 }

@@ -1,10 +1,10 @@
-//! Limits of the frame that a path must keep, and errors of paths.
+//! Limits of the frame for paths, and errors of paths.
 
 use super::{MAX_COORDINATE_M, MAX_LENGTH_M};
 use std::f64::consts::PI;
 use std::fmt;
 
-/// A place on a path, as an error names it.
+/// Place on a path, named in errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
     /// Arc length, m.
@@ -32,14 +32,14 @@ impl fmt::Display for Place {
     }
 }
 
-/// Why there is no path.
+/// Error of a path.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PathError {
     /// A parameter of a shape outside its range.
     Parameter {
-        /// Its name.
+        /// Name.
         name: &'static str,
-        /// Its value.
+        /// Value.
         value: f64,
         /// Allowed values.
         allowed: &'static str,
@@ -53,7 +53,7 @@ pub enum PathError {
     },
     /// A waypoint that cannot be used.
     Waypoint {
-        /// Its number, from 1.
+        /// Number, from 1.
         number: usize,
         /// Line in the file, from 1.
         line: Option<u64>,
@@ -62,38 +62,38 @@ pub enum PathError {
     },
     /// Fewer than two waypoints.
     TooFew(usize),
-    /// Longer than [`MAX_LENGTH_M`].
+    /// Length beyond [`MAX_LENGTH_M`], m.
     TooLong(f64),
-    /// Curvature beyond what the frame can bend to.
+    /// Curvature beyond the limit of the frame.
     Curvature {
         /// Place.
         place: Place,
-        /// The curvature there, 1/m.
+        /// Curvature there, 1/m.
         value: f64,
-        /// Its bound, 1/m.
+        /// Limit, 1/m.
         bound: f64,
     },
-    /// Curvature that changes faster than the frame can bend even at the least speed.
+    /// Change of curvature beyond the steering rate of the frame, even at the least speed.
     SteeringRate {
         /// Place.
         place: Place,
         /// |dψ/ds| there, rad/m.
         value: f64,
-        /// Its bound, rad/m.
+        /// Limit, rad/m.
         bound: f64,
     },
-    /// A path that the robot cannot begin from where it stands.
+    /// A path that the robot cannot begin from its posture.
     Start(StartFault),
 }
 
 /// Reason why a robot cannot begin a path.
 #[derive(Clone, Debug, PartialEq)]
 pub enum StartFault {
-    /// Distance from the start, and the largest, m.
+    /// Distance of the robot from the start, and the largest allowed distance, m.
     Distance(f64, f64),
-    /// Length of the path behind the robot, and the largest, m.
+    /// Length of the path behind the robot, and the largest allowed length, m.
     Along(f64, f64),
-    /// Heading of the robot less that of the path, rad.
+    /// Heading of the robot minus heading of the path, rad.
     Turn(f64),
 }
 
@@ -160,18 +160,18 @@ impl fmt::Display for PathError {
 
 impl std::error::Error for PathError {}
 
-/// Bounds of the frame.
+/// Limits of the frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     /// Flexible length of the frame (L), m.
     pub frame_length_m: f64,
-    /// Rigid length at each end of it, m.
+    /// Rigid length at each end of the frame, m.
     pub rigid_end_m: f64,
     /// Largest steering angle |ψ|, rad.
     pub max_steering_rad: f64,
     /// Largest steering rate |ψ̇|, rad/s.
     pub max_steering_rate_rad_s: f64,
-    /// Speed below which the robot will not go for the sake of steering, m/s.
+    /// Least speed to which the robot slows down for steering, m/s.
     pub min_speed_m_s: f64,
 }
 
@@ -200,7 +200,7 @@ impl Bounds {
         self.curvature(self.max_steering_rad)
     }
 
-    /// Steering angle for a curvature (1/m), rad; monotone over all curvatures.
+    /// Steering angle for a curvature (1/m), rad; grows monotonically with the curvature.
     pub fn steering(&self, kappa: f64) -> f64 {
         let bend = kappa.abs();
         let length = self.frame_length_m + 2.0 * self.rigid_end_m;
@@ -218,7 +218,7 @@ impl Bounds {
     }
 }
 
-/// Refuses a size that is not a number greater than 0.
+/// Refuses a value that is not greater than 0 and at most [`MAX_COORDINATE_M`].
 pub(super) fn positive(name: &'static str, value: f64) -> Result<f64, PathError> {
     if value > 0.0 && value <= MAX_COORDINATE_M {
         Ok(value)

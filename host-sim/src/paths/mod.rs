@@ -1,8 +1,8 @@
 //! Paths and trajectories for following and tracking, in `f64`: built-in shapes, splines through
-//! waypoints, and the time law that makes a trajectory of a path.
+//! waypoints, and the time law that turns a path into a trajectory.
 //!
-//! A path is sampled evenly by arc length. [`Path::check`] holds it against what the frame can
-//! bend and names the first place that breaks a bound.
+//! A path is sampled at equal steps of arc length. [`Path::check`] compares a path with the limits of the frame and
+//! names the place of the largest excess.
 
 use crate::base::error::Error;
 use crate::base::input;
@@ -22,18 +22,17 @@ pub use trajectory::{TimeLimits, Timed, Trajectory};
 
 /// Distance between samples, m.
 pub const SPACING_M: f64 = 0.01;
-/// Largest coordinate, m: beyond, single precision on the robot is coarser than a tenth of a
-/// millimetre.
+/// Largest coordinate, m: up to here the robot's single precision resolves a tenth of a millimetre.
 pub const MAX_COORDINATE_M: f64 = 1000.0;
 /// Longest path, m.
 pub const MAX_LENGTH_M: f64 = 5000.0;
-/// Waypoints must be this far apart, m.
+/// Least distance between waypoints, m.
 pub const MIN_SEPARATION_M: f64 = 1e-3;
 /// Names of the built-in paths.
 pub const NAMES: [&str; 3] = ["line", "circle", "figure-eight"];
 
-/// A built-in path of this size (length of the line, radius of the circle, half width of the figure eight, m), or the
-/// waypoints of a CSV file. Errors call the size as the user does.
+/// A built-in path of a given size (length of the line, radius of the circle, half width of the figure eight, m), or
+/// the path through the waypoints of a CSV file. `called` is the user's name of the size in errors.
 pub fn named(name: &str, (called, size): (&str, Option<f64>)) -> Result<Path, Error> {
     let built_in = match name {
         "line" => Path::line(size.unwrap_or(3.0)),

@@ -11,7 +11,7 @@ pub struct Waypoint {
     pub x: f64,
     /// Position, m.
     pub y: f64,
-    /// Line of the file it was read from, from 1.
+    /// Line in the file, from 1.
     pub line: Option<u64>,
 }
 
@@ -21,9 +21,8 @@ impl From<(f64, f64)> for Waypoint {
     }
 }
 
-/// The waypoints of a CSV file: two columns, x and y in metres, with or without the header `x,y`
-/// or `x_m,y_m`.
-/// Empty lines are skipped.
+/// Waypoints of a CSV file: two columns, x and y in metres, with or without the header `x,y` or `x_m,y_m`. Empty lines
+/// are skipped.
 pub fn waypoints(csv: &[u8]) -> Result<Vec<Waypoint>, PathError> {
     let mut waypoints = Vec::new();
     let mut first = true;
@@ -69,7 +68,7 @@ pub fn waypoints(csv: &[u8]) -> Result<Vec<Waypoint>, PathError> {
     Ok(waypoints)
 }
 
-/// The advice on a row with a separator other than the comma.
+/// Advice for a row with another separator than the comma.
 fn separator(row: &str) -> &'static str {
     let decimal_comma = row.contains(',');
     match row {
@@ -89,10 +88,10 @@ fn separator(row: &str) -> &'static str {
 }
 
 impl Path {
-    /// A cubic spline through waypoints, twice continuously differentiable in chord length. Ends
-    /// are straight; if the last waypoint is the first again, the path is closed and as smooth
-    /// there as elsewhere. Refuses fewer than two waypoints, any that is not finite or too large,
-    /// and any that repeats the one before it.
+    /// A cubic spline through waypoints, twice continuously differentiable in chord length. The ends have zero
+    /// curvature. If the last waypoint repeats the first, the path is closed and equally smooth there. Refuses
+    /// fewer than two waypoints, coordinates that are not finite or too large, and a waypoint that repeats the
+    /// previous waypoint.
     pub fn through(waypoints: &[Waypoint]) -> Result<Self, PathError> {
         let refuse = |number: usize, problem: String| PathError::Waypoint {
             number: number + 1,
@@ -196,7 +195,7 @@ fn spline_moments(knots: &[f64], values: &[f64], closed: bool) -> Vec<f64> {
         moments[1..n].copy_from_slice(&tridiagonal(&lower, &diagonal, &upper, &right));
         return moments;
     }
-    // Knot n is knot 0: n unknowns in a ring, by Sherman and Morrison.
+    // Knot n is knot 0: a cyclic tridiagonal system of n unknowns, by the Sherman-Morrison formula.
     let before = |i: usize| if i == 0 { n - 1 } else { i - 1 };
     let lower: Vec<_> = (0..n).map(|i| h(before(i))).collect();
     let upper: Vec<_> = (0..n).map(h).collect();

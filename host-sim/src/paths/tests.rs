@@ -21,7 +21,7 @@ fn line_of(points: &[(f64, f64)]) -> Result<Path, PathError> {
     Path::through(&points)
 }
 
-/// Spacing, heading and curvature of the samples against differences of their positions.
+/// Compares spacing, heading and curvature of the samples with differences of their positions and headings.
 fn assert_consistent(path: &Path) {
     let samples = path.samples();
     let step = path.length() / (samples.len() - 1) as f64;
@@ -41,7 +41,7 @@ fn assert_consistent(path: &Path) {
 }
 
 #[test]
-fn built_in_shapes_are_what_they_say() {
+fn built_in_shapes_have_analytic_length_and_curvature() {
     let line = Path::line(2.0).unwrap();
     assert_consistent(&line);
     assert_eq!((line.length(), line.max_curvature()), (2.0, 0.0));
@@ -94,7 +94,7 @@ fn spline_passes_its_waypoints_with_continuous_curvature() {
 }
 
 #[test]
-fn closed_spline_is_smooth_where_it_closes() {
+fn closed_spline_is_smooth_at_its_closure() {
     let on_circle: Vec<(f64, f64)> = (0..=24)
         .map(|i| (TAU * f64::from(i) / 24.0).sin_cos())
         .collect();
@@ -110,7 +110,7 @@ fn closed_spline_is_smooth_where_it_closes() {
 }
 
 #[test]
-fn a_path_too_tight_is_refused_with_place_and_value() {
+fn path_with_excess_curvature_is_refused_with_place_and_value() {
     let bounds = Bounds::default();
     assert!(Path::circle(0.33).unwrap().check(&bounds).is_ok());
     let error = Path::circle(0.3).unwrap().check(&bounds).unwrap_err();
@@ -129,7 +129,7 @@ fn a_path_too_tight_is_refused_with_place_and_value() {
 }
 
 #[test]
-fn curvature_that_changes_too_fast_is_refused() {
+fn path_with_excess_steering_rate_is_refused() {
     let eight = Path::figure_eight(1.2).unwrap();
     let slow = Bounds {
         max_steering_rate_rad_s: 0.01,
@@ -142,7 +142,7 @@ fn curvature_that_changes_too_fast_is_refused() {
 }
 
 #[test]
-fn bad_waypoints_are_named() {
+fn invalid_waypoints_are_refused_by_line() {
     let text = |result: Result<Path, PathError>| result.unwrap_err().to_string();
     let csv = |rows: &str| text(Path::from_csv(rows.as_bytes()));
     assert_eq!(
@@ -192,7 +192,7 @@ fn header_is_optional() {
 }
 
 #[test]
-fn closed_path_is_unrolled() {
+fn unrolled_path_of_two_laps_is_open_and_twice_as_long() {
     let circle = Path::circle(0.5).unwrap();
     let twice = circle.unrolled(2);
     assert!(!twice.is_closed());
@@ -201,7 +201,7 @@ fn closed_path_is_unrolled() {
 }
 
 #[test]
-fn trajectory_keeps_its_limits_and_is_its_own_derivative() {
+fn trajectory_keeps_its_limits_and_has_consistent_derivatives() {
     let (bounds, limits) = (Bounds::default(), TimeLimits::default());
     for path in [
         Path::line(1.0).unwrap(),
@@ -236,7 +236,7 @@ fn trajectory_keeps_its_limits_and_is_its_own_derivative() {
             assert!(turn.abs() / 0.01 < limits.max_steering_rate_rad_s);
         }
         assert!(fastest > 0.19 || path.length() < 0.1);
-        // On the robot: the same in single precision.
+        // The robot's buffer accepts the points in single precision.
         let mut buffer = TrajectoryBuffer::<8000>::new();
         for point in trajectory.to_points() {
             buffer.push(point).unwrap();

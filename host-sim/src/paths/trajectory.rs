@@ -5,7 +5,7 @@ use super::limits::{Bounds, PathError, positive};
 use crate::base::statistics::square;
 use core_algos::control::path::TrajectoryPoint;
 
-/// Time to take up a bend before a trajectory starts, beyond what the steering rate needs, s.
+/// Waiting time for the frame to bend before a trajectory starts, in addition to angle over steering rate, s.
 const BENDING_S: f64 = 0.8;
 
 /// Limits of the time law.
@@ -19,8 +19,8 @@ pub struct TimeLimits {
     pub max_steering_rate_rad_s: f64,
     /// Largest steering acceleration, rad/s².
     pub max_steering_acceleration_rad_s2: f64,
-    /// Time over which speed is averaged, s: acceleration is continuous, its rate at most twice
-    /// the acceleration over this.
+    /// Averaging time of the speed, s: acceleration is continuous, and the jerk is at most twice the largest
+    /// acceleration over the averaging time.
     pub smoothing_s: f64,
     /// Interval between the points of the trajectory, s.
     pub interval_s: f64,
@@ -48,11 +48,11 @@ pub struct Timed {
     pub v: f64,
     /// Acceleration along the path, m/s².
     pub a: f64,
-    /// Reference.
+    /// Reference posture, arc length and curvature.
     pub sample: Sample,
 }
 
-/// A path with a time law: from rest to rest.
+/// A path with a time law, from rest to rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
     points: Vec<Timed>,
@@ -60,8 +60,8 @@ pub struct Trajectory {
 
 impl Trajectory {
     /// The fastest time law along an open path (see [`Path::unrolled`]) that keeps the limits,
-    /// averaged over [`TimeLimits::smoothing_s`]. If the path starts with a bend, the trajectory
-    /// first waits for the frame to take it.
+    /// averaged over [`TimeLimits::smoothing_s`]. If the path starts with curvature, the trajectory
+    /// first waits until the frame is bent.
     pub fn along(path: &Path, bounds: &Bounds, limits: &TimeLimits) -> Result<Self, PathError> {
         for (name, value) in [
             ("max_speed_m_s", limits.max_speed_m_s),
@@ -81,7 +81,7 @@ impl Trajectory {
         let step = path.length() / (n - 1) as f64;
         let acceleration = limits.max_acceleration_m_s2;
 
-        // What steering allows at each sample.
+        // Largest speed that steering allows at each sample.
         let psi: Vec<f64> = samples.iter().map(|at| bounds.steering(at.kappa)).collect();
         let allowed: Vec<f64> = (0..n)
             .map(|i| {
@@ -100,7 +100,7 @@ impl Trajectory {
                     .min(by_rate.min(by_acceleration).max(bounds.min_speed_m_s))
             })
             .collect();
-        // Averaging mixes speeds from this far around.
+        // Distance over which averaging mixes speeds, samples.
         let reach = (limits.max_speed_m_s * limits.smoothing_s / step).ceil() as usize;
         let mut speed: Vec<f64> = (0..n)
             .map(|i| {
@@ -142,7 +142,7 @@ impl Trajectory {
         Ok(Self { points })
     }
 
-    /// The points, evenly spaced in time.
+    /// Points at equal steps of time.
     pub fn points(&self) -> &[Timed] {
         &self.points
     }
@@ -152,8 +152,8 @@ impl Trajectory {
         self.points.last().map_or(0.0, |last| last.t)
     }
 
-    /// Arc length at time `t` (s), m: the cubic through both neighbouring points with their
-    /// speeds; before the start and after the end, at rest.
+    /// Arc length at time `t` (s), m, by cubic interpolation of the neighbouring points and their speeds. Constant
+    /// before the start and after the end.
     pub fn arc_length(&self, t: f64) -> f64 {
         let last = self.points.len() - 1;
         let i = self.points.partition_point(|at| at.t <= t).clamp(1, last) - 1;
@@ -164,14 +164,14 @@ impl Trajectory {
         a.sample.s + ease * (b.sample.s - a.sample.s) + leave * a.v + arrive * b.v
     }
 
-    /// The points in the robot's single precision.
+    /// Points in the robot's single precision.
     pub fn to_points(&self) -> Vec<TrajectoryPoint> {
         let mut reached = 0.0f32;
         self.points
             .iter()
             .map(|at| {
                 let mut point = at.sample.to_point();
-                // Rounding must not let arc length fall.
+                // Rounding must not decrease the arc length.
                 reached = reached.max(point.s);
                 point.s = reached;
                 TrajectoryPoint {
@@ -184,7 +184,7 @@ impl Trajectory {
     }
 }
 
-/// Speed, distance and its integral at one time of a piecewise constant acceleration.
+/// Speed, distance and integral of distance at one time of a motion with piecewise constant acceleration.
 #[derive(Clone, Copy)]
 struct Moving {
     v: f64,

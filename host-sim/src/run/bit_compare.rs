@@ -1,4 +1,4 @@
-//! What the boards of a run did, bit by bit, and where two runs part.
+//! Trace of the boards' outputs in a run, and the first difference of two traces, bit by bit.
 
 use crate::bus::virtual_bus::name_of;
 use core_algos::bus::CanFrame;
@@ -15,16 +15,16 @@ const EPOCH_TICKS: usize = (EPOCH / TICK) as usize;
 #[derive(Clone, Debug)]
 pub struct Trace {
     topology: Topology,
-    /// Of each axle at each tick.
+    /// Torques of each axle at each tick, N m.
     torques: Vec<[f32; 2]>,
     frames: Vec<(u32, CanFrame)>,
     leads: Vec<lead::Output>,
 }
 
-/// The first thing in which two traces differ.
+/// First difference of two traces.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Difference {
-    /// The tick, ms; of the lead node's output, the last of its epoch.
+    /// Tick, ms; for an output of the lead node the last tick of its epoch.
     pub tick: usize,
     /// Name of the differing signal.
     pub signal: String,
@@ -57,22 +57,22 @@ impl Trace {
         }
     }
 
-    /// A frame was sent at a tick.
+    /// Adds a frame sent at a tick.
     pub fn frame(&mut self, tick: u32, frame: CanFrame) {
         self.frames.push((tick, frame));
     }
 
-    /// The torques of the next tick, by axle and wheel.
+    /// Adds the torques of the next tick, by axle and wheel.
     pub fn torque(&mut self, torque: impl IntoIterator<Item = [f32; 2]>) {
         self.torques.extend(torque);
     }
 
-    /// The lead node's latest output at the end of the next epoch.
+    /// Adds the lead node's latest output at the end of the next epoch.
     pub fn lead(&mut self, output: &lead::Output) {
         self.leads.push(*output);
     }
 
-    /// The frames on the bus, in the order of sending.
+    /// Frames on the bus, in the order of sending.
     pub fn frames(&self) -> impl Iterator<Item = &CanFrame> {
         self.frames.iter().map(|(_, frame)| frame)
     }
@@ -152,7 +152,7 @@ impl Trace {
     }
 }
 
-/// A frame in words.
+/// Name and data of a frame as text.
 pub fn show_frame(topology: Topology, frame: &CanFrame) -> String {
     let name = name_of(topology, frame.id).unwrap_or("unknown");
     let data = frame.data.get(..usize::from(frame.length));
@@ -169,7 +169,7 @@ pub fn lead_difference(a: &lead::Output, b: &lead::Output) -> Option<(String, St
     Some(found.unwrap_or_else(|| (String::new(), format!("{a:?}"), format!("{b:?}"))))
 }
 
-/// All bits of an output, whatever NaN it holds.
+/// All bits of an output, with the bits of NaN.
 fn bits(output: &lead::Output) -> Vec<u8> {
     let mut room = [0; 1024];
     match postcard::to_slice(output, &mut room) {
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn one_bit_anywhere_is_found_with_its_tick_and_name() {
+    fn one_different_bit_is_found_with_tick_and_signal() {
         let mut other = trace();
         other.torques[2 * 7 + 1][0] = f32::from_bits(7.0f32.to_bits() + 1);
         let found = trace().difference(&other).unwrap();
@@ -256,7 +256,7 @@ mod tests {
         let mut other = trace();
         other.torque([[0.0; 2]; 2]);
         assert_eq!(trace().difference(&other).unwrap().tick, 20);
-        // Signs of zero are bits too.
+        // The sign of zero counts.
         let mut other = trace();
         other.torques[0][0] = -0.0;
         assert!(trace().difference(&other).is_some());

@@ -1,4 +1,4 @@
-//! The run loop: a robot, wherever its boards run, carries out a task.
+//! The run loop: a robot carries out a task, with its boards in this process or behind links.
 
 use crate::base::error::Error;
 use crate::run::end::{Cause, EndKind, RunEnd};
@@ -8,49 +8,49 @@ use crate::targets::HostCommand;
 use core_algos::node::lead::Task;
 use core_algos::time::{EPOCH, Micros, TICK};
 
-/// State of a task at the end of an epoch.
+/// Progress of a task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Progress {
-    /// Under way.
+    /// The task is in progress.
     Driving,
-    /// The lead node takes it for done.
+    /// The lead node reports the task as done; the run ends after the robot has rested.
     Done,
-    /// Carried out; the robot need not rest.
+    /// The task is carried out; the run ends at once.
     Over,
 }
 
-/// Time from the task from which on a failure that the lead node reports is that of the task, µs.
+/// Time after the start of a task from which a failure reported by the lead node belongs to that task, µs.
 const FRESH: Micros = 5 * EPOCH;
 
-/// Time at rest until the notices of the end have arrived, µs.
+/// Time at rest after which all notices of the end have arrived, µs.
 const CONFIRMED: Micros = 10 * EPOCH;
 
-/// A task as the host gives and observes it.
+/// Task that the host gives and observes.
 pub trait Errand<R: Robot> {
-    /// Task of the lead node; it gets it once the robot has settled. `None` leaves it with the task it has.
+    /// Task that the lead node gets once the robot has settled. `None` keeps the lead node's present task.
     fn task(&self) -> Option<Task>;
 
-    /// The beginning of an epoch: points of a path may be sent.
+    /// Sends further commands at the beginning of an epoch, such as points of a path.
     fn feed(&mut self, _robot: &mut R) -> Result<(), Error> {
         Ok(())
     }
 
-    /// The state after a tick, from the task on.
+    /// Progress after a tick, from the start of the task.
     fn tick(&mut self, _robot: &R) -> Progress {
         Progress::Driving
     }
 
-    /// True if the run must end here whatever the task.
+    /// True if the run must end, even if the task is not done.
     fn must_end(&self, robot: &R) -> bool {
         robot.must_end()
     }
 
-    /// The state at the end of an epoch, and the time since the lead node got the task, µs; none before.
+    /// Progress at the end of an epoch. `since` is the time since the lead node received the task, µs; `None` before.
     fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress;
 }
 
-/// Has a robot settle, gives it a task, and goes on until it has rested at its end, the task is over or has failed, or
-/// `limit_s` have passed since the task was given.
+/// Runs a task on a robot: waits until the robot has settled, gives the task, and steps the robot. The run ends when
+/// the robot has rested after the task, when the task is over or has failed, or `limit_s` after the start of the task.
 pub fn drive<R: Robot>(
     robot: &mut R,
     scenario: &Scenario,
@@ -59,16 +59,16 @@ pub fn drive<R: Robot>(
 ) -> Result<RunEnd, Error> {
     let micros = |seconds: f64| (seconds * 1e6) as Micros;
     let settle = micros(scenario.mission.settle_s) / EPOCH * EPOCH;
-    // A robot that has driven already has settled.
+    // A robot past its settling time gets the task at the next epoch.
     let settle = settle.max(robot.now().next_multiple_of(EPOCH));
     let limit = settle.saturating_add(micros(limit_s));
     let rest = micros(scenario.mission.rest_s).max(CONFIRMED);
     robot.monitor_mut().begin_task();
-    // Other tasks, and their failures, are those of the errand.
+    // Failures end the run only if the run loop gave the task. An errand handles the failures of tasks that it gives.
     let given = errand.task().is_some();
     let (mut began, mut done_at): (Option<Micros>, Option<Micros>) = (None, None);
     let mut cause = None;
-    // A task that is done at the time limit is watched until its end is confirmed.
+    // A task that is done at the time limit runs on until the notices of its end have arrived.
     while robot.now() < limit || done_at.is_some_and(|at| robot.now() < at + CONFIRMED) {
         let now = robot.now();
         if now.is_multiple_of(EPOCH) {

@@ -1,6 +1,7 @@
 //! End of a run or of a step: one type for every command, table, file and page.
 //!
-//! [`RunEnd::of`] makes it from the robot and from what ended the run loop. All words of ends stand here.
+//! [`RunEnd::of`] derives the end from the robot and from the cause that ended the run loop. All texts of ends are
+//! here.
 
 use crate::run::recovery::SENSORS;
 use crate::run::robot::Robot;
@@ -18,7 +19,8 @@ use serde_json::Value;
 pub enum EndKind {
     /// At rest at the goal or the end of the path; distance and 95 % error are within the tolerance.
     Reached,
-    /// At rest at the goal or the end of the path, but the 95 % error exceeds the tolerance or a sensor is inconsistent.
+    /// At rest at the goal or the end of the path, but the 95 % error exceeds the tolerance, or a sensor is
+    /// inconsistent.
     Uncertain,
     /// A step without a goal was carried out.
     Done,
@@ -27,10 +29,10 @@ pub enum EndKind {
     /// The robot is at rest away from its goal after the last attempt.
     #[serde(rename = "gave up")]
     GaveUp,
-    /// The robot was to move and did not.
+    /// The robot made no progress on its task.
     #[serde(rename = "no progress")]
     NoProgress,
-    /// The time of the run was over.
+    /// The time limit of the run passed.
     #[default]
     #[serde(rename = "time limit")]
     TimeLimit,
@@ -96,15 +98,15 @@ impl EndKind {
 /// Cause of the end of the run loop.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Cause {
-    /// The lead node took a task with a goal for done.
+    /// The lead node reported a task with a goal as done.
     AtGoal,
     /// A task without a goal was carried out.
     Done,
     /// The lead node failed, the robot cannot go on, or the time limit has passed.
     Unfinished,
-    /// The user ended the run; the option that did, if it was one.
+    /// The user ended the run, by this option if there is one.
     Interrupted(Option<&'static str>),
-    /// The robot does not answer, and why.
+    /// The robot does not answer, with the reason.
     NoAnswer(String),
 }
 
@@ -113,9 +115,9 @@ pub enum Cause {
 pub struct RunEnd {
     /// Kind.
     pub kind: EndKind,
-    /// Condition that ended the run, or under which the goal is reached.
+    /// Condition that ended the run, or that qualifies a reached goal.
     pub condition: Option<Condition>,
-    /// More about the cause.
+    /// Details of the cause.
     pub reason: Option<String>,
     /// Notices and degradations of all nodes since the beginning of the task.
     pub notices: Conditions,
@@ -123,7 +125,7 @@ pub struct RunEnd {
     pub estimate: Option<[f64; 3]>,
     /// 95 % error of the estimate: half axis of the position (m), half the interval of the heading (rad).
     pub error_95: Option<[f64; 2]>,
-    /// True posture of O, if there is one: m, m, rad.
+    /// True posture of O: m, m, rad; none if unknown.
     pub truth: Option<[f64; 3]>,
     /// Time from the task to its end, s.
     pub duration_s: f64,
@@ -177,7 +179,7 @@ impl RunEnd {
         }
     }
 
-    /// The fields as text: as in JSON, words without quotes.
+    /// Names and values of the fields as in JSON, words without quotes.
     pub fn fields(&self) -> Vec<(String, String)> {
         let fields = serde_json::to_value(self).unwrap_or_default();
         let fields = fields.as_object().into_iter().flatten();
@@ -196,7 +198,8 @@ impl RunEnd {
         self.kind.is_success()
     }
 
-    /// Sensors that the robot found inconsistent, or a lost gauge. A robot without inertial sensors always misses those.
+    /// Sensors that the robot found inconsistent, and lost gauges. Lost inertial sensors are left out: a robot without
+    /// inertial sensors always reports them lost.
     pub fn suspects(&self) -> impl Iterator<Item = Condition> {
         let notices = self.notices;
         let named = move |it: &Condition| *it != Condition::InertialLost && notices.contains(*it);
@@ -227,7 +230,7 @@ impl RunEnd {
         causes.map(|it| format!(", {}", it.entry().name)).collect()
     }
 
-    /// The 95 % error in words.
+    /// The 95 % error as text.
     pub fn error_text(&self) -> Option<String> {
         let [position, heading] = self.error_95?;
         Some(format!(
@@ -237,7 +240,7 @@ impl RunEnd {
         ))
     }
 
-    /// The end in a line: kind, code, time, 95 % error.
+    /// The end in one line: kind, code, causes, time, 95 % error.
     pub fn text(&self) -> String {
         let code = self
             .code()
@@ -252,7 +255,7 @@ impl RunEnd {
         format!("{name}{user}{code}{causes} after {time:.1} s{error}")
     }
 
-    /// The notices in a line, if there are any.
+    /// The notices in one line; `None` without notices.
     pub fn notices_text(&self) -> Option<String> {
         let names = self.notice_names();
         (!names.is_empty()).then(|| format!("notices: {}", names.join(", ")))
@@ -270,14 +273,14 @@ impl RunEnd {
         rows
     }
 
-    /// Warning about a goal that is reached without certainty, with the remedy.
+    /// Warning of an uncertain end, with the remedy.
     pub fn warning(&self) -> Option<String> {
         let suspect = self.suspects().next();
         let remedy = suspect.or(self.condition)?.entry().remedy;
         (self.kind == EndKind::Uncertain).then(|| format!("{}; {remedy}", self.text()))
     }
 
-    /// Reason for a failure of the command: a task that was not carried out and that no user ended.
+    /// Error of the command: the task was not carried out, and not because the user ended the run.
     pub fn failure(&self) -> Option<String> {
         if self.is_success() || self.kind == EndKind::Interrupted {
             return None;
@@ -289,7 +292,7 @@ impl RunEnd {
     }
 }
 
-/// The condition under which a robot is at its goal, by the latest heartbeats: the lead node's, or a sensor that another
+/// Condition that makes a reached goal uncertain, by the latest heartbeats: the lead node's notice, or a sensor that a
 /// node found inconsistent.
 fn uncertain(robot: &impl Robot) -> Option<Condition> {
     let notices = |node| robot.monitor().latest(node).map(|latest| latest.notices);
@@ -304,7 +307,7 @@ fn uncertain(robot: &impl Robot) -> Option<Condition> {
     sensors.find(|&it| all.contains(it))
 }
 
-/// The notice of a robot whose host fell silent.
+/// Notice that the commanding host timed out, if the robot reported it.
 fn silence(notices: Conditions) -> Option<Condition> {
     let silent = Condition::CommanderSilent;
     notices.contains(silent).then_some(silent)
@@ -372,10 +375,10 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// All of them.
+    /// All verdicts.
     pub const ALL: [Self; 3] = [Self::Within, Self::Outside, Self::Failed];
 
-    /// Verdict on an end whose final posture is within the tolerance or not.
+    /// Verdict on an end; `within` is true if the final posture is within the tolerance.
     pub const fn of(kind: EndKind, within: bool) -> Self {
         match (kind.is_success(), within) {
             (true, true) => Self::Within,
@@ -384,9 +387,9 @@ impl Verdict {
         }
     }
 
-    /// Words of the legend, with the tolerance of position (m) and heading (rad).
+    /// Text of the legend, with the tolerance of position (m) and heading (rad).
     pub fn label(self, [position, heading]: [f64; 2]) -> String {
-        // A tolerance of 0.0873 rad is one of 5°.
+        // Rounded, so that 0.0873 rad reads 5°.
         let degrees = (10.0 * heading.to_degrees()).round() / 10.0;
         let cm = (1e3 * position).round() / 10.0;
         match self {
@@ -397,12 +400,12 @@ impl Verdict {
     }
 }
 
-/// Numbers of runs by label, most frequent first.
+/// Number of runs by label, most frequent first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ends(Vec<(String, u32)>);
 
 impl Ends {
-    /// The ends of several runs.
+    /// Counts the ends of several runs.
     pub fn of<'a>(ends: impl IntoIterator<Item = &'a RunEnd>) -> Self {
         Self::of_labels(ends.into_iter().map(RunEnd::label))
     }
@@ -426,7 +429,7 @@ impl Ends {
         counts.map(|(label, count)| format!("{count} {label}"))
     }
 
-    /// Numbers and labels of all ends.
+    /// Numbers and labels of all ends in one line.
     pub fn text(&self) -> String {
         self.lines().collect::<Vec<_>>().join("; ")
     }

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-/// Distance (m) and heading error (rad) of a run of a campaign that ended near the goal: 3 cm and 3°.
+/// Largest distance (m) and heading error (rad) at which campaigns count a run as near its goal: 3 cm and 3°.
 pub const NEAR: [f64; 2] = [0.03, 3.0 * std::f64::consts::PI / 180.0];
 
 /// True final errors of one trial.
@@ -10,11 +10,11 @@ pub const NEAR: [f64; 2] = [0.03, 3.0 * std::f64::consts::PI / 180.0];
 pub struct FinalError {
     /// Distance of O from the goal, m.
     pub e_m: f64,
-    /// Heading of O less that of the goal, rad.
+    /// Heading of O minus heading of the goal, rad.
     pub heading_rad: f64,
-    /// Line of sight to the goal less the goal's heading, rad.
+    /// Line of sight to the goal minus the goal's heading, rad.
     pub theta_rad: f64,
-    /// Line of sight to the goal less the robot's heading, rad.
+    /// Line of sight to the goal minus the robot's heading, rad.
     pub alpha_rad: f64,
 }
 
@@ -37,7 +37,7 @@ impl FinalError {
     }
 }
 
-/// The angle less whole turns, from −π to π.
+/// The angle wrapped to ±π, rad.
 pub fn wrap(angle: f64) -> f64 {
     let turn = std::f64::consts::TAU;
     angle - turn * (angle / turn).round()

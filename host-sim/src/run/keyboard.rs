@@ -5,11 +5,11 @@ use core_algos::time::{EPOCH, TICK};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Time after the latest key at which a robot that is driven by hand stops.
+/// Time without a key after which a robot driven by hand stops.
 const HANDS_OFF: Duration = Duration::from_secs(5);
-/// Speeds of a simulation, times real time.
+/// Least and largest speed of a simulation, times real time.
 const RATES: (f64, f64) = (0.125, 16.0);
-/// Steps from rest to the largest speed, and from straight to the largest curvature.
+/// Key presses from rest to the largest speed, and from straight to the largest curvature.
 const STEPS: f64 = 8.0;
 
 /// Action of a key.
@@ -19,41 +19,41 @@ pub enum Key {
     End,
     /// Interrupts the run: Ctrl-C, or the terminal was closed.
     Interrupt,
-    /// Stops the simulated time, or lets it go on.
+    /// Pauses or resumes the simulation.
     Pause,
-    /// Lets a simulation that is paused go on for an epoch.
+    /// Advances a paused simulation by one epoch.
     Step,
     /// Doubles the speed of the simulation.
     Faster,
-    /// Halves it.
+    /// Halves the speed of the simulation.
     Slower,
     /// Raises the speed of the robot.
     Forward,
-    /// Lowers it.
+    /// Lowers the speed of the robot.
     Backward,
     /// Bends the path to the left.
     Left,
-    /// Bends it to the right.
+    /// Bends the path to the right.
     Right,
     /// Stops the robot.
     Halt,
-    /// Clears its faults.
+    /// Clears the faults of the robot.
     Clear,
 }
 
-/// Command of the hand.
+/// Command of a drive by hand.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Hand {
     /// Speed, m/s.
     pub speed_m_s: f64,
     /// Curvature, 1/m.
     pub curvature: f64,
-    /// Task that comes first: to stop or to clear the faults.
+    /// Task to send before the speed: stop, or clear the faults.
     pub task: Option<Task>,
 }
 
 impl Hand {
-    /// A robot at rest that gets a task.
+    /// Command with zero speed and a task.
     fn at_rest(task: Task) -> Self {
         Self {
             task: Some(task),
@@ -68,18 +68,18 @@ struct Keys {
     ended: bool,
     interrupted: bool,
     paused: bool,
-    /// Ticks that a paused simulation may go on.
+    /// Ticks that a paused simulation may still run.
     ticks: u64,
     rate: f64,
     hand: Hand,
     /// Largest speed (m/s) and curvature (1/m) of a drive by hand.
     limits: Option<[f64; 2]>,
     pressed: Instant,
-    /// The robot was stopped because no key was pressed.
+    /// True if the robot was stopped because no key was pressed.
     idled: bool,
 }
 
-/// Keys that the dashboard reads and the run obeys; clones share them.
+/// Keys read by the dashboard and obeyed by the run; clones share their state.
 #[derive(Clone, Debug)]
 pub struct Keyboard(Arc<Mutex<Keys>>);
 
@@ -106,7 +106,7 @@ impl Default for Keyboard {
 }
 
 impl Keyboard {
-    /// Keys that drive a robot with at most this speed (m/s) and curvature (1/m).
+    /// Keys that drive a robot, with the largest speed (m/s) and curvature (1/m).
     pub fn of_driver(limits: [f64; 2]) -> Self {
         let keyboard = Self::default();
         keyboard.keys().limits = Some(limits);
@@ -117,7 +117,7 @@ impl Keyboard {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// A key was pressed.
+    /// Applies a pressed key.
     pub fn press(&self, key: Key) {
         let mut keys = self.keys();
         (keys.pressed, keys.idled) = (Instant::now(), false);
@@ -149,7 +149,7 @@ impl Keyboard {
         self.keys().ended
     }
 
-    /// True if the user ended the run as an interrupt does.
+    /// True if the user interrupted the run.
     pub fn is_interrupted(&self) -> bool {
         self.keys().interrupted
     }
@@ -165,7 +165,7 @@ impl Keyboard {
         (keys.paused, keys.rate)
     }
 
-    /// True if a simulation has to wait: it is paused and has used up its step.
+    /// True if the simulation must wait, because it is paused and no ticks are left. Otherwise uses up one tick.
     pub fn holds(&self) -> bool {
         let mut keys = self.keys();
         if !keys.paused || keys.ended {
@@ -176,7 +176,7 @@ impl Keyboard {
         holds
     }
 
-    /// The command of the hand. A robot whose driver pressed no key for five seconds stops.
+    /// Command of the drive by hand. Its speed becomes 0 after five seconds without a key.
     pub fn hand(&self) -> Hand {
         let mut keys = self.keys();
         if keys.pressed.elapsed() > HANDS_OFF && keys.hand.speed_m_s != 0.0 {
@@ -186,7 +186,7 @@ impl Keyboard {
         keys.hand
     }
 
-    /// Reason why the robot stopped, if it was that no key was pressed.
+    /// Notice that the robot stopped because no key was pressed; `None` if it did not.
     pub fn idle_stop(&self) -> Option<String> {
         let seconds = HANDS_OFF.as_secs();
         let text =
@@ -194,7 +194,7 @@ impl Keyboard {
         self.keys().idled.then(text)
     }
 
-    /// Takes the task that comes first.
+    /// Takes the task to send before the speed.
     pub fn take_task(&self) -> Option<Task> {
         self.keys().hand.task.take()
     }
@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn paused_simulation_goes_on_by_one_epoch_a_step() {
+    fn paused_simulation_advances_one_epoch_per_step() {
         let keyboard = Keyboard::default();
         assert!(!keyboard.holds());
         keyboard.press(Key::Pause);

@@ -1,5 +1,4 @@
-//! One run along a path or after a trajectory, with the errors of the true and of the estimated
-//! midpoint.
+//! One run of path following or trajectory tracking, with the path errors of the true and the estimated midpoint.
 
 use crate::base::error::Error;
 use crate::base::statistics::square;
@@ -17,26 +16,26 @@ use core_algos::node::lead::Task;
 use core_algos::time::Micros;
 use serde::Serialize;
 
-/// Search range for the nearest point around the last one, m: more than the robot drives in an
+/// Half the search range for the nearest point about the previous one, m: more than the robot drives in an
 /// epoch, less than the distance between the branches of a crossing.
 const WINDOW_M: f64 = 0.1;
-/// A run ends without success after this many times its expected duration, and a while.
+/// Time limit of a run: factor on the expected duration, and additional time, s.
 const PATIENCE: (f64, f64) = (2.0, 30.0);
-/// Share of the largest deviation that a robot may have at the start of its path; the rest is for the placement.
+/// Share of the largest deviation allowed at a planned start; the rest is left for the placement error.
 const START_SHARE: f64 = 0.8;
-/// Length of the path that the robot may have behind it at the start, m.
+/// Largest length of the path behind the robot at the start, m.
 const ALONG_M: f64 = 0.2;
-/// Heading from that of the path at the start up to which a robot gets onto it, rad: paths are driven forward.
+/// Largest heading error of the robot against the path at the start, rad: paths are driven forward.
 const TURN_RAD: f64 = std::f64::consts::FRAC_PI_2;
-/// Share of the robot's speed limit that a trajectory may use; the rest is for catching up.
+/// Share of the robot's speed limit that a trajectory may use; the rest is left for catching up.
 const TIMED_SHARE: f64 = 0.9;
 
-/// Reference of the robot: the nearest point of the path, or the time.
+/// Rule by which the robot chooses its reference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PathMode {
-    /// Path following: where it is along the path.
+    /// Path following: the nearest point of the path.
     Follow,
-    /// Trajectory tracking: the time.
+    /// Trajectory tracking: the point of the present time.
     Track,
 }
 
@@ -48,7 +47,7 @@ pub struct Route {
     max_curvature: f64,
 }
 
-/// Largest distances from the start of a path, m: of a robot whose place is planned, and of one on the floor.
+/// Largest distances of a robot from the start of a path, m: at a planned posture, and at the estimated posture.
 pub fn start_distances(scenario: &Scenario) -> [f64; 2] {
     let most = f64::from(scenario.robot.lead.course.max_deviation_m);
     [START_SHARE * most, most]
@@ -60,7 +59,7 @@ pub fn bounds(scenario: &Scenario) -> Bounds {
     Bounds {
         frame_length_m: robot.geometry.frame_length_m.into(),
         rigid_end_m: robot.geometry.rigid_end_m.into(),
-        // What is commanded stays a margin short of the bound.
+        // Commands stay below the steering limit by a margin.
         max_steering_rad: robot.limits.commanded_steering_rad().into(),
         max_steering_rate_rad_s: robot.lead.governor.max_steering_rate_rad_s.into(),
         min_speed_m_s: robot.lead.course.path.min_speed_m_s.into(),
@@ -69,7 +68,7 @@ pub fn bounds(scenario: &Scenario) -> Bounds {
 
 impl Route {
     /// Deviations of the true and of the estimated midpoint, `since` µs after the beginning of the task. The estimate
-    /// is `age` µs old. `places` holds their arc lengths, m.
+    /// is `age` µs old. `places` holds the arc lengths of both midpoints, m, and is updated.
     fn deviations(
         &self,
         path_mode: PathMode,
@@ -92,14 +91,14 @@ impl Route {
             deviations[i] = Deviation::of([x, y, phi], &self.path.at(places[i]));
         }
         if record.midpoint[0].is_nan() {
-            // The place of a robot whose true posture is not known is the estimated one.
+            // Without a true posture the estimated arc length replaces the true arc length.
             places[0] = places[1];
         }
         deviations
     }
 
-    /// `laps` laps of a closed path, or an open path, as the robot of `scenario` is to drive it.
-    /// Refuses what its frame cannot bend to.
+    /// Route of `laps` laps of a closed path, or of an open path, for the robot of `scenario`.
+    /// Refuses a path beyond the limits of the frame.
     pub fn new(path: &Path, laps: u32, scenario: &Scenario) -> Result<Self, PathError> {
         let bounds = bounds(scenario);
         path.check(&bounds)?;
@@ -118,7 +117,7 @@ impl Route {
                 max_speed_m_s: speed,
                 max_steering_rate_rad_s: limits.max_steering_rate_rad_s.into(),
                 max_steering_acceleration_rad_s2: limits.max_steering_acceleration_rad_s2.into(),
-                // About a point per sample of the path: the buffer on board looks far enough ahead.
+                // About one point per sample of the path, so that the buffer on board reaches far enough ahead.
                 interval_s: (SPACING_M / speed).clamp(0.05, 0.25),
                 ..TimeLimits::default()
             },
@@ -145,8 +144,8 @@ impl Route {
         posture(&self.path.samples()[0])
     }
 
-    /// Refuses a robot at a posture from which the path cannot be begun: farther than `most` from its start, along it, or
-    /// turned away from it.
+    /// Refuses a posture from which the robot cannot begin the path: farther than `most` (m) from the start, too far
+    /// along the path, or turned away from the path.
     pub fn check_start(&self, at: [f64; 3], most: f64) -> Result<(), PathError> {
         let [x, y, _] = at;
         let s = self.path.nearest(x, y, 0.0, most.max(ALONG_M));
@@ -190,9 +189,9 @@ fn posture(at: &Sample) -> [f64; 3] {
 pub struct Deviation {
     /// Distance to the left of the path, m.
     pub lateral_m: f64,
-    /// Distance from where it should be, m: across the path in path following.
+    /// Distance from the reference point, m; across the path in path following.
     pub distance_m: f64,
-    /// Heading less that of the path there, rad.
+    /// Heading minus heading of the path, rad.
     pub heading_rad: f64,
 }
 
@@ -213,15 +212,15 @@ impl Deviation {
 /// One epoch of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Moment {
-    /// The state.
+    /// State of the robot.
     pub record: Record,
     /// Reference of O: the point of the path beside the true O, or the point of the trajectory.
     pub target: Sample,
-    /// Of the true midpoint.
+    /// Deviation of the true midpoint.
     pub truth: Deviation,
-    /// Of the midpoint as the robot estimates it.
+    /// Deviation of the estimated midpoint.
     pub estimate: Deviation,
-    /// True curvature of O's path as the frame's bend gives it, 1/m.
+    /// True curvature of O's path, from the bend of the frame, 1/m.
     pub curvature: f64,
 }
 
@@ -238,7 +237,7 @@ pub struct Errors {
     pub rms_heading_rad: f64,
     /// Distance from the end of the path at rest, m.
     pub final_m: f64,
-    /// Heading at rest less that of the end, rad.
+    /// Heading at rest minus heading of the path's end, rad.
     pub final_heading_rad: f64,
 }
 
@@ -263,7 +262,7 @@ impl Sums {
 
     fn errors(&self, last: &Deviation) -> Errors {
         let rms = |sum: f64| (sum / self.count.max(1.0)).sqrt();
-        // The largest of unknown values is not known either.
+        // The maximum of unknown values is unknown.
         let largest = |value: f64| {
             if self.distance.is_nan() {
                 f64::NAN
@@ -287,7 +286,7 @@ impl Sums {
 pub struct Outcome {
     /// Errors of the true midpoint.
     pub truth: Errors,
-    /// Errors of the midpoint as the robot estimates it.
+    /// Errors of the estimated midpoint.
     pub estimate: Errors,
     /// Largest true |curvature| of O's path, 1/m.
     pub max_curvature: f64,
@@ -295,7 +294,7 @@ pub struct Outcome {
     pub end: RunEnd,
 }
 
-/// A route under way.
+/// A route in progress.
 struct Drive<'a, F> {
     route: &'a Route,
     path_mode: PathMode,
@@ -355,7 +354,7 @@ impl<R: Robot, F: FnMut(&Moment)> Errand<R> for Drive<'_, F> {
 }
 
 /// Drives `route` with a robot of `scenario`; `observe` is called once an epoch from the beginning
-/// of the task. The robot starts where the scenario says.
+/// of the task. The robot starts at the scenario's start posture.
 pub fn drive_on(
     robot: &mut impl Robot,
     scenario: &Scenario,
@@ -389,7 +388,7 @@ pub fn drive_on(
     })
 }
 
-/// The points not yet sent to the robot.
+/// Points not yet sent to the robot.
 struct Stream {
     points: Points,
     /// True if the end of the path was sent.

@@ -1,14 +1,14 @@
-//! Ticks in step with the clock.
+//! Ticks in real time.
 
 use super::keyboard::Keyboard;
 use core_algos::time::TICK;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Time between looks at the keys of a paused run.
+/// Polling interval of the keys in a paused run.
 const PAUSE: Duration = Duration::from_millis(10);
 
-/// Lets no tick begin before its time.
+/// Delays each tick until its real time.
 #[derive(Clone, Debug)]
 pub struct RealTimeLimiter {
     due: Instant,
@@ -18,7 +18,7 @@ pub struct RealTimeLimiter {
 }
 
 impl RealTimeLimiter {
-    /// Time begins now. The keys pause the run and change its speed.
+    /// Limiter whose time begins now. The keys pause the run and change its speed.
     pub fn new(keyboard: Keyboard) -> Self {
         Self {
             due: Instant::now(),
@@ -52,12 +52,12 @@ impl RealTimeLimiter {
         &self.keyboard
     }
 
-    /// Ticks that began more than a tick late.
+    /// Number of ticks that began more than one tick late.
     pub fn late(&self) -> u32 {
         self.late
     }
 
-    /// The most a tick was late.
+    /// Largest delay of a tick.
     pub fn worst(&self) -> Duration {
         self.worst
     }

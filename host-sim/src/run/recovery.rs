@@ -1,5 +1,4 @@
-//! What the nodes say of themselves, as a listener on the bus hears it, and what the host does after
-//! a board was restarted.
+//! Monitor of the nodes' heartbeats on the bus, and recovery by the host after the restart of a board.
 
 use crate::targets::What;
 use core_algos::bus::field::CalibrationResult;
@@ -24,24 +23,24 @@ pub const SENSORS: [Condition; 6] = [
 pub struct Status {
     /// Time, s.
     pub time_s: f64,
-    /// Who.
+    /// Node.
     pub node: Node,
     /// Name of the node.
     #[serde(skip)]
     pub name: &'static str,
     /// Operating state.
     pub state: OperatingState,
-    /// The first stop or cut since the last clearing; of a node that is not armed, what arming waits
-    /// for.
+    /// First stop or cut since faults were last cleared; for a node that is not armed, the condition that
+    /// prevents arming.
     #[serde(serialize_with = "name_and_code")]
     pub reason: Option<Condition>,
-    /// Notices and degradations since the heartbeat before.
+    /// Notices and degradations since the previous heartbeat.
     #[serde(serialize_with = "names")]
     pub notices: Conditions,
 }
 
 impl Status {
-    /// The heartbeat in a message of a tick (ms); none if the message is something else.
+    /// Heartbeat in a message sent at `tick` (ms); `None` for another message.
     pub fn of(topology: Topology, tick: u32, message: &Message) -> Option<Self> {
         match *message {
             Message::NodeStatus {
@@ -86,30 +85,30 @@ fn names<S: Serializer>(conditions: &Conditions, to: S) -> Result<S::Ok, S::Erro
     to.collect_seq(conditions.iter().map(|condition| condition.entry().name))
 }
 
-/// A listener on the bus.
+/// Monitor of heartbeats on the bus.
 #[derive(Clone, Debug)]
 pub struct Monitor {
-    /// Axles of the robot.
+    /// Topology of the robot.
     pub topology: Topology,
     latest: Vec<Option<Status>>,
     changes: Vec<Status>,
-    /// First change that belongs to the present task.
+    /// Index of the first change of the present task.
     first: usize,
-    /// Nodes whose next heartbeat still holds notices from before the task.
+    /// True for nodes whose next heartbeat still holds notices from before the task.
     stale: Vec<bool>,
     noticed: Vec<Conditions>,
-    /// Latest result of a calibration, and the gauge to blame.
+    /// Latest result of a calibration, and the gauge that caused it.
     pub calibrated: Option<(CalibrationResult, u8)>,
 }
 
-/// True for a message that the monitor decodes; most frames on the bus hold others.
+/// True for a frame that the monitor decodes; most frames on the bus are skipped.
 fn is_monitored(frame: &CanFrame) -> bool {
     let first = layout::find(frame.id).map(|layout| layout.id);
     first.is_some_and(|id| [layout::id::NODE_STATUS, layout::id::BEAM_CALIBRATED].contains(&id))
 }
 
 impl Monitor {
-    /// A listener that has received nothing.
+    /// Monitor that has received nothing.
     pub fn new(topology: Topology) -> Self {
         let nodes = topology.node_count();
         Self {
@@ -123,7 +122,7 @@ impl Monitor {
         }
     }
 
-    /// Takes in a frame that was sent at a tick (ms).
+    /// Processes a frame sent at `tick` (ms).
     pub fn see(&mut self, tick: u32, frame: &CanFrame) {
         if !is_monitored(frame) {
             return;
@@ -150,17 +149,17 @@ impl Monitor {
         }
     }
 
-    /// The latest heartbeat of a node.
+    /// Latest heartbeat of a node.
     pub fn latest(&self, node: Node) -> Option<&Status> {
         self.latest[self.topology.place_of_node(node)?].as_ref()
     }
 
-    /// The first heartbeat of each node, and those in which a state or reason changed.
+    /// First heartbeat of each node, and every heartbeat with a changed state or reason.
     pub fn changes(&self) -> &[Status] {
         &self.changes
     }
 
-    /// Why the robot stopped, with code, time and what to do about it; nothing if no node told of a fault.
+    /// Reason that the robot stopped, with code, time and remedy; `None` if no node reported a fault.
     pub fn why_stopped(&self) -> Option<String> {
         let first = self.first_fault()?;
         let advice = first.reason.map(|code| code.entry().remedy);
@@ -177,14 +176,14 @@ impl Monitor {
         ))
     }
 
-    /// Since which tick (ms) a node has been in fault, if it is.
+    /// Tick (ms) since which a node has been in fault; `None` if it is not in fault.
     pub fn fault_since(&self, node: Node) -> Option<u64> {
         let of_node = |status: &&Status| status.node == node;
         let last = self.changes.iter().rev().find(of_node)?;
         (last.state == OperatingState::Fault).then_some((last.time_s * 1e3).round() as u64)
     }
 
-    /// A task begins: what was noticed before does not count, nor do faults that were cleared.
+    /// Begins a task: clears the notices, and faults that have been cleared no longer count.
     pub fn begin_task(&mut self) {
         self.noticed.fill(Conditions::NONE);
         self.stale = self.latest.iter().map(Option::is_some).collect();
@@ -194,25 +193,25 @@ impl Monitor {
         }
     }
 
-    /// Every notice and degradation of a node since the task began.
+    /// All notices and degradations of a node since the task began.
     pub fn noticed(&self, node: Node) -> Conditions {
         let place = self.topology.place_of_node(node);
         place.map_or(Conditions::NONE, |place| self.noticed[place])
     }
 
-    /// Every notice and degradation of any node since the task began.
+    /// All notices and degradations of all nodes since the task began.
     pub fn notices(&self) -> Conditions {
         let all = self.noticed.iter().copied();
         all.fold(Conditions::NONE, Conditions::union)
     }
 
-    /// The heartbeat that first reported a stop or a cut since the task began, or that of a fault not yet cleared.
+    /// First heartbeat that reported a stop or cut since the task began, or the heartbeat of a fault not yet cleared.
     pub fn first_fault(&self) -> Option<&Status> {
         let mut changes = self.changes.iter().skip(self.first);
         changes.find(|status| is_stopped(status.state) && status.reason.is_some())
     }
 
-    /// Forgets the changes so far; the latest heartbeats stay.
+    /// Clears the changes; keeps the latest heartbeats.
     pub fn forget_changes(&mut self) {
         self.changes.clear();
         self.first = 0;
@@ -223,30 +222,30 @@ fn is_stopped(state: OperatingState) -> bool {
     matches!(state, OperatingState::SafeStop | OperatingState::Fault)
 }
 
-/// Time from a restart until the host looks at the nodes, ticks.
+/// Time from a restart to the host's first check of the nodes, ticks.
 pub const PAUSE: u32 = 1000;
 /// Time in which the nodes must become idle after an attempt to clear the faults, ticks.
 const CLEARING: u32 = 500;
 /// Attempts before the host gives up.
 const ATTEMPTS: u32 = 3;
 
-/// The host after the restart of an axle board: it clears the faults until all nodes are ready, then repeats the task. The
-/// robot itself never drives on after a fault.
+/// Recovery by the host after the restart of an axle board: the host clears the faults until all nodes are ready, then
+/// repeats the task. The robot itself never drives on after a fault.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Recovery {
-    /// The latest restart that was noticed, ms.
+    /// Latest detected restart, ms.
     restart: Option<u32>,
-    /// Tick of the next look at the nodes, and attempts so far.
+    /// Tick of the next check of the nodes, and number of attempts.
     next: Option<(u32, u32)>,
 }
 
 impl Recovery {
-    /// True if the host will still act.
+    /// True if an action of the host is pending.
     pub fn is_pending(&self) -> bool {
         self.next.is_some()
     }
 
-    /// Act of the host at a tick; `restart` is the latest restart of an axle board, ms.
+    /// Action of the host at a tick; `restart` is the latest restart of an axle board, ms.
     pub fn step(&mut self, tick: u32, restart: Option<u32>, monitor: &Monitor) -> Option<What> {
         if self.restart != restart {
             self.restart = restart;
@@ -282,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn changes_are_kept_and_repetitions_are_not() {
+    fn monitor_keeps_changes_and_drops_repetitions() {
         let mut monitor = Monitor::new(Topology::PAIR);
         let low = Condition::SupplyLow.code();
         let lost = Conditions::only(Condition::MessageLost);
@@ -312,7 +311,8 @@ mod tests {
                 .noticed(Node::axle(1))
                 .contains(Condition::MessageLost)
         );
-        // A robot of two axles has no third axle; its number must not pass for the place of the beam.
+        // A robot of two axles has no third axle; the number of a third axle must not be taken for the index of the
+        // beam.
         let stranger = frame(Node::axle(2), OperatingState::Fault, 0x80, lost);
         monitor.see(30, &stranger);
         assert_eq!(

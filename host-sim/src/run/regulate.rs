@@ -1,4 +1,4 @@
-//! Regulation to a posture, and how it ended.
+//! Regulation to a posture, and its outcome.
 
 use crate::base::error::Error;
 use crate::base::statistics::nees;
@@ -23,19 +23,19 @@ pub struct Outcome {
     pub midpoint: [f64; 3],
     /// End of the task.
     pub end: RunEnd,
-    /// Squared error of the estimate over its claimed covariance; 3 on average if the claim is right.
+    /// Normalised estimation error squared (NEES) at the end; 3 on average if the covariance is consistent.
     pub nees: f64,
-    /// Share of the epochs with a new beam posture that the estimate used.
+    /// Share of the epochs in which the estimate used a beam posture.
     pub beam_share: f64,
     /// True if the true posture is within the tolerance of the goal.
     pub within: bool,
     /// Root mean square of the magnitude of the frame's force over the task, N.
     pub force_rms_n: f64,
-    /// Largest true curvature the frame was bent to over the task, at rest too: paper eq. 5 of half
-    /// the angle between the axles, 1/m.
+    /// Largest true curvature from the bend of the frame over the task, at rest too, 1/m: paper eq. 5 of half
+    /// the angle between the axles.
     pub max_curvature: f64,
-    /// Largest true curvature of the midpoint's path, turning per way, where the robot drove faster
-    /// than [`PATH_CURVATURE_SPEED_M_S`], 1/m.
+    /// Largest true curvature of the midpoint's path, turn over distance, at speeds above
+    /// [`PATH_CURVATURE_SPEED_M_S`], 1/m.
     pub max_path_curvature: f64,
     /// Largest curvature the governor commanded over the task, 1/m.
     pub max_commanded_curvature: f64,
@@ -43,7 +43,7 @@ pub struct Outcome {
     pub path_m: f64,
     /// Changes of direction while driving.
     pub cusps: u32,
-    /// Times the regulator searched for a plan.
+    /// Number of planning phases of the regulator.
     pub plans: u32,
     /// Error of the estimated relative posture of the axles at the end: m, m, rad.
     pub relative_error: [f64; 3],
@@ -55,7 +55,7 @@ impl Ended for Outcome {
     }
 }
 
-/// Speed below which the curvature of the driven path is not looked at, m/s.
+/// Speed below which the curvature of the driven path is not evaluated, m/s.
 pub const PATH_CURVATURE_SPEED_M_S: f64 = 0.05;
 
 /// Statistics of the drive.
@@ -91,7 +91,7 @@ impl Drive {
         }
     }
 
-    /// Takes in the state after one more epoch.
+    /// Adds the state after an epoch.
     fn observe(&mut self, record: &Record) {
         const EPOCH_S: f64 = EPOCH as f64 * 1e-6;
         let [x, y, phi] = self.last;
@@ -102,7 +102,7 @@ impl Drive {
         if ahead.abs() > PATH_CURVATURE_SPEED_M_S * EPOCH_S {
             self.path_curvature = self.path_curvature.max((turned / ahead).abs());
         }
-        // Slower than this may be a tremor at rest.
+        // Slower motion may be vibration at rest.
         if ahead.abs() > 0.01 * EPOCH_S {
             self.cusps += u32::from(ahead * self.direction < 0.0);
             self.direction = ahead.signum();
@@ -134,12 +134,12 @@ pub fn regulate(
     )
 }
 
-/// Regulation under way.
+/// Regulation in progress.
 struct Regulation<F> {
     task: Task,
     observe: F,
     drive: Drive,
-    /// Sum of the squares of the frame's force, N², and its ticks.
+    /// Sum of the squares of the frame's force, N², and number of ticks.
     force_square: f64,
     ticks: u64,
 }
@@ -169,7 +169,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Regulation<F> {
     }
 }
 
-/// The same with a robot that has been made for the scenario.
+/// [`regulate`] with a given robot of the scenario.
 pub fn regulate_on(
     robot: &mut impl Robot,
     scenario: &Scenario,

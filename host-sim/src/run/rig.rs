@@ -1,6 +1,7 @@
 //! A robot without its plant: sensors, boards and bus in lockstep at 1 kHz.
 //!
-//! [`Rig::step`] takes the true state and gives the torques of the motors. Any model of the plant can supply that state.
+//! [`Rig::step`] takes the true state and gives the torques of the motors. Any model of the plant can supply the true
+//! state.
 
 use crate::base::error::Error;
 use crate::bus::virtual_bus::VirtualBus;
@@ -36,12 +37,12 @@ pub struct Rig {
     pub monitor: Monitor,
     /// Torques that the boards commanded at the latest tick, `[axle][left, right]`, N m.
     torque: Vec<[f64; 2]>,
-    /// Torques of the motors at the latest tick, likewise.
+    /// Torques of the motors at the latest tick, `[axle][left, right]`, N m.
     given: Vec<[f64; 2]>,
     tick: u64,
     /// Latest output of the lead node.
     lead: lead::Output,
-    /// Behaviour of the boards, if it is kept.
+    /// Trace of the boards, if recorded.
     pub(super) trace: Option<Trace>,
     injector: Option<Injector>,
     calibration: Calibration,
@@ -56,7 +57,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// A robot at rest on its start with these imperfections. Random draws depend on `seed` and `trial` alone.
+    /// Robot at rest at its start, with the errors `imperfections`. Random draws depend on `seed` and `trial` alone.
     pub fn new(
         targets: Vec<Box<dyn Target>>,
         scenario: &Scenario,
@@ -123,7 +124,7 @@ impl Rig {
         self.injector.as_ref()
     }
 
-    /// Injects a fault from `tick` on. Faults of the plant are left to its owner.
+    /// Injects a fault from `tick` on. The owner of the plant applies faults of the plant.
     pub fn inject(&mut self, fault: Fault, tick: u32) {
         let failure = |role| Failure {
             role,
@@ -139,8 +140,8 @@ impl Rig {
         self.injector = Some(Injector::new(fault, tick, self.full_scale, held));
     }
 
-    /// One tick of the boards with the true state at its beginning; gives the torques of the motors until the next tick,
-    /// `[axle][left, right]`, N m. A command takes effect one tick late, as on the boards.
+    /// One tick of the boards with the true state at its beginning; gives the torques of the motors until the next
+    /// tick, `[axle][left, right]`, N m. As on hardware, a command takes effect one tick late.
     pub fn step(&mut self, truth: &Truth) -> Result<&[[f64; 2]], Error> {
         let (now, tick) = (self.now(), self.tick as u32);
         self.read(truth);
@@ -221,7 +222,7 @@ impl Rig {
                 conditions: Conditions::NONE,
             };
         }
-        // The board's converter counts from the lower rail; where there is no gauge it reads none.
+        // The board's converter counts from the lower rail; an entry without a gauge reads 0.
         let frames = samples.frames.iter().zip(&truth.strains);
         for (reading, (counts, strains)) in self.readings.frames.iter_mut().zip(frames) {
             *reading = *counts;
@@ -247,8 +248,8 @@ impl Rig {
     }
 }
 
-/// Configuration of a drawn robot's boards: the scenario's, with the zeros of the bridges as found on a straight edge and the
-/// constants of the converter.
+/// Configuration of a drawn robot's boards: the scenario's configuration with the bridge zeros of the drawn robot at a
+/// straight edge, and the constants of the converter.
 pub fn board_config(scenario: &Scenario, imperfections: &Drawn) -> RobotConfig {
     let bridge = &scenario.world.sensors.bridge;
     let mut config = scenario.completed_robot();

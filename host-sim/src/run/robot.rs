@@ -17,9 +17,9 @@ use plant::{AxleState, Outline, Plant, Wrench};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-/// Longest time that a robot gets to stop, and then to switch its motors off, µs.
+/// Timeout for the robot to stop, and again to switch its motors off, µs.
 const STOP: Micros = 5_000_000;
-/// Speed below which it counts as at rest, m/s.
+/// Commanded speed below which the robot counts as at rest, m/s.
 const REST_M_S: f32 = 1e-3;
 
 /// State of the robot at the beginning of an epoch, for logs and pictures.
@@ -62,7 +62,7 @@ pub struct FrameRecord {
 }
 
 impl Record {
-    /// The lead node's output of a robot whose true state is not known: that is NaN.
+    /// Record of a robot whose true state is unknown: the lead node's output, and NaN for the true state.
     pub fn without_truth(now: Micros, topology: Topology, lead: lead::Output) -> Self {
         const UNKNOWN: f64 = f64::NAN;
         let axle = AxleRecord {
@@ -89,7 +89,7 @@ impl Record {
         }
     }
 
-    /// The same with the estimate in place of a truth that is not known: postures and frames.
+    /// Copy of the record; estimated postures and frames replace an unknown true state.
     pub fn seen(&self) -> Self {
         let mut seen = self.clone();
         if !self.midpoint[0].is_nan() {
@@ -107,7 +107,7 @@ impl Record {
         seen
     }
 
-    /// The plant as it is at `now`, with the lead node's latest step and the strains of each frame.
+    /// State of the plant at `now`, with the lead node's latest output and the strains of each frame.
     pub fn of(
         now: Micros,
         plant: &Plant,
@@ -140,7 +140,7 @@ impl Record {
     }
 }
 
-/// Places of [`FRAME_POINTS`] points along each frame of a plant.
+/// Positions of [`FRAME_POINTS`] points along each frame of a plant.
 pub fn outlines(plant: &Plant) -> Vec<Outline> {
     let frames = 0..plant.frame_count();
     frames
@@ -148,7 +148,7 @@ pub fn outlines(plant: &Plant) -> Vec<Outline> {
         .collect()
 }
 
-/// The strip between two axles: the cubic with their headings at its ends.
+/// Points of the strip between two axles: a cubic with the axles' headings at its ends.
 fn strip([front, rear]: [[f64; 3]; 2]) -> [[f32; 2]; FRAME_POINTS] {
     let length = libm::hypot(front[0] - rear[0], front[1] - rear[1]);
     std::array::from_fn(|i| {
@@ -166,25 +166,25 @@ fn strip([front, rear]: [[f64; 3]; 2]) -> [[f32; 2]; FRAME_POINTS] {
 
 /// Observer of a run: a recording or a display.
 pub trait Observer: Send {
-    /// The state at the end of an epoch; an error ends the run.
+    /// Receives the state at the end of an epoch; an error ends the run.
     fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error>;
 
-    /// The run is over; the text says how it ended.
+    /// Receives the text of the run's end.
     fn ended(&mut self, _text: &str) {}
 
-    /// Image that a virtual board runs.
+    /// Receives the build of the image that a virtual board runs.
     fn board(&mut self, _role: Role, _image: String) {}
 
-    /// Event at a board that is recorded. The common time of the boards was `zero`, µs, at the start of the run.
+    /// Receives an event of a recorded board. `zero` is the boards' common time at the start of the run, µs.
     fn event(&mut self, _role: Role, _zero: i64, _event: &BoardEvent) {}
 
-    /// Frames of a board that is not recorded, at a tick of the run, ms.
+    /// Receives frames of a board that is not recorded, at a tick of the run, ms.
     fn frames(&mut self, _role: Role, _tick: u32, _frames: Vec<CanFrame>) {}
 
-    /// Output of the lead node of a board that is not recorded, at a tick of the run, ms.
+    /// Receives the output of the lead node of a board that is not recorded, at a tick of the run, ms.
     fn lead(&mut self, _tick: u32, _output: &lead::Output) {}
 
-    /// A virtual board lost power at a tick, ms.
+    /// Receives the power loss of a virtual board at a tick, ms.
     fn off(&mut self, _role: Role, _tick: u32, _reason: &str) {}
 }
 
@@ -197,9 +197,9 @@ pub const FRAME_POINTS: usize = 13;
 /// Bounds of the time of a run, µs from the start of the simulation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Span {
-    /// A robot that is done is watched at least until then.
+    /// Earliest end of a run whose task is done.
     pub least: Micros,
-    /// The run ends then, done or not.
+    /// Latest end of the run, even if the task is not done.
     pub most: Option<Micros>,
 }
 
@@ -208,16 +208,16 @@ pub struct Span {
 pub struct RunControl {
     /// Bounds of the time.
     pub span: Span,
-    /// Flag that ends the run once it is set.
+    /// Flag that ends the run when set.
     pub interrupt: Option<Arc<AtomicBool>>,
-    /// Limiter, if no tick is to begin before its time on the clock.
+    /// Limiter of a run in real time.
     pub pace: Option<RealTimeLimiter>,
     /// Observers of the state.
     pub observers: Observers,
 }
 
 impl Clone for RunControl {
-    /// Without the observers, which are those of one run.
+    /// Copy without the observers, which belong to one run.
     fn clone(&self) -> Self {
         Self {
             span: self.span,
@@ -228,44 +228,44 @@ impl Clone for RunControl {
     }
 }
 
-/// A robot that an experiment drives, wherever its boards run.
+/// A robot that an experiment drives, with its boards in this process or behind links.
 pub trait Robot {
     /// Simulated time, µs.
     fn now(&self) -> Micros;
-    /// Gives the lead node a task, or points of a path or trajectory. It gets them at once, or soon.
+    /// Sends the lead node a task, or points of a path or trajectory; delivered when [`Self::is_settled`] is true.
     fn command(&mut self, command: &HostCommand) -> Result<(), Error>;
-    /// Has the front board send a frame of a service tool on the bus; boards in this program have no use for it.
+    /// Sends a frame of a service tool on the bus through the front board; no effect on boards in this process.
     fn send(&mut self, _frame: &CanFrame) -> Result<(), Error> {
         Ok(())
     }
-    /// True if the lead node has got all commands.
+    /// True if the lead node has received all commands.
     fn is_settled(&self) -> bool;
-    /// Points the lead node has room for, at the end of an epoch.
+    /// Free room of the lead node's buffers at the end of an epoch, points.
     fn room(&mut self) -> Room;
-    /// Why the robot cannot go on, if so.
+    /// Reason that the robot cannot continue; `None` if it can.
     fn failure(&self) -> Option<String>;
-    /// One millisecond.
+    /// Advances the robot by 1 ms.
     fn step(&mut self) -> Result<(), Error>;
-    /// The state for logs and pictures.
+    /// State for logs and pictures.
     fn record(&self) -> Record;
-    /// The robot as it is; `None` if it is a real one.
+    /// Plant of a simulated robot; `None` for a real robot.
     fn plant(&self) -> Option<&Plant>;
     /// Bounds, pace and observers of the run.
     fn control(&self) -> &RunControl;
-    /// The same, to be changed.
+    /// Mutable bounds, pace and observers of the run.
     fn control_mut(&mut self) -> &mut RunControl;
-    /// The boards, with what went over the links to them.
+    /// Links to the boards, with their traffic.
     fn traffic(&self) -> Vec<BoardTraffic>;
     /// Counters of the bus between the boards.
     fn bus(&self) -> BusStatistics;
 
     /// Heartbeats of the nodes.
     fn monitor(&self) -> &Monitor;
-    /// Heartbeats of the nodes, to begin anew.
+    /// Mutable heartbeats of the nodes.
     fn monitor_mut(&mut self) -> &mut Monitor;
 
-    /// Age of the estimates in a record at the end of an epoch, µs. The lead node works on those of the epoch that has
-    /// just passed.
+    /// Age of the estimates in a record at the end of an epoch, µs: the lead node fuses the reports of the epoch
+    /// before.
     fn estimate_age(&self) -> Micros {
         EPOCH
     }
@@ -275,7 +275,7 @@ pub trait Robot {
         Vec::new()
     }
 
-    /// Has an observer see the state once an epoch.
+    /// Adds an observer of the state, called once an epoch.
     fn observe(&mut self, mut observer: Box<dyn Observer>) {
         for (role, build) in self.builds() {
             observer.board(role, build);
@@ -283,7 +283,7 @@ pub trait Robot {
         self.control_mut().observers.push(observer);
     }
 
-    /// Shows the observers the state at the end of an epoch.
+    /// Passes the state to the observers at the end of an epoch.
     fn show(&mut self) -> Result<(), Error>
     where
         Self: Sized,
@@ -300,24 +300,24 @@ pub trait Robot {
         shown
     }
 
-    /// True if the robot was at rest long enough to end the run.
+    /// True if the earliest end of the run has passed.
     fn watched_enough(&self) -> bool {
         self.now() >= self.control().span.least
     }
 
-    /// True if the user ends the run.
+    /// True if the user has interrupted the run.
     fn is_interrupted(&self) -> bool {
         let interrupted = |flag: &Arc<AtomicBool>| flag.load(Relaxed);
         self.control().interrupt.as_ref().is_some_and(interrupted)
     }
 
-    /// True if the time of the run is over.
+    /// True if the latest end of the run has passed.
     fn is_out_of_time(&self) -> bool {
         let most = self.control().span.most;
         most.is_some_and(|most| self.now() >= most)
     }
 
-    /// True if the run must end before its task.
+    /// True if the run must end, even if its task is not done.
     fn must_end(&self) -> bool {
         self.is_interrupted() || self.failure().is_some() || self.is_out_of_time()
     }
@@ -330,7 +330,7 @@ pub trait Robot {
         self.bring_to_rest()
     }
 
-    /// Has the robot brake, then switch its motors off. An error if it does not confirm that in time.
+    /// Brakes the robot, then switches its motors off. An error if the robot does not confirm both in time.
     fn bring_to_rest(&mut self) -> Result<(), Error>
     where
         Self: Sized,
@@ -367,7 +367,7 @@ pub trait Robot {
     }
 }
 
-/// True if the robot is at rest; after [`Task::Idle`], if its motors are off.
+/// True if the robot is at rest, and after [`Task::Idle`] its motors are off too.
 fn has_stopped(robot: &impl Robot, task: Task) -> bool {
     let monitor = robot.monitor();
     let on = |node| {

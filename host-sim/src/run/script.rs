@@ -1,6 +1,6 @@
-//! Steps that a user has the robot take: goals, paths, speeds, stops.
+//! Scripts of steps for the robot: goals, paths, speeds, stops.
 //!
-//! [`parse`] reads a script and refuses all of it if one line is wrong; [`carry_out`] has a robot take its steps.
+//! [`parse`] reads a script and refuses the whole script if one line is invalid. [`carry_out`] executes the steps.
 
 use crate::base::error::Error;
 use crate::base::{numbers, spelling};
@@ -25,13 +25,13 @@ use core_algos::time::Micros;
 use core_algos::topology::{FrameId, Node};
 use serde::Serialize;
 
-/// Time between speed commands, µs: four of them before the robot stops.
+/// Interval of speed commands, µs: a quarter of the timeout after which the robot stops.
 const SPEED_EVERY: Micros = DEAD_MAN / 4;
-/// Longest time of a stop, a clearing of faults or a new posture, s.
+/// Longest duration of a stop, of clearing the faults or of setting a posture, s.
 const SHORT_S: f64 = 10.0;
-/// Shortest time of a speed, s: that between its commands.
+/// Shortest duration of a speed step, s: the interval of its commands.
 const SHORTEST_S: f64 = 0.05;
-/// Longest time of a wait or a speed, s.
+/// Longest duration of a wait or speed step, s.
 const LONGEST_S: f64 = 36_000.0;
 /// Commanded speed below which the robot counts as at rest, m/s.
 const REST_M_S: f32 = 1e-3;
@@ -59,7 +59,7 @@ pub enum Step {
         path: Box<Path>,
         /// Number of laps.
         laps: u32,
-        /// True if the path begins where the robot stands; waypoints of a file are global.
+        /// True if the path begins at the robot's posture; waypoints of a file are global.
         from_robot: bool,
     },
     /// Drive with a speed and a curvature.
@@ -73,20 +73,20 @@ pub enum Step {
     },
     /// Brake and hold.
     Stop,
-    /// Motors off; forget the faults whose causes are gone.
+    /// Switch the motors off and clear the faults whose causes are gone.
     Clear,
     /// Do nothing for a time, s.
     Wait(f64),
-    /// Motors off; tell the robot its posture: m, m, rad.
+    /// Switch the motors off and set the robot's posture: m, m, rad.
     Pose([f64; 3]),
-    /// Motors off; set the zeros of the gauges of a straight strip.
+    /// Switch the motors off and set the zeros of the gauges; the strip must be straight.
     Zero,
-    /// Drive as the keys say, until the user ends the run.
+    /// Drive by keys until the user ends the run.
     Hand(Keyboard),
 }
 
 impl Step {
-    /// Longest time of the step, s.
+    /// Longest duration of the step, s.
     pub fn limit_s(&self, scenario: &Scenario) -> f64 {
         match self {
             Self::Goto(_) => scenario.mission.time_limit_s,
@@ -117,7 +117,7 @@ pub struct Line {
 pub struct StepEnd {
     /// Number of the line.
     pub line: usize,
-    /// The step.
+    /// Text of the step.
     pub step: String,
     /// Goal of the step, or the end of its path: m, m, rad.
     pub goal: Option<[f64; 3]>,
@@ -125,7 +125,7 @@ pub struct StepEnd {
     pub end: RunEnd,
 }
 
-/// The drive by hand.
+/// Script whose only step is a drive by hand.
 pub fn by_hand(keyboard: Keyboard) -> Vec<Line> {
     vec![Line {
         number: 1,
@@ -134,14 +134,14 @@ pub fn by_hand(keyboard: Keyboard) -> Vec<Line> {
     }]
 }
 
-/// Largest speed (m/s) and curvature (1/m) that a step may ask for.
+/// Largest speed (m/s) and curvature (1/m) of a step.
 pub fn limits(scenario: &Scenario) -> [f64; 2] {
     let most = f64::from(scenario.robot.limits.max_speed_m_s);
     let bound = path_run::bounds(scenario).max_curvature();
     [most, bound].map(|value| (value * 1e4).floor() / 1e4)
 }
 
-/// Steps of a script: one a line, comments from # on. An error names the line.
+/// Reads the steps of a script: one per line, comments after #. An error names the line.
 pub fn parse(text: &str, scenario: &Scenario) -> Result<Vec<Line>, Error> {
     let mut lines = Vec::new();
     // Some editors begin a file with a byte order mark.
@@ -164,7 +164,7 @@ pub fn parse(text: &str, scenario: &Scenario) -> Result<Vec<Line>, Error> {
     }
 }
 
-/// The step in these words, as a line with this number. An error names the line.
+/// Reads the step in `words` as line `number` of a script. An error names the line.
 pub fn parse_words(words: &[String], number: usize, scenario: &Scenario) -> Result<Line, Error> {
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     let text = shlex::try_join(words.iter().copied()).unwrap_or_else(|_| words.join(" "));
@@ -173,8 +173,8 @@ pub fn parse_words(words: &[String], number: usize, scenario: &Scenario) -> Resu
     Ok(Line { number, text, step })
 }
 
-/// Refuses a path that begins too far from where the steps before leave the robot, as far as that is known. `at` is the
-/// posture at the start.
+/// Refuses a path that begins too far from the final posture of the previous steps, if that posture is known. `at` is
+/// the posture at the start.
 pub fn check_starts(
     lines: &[Line],
     mut at: Option<[f64; 3]>,
@@ -208,7 +208,7 @@ pub fn check_starts(
     Ok(())
 }
 
-/// Route of a step along a path for a robot at a posture, at most so far from its start, m; `None` of another step.
+/// Route of a path step for a robot at posture `at`, at most `most` (m) from its start; `None` for another step.
 fn route(
     step: &Step,
     at: [f64; 3],
@@ -304,8 +304,8 @@ fn step(words: &[&str], scenario: &Scenario) -> Result<Step, Error> {
     }
 }
 
-/// Has a robot take the steps in turn, up to the first that fails; `observe` sees each epoch, and `ends` gets the end of
-/// each step, of one with an error too.
+/// Executes the steps in order, up to the first that fails. `observe` gets the record of each epoch. `ends` gets the
+/// end of each step, also of a step with an error.
 pub fn carry_out(
     robot: &mut impl Robot,
     scenario: &Scenario,
@@ -352,7 +352,7 @@ pub fn carry_out(
     Ok(())
 }
 
-/// Takes a step: its end, and the end of its path.
+/// Executes a step. Gives the end of the step and the last posture of its path.
 fn take(
     robot: &mut impl Robot,
     scenario: &Scenario,
@@ -360,7 +360,7 @@ fn take(
     observe: &mut impl FnMut(&Record),
 ) -> Result<(RunEnd, Option<[f64; 3]>), Error> {
     if matches!(step, Step::Follow { .. }) {
-        // The lead node knows where it is once the robot has settled.
+        // The estimate is valid once the robot has settled.
         take(robot, scenario, &Step::Wait(0.0), observe)?;
         let at = robot.record().lead.fused.robot.posture;
         let at = [at.x, at.y, at.phi].map(f64::from);
@@ -386,21 +386,21 @@ fn take(
     Ok((drive(robot, scenario, limit_s, &mut taking)?, None))
 }
 
-/// Step under way.
+/// Step in progress.
 struct Taking<'a, F> {
     step: &'a Step,
     scenario: &'a Scenario,
     observe: &'a mut F,
     /// Time of the latest command, µs.
     given: Option<Micros>,
-    /// The posture was given, or the zeros were asked for.
+    /// True if the posture, or the request for the zeros, has been sent.
     asked: bool,
-    /// A robot that is driven by hand needs no further stop.
+    /// True if a robot driven by hand needs no further stop.
     stopped: bool,
 }
 
 impl<F> Taking<'_, F> {
-    /// Task that the keys ask for; a stop is given once.
+    /// Task from the keys; a stop is sent once.
     fn by_hand(&mut self, keyboard: &Keyboard) -> Option<Task> {
         let hand = keyboard.hand();
         let rests = hand.speed_m_s == 0.0;
@@ -417,7 +417,7 @@ impl<F> Taking<'_, F> {
     }
 }
 
-/// The end of a step, if it has come.
+/// Progress of a step without a goal.
 fn over(finished: bool) -> Progress {
     match finished {
         true => Progress::Over,
@@ -483,7 +483,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
     }
 
     fn must_end(&self, robot: &R) -> bool {
-        // A fault is there to be cleared.
+        // A fault does not end these steps, which clear faults.
         match self.step {
             Step::Clear | Step::Hand(_) => robot.is_interrupted() || robot.is_out_of_time(),
             _ => robot.must_end(),
@@ -521,7 +521,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
     }
 }
 
-/// Why the beam board did not calibrate the gauges, if so. A gauge counts from 0 at the root.
+/// Error of a calibration by the beam board; `None` if the result is stored. Gauges are numbered from 0 at the root.
 pub fn calibration_error(result: CalibrationResult, gauge: u8) -> Option<Error> {
     let gauge = u32::from(gauge) + 1;
     let why = match result {
@@ -542,13 +542,13 @@ pub fn calibration_error(result: CalibrationResult, gauge: u8) -> Option<Error> 
     Some(Error::Failure(format!("beam board: not calibrated: {why}")))
 }
 
-/// True if the lead node is idle without a reason to be so.
+/// True if the lead node is idle and reports no condition.
 fn is_clear(robot: &impl Robot) -> bool {
     let lead = robot.monitor().latest(Node::Lead);
     lead.is_some_and(|lead| lead.state == OperatingState::Idle && lead.reason.is_none())
 }
 
-/// A robot put down at a posture, its frame bent as the lead node estimates it, or straight if it has no estimate.
+/// Robot placed at a posture. Its frame is bent as the lead node estimates, or straight without an estimate.
 fn place(robot: &impl Robot, scenario: &Scenario, pose: [f64; 3]) -> Place {
     let fused = robot.record().lead.fused;
     let at = Posture::from(pose.map(|value| value as f32));
@@ -572,7 +572,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_line_is_named_with_its_fault() {
+    fn invalid_line_is_refused_with_number_and_fault() {
         for (text, expected) in [
             ("", "no step"),
             (
@@ -607,7 +607,7 @@ mod tests {
     }
 
     #[test]
-    fn words_stay_whole_in_scripts_and_on_the_command_line() {
+    fn quoted_words_are_read_alike_in_scripts_and_on_the_command_line() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("sp ace #1.csv");
         std::fs::write(&file, "0,0\n1,0\n2,0.1\n").unwrap();
@@ -617,7 +617,7 @@ mod tests {
         let words = ["follow".to_owned(), file];
         let line = parse_words(&words, 1, &scenario).unwrap();
         assert_eq!(quoted, std::slice::from_ref(&line));
-        // The text of a line is a script that says the same.
+        // The text of a line, read as a script, gives the same line.
         assert_eq!(parse(&line.text, &scenario).unwrap(), [line]);
         let turn = |text: &str| parse(text, &scenario).unwrap().remove(0).step;
         assert_eq!(
@@ -630,9 +630,9 @@ mod tests {
         );
     }
 
-    /// Each step leaves the simulated robot where the step says, by the truth of the plant.
+    /// Compares the true posture of the plant after each step with the posture of the step.
     #[test]
-    fn steps_leave_the_robot_where_they_say() {
+    fn steps_end_at_their_true_postures() {
         let mut scenario = Scenario::default();
         scenario.mission.start = [0.0; 3];
         let text = "goto 1 0.2 0.3 # first\n\nspeed 0.1 0.5 4\nstop\nclear\npose 5 5 0\n\
@@ -651,14 +651,14 @@ mod tests {
             assert!(off < 0.05, "{at:?}, expected {x}, {y}");
         };
         near(truth(0), 1.0, 0.2);
-        // Speed times time, less the ramps, on an arc to the left.
+        // Speed times time minus the ramps, on an arc to the left.
         let way = (truth(2)[0] - 1.0).hypot(truth(2)[1] - 0.2);
         assert!((0.3..0.45).contains(&way), "{way}");
         assert!(
             (0.1..0.3).contains(&(truth(2)[2] - truth(0)[2])),
             "{ends:?}"
         );
-        // The posture that was told shifts all that follows; the robot stands where it stood.
+        // Step pose shifts the estimate of all later steps; the robot does not move.
         near(truth(4), truth(3)[0], truth(3)[1]);
         assert!(
             (seen(4)[0] - 5.0).hypot(seen(4)[1] - 5.0) < 1e-3,
@@ -671,7 +671,7 @@ mod tests {
             "{ends:?}"
         );
     }
-    /// A user who ends a run leaves a robot at rest with its motors off, in simulation too; a run has an end by hand, too.
+    /// After a stop the robot is at rest with its motors off. The latest end of the run also ends a drive by hand.
     #[test]
     fn simulated_robot_is_brought_to_rest_and_its_run_ends_in_time() {
         let mut scenario = Scenario::default();

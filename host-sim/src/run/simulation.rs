@@ -16,7 +16,7 @@ use core_algos::node::lead::{self, Task};
 use core_algos::time::{Micros, TICK};
 use core_algos::topology::Node;
 
-/// Time a run goes on after the lead node's fault, ticks: what follows from it can be seen.
+/// Time from a fault of the lead node to the end of the run, ticks: the run shows the reaction of the robot.
 const GRACE: u64 = 1000;
 
 /// A trial in progress.
@@ -24,7 +24,7 @@ pub struct Simulation {
     plant: Plant,
     rig: Rig,
     truth: Truth,
-    /// Places of the gauges of each frame.
+    /// True positions of the gauges of each frame.
     gauges: Vec<Vec<Station>>,
     outlines: Vec<Outline>,
     half_thickness: f64,
@@ -35,8 +35,7 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// A robot at rest on its start, with the imperfections of this trial; its boards run in this
-    /// process.
+    /// Robot at rest at its start, with the drawn errors of this trial. The boards run in this process.
     pub fn new(scenario: &Scenario, seed: u64, trial: u64) -> Result<Self, Error> {
         let boards = targets::in_process(scenario.robot.topology());
         Self::on(boards, scenario, seed, trial)
@@ -53,7 +52,7 @@ impl Simulation {
         Self::with(targets, scenario, &imperfections, seed, trial)
     }
 
-    /// Creates the trial of a robot with these imperfections.
+    /// Creates the trial of a robot with the given errors.
     pub fn with(
         targets: Vec<Box<dyn Target>>,
         scenario: &Scenario,
@@ -84,7 +83,7 @@ impl Simulation {
         })
     }
 
-    /// All of it that is not boards.
+    /// Text of the whole state except the boards.
     #[cfg(test)]
     pub(crate) fn truth(&self) -> String {
         let parts = (&self.plant, &self.gauges);
@@ -96,12 +95,12 @@ impl Simulation {
         &mut self.rig.boards
     }
 
-    /// Gives the boards back, for another simulation.
+    /// Returns the boards for another simulation.
     pub fn release(self) -> Vec<Box<dyn Target>> {
         self.rig.boards.release()
     }
 
-    /// Has the host clear the faults and give the task again after an axle board was restarted.
+    /// Enables recovery: after the restart of an axle board, the host clears the faults and repeats the task.
     pub fn recover(&mut self) {
         self.recovery = Some(Recovery::default());
     }
@@ -116,7 +115,7 @@ impl Simulation {
         self.rig.torque()
     }
 
-    /// Keeps the behaviour of the boards from now on.
+    /// Starts the trace of the boards.
     pub fn record_trace(&mut self) {
         self.rig.trace = Some(Trace::new(self.rig.monitor.topology));
     }
@@ -153,7 +152,7 @@ impl Simulation {
         }
     }
 
-    /// Recovery by the host after the restart of a board.
+    /// Executes the host's action after the restart of a board.
     fn step_recovery(&mut self, tick: u32) -> Result<(), Error> {
         let (restart, monitor) = (self.rig.boards.last_restart(), &self.rig.monitor);
         let recovery = self.recovery.as_mut();
@@ -207,7 +206,7 @@ impl Robot for Simulation {
         self.rig.boards.room()
     }
 
-    /// A board is lost, or the lead node has been in fault for a while and nobody is about to clear it.
+    /// Loss of a board, or a fault of the lead node that has lasted 1 s without a pending recovery.
     fn failure(&self) -> Option<String> {
         if let Some(why) = self.rig.boards.end(self.tick() as u32) {
             return Some(why.to_owned());
@@ -276,7 +275,7 @@ mod tests {
     use core_algos::topology::Side;
 
     #[test]
-    fn torques_take_effect_one_tick_late_and_only_when_asked_for() {
+    fn torques_take_effect_one_tick_late_and_only_with_a_task() {
         let mut simulation = Simulation::new(&Scenario::default(), 1, 0).unwrap();
         let start = simulation.plant().midpoint();
         for _ in 0..500 {
@@ -300,13 +299,13 @@ mod tests {
             ticks += 1;
             assert!(ticks < 500, "the task never reached the motors");
         }
-        // The lead's epoch and the bus come before the axle, and the motors a tick after it.
+        // The command passes the lead node's epoch and the bus to the axle; the motors follow one tick later.
         let bus = u64::from(Scenario::default().world.bus.latency_ms);
         assert!(ticks > bus + 1, "{ticks}");
     }
 
     #[test]
-    fn a_sensor_that_is_stuck_from_the_first_tick_leaves_the_run_going() {
+    fn sensor_stuck_from_the_first_tick_does_not_end_the_run() {
         use crate::world::faults::{Fault, Wheel};
         let wheel = Wheel {
             axle: 1,
@@ -322,9 +321,9 @@ mod tests {
     }
 
     #[test]
-    fn without_messages_the_motors_go_off() {
+    fn motors_switch_off_without_messages() {
         let mut simulation = Simulation::new(&Scenario::default(), 1, 0).unwrap();
-        // A task is for a robot at rest whose boards have heard each other.
+        // A task needs a robot at rest whose boards have received each other's messages.
         for _ in 0..100 {
             simulation.step().unwrap();
         }
@@ -337,7 +336,7 @@ mod tests {
         assert!(front.torque != [0.0; 2], "under way");
         assert!(simulation.lead_output().motion.v.abs() > 0.05, "under way");
         simulation.rig.bus.cut();
-        // 50 ms until it is noticed, 250 to slow down, 100 at rest, 750 to let the frame go.
+        // 50 ms to detect the loss, 250 ms to slow down, 100 ms at rest, 750 ms to release the frame.
         for _ in 0..1200 {
             simulation.step().unwrap();
         }

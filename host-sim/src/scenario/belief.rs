@@ -1,17 +1,17 @@
-//! Constants that stand in a scenario twice: the true one of the world, and the one that the robot believes.
+//! Constants with two values in a scenario: the true value of the world, and the value configured in the boards.
 
 use crate::scenario::Scenario;
 
-/// A constant of the world and the parameter of the boards that states the same quantity.
+/// A constant of the world and the board parameter of the same quantity.
 pub struct Pair {
     /// Key of the true value.
     pub truth: &'static str,
-    /// Key of the believed value.
+    /// Key of the board parameter.
     pub belief: &'static str,
     values: fn(&Scenario) -> (Vec<f64>, Vec<f64>),
 }
 
-/// Declares pairs: keys, true values, believed values.
+/// Declares pairs: keys, true values, values of the board parameters.
 macro_rules! pairs {
     ($($truth:literal, $belief:literal: |$scenario:ident| $true_values:expr, $believed:expr;)*) => {
         &[$(Pair {
@@ -51,11 +51,12 @@ pub const PAIRS: &[Pair] = pairs! {
         |it| it.world.sensors.bridge.gauges_m.to_vec(), it.robot.beam.strip.gauges_m.iter();
 };
 
-/// Relative difference from which on two values count as different: single precision keeps seven digits.
+/// Largest relative difference of values that count as equal: single precision keeps seven digits.
 const SAME: f64 = 1e-6;
 
 impl Pair {
-    /// Notice that the robot believes another value than the true one; a single value stands for the mean of a list.
+    /// Notice that the board parameter differs from the true value. A single parameter is compared with the mean of a
+    /// list.
     fn notice(&self, scenario: &Scenario) -> Option<String> {
         let (truth, belief) = (self.values)(scenario);
         let is_same = |a: &f64, b: &f64| (a - b).abs() <= SAME * a.abs().max(b.abs());
@@ -82,7 +83,7 @@ impl Pair {
     }
 }
 
-/// A notice for each quantity of which the robot believes another value than the true one.
+/// One notice per board parameter that differs from the true value.
 pub fn notices(scenario: &Scenario) -> Vec<String> {
     let used = |pair: &&Pair| scenario.mission.rps || !pair.truth.starts_with("sensors.bridge");
     let pairs = PAIRS.iter().filter(used);
@@ -95,7 +96,7 @@ mod tests {
     use crate::world::NAMES;
 
     #[test]
-    fn robots_of_built_in_worlds_believe_the_true_means() {
+    fn board_parameters_equal_the_true_means_in_built_in_worlds() {
         for name in NAMES {
             let scenario = Scenario::in_world(Some(name)).unwrap();
             assert_eq!(notices(&scenario), Vec::<String>::new(), "{name}");
@@ -103,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn changing_one_key_of_a_pair_is_noticed_and_changing_both_is_not() {
+    fn change_of_one_key_of_a_pair_gives_notice_and_of_both_none() {
         for pair in PAIRS {
             let mut scenario = Scenario::in_world(None).unwrap();
             let table = toml::Table::try_from(&scenario).unwrap();
@@ -112,7 +113,7 @@ mod tests {
                 let first = &table[parts.next().unwrap()];
                 parts.fold(first, |value, part| &value[part]).clone()
             };
-            // Places towards the middle of the strip.
+            // Gauge positions, moved so that they stay on the strip.
             fn inwards(value: &toml::Value) -> toml::Value {
                 match value {
                     toml::Value::Float(value) => toml::Value::Float(value * 0.9 + 0.01),

@@ -1,4 +1,4 @@
-//! Parameters of single boards, laid over what all boards share: part of a scenario, and the file that
+//! Parameters of single boards, laid over the parameters of all boards. They are part of a scenario, or a file that
 //! `cfmmr params` reads and writes and `cfmmr calibrate` writes.
 //!
 //! ```toml
@@ -18,18 +18,19 @@ use std::collections::HashMap;
 use std::fmt::Write;
 use toml::{Table, Value};
 
-/// Values of parameters.
+/// Parameters with their values.
 pub type Values = Vec<(&'static Parameter, f32)>;
 
-/// Robot whose boards a file names.
+/// Robot with the boards that a file can name.
 const ROBOT: Topology = Topology::PAIR;
-/// Names of the boards, in their order.
+/// Names of the boards, in the order of the topology.
 const NAMES: [&str; ROBOT.board_count()] = ["front", "rear", "beam"];
 
-/// By board: names as in `cfmmr parameters`, a gauge's as an entry of its list or as `\"gain[0]\"`.
+/// Parameters by board, named as in `cfmmr parameters`. A parameter of a gauge is an entry of its list or
+/// `\"gain[0]\"`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Overlays {
-    /// Axles of the robot.
+    /// Topology of the robot.
     pub topology: Topology,
     /// Tables in the order of the boards.
     tables: Vec<Table>,
@@ -50,7 +51,7 @@ impl Serialize for Overlays {
 
 impl<'de> Deserialize<'de> for Overlays {
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
-        /// Place of a board, read from its name.
+        /// Index of a board, read from its name.
         #[derive(PartialEq, Eq, Hash)]
         struct Board(usize);
 
@@ -72,7 +73,7 @@ impl<'de> Deserialize<'de> for Overlays {
 }
 
 impl Overlays {
-    /// No parameters.
+    /// Overlays without parameters.
     pub fn new(topology: Topology) -> Self {
         Self {
             topology,
@@ -80,7 +81,7 @@ impl Overlays {
         }
     }
 
-    /// Reads a file of nothing else; `name` stands in errors.
+    /// Reads a file that holds board parameters only; `name` is the file's name in errors.
     pub fn parse(text: &str, name: &str) -> Result<Self, Error> {
         #[derive(Deserialize)]
         #[serde(deny_unknown_fields)]
@@ -95,7 +96,7 @@ impl Overlays {
         Ok(file.boards)
     }
 
-    /// Those of a board; the error names the entry.
+    /// Parameters of a board; an error names the key.
     pub fn values(&self, role: Role) -> Result<Values, Error> {
         let board = self.topology.name(role);
         let mut values = Vec::new();
@@ -105,7 +106,7 @@ impl Overlays {
         Ok(values)
     }
 
-    /// Writes those of a board into its settings.
+    /// Writes the parameters of a board into its settings.
     pub fn apply(&self, role: Role, settings: &mut Settings) -> Result<(), Error> {
         for (parameter, value) in self.values(role)? {
             let set = parameter.set(settings, value);
@@ -114,7 +115,7 @@ impl Overlays {
         Ok(())
     }
 
-    /// Adds values of a board, or replaces them.
+    /// Adds or replaces parameters of a board.
     pub fn put(&mut self, role: Role, values: &[(&'static Parameter, f32)]) {
         let table = &mut self.tables[self.topology.place(role)];
         for (parameter, value) in values {
@@ -128,7 +129,7 @@ impl Overlays {
                 };
                 place = inner;
             }
-            // A list would be read beside the entry of one gauge.
+            // The list is removed: a list beside a single entry would give one gauge two values.
             if let Some((list, _)) = last.split_once('[') {
                 place.remove(list);
             }
@@ -136,7 +137,7 @@ impl Overlays {
         }
     }
 
-    /// The file, with units and ranges.
+    /// Text of the file, with units and ranges.
     pub fn to_toml(&self) -> Result<String, Error> {
         let mut text = String::new();
         for role in self.topology.boards() {
@@ -145,7 +146,7 @@ impl Overlays {
                 continue;
             }
             let gap = if text.is_empty() { "" } else { "\n" };
-            // Writing to a string does not fail.
+            // Writing to a string cannot fail.
             let _ = writeln!(text, "{gap}[boards.{}]", self.topology.name(role));
             for (parameter, value) in values {
                 let (low, high) = parameter.range;
@@ -168,7 +169,7 @@ impl Overlays {
     }
 }
 
-/// The parameter of a name; the error says what is like it.
+/// Parameter of a name; the error suggests similar names.
 pub fn parameter(name: &str) -> Result<&'static Parameter, Error> {
     find(name).ok_or_else(|| {
         let last = name.rsplit('.').next().unwrap_or(name);
@@ -182,7 +183,7 @@ pub fn parameter(name: &str) -> Result<&'static Parameter, Error> {
     })
 }
 
-/// The double that prints like the single.
+/// The f64 that prints like the f32.
 fn shortest(value: f32) -> f64 {
     value.to_string().parse().unwrap_or(value.into())
 }
@@ -223,7 +224,7 @@ mod tests {
     use core_algos::topology::Topology;
 
     #[test]
-    fn what_is_written_is_read_again_bit_by_bit() {
+    fn written_parameters_are_read_back_bit_by_bit() {
         let mut overlays = Overlays::default();
         for (i, role) in Topology::PAIR.boards().enumerate() {
             let some = TABLE.iter().skip(i).step_by(3);
@@ -261,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn lists_and_single_entries_are_the_same_and_the_later_counts() {
+    fn list_entry_and_single_entry_set_same_parameter_and_last_counts() {
         let list = "[boards.beam]\nrobot.beam.calibration.gain = [1.0, 1.5, 1, 1.0, 1.0]\n";
         let mut overlays = Overlays::parse(list, "file").unwrap();
         let mut settings = Settings::of(Role::beam(0));
@@ -276,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn invalid_entries_are_refused_by_board_key_and_range() {
         for (text, words) in [
             (
                 "[boards.rear]\nrobot.geometry.wheel_radius_m = 9",

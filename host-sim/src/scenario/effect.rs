@@ -1,9 +1,9 @@
-//! Keys of a scenario without effect in a configuration.
+//! Keys of a scenario that have no effect in a run.
 //!
-//! Such a key is refused where it is given for one run (`--set`, `[[vary]]`, `--with`) and in a world file, with the
-//! reason. A scenario file may serve several commands: there it is reported once on standard error.
+//! Such a key is refused with the reason where it is given for one run (`--set`, `[[vary]]`, `--with`) and in a world
+//! file. A scenario file may serve several commands, so its keys without effect are reported once on standard error.
 //!
-//! A rule names keys, a condition and the reason. A key without a rule has an effect, if only beyond a limit.
+//! A rule names keys, a condition and the reason. A key without a rule has an effect, possibly only beyond a limit.
 
 use crate::base::error::Error;
 use crate::base::toml_file;
@@ -21,7 +21,7 @@ pub enum Use {
     Regulate,
     /// Path following or trajectory tracking.
     Path,
-    /// Regulation on virtual boards, which have circuits.
+    /// Regulation on virtual boards, which simulate the circuits.
     Virtual,
     /// A path on virtual boards.
     VirtualPath,
@@ -31,7 +31,7 @@ pub enum Use {
     Replay,
 }
 
-/// Rules within a scenario and its use.
+/// Rules by scenario and use.
 const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
     "robot.beam.calibration.strain_per_count robot.beam.calibration.zero_counts \
      robot.beam.calibration.full_scale_counts":
@@ -107,20 +107,20 @@ const SCENARIO: Rules<fn(&Scenario, Use) -> bool> = rules! {
             "unless robot.beam.method = \"piecewise\"";
 };
 
-/// Keys that a user gave.
+/// Keys given by the user.
 #[derive(Clone, Debug, Default)]
 pub struct GivenKeys {
-    /// Those of `--set`.
+    /// Keys of `--set`.
     set: Vec<String>,
-    /// Those of the scenario file.
+    /// Keys of the scenario file.
     file: Vec<String>,
 }
 
-/// A run: what it is made of, and the use of it.
+/// A run: scenario and use.
 pub type Run<'a> = (&'a Scenario, Use);
 
 impl GivenKeys {
-    /// The keys of `--set` and of a scenario file that has been read without error.
+    /// Keys of `--set` and of a scenario file that has been read without error.
     pub fn new(changes: &[String], file: &str) -> Result<Self, Error> {
         Ok(Self {
             set: keys(&toml_file::changes(changes)?),
@@ -128,8 +128,7 @@ impl GivenKeys {
         })
     }
 
-    /// Refuses a key of `--set` without effect in any of the runs, and reports those of the file. `taken` holds keys
-    /// whose place the command takes, each with the reason.
+    /// Refuses a key of `--set` that has no effect in any of the runs, and reports such keys of the file.
     pub fn check(&self, taken: Taken, runs: &[Run]) -> Result<(), Error> {
         if let Some(text) = self.set.iter().find_map(|key| text(key, taken, runs)) {
             return Err(Error::input(format!("--set {text}")));
@@ -140,7 +139,7 @@ impl GivenKeys {
             .filter_map(|key| text(key, taken, runs))
             .collect();
         if !idle.is_empty() {
-            // Of a known key: no control characters.
+            // Keys are known, so they have no control characters.
             let _ = writeln!(
                 io::stderr(),
                 "cfmmr: scenario file: {}",
@@ -159,10 +158,10 @@ impl GivenKeys {
     }
 }
 
-/// Keys whose place a command takes, each with the reason.
+/// Keys that the command itself sets, each with the reason.
 pub type Taken<'a> = &'a [(&'a str, &'a str)];
 
-/// Key and reason if it has no effect in any of the runs.
+/// Key and reason if the key has no effect in any of the runs.
 pub fn text(key: &str, taken: Taken, runs: &[Run]) -> Option<String> {
     let taken = taken.iter().find(|(other, _)| within(key, other));
     let reason = taken.map(|(_, reason)| *reason).or_else(|| {
@@ -175,7 +174,7 @@ pub fn text(key: &str, taken: Taken, runs: &[Run]) -> Option<String> {
     Some(format!("{key}: no effect {reason}"))
 }
 
-/// Refuses a key of a file for one run without effect in the run.
+/// Refuses a file for one run if one of its keys has no effect in the run.
 pub fn check_file(text: &str, file: &str, run: Run) -> Result<(), Error> {
     let keys = keys(&toml::from_str(text).unwrap_or_default());
     match keys.iter().find_map(|key| self::text(key, &[], &[run])) {
@@ -184,7 +183,7 @@ pub fn check_file(text: &str, file: &str, run: Run) -> Result<(), Error> {
     }
 }
 
-/// Reason why a key has no effect in a run.
+/// Reason that a key has no effect in a run; `None` if the key has an effect.
 fn reason(key: &str, scenario: &Scenario, used: Use) -> Option<&'static str> {
     let find = |key: &str| {
         let mut rules = SCENARIO.iter().filter(|(keys, ..)| listed(key, keys));
@@ -197,13 +196,13 @@ fn reason(key: &str, scenario: &Scenario, used: Use) -> Option<&'static str> {
         .strip_prefix("boards.")
         .and_then(|rest| rest.split_once('.'))
     {
-        // The zeros of the beam board are laid over those of the bridges.
+        // The calibration in `boards.beam` replaces the calibration from the bridges.
         Some(("beam", parameter))
             if within(parameter, "robot.beam.calibration") && scenario.mission.rps =>
         {
             None
         }
-        // The stored mode of a board is laid over that of a robot without the relative position sensor.
+        // The mode in `boards.front` replaces the mode of a robot without the relative position sensor.
         Some(("front", "robot.lead.fusion.mode")) => None,
         Some((board, parameter)) => {
             on_other_board(board, parameter, used).or_else(|| find(parameter))
@@ -216,14 +215,14 @@ fn reason(key: &str, scenario: &Scenario, used: Use) -> Option<&'static str> {
 const AXLE: &str = "drive inertial robot.axle robot.limits robot.geometry.wheel_radius_m \
     robot.geometry.wheel_ratio robot.geometry.half_track_m \
     robot.geometry.encoder_counts_per_revolution";
-/// Errors that all gauges share: no part of the noise that the beam board reports.
+/// Errors common to all gauges, which are no part of the noise that the beam board reports.
 const SHARED_BY_GAUGES: &str = "robot.beam.strip.uncertainty.common_offset_strain \
     robot.beam.strip.uncertainty.common_gain";
-/// Parameters of the strip and of steering, of which a rear board has no use.
+/// Parameters of the strip and of steering, which the rear board does not use.
 const STEERING: &str = "robot.geometry.half_thickness_m robot.geometry.rigid_end_m \
     robot.limits.max_steering_rad robot.limits.steering_margin_rad";
 
-/// Reason why a parameter has no effect on a board.
+/// Reason that a parameter has no effect on a board; `None` if there is no such reason.
 fn on_other_board(board: &str, parameter: &str, used: Use) -> Option<&'static str> {
     let of = |keys: &str| listed(parameter, keys);
     match board {

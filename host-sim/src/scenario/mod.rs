@@ -1,4 +1,4 @@
-//! A scenario: everything an experiment depends on, apart from the seed.
+//! Scenario: everything an experiment depends on, apart from the seed.
 //!
 //! A key is a field of the struct of its table: `plant` in the crate `plant` (`config.rs`), `robot` in
 //! [`core_algos::node::robot`], the others in [`world`] and [`bus`](crate::bus). A world replaces the defaults
@@ -43,24 +43,24 @@ table! {
         pub settle_s: f64 = 0.5, "s": Range(0.0, 60.0);
         /// Time after which a trial ends in any case.
         pub time_limit_s: f64 = 90.0, "s": Range(0.1, 36_000.0);
-        /// Time for which the robot is recorded after its report that the task is done.
+        /// Time for which the robot is recorded after it reports that the task is done.
         pub rest_s: f64 = 0.5, "s": Range(0.0, 60.0);
         /// Position tolerance of the goal and of the end of the path.
         pub tolerance_m: f64 = 0.1, "m": Range(1e-3, 100.0);
         /// Heading tolerance of the goal and of the end of the path.
         pub tolerance_rad: f64 = 0.0873, "rad": Range(1e-3, 3.2);
-        /// Standard deviation of the start along each axis, as configured in the robot.
+        /// Standard deviation of the start position along each axis, as configured in the robot.
         pub placement_m: f64 = 5e-3, "m": Range(0.0, 10.0);
-        /// Standard deviation of the start's heading, as configured in the robot.
+        /// Standard deviation of the start heading, as configured in the robot.
         pub placement_rad: f64 = 1e-2, "rad": Range(0.0, 3.2);
-        /// Standard deviation of the way that the floor takes the robot, over the way it rolls, along
-        /// each axis of the floor, as configured in the robot.
+        /// Standard deviation of the floor drift along each axis of the floor, as configured in the robot: displacement
+        /// by the floor over the distance rolled.
         pub floor_drift: f64 = 1.5e-2, "": Range(0.0, 0.5);
     }
 }
 
 impl Mission {
-    /// Accuracy of placement and floor, as the robot is told.
+    /// Accuracy of placement and floor, as configured in the robot.
     pub fn told(&self) -> Told {
         Told {
             placement_m: self.placement_m as f32,
@@ -99,7 +99,7 @@ impl Mission {
 pub struct Scenario {
     /// The task.
     pub mission: Mission,
-    /// The configuration the boards run with: what the robot believes of itself.
+    /// Configuration of the boards.
     pub robot: RobotConfig,
     /// Parameters of single boards.
     pub boards: Overlays,
@@ -107,7 +107,7 @@ pub struct Scenario {
     pub world: World,
 }
 
-/// A scenario as its file has it: the world's tables stand beside the others.
+/// Layout of a scenario file: the world's tables stand beside the others.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct Layout {
@@ -121,7 +121,7 @@ struct Layout {
     bus: BusConfig,
 }
 
-/// Keys of a scenario file, the world's tables among them. A table of `boards` has the keys of `robot`.
+/// Keys of a scenario file, with those of the world's tables. A table of `boards` has the keys of `robot`.
 pub const FIELDS: &[Field] = &[
     table("mission", "The task.", Mission::KIND),
     table("robot", "Configuration of the boards.", RobotConfig::KIND),
@@ -172,8 +172,8 @@ impl From<Scenario> for Layout {
 }
 
 impl Scenario {
-    /// Reads a scenario file (none: all defaults) over a world (none: that which it names, or the default
-    /// one), with changes, and checks every value.
+    /// Reads a scenario file over a world, applies the changes, and checks every value. Without a file all keys have
+    /// their defaults. Without `world` the file's world applies, or else the default world.
     pub fn load(
         world: Option<&str>,
         file: Option<&Path>,
@@ -183,12 +183,12 @@ impl Scenario {
         Self::parse(world, &text, &name, changes)
     }
 
-    /// The default scenario in a world, or in the default one.
+    /// The default scenario in a world; without `world` in the default world.
     pub fn in_world(world: Option<&str>) -> Result<Self, Error> {
         Self::parse(world, "", "scenario", &[])
     }
 
-    /// The same as [`Self::load`] from text; `name` stands in errors.
+    /// [`Self::load`] from text; `name` is the name of the text in errors.
     pub fn parse(
         world: Option<&str>,
         text: &str,
@@ -219,7 +219,7 @@ impl Scenario {
         for role in topology.boards() {
             let mut settings = Settings::new(self.robot);
             self.boards.apply(role, &mut settings)?;
-            // The zeros of the gauges are counts of another converter than that of the default.
+            // Stored zeros of the gauges are not checked: they are counts of another converter than the default.
             let calibration = &mut settings.robot.beam.calibration;
             calibration.zero_counts = self.robot.beam.calibration.zero_counts;
             settings.check(role).map_err(|error| {
@@ -229,7 +229,7 @@ impl Scenario {
         self.world.check()
     }
 
-    /// The refusal of a value of the robot under the keys that hold it: fields of several tables share a name.
+    /// Error of a robot parameter, with all keys that hold the refused value: fields of several tables share a name.
     fn placed(&self, error: &ConfigError) -> String {
         let mut keys = Vec::new();
         let table = Table::try_from(self.robot).unwrap_or_default();
@@ -239,7 +239,7 @@ impl Scenario {
                 let held = value.as_float().map(|held| held as f32);
                 held.or(value.as_integer().map(|held| held as f32)) == Some(error.value)
             };
-            // Of a list an entry, or their number.
+            // The refused value of a list is an entry or the number of entries.
             let is_refused = match value {
                 Value::Array(list) => {
                     list.len() as f32 == error.value || list.iter().any(is_refused)
@@ -258,8 +258,8 @@ impl Scenario {
         }
     }
 
-    /// Fusion of the lead node. A robot without the relative position sensor has one of encoders and
-    /// inertial sensors alone.
+    /// Fusion of the lead node. A robot without the relative position sensor fuses encoders and inertial sensors
+    /// only.
     pub fn fusion(&self) -> Mode {
         match self.mission.rps {
             true => self.robot.lead.fusion.mode,
@@ -267,7 +267,7 @@ impl Scenario {
         }
     }
 
-    /// The robot's configuration with its derived values and [`Self::fusion`].
+    /// Configuration of the robot with derived values and [`Self::fusion`].
     pub fn completed_robot(&self) -> RobotConfig {
         let mut robot = self.robot.completed();
         robot.lead.fusion.mode = self.fusion();

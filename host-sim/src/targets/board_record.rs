@@ -1,4 +1,4 @@
-//! Entries of a board's reports put together again: what its nodes got and did, tick by tick.
+//! Record of a board, assembled from the entries of its reports: inputs and outputs of its nodes at each tick.
 
 use super::HostCommand;
 use crate::bus::virtual_bus::{is_of_nodes, sender};
@@ -9,12 +9,12 @@ use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;
 use core_algos::topology::{Role, Wheels};
 
-/// Event at a board that is recorded. Times are ticks of the boards, ms.
+/// Recorded event of a board. Times are ticks of the boards, ms.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BoardEvent {
-    /// The nodes began anew before this tick.
+    /// The nodes started before this tick.
     Begin(u32, Box<RobotConfig>),
-    /// A command was carried out before this tick.
+    /// A command was executed before this tick.
     Command(u32, HostCommand),
     /// A tick.
     Tick(Box<BoardTick>),
@@ -33,18 +33,18 @@ pub struct BoardTick {
     pub samples: Samples,
     /// Torques commanded (left, right), N m.
     pub torque_nm: Wheels<f32>,
-    /// Frames that the nodes got before it.
+    /// Frames that the nodes received before the tick.
     pub received: Vec<CanFrame>,
-    /// Frames that the board sent from it on.
+    /// Frames that the board sent after the tick.
     pub sent: Vec<CanFrame>,
 }
 
-/// The record of a board.
+/// Record of a board.
 #[derive(Clone, Debug)]
 pub struct BoardRecord {
     role: Role,
     config: Box<RobotConfig>,
-    /// Set from the beginning of the nodes on, until the record ends.
+    /// Set from the start of the nodes to the end of the record.
     nodes: Option<Nodes>,
     begun: bool,
     events: Vec<BoardEvent>,
@@ -54,19 +54,19 @@ pub struct BoardRecord {
 #[derive(Clone, Debug)]
 struct Nodes {
     reference: Reference,
-    /// The tick that comes next, ms.
+    /// Next tick, ms.
     next: u32,
-    /// The latest tick; its frames are still being sent.
+    /// Latest tick; more of its sent frames may follow.
     open: Option<Box<BoardTick>>,
-    /// Frames that the nodes get before the next tick: their own, and those of others.
+    /// Frames that the nodes receive before the next tick: their own frames, and frames of other boards.
     own: Vec<CanFrame>,
     received: Vec<CanFrame>,
-    /// Frames of drivers and clock that are sent before the next tick.
+    /// Frames of drivers and clock that the board sends before the next tick.
     early: Vec<CanFrame>,
 }
 
 impl BoardRecord {
-    /// The record of a board whose nodes have this configuration; it begins when they do.
+    /// Record of a board whose nodes have this configuration; the record begins with the start of the nodes.
     pub fn new(role: Role, config: RobotConfig) -> Self {
         Self {
             role,
@@ -77,12 +77,12 @@ impl BoardRecord {
         }
     }
 
-    /// True from the beginning of the nodes on, until the record ends.
+    /// True from the start of the nodes to the end of the record.
     pub fn is_running(&self) -> bool {
         self.nodes.is_some()
     }
 
-    /// True from the beginning of the nodes on.
+    /// True from the start of the nodes onwards.
     pub fn has_begun(&self) -> bool {
         self.begun
     }
@@ -100,7 +100,7 @@ impl BoardRecord {
         }
     }
 
-    /// Output of the lead node.
+    /// Records an output of the lead node.
     pub fn lead(&mut self, tick: u32, output: &lead::Output) {
         if self.is_running() {
             let output = Box::new(*output);
@@ -108,12 +108,12 @@ impl BoardRecord {
         }
     }
 
-    /// The tick is whole.
+    /// Completes the latest tick.
     fn close(&mut self) {
         if let Some(nodes) = &mut self.nodes
             && let Some(tick) = nodes.open.take()
         {
-            // The beam node does not read what it sends.
+            // The beam node does not receive its own frames.
             let own = tick.sent.iter().filter(|frame| is_of_nodes(frame)).copied();
             nodes.own = match self.role {
                 Role::Beam(_) => Vec::new(),
@@ -124,7 +124,7 @@ impl BoardRecord {
         }
     }
 
-    /// Takes the next entry.
+    /// Adds the next entry.
     pub fn put(&mut self, entry: &Entry) {
         let own = entry.frame();
         let own = own.map(|frame| (frame, sender(self.config.topology(), &frame)));

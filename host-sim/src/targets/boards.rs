@@ -1,16 +1,15 @@
-//! The boards of one robot in lockstep, with those that fail and come back.
+//! The boards of one robot in lockstep; boards may fail and restart.
 //!
 //! # When a board is lost
 //!
-//! A board that is off sends nothing and gives no torque; the others notice by the age of its
-//! messages, slow down together and switch their motors off. What then can go on, goes on:
+//! A board that is off sends nothing and gives no torque. The other boards detect the loss by the age of its messages,
+//! slow down together and switch their motors off. The run then continues where possible:
 //!
-//! - **Rear axle restarted**: the robot has stopped and stays so until the host clears its faults
-//!   and commands anew; the lead node sees that the axle's odometry began anew, and drives on.
-//! - **Beam restarted or lost**: the robot drives on, meanwhile by odometry alone.
-//! - **Front board restarted**: the estimate of where the robot stands went with its lead node,
-//!   and nothing on the robot can give it back; a guess would send the robot somewhere. The run
-//!   ends, with the motors off.
+//! - **Rear axle restarted**: the robot stays at rest until the host clears the faults and repeats the command. The
+//!   lead node detects that the axle's odometry has restarted, and drives on.
+//! - **Beam restarted or lost**: the robot drives on, without the beam by odometry alone.
+//! - **Front board restarted**: the lead node has lost its estimate of the posture, and no other board stores the
+//!   estimate. The run ends with the motors off.
 //! - **An axle lost for good**: the run ends, at rest.
 
 use super::losses::{Event, Losses, What};
@@ -23,7 +22,7 @@ use core_algos::node::robot::RobotConfig;
 use core_algos::time::{Micros, TICK};
 use core_algos::topology::{Role, Topology, Wheels};
 
-/// A board that is to fail, and may be switched on again.
+/// Planned failure of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Failure {
     /// Board.
@@ -37,33 +36,33 @@ pub struct Failure {
 /// Failure of a board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FailureMode {
-    /// The host switches it off, and knows.
+    /// The host switches the board off.
     #[default]
     Off,
-    /// It ends; the host finds its link closed.
+    /// The board ends; the host finds its link closed.
     Crash,
-    /// It stands still; the host finds that it does not answer.
+    /// The board stops running; the host finds that it does not answer.
     Hang,
 }
 
 struct Slot {
     role: Role,
     target: Box<dyn Target>,
-    /// Not fitted, or switched off.
+    /// False if the board is not fitted or is off.
     on: bool,
     /// Time of the restart, ms.
     revival: Option<u32>,
-    /// Stands still.
+    /// True if the board does not run and holds its outputs.
     held: bool,
-    /// Ticks that its clock is behind.
+    /// Lag of the board's clock, ticks.
     behind: u32,
-    /// The tick that it expects.
+    /// Tick that the board expects next.
     next: u32,
     last: Output,
 }
 
 impl Slot {
-    /// The samples of a tick; a board that stood still is told that time has passed.
+    /// Hands over the samples of a tick. After a gap in its ticks the board first gets the new time.
     fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault> {
         let tick = tick - self.behind;
         if tick != self.next {
@@ -74,7 +73,7 @@ impl Slot {
     }
 }
 
-/// The boards.
+/// Boards of a robot.
 pub struct Boards {
     topology: Topology,
     slots: Vec<Slot>,
@@ -86,7 +85,7 @@ pub struct Boards {
     outputs: Vec<Output>,
 }
 
-/// Place of the board with the lead node.
+/// Index of the board with the lead node.
 const LEAD: usize = 0;
 
 impl Boards {
@@ -126,19 +125,19 @@ impl Boards {
         })
     }
 
-    /// Gives the boards back as they are.
+    /// Returns the boards in their present state.
     pub fn release(self) -> Vec<Box<dyn Target>> {
         self.slots.into_iter().map(|slot| slot.target).collect()
     }
 
-    /// Boards to be switched off on the way; any board that is lost is switched on again
-    /// `restart_after` ms later.
+    /// Plans failures of boards during the run. Any board that is lost restarts `restart_after` ms later; without
+    /// `restart_after` the board stays off.
     pub fn plan(&mut self, failures: Vec<Failure>, restart_after: Option<u32>) {
         self.failures = failures;
         self.restart_after = restart_after;
     }
 
-    /// Has a board stand still, with its outputs as they are, or its clock be some ticks behind.
+    /// Stops a board with its outputs held, or sets the lag of its clock to `behind` ticks.
     pub fn hold(&mut self, role: Role, held: bool, behind: u32) -> Result<(), Error> {
         let slot = &mut self.slots[self.topology.place(role)];
         if slot.held != held && slot.on {
@@ -148,7 +147,7 @@ impl Boards {
         Ok(())
     }
 
-    /// Events of the boards so far.
+    /// Events of the boards since the start.
     pub fn events(&self) -> &[Event] {
         self.losses.events()
     }
@@ -158,12 +157,12 @@ impl Boards {
         self.losses.last_restart()
     }
 
-    /// Notes what the host did.
+    /// Records an action of the host.
     pub fn note(&mut self, tick: u32, what: What) {
         self.losses.note(tick, what);
     }
 
-    /// Why the run cannot go on at `tick`, if so.
+    /// Reason that the run must end at `tick`; `None` if it can continue.
     pub fn end(&self, tick: u32) -> Option<&str> {
         self.losses.end(tick)
     }
@@ -184,7 +183,7 @@ impl Boards {
         reports
     }
 
-    /// Traffic of the links so far.
+    /// Traffic of the links since the start.
     pub fn traffic(&self) -> Vec<BoardTraffic> {
         let of = |slot: &Slot| BoardTraffic {
             name: self.topology.name(slot.role),
@@ -194,20 +193,20 @@ impl Boards {
         self.slots.iter().map(of).collect()
     }
 
-    /// Tells the lead node something; a front board that is off does not hear it.
+    /// Sends a command to the lead node; does nothing if the front board is off.
     pub fn command(&mut self, command: &HostCommand) -> Result<(), Error> {
         let front = &mut self.slots[LEAD];
         if !front.on {
             return Ok(());
         }
         match front.target.command(command) {
-            // The tick that follows finds out as well, and deals with it.
+            // The next tick detects and handles the same fault.
             Ok(()) | Err(Fault::Restarted | Fault::Silent(_)) => Ok(()),
             Err(Fault::Fatal(error)) => Err(error),
         }
     }
 
-    /// Room in the lead node's buffers.
+    /// Free points in the lead node's buffers.
     pub fn room(&mut self) -> Room {
         let front = &mut self.slots[LEAD];
         match front.on {
@@ -219,7 +218,7 @@ impl Boards {
         }
     }
 
-    /// A message that reaches a board at `now`.
+    /// Delivers a message to a board at `now`.
     pub fn receive(&mut self, role: Role, now: Micros, frame: &CanFrame, message: &Message) {
         let slot = &mut self.slots[self.topology.place(role)];
         if slot.on && !slot.held {
@@ -264,7 +263,7 @@ impl Boards {
         Ok(&self.outputs)
     }
 
-    /// Switches boards off and on.
+    /// Carries out planned failures and restarts.
     fn switch(&mut self, tick: u32) -> Result<(), Error> {
         for i in 0..self.slots.len() {
             let role = self.slots[i].role;
@@ -289,7 +288,7 @@ impl Boards {
         Ok(())
     }
 
-    /// The value, or what its lack means.
+    /// Value of a board's answer. Without an answer the board is lost: `None`, or an error if the run cannot continue.
     fn judge<T>(
         &mut self,
         i: usize,
@@ -311,7 +310,7 @@ impl Boards {
         }
     }
 
-    /// A board has gone off, to be switched on again after some ms or not at all.
+    /// Records the loss of a board, which restarts after `restart_after` ms or stays off.
     fn lost(&mut self, i: usize, tick: u32, why: String, restart_after: Option<u32>) {
         let role = self.slots[i].role;
         self.slots[i].on = false;
@@ -335,16 +334,16 @@ impl Boards {
         Ok(())
     }
 
-    /// Notes when the motors of the others are off.
+    /// Records when all motors are off after the loss of a board.
     fn watch(&mut self, tick: u32) {
-        // A board that has been lost has no motors that it could drive.
+        // The output of a lost board is zero torque.
         let mut outputs = self.outputs.iter();
         let off = outputs.all(|output| output.torque_nm == Wheels::both(0.0));
         self.losses.watch(tick, off);
     }
 }
 
-/// The error of a run whose board gave this answer during its start.
+/// Error of a run whose board had this fault during its start.
 pub fn fatal(board: &str, fault: Fault) -> Error {
     match fault {
         Fault::Fatal(error) => error,

@@ -13,26 +13,26 @@ pub enum HostCommand {
     Task(Task),
     /// More of the path.
     Path {
-        /// Points, no more than there is room for.
+        /// Points, at most the free room of the buffer.
         points: Vec<PathPoint>,
-        /// True if the path ends with them.
+        /// True if the path ends with these points.
         end: bool,
     },
     /// More of the trajectory.
     Trajectory {
-        /// Points, no more than there is room for.
+        /// Points, at most the free room of the buffer.
         points: Vec<TrajectoryPoint>,
-        /// True if the trajectory ends with them.
+        /// True if the trajectory ends with these points.
         end: bool,
     },
     /// Posture of the robot, at rest with its motors off.
     Place(Place),
-    /// The host is lost; the board tells itself.
+    /// The commanding host timed out; the board itself issues this command.
     Lost,
 }
 
 impl HostCommand {
-    /// Orders of the link that carry it out.
+    /// Orders of the link that execute the command.
     pub fn orders(&self) -> Vec<Order> {
         match self {
             Self::Task(task) => vec![Order::Task(*task)],
@@ -78,7 +78,7 @@ impl From<Order> for HostCommand {
     }
 }
 
-/// Points in orders of at most [`POINTS`]; one without points if there are none.
+/// Orders of at most [`POINTS`] points each; one order without points if there are no points.
 fn batches<T: Copy>(
     points: &[T],
     end: bool,

@@ -1,4 +1,4 @@
-//! A board's nodes called directly.
+//! Board whose nodes are called directly.
 
 use super::{Fault, HostCommand, Output, Posted, Report, Room, Target};
 use crate::base::error::Error;
@@ -23,7 +23,7 @@ pub struct InProcess {
 }
 
 impl InProcess {
-    /// A board that has not been started.
+    /// Board that has not been started.
     pub fn new(topology: Topology, role: Role) -> Self {
         Self {
             role,
@@ -35,7 +35,7 @@ impl InProcess {
         }
     }
 
-    /// The same with a kinematic controller of the user.
+    /// Board with a kinematic controller of the user, not started.
     pub fn with_controller(
         topology: Topology,
         role: Role,
@@ -47,7 +47,7 @@ impl InProcess {
         }
     }
 
-    /// Answer of a board that is off.
+    /// Fault of a board that is off.
     fn off(name: &str) -> Fault {
         Fault::Silent(format!("{name} board is off"))
     }

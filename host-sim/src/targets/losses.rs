@@ -1,25 +1,25 @@
-//! What happened to boards that were lost or came back, and what follows from it for the run.
+//! Losses and restarts of boards, and the end of the run that may follow.
 
 use core_algos::topology::{Role, Topology};
 use serde::Serialize;
 use std::fmt;
 
-/// Time the run goes on after it is clear that it must end, ticks: the motors go off within it.
+/// Time from the decision to end a run to its end, ticks: the motors switch off within this time.
 const GRACE: u32 = 1500;
 
 /// Event of a board.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum What {
-    /// It went off, and why.
+    /// The board was lost, with the reason.
     Lost(String),
-    /// The motors of all other axles were off, this many ms after it was lost.
+    /// The motors of all other axles were off this many ms after the loss of the board.
     MotorsOff(u32),
-    /// It was started again.
+    /// The board was restarted.
     Restarted,
-    /// The host had the nodes forget their faults.
+    /// The host cleared the faults of the nodes.
     Cleared,
-    /// The host gave the task again.
+    /// The host repeated the task.
     Resumed,
 }
 
@@ -51,21 +51,21 @@ impl fmt::Display for Event {
     }
 }
 
-/// The boards that were lost and came back.
+/// Record of losses and restarts.
 #[derive(Clone, Debug)]
 pub struct Losses {
     topology: Topology,
     events: Vec<Event>,
     /// Latest restart of an axle board, ms.
     restarted: Option<u32>,
-    /// The axle that was lost last, and when, until the other's motors are off.
+    /// Axle board lost last and time of the loss, ms, until all other motors are off.
     watched: Option<(Role, u32)>,
-    /// Why the run ends, and when.
+    /// Reason and time of the end of the run, ms.
     end: Option<(String, u32)>,
 }
 
 impl Losses {
-    /// No board was lost.
+    /// Record without losses.
     pub fn new(topology: Topology) -> Self {
         Self {
             topology,
@@ -76,7 +76,7 @@ impl Losses {
         }
     }
 
-    /// Events so far.
+    /// Events since the start.
     pub fn events(&self) -> &[Event] {
         &self.events
     }
@@ -92,18 +92,18 @@ impl Losses {
         self.restarted
     }
 
-    /// Why the run cannot go on at `tick`, if so.
+    /// Reason that the run must end at `tick`; `None` if it can continue.
     pub fn end(&self, tick: u32) -> Option<&str> {
         let (why, at) = self.end.as_ref()?;
         (tick >= *at).then_some(why)
     }
 
-    /// Notes what the host did.
+    /// Records an action of the host.
     pub fn note(&mut self, tick: u32, what: What) {
         self.record(tick, "host", what);
     }
 
-    /// A board has gone off, to come back or not.
+    /// Records the loss of a board; `comes_back` is true if it will restart.
     pub fn lost(&mut self, tick: u32, role: Role, why: String, comes_back: bool) {
         let name = self.topology.name(role);
         self.record(tick, name, What::Lost(why));
@@ -117,7 +117,7 @@ impl Losses {
         }
     }
 
-    /// A board was started again.
+    /// Records the restart of a board.
     pub fn restarted(&mut self, tick: u32, role: Role) {
         if !role.is_beam() {
             self.restarted = Some(tick);
@@ -125,14 +125,14 @@ impl Losses {
         self.record(tick, self.topology.name(role), What::Restarted);
     }
 
-    /// The run cannot go on, because the estimate of the posture is lost.
+    /// Ends the run, because the estimate of the posture is lost.
     pub fn lost_estimate(&mut self, tick: u32) {
         let why =
             "the front board was restarted and its lead node lost the estimate of the posture";
         self.end.get_or_insert((why.to_owned(), tick + GRACE));
     }
 
-    /// Notes when the motors of the others are off; a board that is lost has none.
+    /// Records when all motors are off after the loss of an axle board; `off` is true if all are off at `tick`.
     pub fn watch(&mut self, tick: u32, off: bool) {
         if let (Some((role, since)), true) = (self.watched, off) {
             let off = What::MotorsOff(tick - since);

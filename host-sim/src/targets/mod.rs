@@ -1,8 +1,8 @@
 //! Interface of a board, and boards in this process.
 //!
 //! Each tick the simulation hands a board the messages that arrived and its samples ([`Target::receive`],
-//! [`Target::begin`]), then takes its torques and messages ([`Target::finish`]). Boards behind links (crate `remote`) work
-//! at the same time in between. The bus is simulated here, wherever the boards are.
+//! [`Target::begin`]), then takes its torques and messages ([`Target::finish`]). In between, boards behind links (crate
+//! `remote`) work in parallel. The host simulates the bus of all boards, also of those behind links.
 
 pub mod board_record;
 pub mod boards;
@@ -30,36 +30,36 @@ use serde::Serialize;
 pub struct Output {
     /// Wheel torques, N m.
     pub torque_nm: Wheels<f32>,
-    /// Latest output of the lead node; known before the end of the epoch.
+    /// Output of the lead node, given before its epoch ends; `None` at ticks without an output.
     pub lead: Option<lead::Output>,
 }
 
 /// Frame or message that a board sends.
 #[derive(Clone, Copy, Debug)]
 pub enum Posted<'a> {
-    /// A message still to be encoded.
+    /// Message that the host encodes.
     Message(&'a Message),
     /// Frame that the board encoded.
     Frame(&'a CanFrame),
 }
 
-/// Points the lead node has room for.
+/// Free room of the lead node's buffers, points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Room {
-    /// Of a path.
+    /// Room for a path.
     pub path: usize,
-    /// Of a trajectory.
+    /// Room for a trajectory.
     pub trajectory: usize,
 }
 
-/// Why a board gave no answer.
+/// Reason that a board gave no answer.
 #[derive(Debug)]
 pub enum Fault {
-    /// It has been restarted and knows nothing.
+    /// The board has restarted and lost its state.
     Restarted,
-    /// It does not answer, and why.
+    /// The board does not answer, with the reason.
     Silent(String),
-    /// The run cannot go on.
+    /// The run cannot continue.
     Fatal(Error),
 }
 
@@ -69,7 +69,7 @@ impl From<Error> for Fault {
     }
 }
 
-/// Traffic of the link to a board so far.
+/// Traffic of the link to a board since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Traffic {
     /// Frames received from the board.
@@ -80,7 +80,7 @@ pub struct Traffic {
     pub damaged: u64,
 }
 
-/// The link to one of a robot's boards.
+/// State of the link to one board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BoardTraffic {
     /// Name of the board.
@@ -96,9 +96,9 @@ pub struct BoardTraffic {
 pub struct Report {
     /// Board.
     pub role: &'static str,
-    /// Place of its nodes.
+    /// Place where the nodes run.
     pub target: &'static str,
-    /// Commit that its image was built from.
+    /// Commit that the image was built from.
     pub build: String,
     /// Frames received from the board.
     pub frames: u64,
@@ -110,9 +110,9 @@ pub struct Report {
     pub sent_per_tick: f64,
     /// Bytes received from the board at ticks, on average.
     pub received_per_tick: f64,
-    /// From sending a tick to its answer.
+    /// Time from sending a tick to its answer.
     pub latency: Option<Latency>,
-    /// Largest stack use since its latest start; `None` if not measured.
+    /// Largest stack use since the latest start of the board; `None` if not measured.
     pub stack: Option<StackUse>,
 }
 
@@ -132,16 +132,16 @@ impl Report {
 pub struct Latency {
     /// Mean, µs.
     pub mean_us: f64,
-    /// Half of them are no longer, µs.
+    /// Median, µs.
     pub median_us: u32,
-    /// 99 of 100 are no longer, µs.
+    /// 99th percentile, µs.
     pub p99_us: u32,
-    /// The longest, µs.
+    /// Maximum, µs.
     pub max_us: u32,
 }
 
 impl Latency {
-    /// The distribution; none of no times.
+    /// Distribution of `times_us`; `None` if empty.
     pub fn of(times_us: &[u32]) -> Option<Self> {
         let mut sorted = times_us.to_vec();
         sorted.sort_unstable();
@@ -158,10 +158,10 @@ impl Latency {
     }
 }
 
-/// A board, wherever it runs.
+/// Board, in this process or behind a link.
 pub trait Target: Send {
-    /// Starts the nodes afresh with these parameters; `tick` will be the first, ms. The lead node
-    /// begins at `place`, or does not know where it is.
+    /// Starts the nodes with these parameters; `tick` is their first tick, ms. `place` is the initial posture of the
+    /// lead node; without `place` the posture is unknown.
     fn start(
         &mut self,
         config: &RobotConfig,
@@ -169,32 +169,32 @@ pub trait Target: Send {
         place: Option<&Place>,
     ) -> Result<(), Fault>;
 
-    /// Tells the lead node something; for the front board only.
+    /// Sends a command to the lead node; for the front board only.
     fn command(&mut self, command: &HostCommand) -> Result<(), Fault>;
 
-    /// Room in the lead node's buffers at the end of an epoch; for the front board only.
+    /// Free room of the lead node's buffers at the end of an epoch; for the front board only.
     fn room(&mut self) -> Room;
 
-    /// A message that arrived at `now`.
+    /// Delivers a message that arrived at `now`.
     fn receive(&mut self, now: Micros, frame: &CanFrame, message: &Message);
 
     /// Hands over the samples of a tick, ms.
     fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault>;
 
-    /// Takes what the board did at that tick; its messages go to `post` in order.
+    /// Takes the board's output of the tick; its messages go to `post` in order.
     fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault>;
 
-    /// The board stood still; its next tick will be this one, ms.
+    /// Sets the next tick of a board after a gap in its ticks, ms.
     fn resume(&mut self, _tick: u32) -> Result<(), Fault> {
         Ok(())
     }
 
-    /// Stops the board's processor, or lets it go on; one in this process has none of its own.
+    /// Stops the board's processor or lets it continue; no effect on a board in this process.
     fn halt(&mut self, _halted: bool) -> Result<(), Error> {
         Ok(())
     }
 
-    /// Ends the board as if it had failed by itself.
+    /// Ends the board as if by its own failure.
     fn crash(&mut self) -> Result<(), Error> {
         self.kill()
     }
@@ -202,24 +202,24 @@ pub trait Target: Send {
     /// Switches the board off.
     fn kill(&mut self) -> Result<(), Error>;
 
-    /// Switches the board on again; it is to be started then.
+    /// Switches the board on again; [`Self::start`] must follow.
     fn revive(&mut self) -> Result<(), Error>;
 
-    /// Largest stack use so far; `None` if not measured or without an answer.
+    /// Largest stack use since the start; `None` if not measured or without an answer.
     fn stack(&mut self) -> Option<StackUse> {
         None
     }
 
-    /// Traffic of its link so far, if it has a link.
+    /// Traffic of the board's link; `None` without a link.
     fn traffic(&self) -> Option<Traffic> {
         None
     }
 
-    /// Report without a request to the board.
+    /// Report of the board, without a request to the board.
     fn report(&self) -> Report;
 }
 
-/// The boards of a robot: all in this process.
+/// All boards of a robot, in this process.
 pub fn in_process(topology: Topology) -> Vec<Box<dyn Target>> {
     let target = |role| Box::new(InProcess::new(topology, role)) as Box<dyn Target>;
     topology.boards().map(target).collect()

@@ -14,7 +14,7 @@ pub struct Body {
 }
 
 impl Body {
-    /// The robot of a plant.
+    /// Outline of a plant's robot.
     pub fn of(plant: &PlantConfig) -> Self {
         Self {
             half_track_m: plant.half_track_m[0],

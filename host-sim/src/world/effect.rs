@@ -1,4 +1,4 @@
-//! Keys of a world without effect in that world, and the form of such rules.
+//! Rules by which a key of a world has no effect.
 
 use crate::base::error::Error;
 use crate::world::World;
@@ -40,7 +40,7 @@ const WORLD: Rules<fn(&World) -> bool> = rules! {
             "with sensors.bridge.creep_share = 0 and creep_sigma = 0";
 };
 
-/// Refuses a key of a world file without effect in that world.
+/// Refuses a world file that sets a key without effect.
 pub fn check_world(text: &str, world: &World) -> Result<(), Error> {
     let keys = keys(&toml::from_str(text).unwrap_or_default());
     let idle = |key: &String| Some(format!("{key}: no effect {}", in_world(key, world)?));
@@ -50,7 +50,7 @@ pub fn check_world(text: &str, world: &World) -> Result<(), Error> {
     }
 }
 
-/// Reason why a key of a world has no effect in it.
+/// Reason that a key has no effect in a world; `None` if the key has an effect.
 pub fn in_world(key: &str, world: &World) -> Option<&'static str> {
     let mut rules = WORLD.iter().filter(|(keys, ..)| listed(key, keys));
     rules

@@ -1,6 +1,6 @@
 //! The figures of a world with unit and reason.
 //!
-//! The comment above an entry of the world's file is its reason. It applies until the next comment.
+//! A comment in a world file is the reason of the entries below it, up to the next comment, empty line or table.
 
 use super::effect::leaves;
 use super::{BASE, DEFAULT, FIELDS, World, text};
@@ -9,18 +9,18 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use toml::{Table, Value};
 
-/// A figure of a world.
+/// Figure of a world: a value with unit and reason.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figure {
-    /// Its key in the file.
+    /// Key in the file.
     pub key: String,
-    /// Its value.
+    /// Value.
     pub value: Value,
-    /// Its unit; empty for a pure number or a word.
+    /// Unit; empty for a pure number or a word.
     pub unit: &'static str,
-    /// Why it has this value; nothing if the file does not say.
+    /// Reason of the value; empty if the file gives none.
     pub reason: String,
-    /// True if the world leaves it out, so that it has its base value.
+    /// True if the world's file omits the key, so that the base value applies.
     pub base: bool,
 }
 
@@ -28,7 +28,7 @@ pub struct Figure {
 pub fn figures(name: &str) -> Result<Vec<Figure>, Error> {
     let world = World::load(name)?;
     let table = Table::try_from(&world).map_err(|error| Error::Failure(error.to_string()))?;
-    // Base.toml has one of the tyres, the default world the other.
+    // Base.toml has the creep tyre, the default world the brush tyre.
     let mut base = reasons(&text(DEFAULT)?);
     base.retain(|key, _| key.starts_with("plant.tyre."));
     base.extend(reasons(BASE));
@@ -48,7 +48,7 @@ pub fn figures(name: &str) -> Result<Vec<Figure>, Error> {
     Ok(figures)
 }
 
-/// The reasons in a file that reads as a world, by key.
+/// Reasons in the text of a valid world, by key.
 fn reasons(text: &str) -> BTreeMap<String, String> {
     let mut found = BTreeMap::new();
     let (mut table, mut above, mut reason) = (String::new(), Vec::new(), String::new());
@@ -67,7 +67,7 @@ fn reasons(text: &str) -> BTreeMap<String, String> {
             above.clear();
             continue;
         }
-        // A comment before an empty line or a table is none of an entry.
+        // A comment before an empty line or a table is no reason.
         above.clear();
         reason.clear();
     }
@@ -87,7 +87,7 @@ mod tests {
             assert!(figures.len() > 85, "{}", figures.len());
             for Figure { key, reason, .. } in figures {
                 assert!(reason.len() > 3, "{name}: {key}");
-                // Base.toml has one of the tyres.
+                // Base.toml has the creep tyre only.
                 let tyre = key.starts_with("plant.tyre.");
                 assert!(tyre || base.contains_key(&key), "no base value: {key}");
                 assert!(declare::find(FIELDS, &key).is_some(), "{key}");
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn a_comment_is_the_reason_of_what_follows_it_without_another() {
+    fn comment_is_reason_of_entries_until_next_comment() {
         let text = "# Of the file.\n\n[a.b]\n# First,\n# and more.\nx = 1\ny = 2\n# Third.\nz = \"w\"\n\nv = 3\n";
         let reasons = reasons(text);
         let reason = |key: &str| reasons[key].as_str();

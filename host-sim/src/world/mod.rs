@@ -1,11 +1,11 @@
-//! The world: the true robot and its surroundings, as distributions, and the draw of one of them.
+//! World: the true robot and its surroundings as distributions, and the draw of one robot.
 //!
-//! What the robot's boards believe of it is another type,
-//! [`RobotConfig`](core_algos::node::robot::RobotConfig). Nothing connects the two but the draw and what
-//! sensors and motors do. A world is a TOML file with the tables `plant`, `spread`, `sensors`, `bus` and
-//! `told`;
-//! what it leaves out has its base value (`worlds/base.toml`; of a brush tyre [`plant::Brush`]). Four are built in
-//! ([`NAMES`]).
+//! The parameters of the robot's boards are a separate type,
+//! [`RobotConfig`](core_algos::node::robot::RobotConfig). World and boards are connected by the draw, the sensors and
+//! the motors only.
+//!
+//! A world is a TOML file with the tables `plant`, `spread`, `sensors`, `bus` and `told`. An omitted key has its base
+//! value (`worlds/base.toml`; for a brush tyre [`plant::Brush`]). Four worlds are built in ([`NAMES`]).
 
 pub mod body;
 pub mod drawn;
@@ -35,19 +35,19 @@ use plant::{Plant, PlantConfig, Station};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// World of an experiment that names none.
+/// Default world of an experiment.
 pub const DEFAULT: &str = "careful";
 
-/// Base values of all figures, with units and reasons.
+/// Base values of all figures, with reasons.
 const BASE: &str = include_str!("../../worlds/base.toml");
-/// Name of a world in which nothing but base values is set.
+/// Name of the world that has base values only.
 const BASE_NAME: &str = "base";
 
-/// Robot of a world.
+/// Topology with which a world is checked.
 const ROBOT: Topology = Topology::PAIR;
 const _: () = assert!(plant::MAX_AXLES == MAX_AXLES);
 
-/// The worlds that are built in, with their texts.
+/// Built-in worlds, name and text.
 const BUILT_IN: [(&str, &str); 4] = [
     ("ideal", include_str!("../../worlds/ideal.toml")),
     ("paper", include_str!("../../worlds/paper.toml")),
@@ -55,7 +55,7 @@ const BUILT_IN: [(&str, &str); 4] = [
     ("careful", include_str!("../../worlds/careful.toml")),
 ];
 
-/// Names of the worlds that are built in.
+/// Names of the built-in worlds.
 pub const NAMES: [&str; BUILT_IN.len()] = {
     let mut names = [""; BUILT_IN.len()];
     let mut i = 0;
@@ -70,18 +70,18 @@ pub const NAMES: [&str; BUILT_IN.len()] = {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct World {
-    /// Name by which it was asked for.
+    /// Name given by the user: a built-in world or a path.
     #[serde(skip)]
     pub name: String,
-    /// The plant: the means of what differs from robot to robot.
+    /// Plant: means of the constants that differ from robot to robot.
     pub plant: PlantConfig,
     /// Spread from robot to robot.
     pub spread: Spread,
-    /// Sensors, and how well the robot was built and placed.
+    /// Sensors, and accuracy of the robot's assembly and placement.
     pub sensors: SensorConfig,
     /// The bus between the boards.
     pub bus: BusConfig,
-    /// What its people tell a robot that they put down.
+    /// Standard deviations of start and floor drift, as configured in the boards.
     pub told: ToldOfPlace,
 }
 
@@ -100,19 +100,20 @@ pub(crate) const fn table(name: &'static str, doc: &'static str, kind: Kind) -> 
 }
 
 table! {
-    /// What the people of a world say of the place and the floor: standard deviations. A mission may say otherwise.
+    /// Standard deviations of start posture and floor drift, as configured in the boards. A mission may give others.
     pub struct ToldOfPlace {
-        /// Standard deviation of the start along each axis.
+        /// Standard deviation of the start position along each axis.
         pub placement_m: f64 = 5e-3, "m": NonNegative;
-        /// Standard deviation of the heading at the start.
+        /// Standard deviation of the start heading.
         pub placement_rad: f64 = 1e-2, "rad": NonNegative;
-        /// Standard deviation of the way that the floor takes the robot over the way it rolls, along each axis of the floor.
+        /// Standard deviation of the floor drift along each axis of the floor: displacement by the floor over the
+        /// distance rolled.
         pub floor_drift: f64 = 1.5e-2, "": Range(0.0, 0.5);
     }
 }
 
 impl Default for World {
-    /// Tyres of constant creep, and imperfections only where the estimators expect them.
+    /// Tyres of constant creep, and only the errors that the estimators model.
     fn default() -> Self {
         Self {
             name: BASE_NAME.to_owned(),
@@ -125,7 +126,7 @@ impl Default for World {
     }
 }
 
-/// Drawn constants of the plant, each with its standard deviation.
+/// Drawn constants of the plant, each with the key of its standard deviation.
 const DRAWN: [(&str, &str); 9] = [
     ("wheel_radius_m", "sensors.geometry.wheel_radius_sigma"),
     ("half_track_m", "sensors.geometry.track_sigma"),
@@ -138,7 +139,7 @@ const DRAWN: [(&str, &str); 9] = [
     ("radius_load_sensitivity", "spread.radius_load_sensitivity"),
 ];
 
-/// Refusal of a world some of whose draws reach beyond the range of a constant.
+/// Input error of a world in which the draw of a constant can leave its allowed range.
 fn beyond(error: &str) -> Error {
     let drawn = DRAWN.iter().find(|(field, _)| error.starts_with(field));
     let sigma = drawn.map_or(
@@ -150,7 +151,7 @@ fn beyond(error: &str) -> Error {
     ))
 }
 
-/// The text of a world: a built-in one by its name, or a file. A name comes before a file of that name.
+/// Text of a world, from a built-in name or a file. A built-in name precedes a file of that name.
 pub fn text(name: &str) -> Result<String, Error> {
     if let Some((_, text)) = BUILT_IN.iter().find(|(known, _)| *known == name) {
         return Ok((*text).to_owned());
@@ -165,7 +166,7 @@ pub fn text(name: &str) -> Result<String, Error> {
 }
 
 impl World {
-    /// A built-in world by its name, or one from a file, every value checked.
+    /// Loads a built-in world by name, or a world from a file, and checks every value.
     pub fn load(name: &str) -> Result<Self, Error> {
         let text = text(name)?;
         let mut world: Self = toml_file::parse(&text, name, &[])?;
@@ -175,8 +176,8 @@ impl World {
         Ok(world)
     }
 
-    /// The name that stands beside results: one that says so if not all is as that world has it. What
-    /// inertial sensors are fitted is the robot's equipment.
+    /// World name beside results; ", changed" is appended if a value differs. The choice of inertial sensors belongs to
+    /// the robot's equipment and does not count.
     pub fn label(&self) -> String {
         let named = match self.name.as_str() {
             BASE_NAME => Ok(Self::default()),
@@ -221,7 +222,7 @@ impl World {
         }
     }
 
-    /// The robot whose constants all lie at the lower (-1) or upper (1) bound of their draws.
+    /// Robot whose constants all lie at the lower (-1) or upper (1) bound of their draws.
     fn extreme(&self, side: f64) -> Drawn {
         let mut drawn = Drawn::none(ROBOT);
         let [radius, track] = self.sensors.geometry.extreme(side);
@@ -231,8 +232,7 @@ impl World {
         drawn
     }
 
-    /// One robot: what differs from its means. The same numbers are drawn whatever the world; it only
-    /// scales them.
+    /// Draws the errors of one robot. All worlds draw the same random numbers and only scale them.
     pub fn draw(&self, topology: Topology, seed: u64, trial: u64) -> Drawn {
         let mut drawn = self.sensors.draw(topology, seed, trial);
         let mut random = generator(seed, trial, Stream::Plant);
@@ -247,7 +247,7 @@ impl World {
         drawn
     }
 
-    /// The plant of one robot, with or without the sensing's weight.
+    /// Plant of one robot, with or without the mass of the strain sensing.
     pub fn plant_of(&self, robot: &Drawn, sensing: bool) -> Result<Plant, ConfigError> {
         let axles = robot.track_factor.len();
         let mut plant = self.plant.for_axles(axles)?;
@@ -264,7 +264,7 @@ impl World {
         plant.build(axles)
     }
 
-    /// Places of the gauges of one robot on the strip of each frame.
+    /// True positions of one robot's gauges on the strip of each frame.
     pub fn gauges_of(&self, robot: &Drawn, plant: &Plant) -> Vec<Vec<Station>> {
         let on_frame = |(frame, errors): (usize, &FrameErrors)| {
             let meant = self.sensors.bridge.gauges_m.iter();
@@ -286,7 +286,7 @@ mod tests {
     use plant::{Brush, Creep, Tyre};
 
     #[test]
-    fn built_in_worlds_are_valid_and_bear_their_names() {
+    fn built_in_worlds_are_valid_and_labelled_by_name() {
         for name in NAMES {
             let mut world = World::load(name).unwrap();
             assert_eq!(world.label(), name);
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_and_gyros_of_five_axles_have_draws_of_their_own_and_begin_with_those_of_two() {
+    fn five_axles_have_independent_draws_that_begin_with_those_of_two() {
         let world = World::load("careful").unwrap();
         let two = world.draw(Topology::PAIR, 3, 1);
         let five = world.draw(Topology::new(5).unwrap(), 3, 1);
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn a_world_is_refused_with_field_value_and_range() {
+    fn invalid_world_is_refused_with_field_value_and_range() {
         let refuse = |text: &str| {
             let world: Result<World, _> = toml_file::parse(text, "own.toml", &[]);
             world
@@ -421,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_of_version_0_1_are_refused_with_the_keys_in_their_place() {
+    fn keys_of_version_0_1_are_refused_with_their_replacements() {
         let refusal = |text: &str| {
             let world: Result<World, _> = toml_file::parse(text, "old.toml", &[]);
             world.unwrap_err().to_string()
@@ -458,9 +458,9 @@ mod tests {
         }
     }
 
-    /// A tyre laid over another replaces it; laid over the same, it keeps what it does not name.
+    /// Over the same tyre law, omitted keys keep their values.
     #[test]
-    fn another_tyre_replaces_that_below() {
+    fn given_tyre_law_replaces_another_law() {
         let tyre = |changes: &[&str]| {
             let changes: Vec<String> = changes.iter().map(|&c| c.to_owned()).collect();
             let text = "[plant.tyre.creep]\nvelocity_m_s = 0.02";
@@ -495,7 +495,7 @@ mod tests {
         }
     }
 
-    /// Visits the table with each of its numbers by itself a tenth larger.
+    /// Visits one changed copy of the table per value: a number larger by at least a tenth, a flag inverted.
     fn for_each_number(table: &mut toml::Table, visit: &mut dyn FnMut(&toml::Table, &str)) {
         fn paths(value: &toml::Value, at: Vec<String>, found: &mut Vec<Vec<String>>) {
             let mut inner = |key: String, value: &toml::Value| {
@@ -531,10 +531,10 @@ mod tests {
         }
     }
 
-    /// Truth and belief are apart: whatever the boards are told, the robot that is drawn is the same,
-    /// and whatever the robot is, the boards are told the same.
+    /// Parameters of the boards do not change the drawn robot. The drawn robot changes only the bridge zeros of the
+    /// boards.
     #[test]
-    fn beliefs_do_not_move_the_true_robot_nor_truth_the_beliefs() {
+    fn board_parameters_and_true_robot_are_independent() {
         let plain = Scenario::default();
         let before = Simulation::new(&plain, 7, 3).unwrap().truth();
         let mut changed = 0;
@@ -555,7 +555,7 @@ mod tests {
         other.world = World::load("ordinary").unwrap();
         let robot = Simulation::new(&other, 7, 3).unwrap();
         assert!(robot.truth() != before);
-        // What boards are told of it is what a straight edge shows, and no more.
+        // The boards get the bridge zeros at a straight edge, and nothing else of the drawn robot.
         let told = [&plain, &other].map(|scenario| {
             let mut told =
                 crate::run::rig::board_config(scenario, &scenario.world.draw(Topology::PAIR, 7, 3));
@@ -566,7 +566,7 @@ mod tests {
     }
 
     #[test]
-    fn a_draw_scatters_as_the_world_says() {
+    fn draws_have_the_standard_deviations_of_the_world() {
         let world = World::load("careful").unwrap();
         let n = 4000;
         let draws: Vec<_> = (0..n)
@@ -580,7 +580,7 @@ mod tests {
             (sigma(&|d| d.plant.carpet_drift[0]), 5e-3),
             (sigma(&|d| d.plant.slip_stiffness_factor[0][1].ln()), 0.3),
             (sigma(&|d| d.plant.bending_stiffness_factor - 1.0), 0.05),
-            // Own and common together.
+            // Own and common error together.
             (
                 sigma(&|d| d.frames[0].bridge_gain_error[2]),
                 0.5e-2_f64.hypot(1e-2),

@@ -1,7 +1,8 @@
-//! Standard normal distribution with the same draws on every machine: its logarithm and exponential are those of `libm`.
+//! Standard normal distribution with identical draws on every machine: logarithm and exponential are from `libm`.
 //!
 //! The ziggurat of Marsaglia and Tsang, "The Ziggurat Method for Generating Random Variables", Journal of Statistical
-//! Software 5 (2000), with 256 layers, as in Doornik, "An Improved Ziggurat Method to Generate Normal Random Samples" (2005).
+//! Software 5 (2000), with 256 layers, as in Doornik, "An Improved Ziggurat Method to Generate Normal Random Samples"
+//! (2005).
 
 use rand::{Rng, RngExt};
 use std::sync::LazyLock;
@@ -12,8 +13,8 @@ const EDGE: f64 = 3.654_152_885_361_009;
 const AREA: f64 = 0.004_928_673_233_99;
 const LAYERS: usize = 256;
 
-/// Right edges of the layers from the lowest to the highest, and the density there. The first edge is that of a rectangle
-/// with the area of the lowest layer and its tail.
+/// Right edges of the layers from the lowest to the highest, and the density at each edge. The first edge is the edge
+/// of a rectangle with the area of the lowest layer and its tail.
 struct Layers {
     edge: [f64; LAYERS + 1],
     density: [f64; LAYERS + 1],
@@ -82,9 +83,9 @@ mod tests {
     use crate::world::random::{Stream, generator};
     use rand_distr::{Distribution, StandardNormal};
 
-    /// The library's tables are those of another language's logarithm: a draw differs in the last digits at most.
+    /// `rand_distr` has printed tables, so the last digits of a draw may differ.
     #[test]
-    fn draws_are_those_of_rand_distr() {
+    fn draws_match_rand_distr() {
         let [mut ours, mut theirs] = [0; 2].map(|_| generator(3, 0, Stream::Other(0)));
         let mut beyond = 0;
         for _ in 0..2_000_000 {

@@ -1,14 +1,13 @@
 //! Seeded random streams.
 //!
-//! A stream depends on nothing but (seed, trial, stream), and every sensor has one of its own. Two
-//! trials of one number meet the same imperfections and the same noise with any sensors fitted, so
-//! that they can be compared in pairs.
+//! A stream depends on (seed, trial, stream) only, and every sensor has its own stream. Trials of equal number have
+//! the same errors and the same noise, whatever sensors are fitted: common random numbers for comparison in pairs.
 
 use super::normal::standard_normal;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
-/// A random stream. The number is part of the generator's seed: it must never change its meaning.
+/// Random stream. Its number is part of the generator's seed and must never change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stream {
     /// Wheel radii and tracks.
@@ -27,7 +26,7 @@ pub enum Stream {
     BridgeCommon,
     /// The plant's constants.
     Plant,
-    /// Make of all bridges.
+    /// Errors common to all bridges of a robot.
     BridgeMakeup,
     /// Nonlinearity of each frame's converter, front frame first.
     Converter,
@@ -53,7 +52,7 @@ impl Stream {
     }
 }
 
-/// The generator of one stream of one trial.
+/// Generator of one stream of one trial.
 ///
 /// The three numbers are hashed into the whole state (SplitMix64 finaliser), since generators of
 /// this family that differ in their increment alone are correlated.
@@ -79,9 +78,9 @@ pub(super) fn mix(state: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Bound of a constant's draw, standard deviations: one draw in two million lies beyond.
+/// Bound of a constant's draw, standard deviations: one unbounded draw in two million lies beyond.
 pub const BOUND: f64 = 5.0;
-/// Largest relative standard deviation: a draw of ten of them leaves a positive factor.
+/// Largest relative standard deviation: a draw ten standard deviations below the mean still gives a positive factor.
 pub const SMALL: f32 = 0.09;
 
 /// [`normal`], limited to [`BOUND`] standard deviations: for constants with an allowed range.

@@ -1,4 +1,4 @@
-//! How the plant's constants differ from robot to robot.
+//! Spread of the plant's constants from robot to robot.
 
 use crate::base::table::table;
 use crate::world::random::{BOUND, bounded};
@@ -8,7 +8,7 @@ use rand_pcg::Pcg64;
 use serde::Serialize;
 
 table! {
-    /// Standard deviations of the plant's constants. Each trial draws its constants once, about those of
+    /// Standard deviations of the plant's constants. Each trial draws its constants once, about the means in
     /// [`PlantConfig`] and within [`BOUND`] standard deviations.
     pub struct Spread {
         /// Standard deviation of the logarithm of each wheel's slip stiffness: 0.3 is ± 30 %.
@@ -17,13 +17,16 @@ table! {
         pub bending_stiffness: f64 = 0.0, "": Range(0.0, 0.1);
         /// Standard deviation of the strip's length.
         pub strip_length_m: f64 = 0.0, "m": Range(0.0, 0.01);
-        /// Standard deviation of the way aside that each axle rolls, over its way ahead.
+        /// Standard deviation of each axle's side slip: motion aside over motion ahead.
         pub side_slip: f64 = 0.0, "": Range(0.0, 0.01);
-        /// Standard deviation of the way that the floor takes the robot over the way it rolls, along each axis of the floor.
+        /// Standard deviation of the carpet drift along each axis of the floor: displacement by the floor over the
+        /// distance rolled.
         pub carpet_drift: f64 = 0.0, "": Range(0.0, 0.02);
-        /// Standard deviation of each gear's play from flank to flank at the wheel; the play is the draw's magnitude.
+        /// Standard deviation of each gear's backlash, from flank to flank at the wheel; the magnitude of the draw
+        /// counts.
         pub backlash_rad: f64 = 0.0, "rad": Range(0.0, 0.02);
-        /// Standard deviation of the rolling radius' fall where the load is twice that at rest, relative; the magnitude counts.
+        /// Standard deviation of the relative decrease of the rolling radius at twice the load at rest; the magnitude
+        /// counts.
         pub radius_load_sensitivity: f64 = 0.0, "": Range(0.0, 0.01);
     }
 }
@@ -35,20 +38,20 @@ pub struct PlantErrors {
     pub slip_stiffness_factor: Vec<[f64; 2]>,
     /// Bending stiffness over the mean.
     pub bending_stiffness_factor: f64,
-    /// Length of the strip less the mean, m.
+    /// Length of the strip minus the mean, m.
     pub strip_length_m: f64,
-    /// Side slip of each axle beyond the mean.
+    /// Side slip of each axle minus the mean.
     pub side_slip: Vec<f64>,
-    /// Carpet drift beyond the mean.
+    /// Carpet drift minus the mean, along each axis of the floor.
     pub carpet_drift: [f64; 2],
-    /// Play of each gear beyond the mean, rad.
+    /// Backlash of each gear minus the mean, rad.
     pub backlash_rad: Vec<[f64; 2]>,
-    /// Load sensitivity of the radii beyond the mean.
+    /// Load sensitivity of the rolling radii minus the mean.
     pub radius_load_sensitivity: f64,
 }
 
 impl PlantErrors {
-    /// A plant as it is configured.
+    /// No errors: the plant as configured.
     pub fn none(topology: Topology) -> Self {
         let axles = topology.axle_count();
         Self {
@@ -60,7 +63,7 @@ impl PlantErrors {
         }
     }
 
-    /// Makes a plant this one.
+    /// Adds the errors to a plant of mean constants.
     pub fn apply(&self, plant: &mut PlantConfig) {
         for (drift, error) in plant.carpet_drift.iter_mut().zip(self.carpet_drift) {
             *drift += error;
@@ -81,7 +84,7 @@ impl PlantErrors {
 }
 
 impl Spread {
-    /// One robot's errors; the same numbers whatever the spread.
+    /// Draws one robot's errors; the spread only scales the random numbers.
     pub fn draw(&self, topology: Topology, random: &mut Pcg64) -> PlantErrors {
         self.errors(topology, |sigma| bounded(random, sigma))
     }

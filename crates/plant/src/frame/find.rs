@@ -1,4 +1,4 @@
-//! The equilibrium of given ends and curvatures, without one before it.
+//! Search for the equilibrium of a given end and curvatures, without a previous equilibrium.
 
 use super::*;
 
@@ -9,14 +9,14 @@ impl Strip {
         [end[0] * inverse, end[1] * inverse, end[2]]
     }
 
-    /// The equilibrium at `end` (m, m, rad; root frame) on the branch of a shape known by its
-    /// curvature (1/m) at some fractions of the length, and whether it is stable under a held end.
-    /// The angle of `end` is the whole turn of the strip, not wrapped. `None` if no equilibrium
-    /// can be reached from that shape.
+    /// Equilibrium at `end` (m, m, rad; root frame) on the branch of a shape given by its curvature (1/m) at fractions
+    /// of the length; the flag is true if the equilibrium is stable under a held end. The angle of `end` is the full
+    /// turn of the strip, not wrapped. `None` if no equilibrium can be reached from the shape.
     ///
-    /// Newton's method from the shape; if that leads to another one, from the exact elastica of these
-    /// curvatures; else by steps from the end that the shape itself has. An end nearer to a fold, where
-    /// a stable and an unstable shape meet, than the error of the series may have no shape.
+    /// Newton's method starts from the shape. If the method fails or finds another shape, it starts again from the
+    /// exact elastica of the curvatures. If both fail, the end moves in steps from the shape's own end to `end`. A fold
+    /// is where a stable and an unstable shape meet. An end nearer to a fold than the error of the series may have no
+    /// shape.
     pub fn find(
         &self,
         end: [f64; 3],
@@ -37,7 +37,7 @@ impl Strip {
             if deviation < OWN_BRANCH {
                 return Some((e, stable));
             }
-            // Near a fold two shapes share an end, and Newton's method may have found the other one.
+            // Near a fold two shapes share an end, and Newton's method may have found the other shape.
             return match self.start_of_exact(&start, fractions, curvature) {
                 Some((own, stable)) if self.deviation(&own, fractions, curvature) < deviation => {
                     Some((own, stable))
@@ -73,7 +73,7 @@ impl Strip {
         Some((e, stable))
     }
 
-    /// The equilibrium at the end in `start`, by Newton's method from the exact shape of these curvatures.
+    /// Equilibrium at the end in `start`, by Newton's method from the exact elastica of these curvatures.
     fn start_of_exact(
         &self,
         start: &Equilibrium,
@@ -116,7 +116,7 @@ impl Strip {
         Some((e, stable))
     }
 
-    /// Largest deviation of the curvature from that of a shape, as a share of the largest.
+    /// Largest deviation of the curvature from `curvature`, as a share of the largest curvature.
     fn deviation(&self, e: &Equilibrium, fractions: &[f64], curvature: &[f64]) -> f64 {
         let (mut deviation, mut largest) = (0.0f64, f64::MIN_POSITIVE);
         for (f, k) in fractions.iter().zip(curvature) {
@@ -127,7 +127,7 @@ impl Strip {
         deviation / largest
     }
 
-    /// Newton's method to rounding error.
+    /// Newton's method down to rounding error; true if the equilibrium is stable.
     fn converge(&self, e: &mut Equilibrium, longest: f64) -> Option<bool> {
         let mut travelled = 0.0;
         let mut last = f64::INFINITY;
@@ -186,8 +186,8 @@ impl Strip {
         }
     }
 
-    /// Load that best explains the curvatures on the shape in `e`, and the shape under that load:
-    /// curvature is linear in root moment and force once the positions are known.
+    /// Fits the load to the curvatures on the shape in `e` by least squares, and sets `e` to the shape under that load.
+    /// At known positions, curvature is linear in root moment and force.
     fn fit_load(&self, e: &mut Equilibrium, fractions: &[f64], curvature: &[f64]) {
         let mut normal = [[0.0; 3]; 3];
         let mut side = [0.0; 3];
@@ -202,7 +202,7 @@ impl Strip {
             }
         }
         for i in 1..3 {
-            // A nearly straight shape says nothing of the force along it.
+            // The curvatures of a nearly straight shape do not determine the force along it.
             normal[i][i] += 1e-8;
         }
         let Some([moment, fx, fy]) = elastica::solve(&normal, &side) else {

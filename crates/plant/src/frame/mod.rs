@@ -1,19 +1,19 @@
 //! The compliant frame: an extensible Kirchhoff rod in the plane, in quasi-static equilibrium.
 //!
 //! **Model.** Curvature is a Legendre series, κ(s) = Σ aᵢ Pᵢ(2s/L − 1), so that the slope θ(s) is
-//! known in closed form and a₀ = θ_end/L follows from the posture of the end. The rest, and the
-//! force F on the end, make stationary
+//! known in closed form and a₀ = θ_end/L follows from the posture of the end. The other coefficients,
+//! and the force F on the end, make stationary
 //!
 //! U = EI/2 ∫(κ − κₙ)² ds − ∫(F·t)²/(2 EA) ds − F·(∫t ds − X),  t = (cos θ, sin θ),
 //!
 //! X being the end's position in the root frame. Newton's method acts on the symmetric system of
-//! all unknowns, factored as LDLᵀ without pivoting. Two negative pivots, no more and no fewer, say
-//! that the equilibrium is stable. The end moment (1/L) ∂U/∂a₀ is second order in the error of a.
+//! all unknowns, factored as LDLᵀ without pivoting. The equilibrium is stable if exactly two pivots are
+//! negative. The end moment (1/L) ∂U/∂a₀ is second order in the error of a.
 //!
 //! **Frames and signs.** Root frame: x along the strip at its root, y to the left. The wrench
 //! (Fx, Fy, M_end) is what the environment exerts on the end; the bending moment is
 //! M(s) = M_root + Fx·y(s) − Fy·x(s) with M_root = M_end + x·Fy − y·Fx, positive when the strip
-//! bends left. The root support feels (+F, +M_root), the end support (−F, −M_end).
+//! bends left. The strip exerts (+F, +M_root) on the root support and (−F, −M_end) on the end support.
 //!
 //! Inside this module lengths are in L, forces in EI/L², moments in EI/L.
 
@@ -32,18 +32,18 @@ pub use station::{Station, Tangents};
 
 /// Unknowns: coefficients and two components of the force.
 const UNKNOWNS: usize = MODES + 2;
-/// Deviation of the curvature, as a share of the largest, up to which a shape is the one that was asked for.
+/// Largest deviation of the curvature, as a share of the largest curvature, of a shape on the requested branch.
 const OWN_BRANCH: f64 = 3e-3;
-/// Newton iterations of one solution.
+/// Largest number of Newton iterations of one solution.
 const ITERATIONS: u32 = 4;
-/// Error allowed in a force of unit size, for the estimate made from the last correction.
+/// Allowed error of a force of unit size, estimated from the last correction.
 const TOLERANCE: f64 = 1e-6;
-/// Largest slope correction in one step of the plant, rad: a longer jump is another branch.
+/// Largest slope correction in one step of the plant, rad: a larger correction leads to another branch.
 const LONGEST_JUMP: f64 = 0.05;
-/// The same where internal viscosity holds the shape back.
+/// Largest slope correction while internal viscosity holds the shape back, rad.
 const LONGEST_CREEP: f64 = 0.5;
 
-/// Elastic constants of the strip, and its shape when nothing acts on it.
+/// Elastic constants and unloaded shape of the strip.
 #[derive(Clone, Debug)]
 pub struct Strip {
     length: f64,
@@ -65,7 +65,7 @@ pub struct Equilibrium {
     moment: f64,
     /// Derivatives of the unknowns with respect to the end.
     sensitivity: [Column; 3],
-    /// Derivative of the wrench.
+    /// Derivative of the wrench with respect to the end.
     stiffness: [[f64; 3]; 3],
     /// Power dissipated by a unit internal viscosity, as a quadratic form of the end's rate.
     viscosity: [[f64; 3]; 3],
@@ -81,7 +81,7 @@ pub struct Shape {
     unknowns: Column,
 }
 
-/// Record of a solution.
+/// Result of a solution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solved {
     /// Factorisations used.
@@ -130,7 +130,7 @@ impl Strip {
         ]
     }
 
-    /// The strip with nothing acting on it.
+    /// Equilibrium of the unloaded strip.
     pub fn unloaded(&self) -> Equilibrium {
         let [x, y] = self.ends(&self.natural, 0.0);
         let mut equilibrium = Equilibrium {
@@ -147,8 +147,7 @@ impl Strip {
         equilibrium
     }
 
-    /// Force left wrong by a pair of corrections: their product is a length, the stiffness makes
-    /// it a force.
+    /// Force error left by a pair of corrections: their product is a length, which the stiffness turns into a force.
     #[inline(always)]
     fn remainder(e: &Equilibrium, first: f64, second: f64) -> f64 {
         let k = &e.stiffness;
@@ -201,10 +200,9 @@ impl Strip {
         None
     }
 
-    /// The equilibrium at `end` (m, m, rad; root frame), from the one in `e`. `bend` is the second
-    /// difference found by [`Self::near`] half-way, or zero: the start is extrapolated with it.
-    /// Returns `None`, with `e` at the new end but otherwise unchanged, if no stable equilibrium
-    /// is near.
+    /// Equilibrium at `end` (m, m, rad; root frame), followed from the equilibrium in `e`. The start is extrapolated
+    /// with `bend`, the second difference found by [`Self::near`] half-way, or zero. Returns `None`, with `e` at the
+    /// new end but otherwise unchanged, if no stable equilibrium is near.
     #[inline(always)]
     pub fn follow<V: Lanes>(
         &self,
@@ -226,7 +224,7 @@ impl Strip {
     }
 
     /// The incremental equilibrium at the end already in `e`, held back by internal viscosity.
-    /// `None` (and `e` unchanged but for its linearisation) if even that does not converge.
+    /// `None`, with only the linearisation of `e` changed, if this does not converge either.
     #[cold]
     #[inline(never)]
     pub fn creep(&self, e: &mut Equilibrium, ratio: f64) -> Option<Solved> {
@@ -250,8 +248,8 @@ impl Strip {
         self.newton::<Narrow>(e, None);
     }
 
-    /// Wrench at an `end` near that of `e` with the factors of `e`, and the departure of the
-    /// coefficients from the linear prediction. `None` if `end` is too far for that.
+    /// Wrench at an `end` near the end of `e`, with the factors of `e`, and the departure of the
+    /// coefficients from the linear prediction. `None` if `end` is too far.
     #[inline(always)]
     pub fn near<V: Lanes>(&self, e: &Equilibrium, end: [f64; 3]) -> Option<([f64; 3], Column)> {
         let end = self.scaled(end);
@@ -314,8 +312,8 @@ impl Strip {
     }
 
     /// Matrix V with Vẋ·ẋ = ∫ EI κ̇² ds + ∫ EA ε̇² ds for an end rate ẋ, SI units: symmetric and
-    /// never negative. It is the tangent stiffness without the part that the load contributes, so
-    /// damping in proportion to it takes energy out on any branch.
+    /// never negative. V is the tangent stiffness without the part that the load contributes, so
+    /// damping proportional to V dissipates energy on any branch.
     #[inline(always)]
     pub fn viscosity(&self, e: &Equilibrium) -> [[f64; 3]; 3] {
         self.in_si(&e.viscosity)
@@ -380,15 +378,15 @@ impl Strip {
     }
 
     /// Bending moment over EI (1/m) at arc length `s` (m), from the balance of moments: an order
-    /// of magnitude more accurate than the series. What a gauge bonded to the unloaded strip sees,
-    /// divided by the half thickness.
+    /// of magnitude more accurate than the series. Equals the strain of a gauge bonded to the unloaded
+    /// strip, divided by the half thickness.
     pub fn elastic_curvature(&self, e: &Equilibrium, s: f64) -> f64 {
         let [x, y, _] = self.point(e, s);
         let [fx, fy, _] = self.wrench(e);
         (self.root_moment(e) + fx * y - fy * x) / self.bending
     }
 
-    /// The same by the series, which also holds while the strip snaps.
+    /// Elastic curvature (1/m) by the series, which is also valid while the strip snaps through.
     pub fn series_curvature(&self, e: &Equilibrium, s: f64) -> f64 {
         let xi = 2.0 * (s / self.length).clamp(0.0, 1.0) - 1.0;
         let mut k = e.end[2];
@@ -405,7 +403,7 @@ fn gauss() -> impl Iterator<Item = (f64, f64)> {
 }
 
 impl Equilibrium {
-    /// The unknowns at a nearby end (units of the strip), to first order.
+    /// Unknowns at a nearby end (units of the strip), to first order.
     #[inline(always)]
     fn ahead<V: Lanes>(&self, end: &[f64; 3]) -> Twelve<V> {
         let mut z = self.unknowns.load();

@@ -1,8 +1,8 @@
 //! Newton's method on the frame's equations: the inner loop of the simulation.
 //!
-//! Written on four lanes. Unknowns stand in a [`Column`]: coefficients with even slope functions,
-//! those with odd ones, the force. Rows of the symmetric system are three groups of four alike; the
-//! last holds the columns of the force and, in its two free lanes, two right-hand sides.
+//! The code works on four lanes. A [`Column`] holds the unknowns: the coefficients with even slope functions,
+//! the coefficients with odd slope functions, the force. A row of the symmetric system has the same three groups of
+//! four; its last group holds the columns of the force and, in the two free lanes, two right-hand sides.
 
 use super::super::lanes::{Lanes, Twelve};
 use super::super::legendre::{
@@ -12,9 +12,9 @@ use super::super::sincos::sin_cos;
 use super::{Equilibrium, Strip, UNKNOWNS};
 use std::ops::{Index, IndexMut};
 
-/// Place of the force along x among the unknowns.
+/// Index of the force along x among the unknowns.
 const X: usize = MODES;
-/// Place of the force along y.
+/// Index of the force along y among the unknowns.
 const Y: usize = MODES + 1;
 
 /// A number for each unknown, in groups of four; the last two places are zero.
@@ -41,13 +41,13 @@ impl Column {
     /// No change of any unknown.
     pub const ZERO: Self = Self([[0.0; 4]; 3]);
 
-    /// In lanes.
+    /// Loads the column into lanes.
     #[inline(always)]
     pub fn load<V: Lanes>(&self) -> Twelve<V> {
         Twelve::load(&self.0)
     }
 
-    /// From lanes.
+    /// Column from lanes.
     #[inline(always)]
     pub fn store<V: Lanes>(v: Twelve<V>) -> Self {
         Self(v.store())
@@ -55,7 +55,7 @@ impl Column {
 }
 
 /// Internal viscosity that holds the shape back while the strip snaps from one branch to another:
-/// bending strain pays `ratio` = τ/h times its stiffness for each departure from `from`.
+/// a departure of the bending strain from `from` meets `ratio` = τ/h times its stiffness.
 #[derive(Clone, Copy)]
 pub(super) struct Viscous<'a> {
     pub ratio: f64,
@@ -94,8 +94,8 @@ impl Factor {
         }
         forward!(0 1 2 3 4 5 6 7 8);
         let y = Column::store(Twelve(r) * self.reciprocal.load());
-        // Unknown by unknown from the last: the last one found is taken away last, so that each
-        // waits for one product only.
+        // Unknown by unknown from the last. The unknown found last is subtracted last, so that each unknown waits for
+        // one product only.
         let mut x = Column::ZERO;
         macro_rules! backward {
             ($($k:literal)+) => {
@@ -119,7 +119,7 @@ pub(super) struct Points<V> {
     pub cos: Twelve<V>,
     /// Force along the strip.
     pub tension: Twelve<V>,
-    /// Force across it.
+    /// Force across the strip.
     pub shear: Twelve<V>,
     /// Weight times length over unstrained length.
     pub length: Twelve<V>,
@@ -193,8 +193,8 @@ impl Strip {
         out
     }
 
-    /// One Newton correction at `e.unknowns` for `e.end`, applied, with the linearisation left in
-    /// `e`. Returns the size of the change of the coefficients.
+    /// Applies one Newton correction at `e.unknowns` for `e.end` and leaves the linearisation in `e`. Returns the size
+    /// of the change of the coefficients.
     #[inline(always)]
     #[expect(clippy::too_many_lines, reason = "one formula")]
     pub(super) fn newton<V: Lanes>(&self, e: &mut Equilibrium, viscous: Option<Viscous>) -> f64 {
@@ -330,7 +330,7 @@ impl Strip {
         norm(correction)
     }
 
-    /// One correction of `z` with the factors in `e`. Returns its size and the end moment.
+    /// One correction of `z` with the factors in `e`. Returns the size of the correction and the end moment.
     #[inline(always)]
     pub(super) fn polish<V: Lanes>(
         &self,
@@ -389,7 +389,7 @@ fn slopes<V: Lanes>(k: usize, g: usize) -> V {
 }
 
 /// Factors the system in `a` and solves it for a unit of each coordinate of the end and for the
-/// correction. Returns these four solutions, and the products of `coupling` with each.
+/// correction. Returns the four solutions, and the product of `coupling` with each solution.
 #[inline(always)]
 fn factor<V: Lanes>(
     factor: &mut Factor,
@@ -457,7 +457,7 @@ fn factor<V: Lanes>(
             $({
                 let row = &factor.row[$k];
                 let mut v = scaled[$k] - V::splat(row[X]) * x - V::splat(row[Y]) * y;
-                // What was found last is taken away last.
+                // The unknown found last is subtracted last.
                 for j in (($k + 1)..MODES).rev() {
                     v = v - V::splat(row[j]) * s[j];
                 }
@@ -482,7 +482,7 @@ fn factor<V: Lanes>(
     )
 }
 
-/// Quadratic form of the end's rate that the viscosity of the strip dissipates.
+/// Power dissipated by a unit viscosity of the strip, as a quadratic form of the end's rate.
 #[inline(always)]
 fn dissipation<V: Lanes>(
     [x, y, turn]: &[Twelve<V>; 3],
@@ -499,7 +499,7 @@ fn dissipation<V: Lanes>(
     v[0] = V::sums([a[0] + a[1], b[0] + b[1], c[0] + c[1], d[0] + d[1]]).store();
     let (a, b) = ((wy * *turn).0, (wt * *turn).0);
     v[1] = V::sums([a[0] + a[1], b[0] + b[1], none, none]).store();
-    // Of the axial force.
+    // Part of the axial force.
     let (mut ax, mut ay) = ([0.0; 3], [0.0; 3]);
     for n in 0..3 {
         ax[n] = xx * fx[n] + xy * fy[n];

@@ -1,27 +1,27 @@
-//! Places along the strip with repeated queries of position and curvature.
+//! Prepared places along the strip, for repeated queries of position and curvature.
 
 use super::super::lanes::{Lanes, Narrow, Twelve};
 use super::super::legendre::{LANES, MODE, MODES, NODES, ORDER, POINTS, Strand, WEIGHTS};
 use super::super::legendre::{polynomial, slope};
 use super::{Equilibrium, Strip};
 
-/// A place along the strip, prepared: integrals from the root to it are sums over the same twelve
-/// nodes, with other weights (those of the polynomial through the nodes).
+/// Prepared place along the strip. Integrals from the root to the place are sums over the same twelve
+/// nodes, with the weights of the polynomial through the nodes.
 #[derive(Clone, Copy, Debug)]
 pub struct Station {
     weights: Strand,
-    /// Curvature polynomials there, in the order of [`MODE`].
+    /// Curvature polynomials at the place, in the order of [`MODE`].
     curvature: [f64; MODES],
 }
 
-/// Unit tangents at the nodes, strained, of the strip as it is.
+/// Tangents of the strip at the nodes, each as long as the stretch of the strip there.
 pub struct Tangents {
     x: Twelve<Narrow>,
     y: Twelve<Narrow>,
 }
 
 impl Strip {
-    /// The place at arc length `s` (m, clamped to the strip).
+    /// Prepares the place at arc length `s` (m, clamped to the strip).
     pub fn station(&self, s: f64) -> Station {
         let xi = 2.0 * (s / self.length).clamp(0.0, 1.0) - 1.0;
         let mut weights = [[0.0; 4]; 3];
@@ -40,7 +40,7 @@ impl Strip {
         }
     }
 
-    /// Tangents, from which positions along the strip follow.
+    /// Tangents of an equilibrium, from which positions along the strip follow.
     pub fn tangents(&self, e: &Equilibrium) -> Tangents {
         let p = self.points::<Narrow>(&e.unknowns, e.end[2]);
         let stretch = Twelve([Narrow::splat(1.0); 3]) + p.tension * Narrow::splat(self.stretch);
@@ -57,7 +57,7 @@ impl Strip {
         [tangents.x, tangents.y].map(|t| self.length * (weights * t).folded().sum())
     }
 
-    /// As [`Strip::elastic_curvature`], 1/m.
+    /// [`Strip::elastic_curvature`] at a prepared place, 1/m.
     #[inline]
     pub fn curvature_at(&self, e: &Equilibrium, tangents: &Tangents, station: &Station) -> f64 {
         let [x, y] = self.position(tangents, station);
@@ -65,7 +65,7 @@ impl Strip {
         (self.root_moment(e) + fx * y - fy * x) / self.bending
     }
 
-    /// As [`Strip::series_curvature`], 1/m.
+    /// [`Strip::series_curvature`] at a prepared place, 1/m.
     pub fn series_curvature_at(&self, e: &Equilibrium, station: &Station) -> f64 {
         let mut k = e.end[2];
         for i in 0..ORDER - 1 {

@@ -1,4 +1,4 @@
-//! One frame of the robot: the strip in its clamps, and its forces as they are now.
+//! One frame of the robot: the strip in its clamps, and its present forces.
 
 use super::CREEP;
 use crate::config::PlantConfig;
@@ -17,21 +17,21 @@ pub struct Frame {
     step: f64,
     pub equilibrium: Equilibrium,
     bend: Column,
-    /// The strip is between two branches, held back by internal viscosity.
+    /// True if the strip is between two branches, held back by internal viscosity.
     pub creeping: bool,
-    /// Broken in two.
+    /// True if the frame is broken in two.
     pub snapped: bool,
     pub geometry: Geometry,
     pub stiffness: Mat3,
     viscosity: Mat3,
     /// Elastic wrench on the strip's end.
     pub elastic: Vec3,
-    /// With damping.
+    /// Elastic wrench plus damping.
     pub total: Vec3,
 }
 
 impl Frame {
-    /// Unloaded, from checked constants, for steps of this length (s).
+    /// Unloaded frame from checked constants; `step` is the length of a step, s.
     pub fn new(config: &PlantConfig, step: f64) -> Self {
         let strip = Strip::new(
             config.strip_length_m,
@@ -59,14 +59,14 @@ impl Frame {
         }
     }
 
-    /// Unloaded, wherever the axles are.
+    /// Unloads the frame, whatever the postures of the axles.
     pub fn unload(&mut self) {
         self.equilibrium = self.strip.unloaded();
         self.bend = Column::ZERO;
         self.creeping = false;
     }
 
-    /// Geometry from the postures and directions of the axles, front and rear.
+    /// Updates the geometry from the postures and directions of the axles, front and rear.
     #[inline(always)]
     pub fn locate(&mut self, postures: [&Vec3; 2], [front, rear]: [[f64; 2]; 2]) {
         let [f, r] = postures;
@@ -78,15 +78,14 @@ impl Frame {
         self.geometry = Geometry::new(&self.clamps, [front, rear], position, turn);
     }
 
-    /// The strip's end in the strip's root frame, in a geometry in which the front axle has turned by `turn` from the
-    /// rear one.
+    /// The strip's end in the strip's root frame, for a geometry and a turn of the front axle from the rear axle.
     #[inline(always)]
     pub fn end(&self, geometry: &Geometry, turn: f64) -> Vec3 {
         let [x, y] = geometry.end;
         [x - self.clamps.root_length, y, turn]
     }
 
-    /// Wrench and stiffness as they are now.
+    /// Updates wrench and stiffness.
     #[inline(always)]
     pub fn linearise(&mut self, velocities: &[Vec3; 2]) {
         if self.snapped {
@@ -100,7 +99,7 @@ impl Frame {
         self.total = self.damped(&self.elastic, &self.geometry.rate(velocities));
     }
 
-    /// An elastic wrench with the damping at a rate of the end.
+    /// Elastic wrench plus the damping at a rate of the end.
     #[inline(always)]
     pub fn damped(&self, elastic: &Vec3, rate: &Vec3) -> Vec3 {
         add(elastic, self.damping, &times(&self.viscosity, rate))
@@ -119,8 +118,8 @@ impl Frame {
         response
     }
 
-    /// Elastic wrench at an end near the present one; if it cannot be found there, its tangent
-    /// under `force`, or nothing.
+    /// Elastic wrench at an end near the present end. If the wrench is not found, its linear prediction with `force`,
+    /// else `None`.
     #[inline(always)]
     pub fn wrench_near<V: Lanes>(
         &mut self,
@@ -145,8 +144,8 @@ impl Frame {
         Some(self.strip.linear_wrench(&self.equilibrium, end))
     }
 
-    /// Finds the equilibrium at an end after a part `h` (s) of a step. If there is none near, either the part was too
-    /// long (the result is false), or, under `force`, the strip snaps through, slowly.
+    /// Finds the equilibrium at an end after a part `h` (s) of a step. If no equilibrium is near, gives false, so that
+    /// the part can be shortened; with `force` the strip snaps through under internal viscosity instead.
     #[inline(always)]
     pub fn settle<V: Lanes>(
         &mut self,
@@ -190,7 +189,7 @@ impl Frame {
         self.strip.restore(&mut self.equilibrium, shape);
     }
 
-    /// A wrench on the strip's end as the frame's wrench on its axles.
+    /// Converts a wrench on the strip's end to the frame's wrench on its axles.
     pub fn on_axles(&self, wrench: &Vec3) -> Wrench {
         let [front, rear] = self.geometry.transpose(wrench);
         Wrench {

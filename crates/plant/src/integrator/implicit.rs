@@ -20,9 +20,9 @@ pub struct Implicit<V, const N: usize, const F: usize, const G: usize> {
     frame: [Mat3; F],
     /// Inverse of each block on the diagonal, after elimination.
     pivot: [Mat3; F],
-    /// Block before the diagonal, times the pivot of the frame ahead; of the first frame unused.
+    /// Block before the diagonal, times the pivot of the frame ahead; unused for the first frame.
     before: [Mat3; F],
-    /// Block behind the diagonal; of the last frame unused.
+    /// Block behind the diagonal; unused for the last frame.
     behind: [Mat3; F],
 }
 
@@ -95,7 +95,7 @@ impl<V: Lanes, const N: usize, const F: usize, const G: usize> Implicit<V, N, F,
         }
     }
 
-    /// Change of the axles' velocities for the loads `b`, which hold the frames' wrenches.
+    /// Change of the axles' velocities for the loads `b`, which include the frames' wrenches.
     #[inline(always)]
     pub fn solve(&self, geometry: &[Geometry; F], b: &[Vec3; N]) -> [Vec3; N] {
         let mut change = *b;

@@ -1,5 +1,5 @@
 //! Faults and variants of a [`Plant`], and its readings: postures, wrenches, gauges, outlines of the
-//! frames, energy. Axles and frames count from 0 at the front.
+//! frames, energy. Axles and frames are numbered from 0 at the front.
 
 use super::frame::Frame;
 use super::{Plant, linearise, of_group};
@@ -10,17 +10,17 @@ use crate::loads::check_payload;
 use crate::state::{AxleState, Health, Wrench};
 use declare::ConfigError;
 
-/// Places along a frame, prepared by [`Plant::outline`].
+/// Prepared places along a frame, from [`Plant::outline`].
 #[derive(Clone, Debug)]
 pub struct Outline {
     frame: usize,
-    /// On the strip, and how far beyond it (m).
+    /// Place on the strip, and distance beyond the strip (m).
     places: Vec<(Station, f64)>,
 }
 
 impl PlantConfig {
-    /// The plant of a robot with so many axles, 2 to [`MAX_AXLES`](crate::MAX_AXLES), at rest at the origin. Every
-    /// constant is checked here; after that nothing fails.
+    /// The plant of a robot with `axles` axles, 2 to [`MAX_AXLES`](crate::MAX_AXLES), at rest at the origin. Checks
+    /// every constant; the plant cannot fail afterwards.
     pub fn build(&self, axles: usize) -> Result<Plant, ConfigError> {
         self.check()?;
         let config = self.for_axles(axles)?;
@@ -30,18 +30,18 @@ impl PlantConfig {
 }
 
 impl Plant {
-    /// Lifts a wheel (side 0 left, 1 right) of an axle off the ground for good.
+    /// Lifts a wheel (side 0 left, 1 right) of an axle off the ground permanently.
     pub fn lift_wheel(&mut self, axle: usize, side: usize) {
         self.groups[axle / 2].wheels.lift(2 * (axle % 2) + side);
     }
 
-    /// Breaks a frame in two for good: it exerts nothing and is not bent.
+    /// Breaks a frame in two permanently: its wrench and its curvature are zero.
     pub fn snap_frame(&mut self, frame: usize) {
         self.frames[frame].snapped = true;
         linearise(&self.axles, &mut self.frames);
     }
 
-    /// Copy computed without vector instructions; its results must be the same.
+    /// Copy computed without vector instructions; its results must be identical.
     pub fn portable(&self) -> Self {
         Self {
             #[cfg(target_arch = "x86_64")]
@@ -103,14 +103,14 @@ impl Plant {
         frame.on_axles(&frame.total)
     }
 
-    /// Elastic part of [`Self::wrench`], which the strains show.
+    /// Elastic part of [`Self::wrench`], which the gauges measure.
     pub fn elastic_wrench(&self, frame: usize) -> Wrench {
         let frame = &self.frames[frame];
         frame.on_axles(&frame.elastic)
     }
 
-    /// Elastic curvature of a frame's strip (1/m) at arc length `s` (m) from its root: what a gauge
-    /// bonded to the unloaded strip sees, divided by the half thickness. Positive: bent left.
+    /// Elastic curvature of a frame's strip (1/m) at arc length `s` (m) from its root: the strain of a gauge
+    /// bonded to the unloaded strip, divided by the half thickness. Positive if bent left.
     pub fn curvature(&self, frame: usize, s: f64) -> f64 {
         let frame = &self.frames[frame];
         match frame.creeping {
@@ -120,12 +120,12 @@ impl Plant {
         }
     }
 
-    /// The place of a gauge at arc length `s` (m, clamped to the strip) of a frame, for [`Self::gauges`].
+    /// Prepared place of a gauge at arc length `s` (m, clamped to the strip) of a frame, for [`Self::gauges`].
     pub fn gauge(&self, frame: usize, s: f64) -> Station {
         self.frames[frame].strip.station(s)
     }
 
-    /// Elastic curvature (1/m) at each gauge of a frame: [`Self::curvature`] by the same nodes for all.
+    /// Elastic curvature (1/m) at each gauge of a frame: [`Self::curvature`] with nodes shared by all gauges.
     pub fn gauges(&self, frame: usize, stations: &[Station], mut visit: impl FnMut(usize, f64)) {
         let Frame {
             strip,
@@ -150,7 +150,7 @@ impl Plant {
         }
     }
 
-    /// `points` places along a frame, evenly from the axle behind to the axle ahead, for [`Self::draw`].
+    /// `points` places along a frame, at equal steps from the axle behind to the axle ahead, for [`Self::draw`].
     pub fn outline(&self, frame: usize, points: usize) -> Outline {
         let Frame { strip, clamps, .. } = &self.frames[frame];
         let (length, root) = (strip.length(), clamps.root_length);

@@ -1,9 +1,9 @@
 use super::*;
 use crate::drive::NORMAL;
 
-/// A middle axle without wheels on the ground and almost without mass joins two frames to one of the whole length.
+/// A middle axle without mass or ground contact joins two frames into one frame of twice the length.
 #[test]
-fn two_frames_with_a_free_middle_move_as_one_of_the_whole_length() {
+fn two_frames_with_a_free_middle_axle_move_as_one_long_frame() {
     let whole = PlantConfig {
         sensing_mass_kg: 0.0,
         natural_slope_rad: 0.0,
@@ -38,7 +38,7 @@ fn two_frames_with_a_free_middle_move_as_one_of_the_whole_length() {
     assert!(worst < 2e-4, "{worst}");
 }
 
-/// Constants that differ from axle to axle and from wheel to wheel, with everything that the plant has.
+/// Constants that differ from axle to axle and from wheel to wheel, with every imperfection of the plant.
 fn imperfect(axles: usize) -> PlantConfig {
     let wheels = |first: f64, step: f64| {
         let both = |i: usize| [first + step * i as f64, first - step * (i as f64 + 0.5)];
@@ -86,7 +86,7 @@ fn weight(plant: &Plant) -> f64 {
 }
 
 #[test]
-fn a_chain_with_crooked_clamps_is_placed_without_force_where_it_is_wanted() {
+fn chain_with_angled_clamps_is_placed_without_force_at_its_posture() {
     for axles in 2..=MAX_AXLES {
         let config = PlantConfig {
             clamp_angle_root_rad: 0.1,
@@ -110,7 +110,7 @@ fn a_chain_with_crooked_clamps_is_placed_without_force_where_it_is_wanted() {
                 .max(wrench.force[1].abs())
                 .max(wrench.root_moment.abs());
             assert!(most < 1e-5, "{axles} axles, frame {frame}: {wrench:?}");
-            // The angle between neighbours is that of the clamps.
+            // The angle between neighbouring axles follows from the clamps.
             assert!((plant.relative_posture(frame)[2] - 0.15).abs() < 1e-9);
         }
         (0..100).for_each(|_| plant.step(&[]));
@@ -119,7 +119,7 @@ fn a_chain_with_crooked_clamps_is_placed_without_force_where_it_is_wanted() {
 }
 
 #[test]
-fn a_chain_steps_alike_with_and_without_vector_instructions_and_bears_its_weight() {
+fn chain_is_bit_identical_without_vector_instructions_and_loads_sum_to_weight() {
     for axles in 2..=MAX_AXLES {
         let mut fast = imperfect(axles).build(axles).unwrap();
         let mut plain = fast.portable();
@@ -164,7 +164,8 @@ fn dense(mut a: Vec<Vec<f64>>, mut b: Vec<f64>) -> Vec<f64> {
     b
 }
 
-/// Compares the solution with that of (M + h·D + Jᵀ·K·J)·x = h·b. A column of J is the frame's rate for a unit velocity.
+/// Compares the solution with the solution of the whole system (M + h·D + Jᵀ·K·J)·x = h·b. A column of J is the frame's
+/// rate for a unit velocity.
 fn solution_is_that_of_the_whole_system<const N: usize, const F: usize, const G: usize>() {
     let mut plant = PlantConfig::default().build(N).unwrap();
     for k in 0..700 {
@@ -233,7 +234,7 @@ fn elimination_of_the_frames_solves_the_whole_system() {
     solution_is_that_of_the_whole_system::<5, 4, 3>();
 }
 
-/// Soft strips that the tyres can buckle: while one frame creeps, another one makes parts of steps be given up.
+/// Soft strips that the tyres can buckle: while one frame creeps, another frame causes rejected parts of steps.
 #[test]
 fn chains_snap_through_without_failure_and_keep_their_energy_bounded() {
     let config = PlantConfig {
@@ -255,7 +256,7 @@ fn chains_snap_through_without_failure_and_keep_their_energy_bounded() {
                     .map(|i| [wave(2 * i, t), wave(2 * i + 1, t)])
                     .collect();
                 plant.step(&torque);
-                // Wheels at no-load speed, axles at the speed that goes with it: 6.5 J an axle.
+                // Wheels at no-load speed, axles at the corresponding speed: 6.5 J per axle.
                 assert!(
                     plant.energy() < 30.0 * axles as f64,
                     "{axles} axles, drive {n}"

@@ -1,4 +1,4 @@
-//! Puts a fault into what passes between the plant and the boards.
+//! Fault injection between the plant and the boards.
 
 use crate::world::faults::{Fault, Rail, Wheel};
 use core_algos::beam::MAX_GAUGES;
@@ -7,7 +7,7 @@ use core_algos::node::board::Samples;
 use core_algos::safety::Conditions;
 use core_algos::topology::{Role, Wheels};
 
-/// Ticks a board's slow clock has lost.
+/// Lag of a board's slow clock, ticks.
 pub type Drift = u32;
 
 /// Samples of the boards at a tick.
@@ -20,7 +20,7 @@ pub struct Readings {
 }
 
 impl Readings {
-    /// In the order of [`core_algos::topology::Topology::boards`].
+    /// Samples in the order of [`core_algos::topology::Topology::boards`].
     pub fn samples(&self) -> impl Iterator<Item = Samples> {
         let axles = self.axles.iter().copied().map(Samples::Axle);
         let frames = self.frames.iter();
@@ -28,19 +28,19 @@ impl Readings {
     }
 }
 
-/// A fault from a time on.
+/// Injects a fault from one tick onwards.
 #[derive(Clone, Debug)]
 pub struct Injector {
     fault: Fault,
     /// First tick of the fault.
     at: u32,
     full_scale: i32,
-    /// Latest readings without the fault.
+    /// Last readings before the fault.
     held: Readings,
 }
 
 impl Injector {
-    /// `full_scale` is the largest count of the beam's converter, `held` the latest readings.
+    /// `full_scale` is the largest count of the beam's converter, `held` the last readings before the fault.
     pub fn new(fault: Fault, at: u32, full_scale: i32, held: Readings) -> Self {
         Self {
             fault,
@@ -55,7 +55,7 @@ impl Injector {
         (&self.fault, self.at)
     }
 
-    /// Changes what the boards read at a tick.
+    /// Applies the fault to the boards' readings at a tick.
     pub fn readings(&mut self, tick: u32, readings: &mut Readings) {
         let Some(since) = tick.checked_sub(self.at) else {
             self.held.axles.clone_from(&readings.axles);
@@ -120,7 +120,8 @@ impl Injector {
         }
     }
 
-    /// Changes what the motors give at a tick; `wanted` is what the boards commanded.
+    /// Applies the fault to the wheel torques at a tick. `wanted` holds the commanded torques, N m, and becomes the
+    /// torques of the motors.
     pub fn torque(&self, tick: u32, wanted: &mut [[f64; 2]]) {
         if tick < self.at {
             return;
@@ -130,7 +131,7 @@ impl Injector {
                 wheel: Wheel { axle, side },
                 share,
             } => wanted[axle][side as usize] *= share,
-            // A board that has switched off its bridges has both commands at exactly zero.
+            // A board with its motor bridges off has both commands at exactly zero.
             Fault::MotorStuckOn {
                 wheel: Wheel { axle, side },
                 torque_n_m,
@@ -154,7 +155,7 @@ impl Injector {
         self.fault == Fault::FrameSnapped && tick == self.at
     }
 
-    /// True if a board stands still at this tick.
+    /// True if a board does not run at this tick.
     pub fn frozen(&self, role: Role, tick: u32) -> bool {
         match self.fault {
             Fault::Freeze { board, ms } if board == role => {

@@ -1,6 +1,7 @@
-//! Faults put in at the seams of a simulated robot: sensors, motors, frame, bus, boards.
+//! Faults injected at the interfaces of a simulated robot: sensors, motors, frame, bus, boards.
 //!
-//! [`Injector`] puts them in; the catalogue (`virtual_robot::faults` in the crate `remote`) says how a run with each may end.
+//! [`Injector`] applies a fault; the catalogue (`virtual_robot::faults` in the crate `remote`) lists the allowed ends
+//! of a run with each fault.
 
 mod inject;
 
@@ -22,20 +23,20 @@ pub struct Wheel {
 /// End of a converter's range.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rail {
-    /// 0.
+    /// Count 0.
     Zero,
     /// Full scale.
     FullScale,
 }
 
-/// Fault. Axles count from 0 at the front. Gauges are those of the first frame and count from 0 at the root.
+/// Fault. Axles are numbered from 0 at the front. Gauges are those of the first frame, numbered from 0 at the root.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
-    /// No fault: the campaign's own check.
+    /// No fault: control of the campaign.
     None,
-    /// The bus has these properties.
+    /// Bus with the given properties.
     Bus(BusConfig),
-    /// A board loses its supply and starts again.
+    /// A board loses its supply and restarts.
     Reset {
         /// Board.
         board: Role,
@@ -44,30 +45,30 @@ pub enum Fault {
     },
     /// A board loses its supply for good.
     Loss(Role),
-    /// A board stands still, its outputs unchanged, and goes on.
+    /// A board stops running with its outputs held, then continues.
     Freeze {
         /// Board.
         board: Role,
-        /// Time that it stands still, ms.
+        /// Duration of the stop, ms.
         ms: u32,
     },
     /// A board's clock is slow.
     SlowClock {
         /// Board.
         board: Role,
-        /// One tick in so many is missing.
+        /// One tick is missing in each period of so many ticks.
         period: u32,
     },
-    /// Bridges read a rail.
+    /// Bridges read an end of the converter's range.
     GaugeRail {
         /// Number of bridges, from the root.
         count: usize,
-        /// Rail.
+        /// End of the range.
         rail: Rail,
     },
     /// A bridge repeats its last reading.
     GaugeStuck(usize),
-    /// Readings of the bridges are shifted by these counts.
+    /// Bridge readings are shifted by the given counts.
     GaugesShifted([i32; 5]),
     /// A bridge's reading drifts.
     GaugeDrift {
@@ -85,7 +86,7 @@ pub enum Fault {
         /// Counts of each jump.
         counts: i32,
     },
-    /// The encoders of an axle are exchanged.
+    /// The encoders of an axle are swapped.
     EncodersSwapped(usize),
     /// An encoder gives no reading.
     EncoderMissing(Wheel),
@@ -100,14 +101,14 @@ pub enum Fault {
     },
     /// The accelerometer of an axle gives no reading.
     AccelerometerMissing(usize),
-    /// A motor gives a share of its torque.
+    /// A motor gives a fixed share of the commanded torque.
     MotorWeak {
         /// Wheel.
         wheel: Wheel,
         /// Share of the torque, 0 to 1.
         share: f64,
     },
-    /// A motor gives a constant torque while its bridge is on.
+    /// A motor gives a constant torque while its motor bridge is on.
     MotorStuckOn {
         /// Wheel.
         wheel: Wheel,
@@ -116,7 +117,7 @@ pub enum Fault {
     },
     /// A wheel does not touch the ground.
     WheelLifted(Wheel),
-    /// The first frame is in two pieces.
+    /// The first frame is broken in two.
     FrameSnapped,
     /// The drivers of an axle report a condition.
     Reported {
@@ -124,7 +125,7 @@ pub enum Fault {
         axle: usize,
         /// Condition.
         condition: Condition,
-        /// Duration, ms; 0: for good.
+        /// Duration, ms; 0 means permanent.
         ms: u32,
     },
 }

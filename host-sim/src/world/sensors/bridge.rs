@@ -17,13 +17,13 @@ table! {
     /// Strain bridges: gauges, amplifier and converter.
     ///
     /// `counts = round(gauge_factor·active_gauges/4·strain·amplifier_gain·2^bits)`, zero at mid-scale
-    /// and saturated at ±2^(bits−1). The bridge is fed from the converter's reference, so the supply
-    /// drops out. `strain` is that of the outer fibre at the gauge's true place, with gain error,
+    /// and saturated at ±2^(bits−1). The bridge is fed from the converter's reference, so the supply voltage
+    /// cancels. `strain` is the strain of the outer fibre at the gauge's true position, with gain error,
     /// offset, drift and noise, behind the amplifier's low-pass filter.
     pub struct BridgeConfig {
         /// Relative resistance change over strain.
         pub gauge_factor: f64 = 2.1, "": Positive;
-        /// Gauges of the bridge that see the strain: 1, 2 (one on each face) or 4 (two on each face).
+        /// Active gauges of the bridge: 1, 2 (one on each face) or 4 (two on each face).
         pub active_gauges: u32 = 4, "": OneOf(&[1.0, 2.0, 4.0]);
         /// Gain of the amplifier.
         pub amplifier_gain: f64 = 60.0, "": Positive;
@@ -33,53 +33,51 @@ table! {
         pub converter_bits: u32 = 14, "": Range(2.0, 24.0);
         /// Noise at the converter as strain, rms at the sample rate.
         pub noise_strain: f64 = 0.7e-6, "strain": NonNegative;
-        /// Largest integral nonlinearity of the chip's converter, in counts of its 4096; the curve is drawn. STM32F405:
-        /// 1.5 typically, 3 at most.
+        /// Largest integral nonlinearity of the chip's converter, in counts of its 4096; each frame draws its curve.
+        /// STM32F405: 1.5 typically, 3 at most.
         pub nonlinearity_counts: f64 = 0.0, "counts": Range(0.0, 10.0);
         /// Relative standard deviation of each bridge's gain.
         pub gain_sigma: f64 = 3e-3, "": Range(0.0, SMALL);
-        /// Relative standard deviation of the gain error that all bridges share. 1 to 2 %: foil and
-        /// glue stand 40 to 60 µm off a half thickness of 0.5 mm, which a lot has alike, and the strip's
-        /// thickness is known to 2 %.
+        /// Relative standard deviation of the gain error common to all bridges, 1 to 2 %. Foil and glue add
+        /// 40 to 60 µm to a half thickness of 0.5 mm, alike within a lot, and the strip's thickness is known to 2 %.
         pub common_gain_sigma: f64 = 0.0, "": Range(0.0, SMALL);
         /// Standard deviation of each bridge's unbalance before zeroing.
         pub offset_sigma_strain: f64 = 200e-6, "strain": NonNegative;
         /// Standard deviation of each bridge's change from zeroing to the start of a trial.
         pub drift_sigma_strain: f64 = 1e-6, "strain": NonNegative;
-        /// Standard deviation of the error that all bridges share after zeroing: that of the edge
-        /// against which the frame is held (strain = angle·half thickness/length).
+        /// Standard deviation of the error common to all bridges after zeroing: bulge of the edge against which
+        /// the frame is held (strain = angle·half thickness/length).
         pub common_sigma_strain: f64 = 1e-6, "strain": NonNegative;
         /// Random walk of each bridge during a trial.
         pub drift_walk_strain: f64 = 0.05e-6, "strain/√s": NonNegative;
-        /// Nominal places of the gauges along the strip, from its root; at most eight.
+        /// Nominal positions of the gauges along the strip, from its root; at most eight.
         pub gauges_m: Vec<f64> = strip::Config::default().gauges_m.iter().map(f64::from).collect(), "m": NonNegative;
-        /// Standard deviation of each gauge's place along the strip.
+        /// Standard deviation of each gauge's position along the strip.
         pub position_sigma_m: f64 = 0.3e-3, "m": NonNegative;
-        /// Share of a sustained strain that a gauge loses in the end, as its adhesive and carrier creep.
+        /// Final share of a sustained strain that a gauge loses by creep of its adhesive and carrier.
         pub creep_share: f64 = 0.0, "": Range(-0.05, 0.05);
         /// Standard deviation of that share, the same for all gauges of a robot.
         pub creep_sigma: f64 = 0.0, "": Range(0.0, SMALL);
         /// Time constant of the creep.
         pub creep_time_s: f64 = 60.0, "s": Positive;
-        /// Rise of the gauges' temperature since zeroing, in the end.
+        /// Final rise of the gauges' temperature since zeroing.
         pub warming_k: f64 = 0.0, "K": Range(-100.0, 100.0);
         /// Time constant of the warming.
         pub warming_time_s: f64 = 600.0, "s": Positive;
-        /// Standard deviation of what each bridge's zero moves by for a rise of 1 K:
-        /// 0.5 to 1 µε for half bridges.
+        /// Standard deviation of each bridge's zero shift for a rise of 1 K: 0.5 to 1 µε for half bridges.
         pub zero_per_k_sigma_strain: f64 = 0.2e-6, "strain/K": NonNegative;
         /// Relative change of all gains for a rise of 1 K.
         pub gain_per_k: f64 = 1e-4, "1/K": Range(-1e-3, 1e-3);
         /// Distance of the gauges from the strip's neutral axis.
-        // As single precision has it, so that figures of earlier versions stay to the bit.
+        // Rounded to f32, so that results recorded with an f32 field stay bit-identical.
         pub half_thickness_m: f64 = f64::from(0.5e-3_f32), "m": Positive;
-        /// Age of a sample when the board has it.
+        /// Age of a sample when the board reads it.
         pub delay_ms: u32 = 1, "ms": Range(0.0, MAX_DELAY_MS as f32);
     }
 }
 
 impl BridgeConfig {
-    /// Checks every value, and that there is at least one gauge and no more than there is room for.
+    /// Checks every value and the number of gauges.
     pub(super) fn check(&self) -> Result<(), ConfigError> {
         self.check_ranges()?;
         let count = self.gauges_m.len();
@@ -98,7 +96,7 @@ impl BridgeConfig {
         self.gauge_factor * f64::from(self.active_gauges) / 4.0 * self.amplifier_gain
     }
 
-    /// Error of the converter of a drawn frame; `None` for an ideal one.
+    /// Nonlinearity of a drawn frame's converter; `None` for an ideal converter.
     pub fn converter(&self, drawn: &FrameErrors) -> Option<ConverterError> {
         let noise = self.noise_strain * self.range_per_strain();
         ConverterError::new(self.nonlinearity_counts, noise, drawn.converter)
@@ -114,8 +112,8 @@ impl BridgeConfig {
         1 << (self.converter_bits - 1)
     }
 
-    /// Counts of the bridges of the unbent frame, without noise and quantisation. The board keeps
-    /// them as its calibration.
+    /// Counts of the bridges of the unbent frame, without noise and quantisation. The board stores these counts as its
+    /// calibration.
     pub fn zero_counts(&self, drawn: &FrameErrors) -> [f64; MAX_GAUGES] {
         let limit = f64::from(self.full_scale_counts());
         let converter = self.converter(drawn);
@@ -126,7 +124,7 @@ impl BridgeConfig {
     }
 }
 
-/// Counts about mid-scale, with the error of the converter.
+/// Counts about mid-scale with the converter's error added.
 fn converted(counts: f64, limit: f64, converter: Option<&ConverterError>) -> f64 {
     let ratio = 0.5 + 0.5 * counts / limit;
     counts + converter.map_or(0.0, |error| 2.0 * limit * error.at(ratio))
@@ -185,8 +183,8 @@ pub struct GaugeAgeing {
 }
 
 impl GaugeAgeing {
-    /// A gauge whose zero moves by `zero_per_k` (strain) for a rise of 1 K, and that creeps by so much
-    /// more than its kind, at rest until now.
+    /// Unstrained gauge whose zero shifts by `zero_per_k` (strain) for a rise of 1 K. `creep_error` is its creep beyond
+    /// the mean share.
     pub fn new(config: &BridgeConfig, zero_per_k: f64, creep_error: f64) -> Self {
         let step = |time: f64| -libm::expm1(-SAMPLE_PERIOD_S / time);
         Self {
@@ -201,7 +199,7 @@ impl GaugeAgeing {
         }
     }
 
-    /// Measured strain and zero drift of the gauge, a millisecond after the last call.
+    /// Measured strain and zero shift of the gauge, 1 ms after the last call.
     pub fn next(&mut self, strain: f64) -> [f64; 2] {
         self.crept += self.creep_step * (strain - self.crept);
         self.warmth += self.warming_step * (self.warming - self.warmth);
@@ -213,7 +211,7 @@ impl GaugeAgeing {
     }
 }
 
-/// One bridge.
+/// State of one bridge.
 #[derive(Clone, Debug)]
 pub(super) struct Bridge {
     random: Pcg64,

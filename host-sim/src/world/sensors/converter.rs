@@ -1,24 +1,24 @@
-//! Nonlinearity of the converter behind the bridges, as an oversampled reading has it.
+//! Nonlinearity of the bridges' converter in an oversampled reading.
 
 use core_algos::acquisition::oversampling::SCANS;
 use virtual_board::chip::Nonlinearity;
 
-/// Counts of the chip's converter.
+/// Full range of the chip's converter, counts.
 const RANGE: f64 = 4096.0;
-/// Places of the curve between which a straight line lies.
+/// Intervals of the curve, each interpolated linearly.
 const PLACES: usize = 1024;
-/// Reach of the noise about a place, standard deviations, and steps in one of them.
+/// Half width of the noise kernel, standard deviations, and kernel steps per standard deviation.
 const REACH: f64 = 3.0;
 const STEPS: f64 = 8.0;
 
-/// Mean error of a reading: the error of one conversion averaged over the noise of the conversions in a reading, which
-/// reaches over some counts.
+/// Mean error of a reading: the error of one conversion averaged over the noise of the conversions, which spans several
+/// counts.
 #[derive(Clone, Debug)]
 pub struct ConverterError(Vec<f64>);
 
 impl ConverterError {
-    /// Of a converter with this largest nonlinearity (counts) and seed, and readings with this noise (share of the range,
-    /// rms); `None` for an ideal converter.
+    /// Error of a converter with the given largest nonlinearity and seed of its curve. `reading_noise` is the noise of
+    /// a reading, rms, as a share of the range. `None` for an ideal converter.
     pub fn new(nonlinearity_counts: f64, reading_noise: f64, seed: u32) -> Option<Self> {
         if nonlinearity_counts == 0.0 {
             return None;
@@ -57,10 +57,10 @@ mod tests {
     use super::*;
     use crate::world::random::{Stream, generator, normal};
 
-    /// The mean of a million noisy conversions, one after another.
+    /// Reference: the mean of 200 000 noisy conversions.
     #[test]
     fn error_of_a_reading_is_the_mean_of_noisy_conversions() {
-        // 0.7 µε of a bridge with a gain of 60.
+        // Noise of 0.7 µε in a bridge with gauge factor 2.1 and gain 60.
         let reading_noise = 0.7e-6 * 2.1 * 60.0;
         let error = ConverterError::new(1.5, reading_noise, 5).unwrap();
         let curve = Nonlinearity::new(1.5, 5);

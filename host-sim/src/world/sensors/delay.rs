@@ -1,4 +1,4 @@
-//! Age of samples, and constants that walk.
+//! Delay of samples, and random walk of biases and offsets.
 
 use super::SAMPLE_PERIOD_S;
 use crate::world::random::normal;
@@ -7,11 +7,11 @@ use rand_pcg::Pcg64;
 /// Longest delay from the instant of sampling to the board, ms.
 pub const MAX_DELAY_MS: u32 = 31;
 
-/// Slow drifts move once in this many samples: they are smooth on the scale of a tick.
+/// Samples per step of a random walk: drift is slow against a tick.
 const DRIFT_INTERVAL: u32 = 100;
 const RING: usize = MAX_DELAY_MS as usize + 1;
 
-/// The last few samples of one kind, so that the board may get one that is some ms old.
+/// Delay line of samples.
 #[derive(Clone, Debug)]
 pub struct Delay<T> {
     ring: [T; RING],
@@ -21,7 +21,7 @@ pub struct Delay<T> {
 }
 
 impl<T: Copy + Default> Delay<T> {
-    /// A delay of so many ms, at most [`MAX_DELAY_MS`].
+    /// Delay line of `delay_ms`, at most [`MAX_DELAY_MS`].
     pub fn new(delay_ms: u32) -> Self {
         Self {
             ring: [T::default(); RING],
@@ -31,7 +31,7 @@ impl<T: Copy + Default> Delay<T> {
         }
     }
 
-    /// Takes the newest sample, gives the one that is due; before time zero the first one holds.
+    /// Takes the newest sample and gives the delayed sample. Before time zero the first sample applies.
     pub fn pass(&mut self, sample: T) -> T {
         if !self.filled {
             self.ring = [sample; RING];
@@ -53,7 +53,7 @@ pub struct Drift {
 }
 
 impl Drift {
-    /// A walk of `walk` units/√s from `start`.
+    /// Random walk of `walk` units/√s from `start`.
     pub fn new(start: f64, walk: f64) -> Self {
         Self {
             value: start,
@@ -62,7 +62,7 @@ impl Drift {
         }
     }
 
-    /// The value of this sample.
+    /// Value at this sample.
     pub fn next(&mut self, random: &mut Pcg64) -> f64 {
         let value = self.value;
         self.countdown -= 1;

@@ -26,15 +26,15 @@ macro_rules! channel {
                 pub fitted: bool = false;
                 /// Standard deviation of the bias at power-up.
                 pub bias_sigma: f64 = $bias_sigma, $unit: NonNegative;
-                /// Time at rest over which the driver averages at power-up and takes the mean as bias;
-                /// 0 hands the raw reading on.
+                /// Averaging time at rest at power-up: the driver takes the mean as bias and subtracts it. At 0 the
+                /// driver hands on the raw reading.
                 pub rest_average_s: f64 = 1.0, "s": NonNegative;
-                /// Time from that average to the start of a trial: the bias walks on while the robot is
-                /// carried to its mark and set down.
+                /// Time from the average at rest to the start of a trial, while the robot is carried to its mark: the
+                /// random walk of the bias goes on.
                 pub rest_age_s: f64 = 60.0, "s": NonNegative;
                 /// Random walk of the bias.
                 pub bias_walk: f64 = $bias_walk, $walk: NonNegative;
-                /// White noise, one-sided density; half the sample rate is the bandwidth.
+                /// One-sided density of the white noise; the bandwidth is half the sample rate.
                 pub noise_density: f64 = $noise, $density: NonNegative;
                 /// Relative standard deviation of the scale factor.
                 pub scale_sigma: f64 = 5e-3, "": Range(0.0, SMALL);
@@ -42,7 +42,7 @@ macro_rules! channel {
                 pub range: f64 = $range, $unit: Positive;
                 /// Bits of a reading over the whole range.
                 pub bits: u32 = 16, "": Range(2.0, 24.0);
-                /// Age of a sample when the board has it.
+                /// Age of a sample when the board reads it.
                 pub delay_ms: u32 = 1, "ms": Range(0.0, MAX_DELAY_MS as f32);
             }
         }
@@ -74,7 +74,7 @@ channel! {
     Accelerometer, "m/s²", "m/s²/√s", "m/s²/√Hz": 0.2 5e-3 6.9e-4 19.6
 }
 
-/// The numbers of either sensor.
+/// Parameters of a gyro or an accelerometer.
 #[derive(Clone, Copy)]
 pub(super) struct Channel {
     fitted: bool,
@@ -94,8 +94,8 @@ impl Channel {
         self.noise_density * (SAMPLE_RATE_HZ / 2.0).sqrt()
     }
 
-    /// The bias at the start of the trial: what the driver's average at rest left, and what has
-    /// come since.
+    /// Bias at the start of the trial: the error of the driver's average at rest plus the random walk since then, or
+    /// the raw bias if the driver takes no average.
     pub fn draw_bias(&self, random: &mut Pcg64) -> f64 {
         let raw = normal(random, self.bias_sigma);
         let rest = standard_normal(random);
@@ -109,7 +109,7 @@ impl Channel {
     }
 }
 
-/// One axle's channel.
+/// Gyro or accelerometer of one axle.
 #[derive(Clone, Debug)]
 pub(super) struct InertialChannel {
     random: Pcg64,
@@ -136,13 +136,13 @@ impl InertialChannel {
         }
     }
 
-    /// Bias of this sample, and the reading's noise.
+    /// Bias and noise of this sample.
     fn errors(&mut self) -> (f64, f64) {
         let bias = self.bias.next(&mut self.random);
         (bias, normal(&mut self.random, self.noise_sigma))
     }
 
-    /// The bias that [`Self::sample`] would have; takes its place.
+    /// Bias of this sample, in place of [`Self::sample`]; zero if the sensor is not fitted.
     pub fn bias(&mut self) -> f64 {
         if self.fitted { self.errors().0 } else { 0.0 }
     }

@@ -1,12 +1,11 @@
 //! Sensor models: from the state of the plant to the samples a board reads.
 //!
-//! [`Sensors`] turns each millisecond of the plant ([`Truth`]) into the numbers on a board's pins
-//! ([`Samples`]): counts for encoders and strain bridges, SI values for the inertial sensor, whose scale
-//! factor is fixed by its data sheet. [`Drawn`] holds the errors of one robot. Standard deviations only
-//! scale the draws.
+//! Each millisecond [`Sensors`] converts the state of the plant ([`Truth`]) to readings of the boards ([`Samples`]):
+//! counts for encoders and strain bridges, SI values for the inertial sensor, whose scale factor is fixed by its data
+//! sheet. [`Drawn`] holds the errors of one robot. Standard deviations only scale the random numbers.
 //!
-//! The defaults are what such parts do when they are fitted with ordinary care. `worlds/base.toml`
-//! has each with its reason.
+//! The defaults are typical of such parts when fitted with ordinary care. `worlds/base.toml` gives the reason of each
+//! default.
 
 mod bridge;
 mod converter;
@@ -34,13 +33,13 @@ use rand::distr::{Distribution, Uniform};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// Samples a second of every sensor.
+/// Sample rate of every sensor, Hz.
 pub const SAMPLE_RATE_HZ: f64 = 1000.0;
 /// Time between samples, s.
 pub const SAMPLE_PERIOD_S: f64 = 1.0 / SAMPLE_RATE_HZ;
 
 table! {
-    /// All sensors of the robot and the care with which it was built and placed.
+    /// All sensors of the robot, and the accuracy of its assembly and placement.
     pub struct SensorConfig {
         /// Placement accuracy at the start.
         pub placement: PlacementConfig = PlacementConfig::default();
@@ -84,7 +83,7 @@ table! {
         /// Counts in one revolution of the wheel, all four edges of the quadrature counted; an encoder of
         /// 500 lines before a gear of 26 to 1 gives 52000.
         pub counts_per_revolution: u32 = 8192, "": Range(1.0, 1_048_576.0);
-        /// Age of a sample when the board has it.
+        /// Age of a sample when the board reads it.
         pub delay_ms: u32 = 0, "ms": Range(0.0, MAX_DELAY_MS as f32);
     }
 }
@@ -97,7 +96,7 @@ impl GeometryConfig {
 }
 
 impl SensorConfig {
-    /// Checks every value; all that is built from the configuration relies on it.
+    /// Checks every value.
     pub fn check(&self) -> Result<(), Error> {
         within("sensors.placement", self.placement.check_ranges())?;
         within("sensors.geometry", self.geometry.check_ranges())?;
@@ -107,8 +106,8 @@ impl SensorConfig {
         within("sensors.bridge", self.bridge.check())
     }
 
-    /// The errors of one robot's sensors; [`World::draw`](crate::world::World::draw) adds those of the
-    /// plant. The configuration only scales the numbers that are drawn.
+    /// Draws the errors of one robot's sensors; [`World::draw`](crate::world::World::draw) adds those of the plant. The
+    /// configuration only scales the random numbers.
     pub fn draw(&self, topology: Topology, seed: u64, trial: u64) -> Drawn {
         let mut drawn = Drawn::none(topology);
 
@@ -171,15 +170,15 @@ impl SensorConfig {
 pub struct Truth {
     /// Axles, front first.
     pub axles: Vec<AxleTruth>,
-    /// Strains of the outer fibre at the true places of each frame's gauges, positive where the frame bends left. Front
-    /// frame first.
+    /// Strains of the outer fibre at the true positions of each frame's gauges, positive where the frame bends left.
+    /// Front frame first.
     pub strains: Vec<Vec<f64>>,
 }
 
 /// Inputs of an axle's sensors. Wheel 0 is the left.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxleTruth {
-    /// Angle each wheel has turned against the axle since the start, rad, forward positive.
+    /// Angle of each wheel relative to the axle since the start, rad, forward positive.
     pub wheel_angle: [f64; 2],
     /// Yaw rate, rad/s, counter-clockwise positive.
     pub yaw_rate: f64,
@@ -216,7 +215,7 @@ struct AxleSensors {
     accelerometer: InertialChannel,
 }
 
-/// All sensors of one robot in one trial. One call of [`Self::sample`] a millisecond.
+/// All sensors of one robot in one trial. Call [`Self::sample`] once a millisecond.
 #[derive(Clone, Debug)]
 pub struct Sensors {
     counts_per_radian: f64,
@@ -230,8 +229,7 @@ impl Sensors {
     /// The sensors of one trial; refuses what [`SensorConfig::check`] refuses.
     pub fn new(config: &SensorConfig, drawn: &Drawn, seed: u64, trial: u64) -> Result<Self, Error> {
         config.check()?;
-        // Noise continues on streams of their own, so that it does not depend on how many numbers
-        // the imperfections took.
+        // Noise has its own streams, so that it does not depend on how many numbers the draw of the errors took.
         let noise = |stream: Stream| generator(mix(seed), trial, stream);
         let axle = |axle: usize| AxleSensors {
             encoder_phase: drawn.encoder_phase[axle],
@@ -271,8 +269,8 @@ impl Sensors {
         })
     }
 
-    /// Biases of the next inertial samples by axle: gyro, rad/s, and accelerometer, m/s², after the average at
-    /// rest. For sensors that are simulated elsewhere, in place of [`Self::sample`].
+    /// Biases of the next inertial samples by axle, after the average at rest: gyro, rad/s, and accelerometer, m/s².
+    /// Replaces [`Self::sample`] where the sensors are simulated elsewhere.
     pub fn inertial_biases(&mut self) -> impl Iterator<Item = [f64; 2]> {
         let axles = self.axles.iter_mut();
         axles.map(|axle| [axle.gyro.bias(), axle.accelerometer.bias()])
@@ -283,7 +281,8 @@ impl Sensors {
         &self.samples
     }
 
-    /// The readings one millisecond after the last call; no allocation. An axle or gauge without a truth is not sampled.
+    /// Readings 1 ms after the last call; allocates nothing. An axle or gauge missing in `truth` keeps its last
+    /// reading.
     pub fn sample(&mut self, truth: &Truth) -> &Samples {
         let axles = self.axles.iter_mut().zip(&truth.axles);
         for (samples, (axle, truth)) in self.samples.axles.iter_mut().zip(axles) {

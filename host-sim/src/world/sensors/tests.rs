@@ -26,7 +26,7 @@ fn sensors(config: &SensorConfig, imperfections: &Drawn) -> Sensors {
     Sensors::new(config, imperfections, 1, 2).unwrap()
 }
 
-/// Inputs of two axles at rest and of a straight frame with so many gauges.
+/// Inputs of two axles at rest and of a straight frame with the given number of gauges.
 fn at_rest(gauges: usize) -> Truth {
     Truth {
         axles: vec![AxleTruth::default(); 2],
@@ -116,12 +116,12 @@ fn encoder_counts_one_revolution_and_wraps() {
     assert_eq!(at(0.0), 0);
     assert_eq!(at(TAU * 1.000_001), 8192);
     assert_eq!(at(-TAU * 0.999_999), -8192);
-    // 2^31 counts are 2^18 revolutions: one count further the counter is at its other end.
+    // 2^31 counts are 2^18 revolutions, where the counter wraps around to its least value.
     assert_eq!(at(TAU * (262_144.0 + 0.5 / 8192.0)), i32::MIN);
 }
 
 #[test]
-fn encoder_phase_spreads_the_edges() {
+fn encoder_phase_is_uniform_over_a_count() {
     let config = clean();
     let phases: Vec<f64> = (0..500)
         .flat_map(|trial| {
@@ -136,7 +136,7 @@ fn encoder_phase_spreads_the_edges() {
 }
 
 #[test]
-fn imperfections_have_the_stated_spread_and_are_the_same_in_pairs() {
+fn drawn_errors_have_the_configured_spread_and_common_random_numbers() {
     let config = SensorConfig::default();
     let drawn: Vec<_> = (0..2000)
         .map(|trial| config.draw(Topology::PAIR, 7, trial))
@@ -238,7 +238,7 @@ fn noise_of_the_sensors_is_white_and_uncorrelated() {
 }
 
 #[test]
-fn bridge_chain_gives_the_counts_of_a_hand_calculation() {
+fn bridge_counts_match_hand_calculation() {
     let config = clean();
     // 1000 µε · 2.1 = 2.1 mV/V; ·60 = 0.126 of the reference; ·2^14 = 2064.4 counts.
     let mut truth = at_rest(1);
@@ -273,7 +273,7 @@ fn bridge_chain_gives_the_counts_of_a_hand_calculation() {
 }
 
 #[test]
-fn stored_zero_leaves_the_drift_alone() {
+fn stored_zero_removes_offset_but_not_drift() {
     let config = clean();
     let mut drawn = config.draw(Topology::PAIR, 5, 9);
     drawn.frames[0].bridge_drift = [3e-6; MAX_GAUGES];
@@ -303,7 +303,7 @@ fn amplifier_lags_a_ramp_by_its_time_constant() {
 }
 
 #[test]
-fn samples_arrive_as_old_as_configured() {
+fn samples_have_the_configured_delay() {
     let mut config = clean();
     config.encoder.delay_ms = 3;
     config.gyro.delay_ms = 1;
