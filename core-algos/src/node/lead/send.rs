@@ -67,9 +67,9 @@ impl LeadNode {
             let Some(odometry) = track.odometry else {
                 continue;
             };
-            // The same posture relative to the axle, in the axle's own odometric frame.
+            // The reference relative to the estimated axle, applied in the axle's own odometric frame.
             let mut relative = reference.posture.relative_to(estimate);
-            // The estimate is of the latest epoch of which the axles have told.
+            // The estimate is of the latest epoch that all axles have reported.
             let age = epoch.saturating_sub(odometry.time);
             if age > 0 {
                 let Twist { v, omega } = reference.twist;
@@ -91,8 +91,7 @@ impl LeadNode {
         }
     }
 
-    /// Without power the frame leaves the commanded steering angle: the next drive begins with the
-    /// estimated one.
+    /// Without power the frame leaves the commanded steering angle: the next drive begins with the estimated angle.
     fn settle(&mut self, fused: &Fused) {
         let [pair] = &fused.pairs;
         let steering = pair.relative_heading().steering();
