@@ -7,13 +7,13 @@
 //! | index | constant |
 //! |---|---|
 //! | [`ZERO`] | relative heading added by the zeros of the gauges (rad), and their tilt from root to tip (m) |
-//! | [`GAIN`] | gain error of the beam: of the relative heading, and tilt from root to tip a radian of it (m) |
+//! | [`GAIN`] | gain error of the beam: of the relative heading, and tilt from root to tip per radian of relative heading (m) |
 //! | [`DRIFT`] | heading drift per metre of front and rear odometry: unequal wheels (rad/m), which also move the middle of an axle that turns |
 //! | [`SCALE`] | scale error of front and rear odometry: wheel size |
 //! | [`TURN`] | scale error of the headings that the wheels of front and rear report: track |
 //! | [`SIDE`] | lateral over forward motion of front and rear: axles askew, camber |
 //! | [`COMPLIANCE`] | slip of the tyres under the frame's moment beyond the model [`Tyres`]: mean of the axles and half their difference (rad/m) |
-//! | [`UNEVEN`] | slip of the right tyre of front and rear beyond the mean with the left one (rad/m) |
+//! | [`UNEVEN`] | slip of the right tyre beyond the mean of both tyres of an axle, of front and rear (rad/m) |
 //! | [`GYRO_BIAS`] | true yaw rate less reading of the gyros of front and rear (rad/s) |
 //! | [`GYRO_SCALE`] | scale error of the gyros of front and rear |
 //!
@@ -22,9 +22,9 @@
 //!
 //! **Tyres.** A bent frame acts on each axle with the moment M = EI/L·2ψ: it turns the front axle back and the rear
 //! axle into the curve. The tyres of an axle hold the moment by opposite forces F = M/2d. A brush tyre under load N
-//! that rolls a distance w slips by w·F/(NC)/(1 − F/μN). So an axle yaws by M/(2d²NC) per metre of w̄ = (|w_l| +
-//! |w_r|)/2, which its wheels do not measure, and advances by the same factor times d (|w_r| − |w_l|)/2. For half the
-//! difference of two unequal tyres, sum and difference of the distances change places.
+//! that rolls a distance w slips by w·F/(NC)/(1 − F/μN). So an axle yaws by M/(2d²NC) per metre of
+//! w̄ = (|w_l| + |w_r|)/2, which its wheels do not measure, and advances by the same factor times
+//! d (|w_r| − |w_l|)/2. For half the difference of two unequal tyres, sum and difference of the distances change places.
 //!
 //! **Beam.** An error of the curvature along the strip moves the tip as seen from the root. The integral of this
 //! error acts as a larger relative heading. Its first moment about the middle moves the tip across the chord.
@@ -57,8 +57,8 @@ pub const GYRO_BIAS: usize = 16;
 pub const GYRO_SCALE: usize = 18;
 /// Number of constants that affect the beam's posture: [`ZERO`] and [`GAIN`].
 pub const OF_BEAM: usize = 4;
-/// Constants that affect an axle's increment besides the compliances, for front and rear: forward, lateral
-/// (`OF_ASIDE`) and in heading (`OF_HEADING`).
+/// Constants that affect an axle's increment besides the compliances, forward, laterally and in heading; for front and
+/// rear.
 pub(super) const OF_AHEAD: [[usize; 3]; 2] =
     [[SCALE, DRIFT, UNEVEN], [SCALE + 1, DRIFT + 1, UNEVEN + 1]];
 pub(super) const OF_ASIDE: [[usize; 2]; 2] = [[SCALE, SIDE], [SCALE + 1, SIDE + 1]];
@@ -236,8 +236,7 @@ impl Step {
 /// Derivative of the beam's posture (m, m, rad; front axle in the rear axle's frame) by the first [`OF_BEAM`]
 /// constants, at the posture `relative`.
 ///
-/// The strip is taken as an arc, its shape under pure moments. Half angles avoid a division by the relative heading
-/// φ.
+/// The strip is taken as an arc, its shape under pure moments. Half angles avoid a division by its relative heading.
 pub fn beam_by_constants(relative: Posture) -> Mat<3, OF_BEAM> {
     let heading = relative.phi;
     let (sin, cos) = sin_cos(0.5 * heading);

@@ -1,9 +1,9 @@
 //! Joint filter of both axles: one extended Kalman filter that keeps the correlation of the axles' errors.
 //!
 //! The axles' six posture errors are kept as those of the rear axle in its own frame and those of the front axle seen
-//! from the rear. The beam's measurement is then itself a state: the update is linear, and the unbounded drift of the
-//! whole robot never forms a difference with the millimetre accuracy between the axles. The other states are constant
-//! or nearly so ([`constants`]):
+//! from the rear. The beam's measurement is then itself a state. So the update is linear, and the relative posture,
+//! known to a millimetre, is never a difference of two postures that drift without bound. The other states are
+//! constant or nearly so ([`constants`]):
 //!
 //! | states | meaning |
 //! |---|---|
@@ -18,7 +18,7 @@
 //! posture, so no gain of the beam's update depends on them.
 //!
 //! A standard deviation of 0 removes a state. The update takes all three components of r with their
-//! covariance, gated by the NIS. Nothing here panics; see [`Joint`].
+//! covariance, gated by the normalised innovation squared (NIS). Nothing here panics.
 //!
 //! # Example
 //!

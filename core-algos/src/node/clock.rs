@@ -286,7 +286,7 @@ mod tests {
             assert_eq!(clock.common(local), None);
         }
         clock.receive(40_100, &sync(9, Some(130)));
-        // Message 8 arrived at 30 100 and had left at 80 130.
+        // Message 8 arrived at local time 30 100 µs; it had left at common time 80 130 µs.
         assert_eq!(clock.common(30_100), Some(80_130));
     }
 

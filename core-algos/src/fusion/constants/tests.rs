@@ -111,7 +111,7 @@ fn increment_error_equals_that_of_unequal_wheels_and_tyres() {
         for (heading, axle) in [(-0.9f64, 0), (0.2, 1), (0.9, 0), (-0.6, 1)] {
             let load = heading / (1.0 - heading.abs() / f64::from(TYRES.sliding));
             let sign = if axle == 0 { -1.0 } else { 1.0 };
-            // Error of the way of the left wheel and of the right one.
+            // Errors of the distances rolled by the left and the right wheel.
             let [left, right]: [f64; 2] = core::array::from_fn(|side| {
                 let out = if side == 0 { -1.0 } else { 1.0 };
                 let rolled: f64 = x + out * half_track * phi;

@@ -237,7 +237,7 @@ fn bad_input_is_refused() {
 }
 
 #[test]
-fn headings_many_turns_apart_are_the_same_heading() {
+fn headings_apart_by_whole_turns_are_the_same_heading() {
     let ci = by(Criterion::Determinant);
     for (from, turns) in [(0.3, 5), (-1.2, -7), (3.1, 1), (-3.1, 0), (0.0, 40)] {
         let to = 0.3 + core::f64::consts::TAU * f64::from(turns);

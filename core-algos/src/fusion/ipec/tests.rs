@@ -147,7 +147,7 @@ fn variance_growth_equals_first_order_propagation_to_the_direction() {
 
 /// Reference in `f64`: mean of the three directions by inverse variance.
 #[test]
-fn weighed_form_is_the_mean_by_inverse_variance() {
+fn weigh_returns_the_mean_by_inverse_variance() {
     let mut random = Random::new(9);
     let config = Config {
         wheel_sigma_m: 0.0,

@@ -453,7 +453,7 @@ fn a_stop_brakes_on_the_path_of_a_bent_frame() {
 
 /// The axle is near an end of the span in both directions, its reference beyond.
 #[test]
-fn a_reference_across_the_end_of_the_span_is_near() {
+fn reference_across_the_end_of_the_position_span_is_near() {
     let mut node = node(AxleId(0));
     node.state.filter.shift([5.24, -5.24]);
     let reference = AxleReference {

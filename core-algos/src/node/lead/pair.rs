@@ -16,7 +16,7 @@ use crate::time::{EPOCH, Micros, Stamped};
 /// Age in epochs up to which a measurement of the frame is used.
 const BEAM_EPOCHS: Micros = 3;
 
-/// The two axles of a pair, front first, from a list of all.
+/// The two axles of a pair, front first, from a list of all axles.
 pub(super) const fn neighbours<T>(axles: &[T; AXLES], pair: usize) -> [&T; 2] {
     [&axles[pair], &axles[pair + 1]]
 }

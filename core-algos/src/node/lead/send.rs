@@ -11,7 +11,7 @@ use crate::safety::{Permit, supervisor};
 use crate::time::{Micros, epoch_start, seconds, sequence};
 
 impl LeadNode {
-    /// A step without a drive: the motion comes to rest, and the status is sent.
+    /// A step without a permit to drive: the motion comes to rest, and the status is sent.
     pub(super) fn idle(
         &mut self,
         now: Micros,

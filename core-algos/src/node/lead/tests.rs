@@ -132,7 +132,7 @@ fn beam_locates_a_restarted_axle_once_its_filter_has_settled() {
 }
 
 #[test]
-fn posture_and_motion_of_an_axle_arrive_in_either_order() {
+fn posture_and_motion_in_either_order_give_an_estimate() {
     for swapped in [false, true] {
         let mut node = node();
         for axle in [AxleId(0), AxleId(1)] {
@@ -181,7 +181,7 @@ fn covariance_of_an_axle_counts_once_per_epoch() {
 }
 
 #[test]
-fn a_measurement_of_the_frame_is_used_once() {
+fn measurement_of_the_frame_is_used_once() {
     let mut node = node();
     for number in 1..=3 {
         for message in beam(number * EPOCH, Posture::new(0.37, 0.0, 0.0)) {
@@ -198,7 +198,7 @@ fn a_measurement_of_the_frame_is_used_once() {
 }
 
 #[test]
-fn a_long_silence_of_the_bus_is_no_restart() {
+fn long_silence_of_the_bus_is_not_taken_for_a_restart() {
     let mut node = node();
     let at = |x: f32| Posture::new(x, 0.0, 0.0);
     epoch(&mut node, 0, [(at(0.0), 0); 2]);
@@ -265,7 +265,7 @@ fn zeroing_a_gyro_resets_its_bias_estimate_alone() {
 
 /// Limits: coordinates of 100 km, standard deviations of 1 km, a floor drift of 1.
 #[test]
-fn place_within_its_ranges_is_sound() {
+fn start_place_is_sound_within_its_ranges() {
     let sound = RobotConfig::default().put_down(Posture::ORIGIN, &Default::default());
     assert!(sound.is_sound());
     for relative in [false, true] {
@@ -511,7 +511,7 @@ fn goal_with_a_wide_95_percent_error_is_uncertain() {
 
 /// Limits: 25 N, 6 N m, 5 m and 0.5 rad.
 #[test]
-fn wrench_and_uncertainty_beyond_their_limits_are_noticed() {
+fn wrench_and_uncertainty_beyond_their_limits_are_detected() {
     let limits = Limits::default();
     let wrench = |[force_x, force_y, moment_root, moment_end]: [f32; 4]| Wrench {
         force_x,

@@ -347,7 +347,6 @@ fn points_pushed_after_the_end_begin_a_new_course() {
     }
 }
 
-/// At the end of the course, once both wish and motion have faded.
 #[test]
 fn robot_rests_when_wish_and_motion_have_faded() {
     let task = task();

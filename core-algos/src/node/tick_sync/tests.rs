@@ -164,7 +164,7 @@ fn sent_delay_is_that_of_the_epoch_before() {
 
 /// A clock that approaches the common time with a jitter around the bound misses no tick on its way.
 #[test]
-fn a_board_that_gets_in_step_misses_no_tick() {
+fn board_coming_into_step_misses_no_tick() {
     let mut ticks = TickSync::following();
     // Common time is local time; ticks are late by an error that falls from 0.2 ms, with jitter.
     let mut random = Random::new(5);

@@ -233,7 +233,7 @@ fn a_reference_beyond_its_timeout_is_late_as_well() {
 
 /// Each axle watches the other one and not itself.
 #[test]
-fn the_neighbour_is_the_other_axle() {
+fn neighbour_conditions_come_from_the_other_axle() {
     for (axle, own, other) in [
         (AxleId(0), Node::axle(0), Node::axle(1)),
         (AxleId(1), Node::axle(1), Node::axle(0)),
@@ -296,7 +296,7 @@ fn driving_and_powered_conditions_occur_in_their_states_alone() {
 
 /// Limits: 0.16 m and 0.7 rad from the ramp, and wheels at 5 rad/s during the release.
 #[test]
-fn a_stop_that_is_not_followed_is_noticed_while_it_lasts() {
+fn stop_that_is_not_followed_is_reported_during_the_stop() {
     let stopping = |hold: f32, spoil: &dyn Fn(&mut Watched)| {
         let mut watched = in_state(AxleId(1), OperatingState::SafeStop);
         let ramp = watched.node.ramp;
@@ -346,7 +346,7 @@ fn a_stop_that_is_not_followed_is_noticed_while_it_lasts() {
 /// Wheels with a radius of 0.073 m at 1 and 2 rad/s, 0.324 m apart: their yaw rate is the difference times radius
 /// over track.
 #[test]
-fn slip_is_the_yaw_rate_that_the_wheels_do_not_explain() {
+fn slip_is_the_difference_of_the_yaw_rates_by_gyro_and_wheels() {
     let mut watched = driving();
     watched.samples.gyro_rad_s = Some(0.8);
     assert_eq!(watched.conditions(), Conditions::NONE);
@@ -360,7 +360,7 @@ fn slip_is_the_yaw_rate_that_the_wheels_do_not_explain() {
 
 /// Every state, mode, age of the mode, pause and reference.
 #[test]
-fn requests_are_those_of_the_table() {
+fn requests_match_the_table() {
     use LeadMode::{Active, Clear, Hold, Idle};
     let modes = [None, Some(Idle), Some(Active), Some(Hold), Some(Clear)];
     let mut tried = 0;

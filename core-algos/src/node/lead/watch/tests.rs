@@ -348,7 +348,7 @@ fn beam_is_lost_only_for_a_fusion_that_uses_it() {
 
 /// The beam counts if its posture is fresh, else the estimate; a straight frame shows no wrench.
 #[test]
-fn bend_is_measured_by_the_beam_or_else_by_the_estimate() {
+fn bend_is_by_beam_or_estimate_and_wrench_counts_on_a_bent_frame() {
     for (by_beam, by_axles, bent) in [
         (Some(0.2), 1.5, false),
         (Some(1.5), 0.2, true),
@@ -432,7 +432,7 @@ fn drive_without_commands_for_200_ms_reports_commander_silent() {
 
 /// Every state with each task, a finished or failed task, and a robot that was held for too long.
 #[test]
-fn requests_are_those_of_the_table() {
+fn requests_match_the_table() {
     use OperatingState::{Active, Armed, Boot, Fault, Idle, SafeStop};
     let goto = Task::regulate(Posture::ORIGIN);
     let tasks = [
