@@ -56,7 +56,7 @@ impl Config {
         // Up to this bias the gyro is better than wheels on creeping tyres.
         largest_sigma: 0.01,
     };
-    /// For an accelerometer of that class; the limit is that of a floor inclined by 3°.
+    /// For an accelerometer of the ICM-42688 class; the limit is the gravity along a floor inclined by 3°.
     pub const ACCELEROMETER: Self = Self {
         limit: 0.5,
         noise_per_sqrt_hz: 6.9e-4,

@@ -57,7 +57,7 @@ const MOVING_M_S: f32 = 5e-3;
 declare! {
     /// Parameters of path following and trajectory tracking.
     pub struct Config {
-        /// Limits along a path. Trajectories use its nominal speed only: they have their own limits.
+        /// Limits along a path. Trajectories use only the nominal speed of these: they have their own limits.
         pub path: path::Config = path::Config {
             max_speed_m_s: 0.2,
             nominal_speed_m_s: 0.2,

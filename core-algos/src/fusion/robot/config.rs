@@ -62,8 +62,8 @@ declare! {
         /// Rejections of the beam in a row after which its next measurement is accepted.
         pub gate_patience: u16 = 50, "": Range(0.0, 65_535.0);
         /// Covariance intersection.
-        // Trace, because the determinant compares relative sizes only, not whose large error shrinks. Length 1 m: a
-        // heading error counts as the position error it makes over the next metre.
+        // Trace, because the determinant depends on relative sizes only and does not favour the axle whose large
+        // error shrinks. Length 1 m: a heading error counts as the position error it makes over the next metre.
         pub intersection: intersection::Config = intersection::Config {
             criterion: intersection::Criterion::Trace,
             heading_length_m: 1.0,

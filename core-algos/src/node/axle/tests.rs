@@ -181,7 +181,7 @@ fn implausible_reference_is_ignored_or_gives_zero_torque() {
         let after = step(&mut node, 31 * TICK, &samples);
         match posture == far {
             true => assert_eq!(after.torque_nm, Wheels::both(0.0)),
-            // The reference before still holds.
+            // The previous reference is still in use.
             false => assert!(after.active && after.torque_nm.left < 2.0, "{after:?}"),
         }
         reference(&mut node, 40 * TICK, 0.1, Posture::ORIGIN);
