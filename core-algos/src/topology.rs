@@ -1,18 +1,18 @@
 //! Axles, frames, boards, nodes and wheels of the robot.
 //!
-//! Axles count from 0 at the front. A frame joins two neighbouring axles: frame 0 has axle 0 at its tip and axle 1 at its
-//! root. Each axle has a board, and so has each frame. The lead node runs on the board of axle 0.
+//! Axles count from 0 at the front. A frame joins two neighbouring axles: frame 0 has axle 0 at its tip and axle 1 at
+//! its root. Each axle has a board, and so has each frame. The lead node runs on the board of axle 0.
 
 #[cfg(feature = "serde")]
 mod names;
 
 use core::ops::{Index, IndexMut};
 
-/// Most axles of a robot.
+/// Largest number of axles of a robot.
 pub const MAX_AXLES: usize = 5;
-/// Most frames of a robot.
+/// Largest number of frames of a robot.
 pub const MAX_FRAMES: usize = MAX_AXLES - 1;
-/// Most boards of a robot.
+/// Largest number of boards of a robot.
 pub const MAX_BOARDS: usize = MAX_AXLES + MAX_FRAMES;
 
 /// Number of an axle, 0 at the front.
@@ -197,7 +197,7 @@ impl Topology {
     /// Two axles, joined by one frame.
     pub const PAIR: Self = Self { axles: 2 };
 
-    /// A robot of so many axles, 2 to [`MAX_AXLES`].
+    /// A robot with `axles` axles; `None` outside of 2 to [`MAX_AXLES`].
     pub const fn new(axles: usize) -> Option<Self> {
         match axles {
             2..=MAX_AXLES => Some(Self { axles: axles as u8 }),
@@ -270,7 +270,7 @@ impl Topology {
         }
     }
 
-    /// Place of a board among [`Self::boards`].
+    /// Index of a board among [`Self::boards`].
     pub const fn place(self, board: Role) -> usize {
         match board {
             Role::Axle(axle) => axle.index(),
@@ -278,7 +278,7 @@ impl Topology {
         }
     }
 
-    /// Place of a node among [`Self::nodes`]; `None` if the robot does not have the node.
+    /// Index of a node among [`Self::nodes`]; `None` if the robot does not have the node.
     pub fn place_of_node(self, node: Node) -> Option<usize> {
         self.nodes().position(|own| own == node)
     }

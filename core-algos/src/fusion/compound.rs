@@ -1,16 +1,16 @@
-//! Compounding of uncertain postures (Smith and Cheeseman): the neighbour's posture seen through
-//! the beam.
+//! Compounding of uncertain postures (Smith and Cheeseman): the posture of one axle seen through the beam from the
+//! other.
 //!
-//! The beam measures r, the front axle's posture in the rear axle's frame. Each function is
-//! linearised in the errors by the Jacobians of planar rigid motion; the two inputs are taken as
-//! independent of one another. NaN propagates; nothing here panics.
+//! The beam measures r, the front axle's posture in the rear axle's frame. Each function is linearised in the errors
+//! by the Jacobians of planar rigid motion. The two inputs are assumed independent. NaN propagates; nothing here
+//! panics.
 
 use crate::math::Posture;
 use crate::math::matrix::{Mat3, add, identity, multiply};
 use crate::math::trig::atan2;
 
-/// The robot's midpoint O in the rear axle's frame, for the front axle at `relative`, and its
-/// derivative by `relative`: halfway, heading along the line from rear to front.
+/// Posture of O in the rear axle's frame, for the front axle at `relative`, with its derivative by `relative`. O lies
+/// halfway between the axles and heads from rear to front.
 pub fn midpoint_seen_from_rear(relative: Posture) -> (Posture, Mat3) {
     let (x, y) = (relative.x, relative.y);
     let square = x * x + y * y;
@@ -25,20 +25,19 @@ pub fn midpoint_seen_from_rear(relative: Posture) -> (Posture, Mat3) {
     )
 }
 
-/// A posture found from another one and the beam's relative posture, with its derivatives by both
-/// (by the base along the global axes).
+/// Posture computed from a base posture and the beam's relative posture, with its derivatives by both.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chain {
-    /// The posture found.
+    /// The computed posture.
     pub posture: Posture,
-    /// Its derivative by the posture it was found from.
+    /// Derivative by the base posture, along the global axes.
     pub by_base: Mat3,
-    /// Its derivative by the relative posture.
+    /// Derivative by the relative posture.
     pub by_relative: Mat3,
 }
 
 impl Chain {
-    /// `q(relative)` as seen from `base`.
+    /// Posture `q`, given in the frame of `base`; `q_by_relative` is its derivative by the relative posture.
     fn new(base: Posture, q: Posture, q_by_relative: &Mat3) -> Self {
         let (by_base, by_q) = base.compose_jacobians(q);
         Self {
@@ -64,7 +63,7 @@ impl Chain {
         Self::new(rear, q, &q_by_r)
     }
 
-    /// O from the front axle, in whose frame it is ⊖ r ⊕ q(r).
+    /// O from the front axle; in the front axle's frame O is ⊖ r ⊕ q(r).
     pub fn midpoint_from_front(front: Posture, relative: Posture) -> Self {
         let (q, q_by_r) = midpoint_seen_from_rear(relative);
         let back = relative.inverse();
@@ -83,7 +82,7 @@ impl Chain {
         Self::new(robot, q.inverse(), &by_relative)
     }
 
-    /// The front axle from O, in whose frame it is ⊖ q(r) ⊕ r.
+    /// The front axle from O; in O's frame the front axle is ⊖ q(r) ⊕ r.
     pub fn front_from_midpoint(robot: Posture, relative: Posture) -> Self {
         let (q, q_by_r) = midpoint_seen_from_rear(relative);
         let back = q.inverse();
@@ -92,8 +91,8 @@ impl Chain {
         Self::new(robot, back.compose(relative), &add(&by_back, &by_r))
     }
 
-    /// O from the postures of both axles: halfway, heading from rear to front. The second part is
-    /// the rear axle.
+    /// O from the postures of both axles: halfway, heading from rear to front. `by_base` is the derivative by the
+    /// front axle, `by_relative` by the rear axle.
     pub fn midpoint(front: Posture, rear: Posture) -> Self {
         let (x, y) = (front.x - rear.x, front.y - rear.y);
         let square = (x * x + y * y).max(f32::MIN_POSITIVE);
@@ -131,8 +130,8 @@ mod tests {
             })
     }
 
-    /// Mean and covariance of `f` of both postures by the unscented transform in `f64`: no
-    /// Jacobian is involved.
+    /// Covariance of `f` of both postures in `f64`, without Jacobians: by central differences along the columns of
+    /// the Cholesky factors.
     fn unscented(
         a: &Estimate,
         b: &Estimate,
@@ -185,7 +184,7 @@ mod tests {
 
     properties! {
         #[test]
-        fn chains_follow_the_linear_part_of_the_motion(a in estimate(), r in estimate()) {
+        fn chained_covariances_equal_those_by_central_differences(a in estimate(), r in estimate()) {
             let chained = |chain: Chain| add(
                 &propagate(&chain.by_base, &a.covariance),
                 &propagate(&chain.by_relative, &r.covariance),
@@ -195,7 +194,8 @@ mod tests {
                 let (x, y) = (f[0] - b[0], f[1] - b[1]);
                 [0.5 * (f[0] + b[0]), 0.5 * (f[1] + b[1]), y.atan2(x)]
             };
-            // The axle that stands so to O, with the front axle at r.
+            // The axle at `seen` in the rear axle's frame, for O at `o` and the front axle at `r` in the rear axle's
+            // frame.
             let axle = |o: [f64; 3], seen: [f64; 3], r: [f64; 3]| {
                 let q = middle(r, [0.0; 3]);
                 forward(backward(o, q), seen)
@@ -234,7 +234,7 @@ mod tests {
         }
 
         #[test]
-        fn rear_axle_seen_from_the_front_is_the_rear_axle(a in estimate(), r in estimate()) {
+        fn front_from_rear_and_back_returns_the_rear_axle(a in estimate(), r in estimate()) {
             let front = Chain::front_from_rear(a.posture, r.posture).posture;
             let back = Chain::rear_from_front(front, r.posture).posture.minus(a.posture);
             prop_assert!(back.iter().all(|d| d.abs() < 2e-6));
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn axles_in_one_place_leave_the_heading_of_the_middle_without_derivatives() {
+    fn coincident_axles_give_a_midpoint_heading_without_derivatives() {
         let (q, by) = midpoint_seen_from_rear(Posture::new(0.0, 0.0, 1.0));
         let at = Posture::new(1.0, -2.0, 0.5);
         let chain = Chain::midpoint(at, Posture { phi: 0.7, ..at });

@@ -1,33 +1,33 @@
-//! Errors of odometry and beam that stay the same, or nearly so, throughout a drive.
+//! Constant errors of odometry and beam: the same, or nearly so, throughout a drive.
 //!
-//! They add linearly and white noise cannot stand for them. [`joint`](super::joint) estimates them;
-//! [`track`](super::track) keeps what a posture owes to each. Both take from here what they do to
-//! an axle's odometric increment and to what the beam says.
+//! They add linearly, so white noise cannot represent them. [`joint`](super::joint) estimates them;
+//! [`track`](super::track) stores a posture's sensitivity to each. This module gives both their effect on an axle's
+//! odometric increment and on the beam's posture.
 //!
 //! | index | constant |
 //! |---|---|
-//! | [`ZERO`] | relative heading that the zeros of the gauges add (rad), and their tilt from root to tip (m) |
-//! | [`GAIN`] | gain error of the beam: of the relative heading, and tilt from root to tip a radian of it (m) |
+//! | [`ZERO`] | relative heading added by the zeros of the gauges (rad), and their tilt from root to tip (m) |
+//! | [`GAIN`] | gain error of the beam: of the relative heading, and tilt from root to tip per radian of relative heading (m) |
 //! | [`DRIFT`] | heading drift per metre of front and rear odometry: unequal wheels (rad/m), which also move the middle of an axle that turns |
 //! | [`SCALE`] | scale error of front and rear odometry: wheel size |
 //! | [`TURN`] | scale error of the headings that the wheels of front and rear report: track |
-//! | [`SIDE`] | way aside of front and rear over their way ahead: axles askew, camber |
-//! | [`COMPLIANCE`] | slip of the tyres under the frame's moment beyond [`Tyres`]: mean of the axles and half their difference (rad/m) |
-//! | [`UNEVEN`] | slip of the right tyre of front and rear beyond the mean with the left one (rad/m) |
-//! | [`GYRO_BIAS`] | what the gyros of front and rear read too little (rad/s) |
+//! | [`SIDE`] | lateral over forward motion of front and rear: axles askew, camber |
+//! | [`COMPLIANCE`] | slip of the tyres under the frame's moment beyond the model [`Tyres`]: mean of the axles and half their difference (rad/m) |
+//! | [`UNEVEN`] | slip of the right tyre beyond the mean of both tyres of an axle, of front and rear (rad/m) |
+//! | [`GYRO_BIAS`] | true yaw rate less reading of the gyros of front and rear (rad/s) |
 //! | [`GYRO_SCALE`] | scale error of the gyros of front and rear |
 //!
-//! An axle with a gyro turns by it: the wheels' share of the heading is then some thousandths, and
-//! with it what slip, unequal wheels and track do to it.
+//! The heading of an axle with a gyro comes from the gyro. The wheels' share is then a few thousandths, and so is the
+//! effect of slip, unequal wheels and track.
 //!
-//! **Tyres.** A bent frame turns the front axle back and the rear axle into the curve with the moment
-//! M = EI/L·2ψ, which the tyres of an axle hold by opposite forces F = M/2d. A brush tyre under load N
-//! slips by F/(NC)/(1 − F/μN) of the way w that it rolls. So an axle yaws by M/(2d²NC) a metre of
-//! w̄ = (|w_l| + |w_r|)/2, which its wheels do not see, and advances by the same times
-//! d (|w_r| − |w_l|)/2. Of two tyres that differ, sum and difference change places for half their difference.
+//! **Tyres.** A bent frame acts on each axle with the moment M = EI/L·2ψ: it turns the front axle back and the rear
+//! axle into the curve. The tyres of an axle hold the moment by opposite forces F = M/2d. A brush tyre under load N
+//! that rolls a distance w slips by w·F/(NC)/(1 − F/μN). So an axle yaws by M/(2d²NC) per metre of
+//! w̄ = (|w_l| + |w_r|)/2, which its wheels do not measure, and advances by the same factor times
+//! d (|w_r| − |w_l|)/2. For half the difference of two unequal tyres, sum and difference of the distances change places.
 //!
-//! **Beam.** An error of the curvature along the strip moves the tip as seen from the root: its integral
-//! turns and moves it as a larger relative heading does, its first moment about the middle moves it across the chord.
+//! **Beam.** An error of the curvature along the strip moves the tip as seen from the root. The integral of this
+//! error acts as a larger relative heading. Its first moment about the middle moves the tip across the chord.
 
 use crate::math::matrix::Mat;
 use crate::math::trig::{sin_cos, sinc};
@@ -45,20 +45,20 @@ pub const DRIFT: usize = 4;
 pub const SCALE: usize = 6;
 /// Scale error of the heading by the wheels of front and rear.
 pub const TURN: usize = 8;
-/// Way aside of front and rear.
+/// Lateral over forward motion of front and rear.
 pub const SIDE: usize = 10;
-/// Slip a metre under the frame's moment: mean and half the difference of front and rear.
+/// Slip per metre under the frame's moment: mean and half the difference of front and rear.
 pub const COMPLIANCE: usize = 12;
-/// Slip a metre of the right tyre beyond the mean of an axle's two, of front and rear.
+/// Slip per metre of the right tyre beyond the mean of both tyres of an axle, of front and rear.
 pub const UNEVEN: usize = 14;
 /// Bias of the gyros of front and rear.
 pub const GYRO_BIAS: usize = 16;
 /// Scale error of the gyros of front and rear.
 pub const GYRO_SCALE: usize = 18;
-/// Constants that the beam's posture owes something to: [`ZERO`] and [`GAIN`].
+/// Number of constants that affect the beam's posture: [`ZERO`] and [`GAIN`].
 pub const OF_BEAM: usize = 4;
-/// Constants that the error of an axle's increment depends on beside the compliances, ahead, aside and in
-/// heading; of front and rear.
+/// Constants that affect an axle's increment besides the compliances, forward, laterally and in heading; for front and
+/// rear.
 pub(super) const OF_AHEAD: [[usize; 3]; 2] =
     [[SCALE, DRIFT, UNEVEN], [SCALE + 1, DRIFT + 1, UNEVEN + 1]];
 pub(super) const OF_ASIDE: [[usize; 2]; 2] = [[SCALE, SIDE], [SCALE + 1, SIDE + 1]];
@@ -73,8 +73,8 @@ pub(super) const OF_HEADING: [[usize; 5]; 2] = [
     ],
 ];
 
-/// Error of an increment by the errors `of` the constants: the product with [`Step::by_constants`], of
-/// which few entries are not zero.
+/// Error of an increment for the errors `of` the constants: the product with [`Step::by_constants`], over its few
+/// nonzero entries.
 pub(super) fn error_by<const AXLE: usize>(
     by_constants: &Mat<3, COUNT>,
     of: impl Fn(usize) -> f32,
@@ -84,7 +84,7 @@ pub(super) fn error_by<const AXLE: usize>(
         let terms = constants.iter().map(|&k| by[k % COUNT] * of(k));
         terms.fold(0.0, |sum, term| sum + term)
     };
-    // The axles' compliances are the mean and half the difference.
+    // Compliance of an axle: mean plus or minus half the difference.
     let compliance = match AXLE {
         0 => of(COMPLIANCE) + of(COMPLIANCE + 1),
         _ => of(COMPLIANCE) - of(COMPLIANCE + 1),
@@ -101,14 +101,14 @@ pub(super) fn error_by<const AXLE: usize>(
 pub struct Tyres {
     /// Half the track (the paper's d), m.
     pub half_track: f32,
-    /// Slip of an axle a metre rolled and a radian of small relative heading, rad/m.
+    /// Slip of an axle per metre rolled and radian of relative heading, for a small relative heading, rad/m.
     pub compliance: f32,
     /// Relative heading at which the tyres slide, rad.
     pub sliding: f32,
 }
 
 impl Tyres {
-    /// Largest share of the friction that the model is followed to.
+    /// Share of the friction up to which the model holds; beyond it the slip is linear again.
     const MAX_SHARE: f32 = 0.7;
 
     /// Relative heading over 1 − F/μN, and its derivative by the relative heading.
@@ -135,7 +135,7 @@ pub struct Step {
     pub relative_heading: RelativeHeading,
     /// Time the increment spans, s.
     pub dt: f32,
-    /// Share of the time in which a gyro took part, 0 to 1.
+    /// Share of the time in which the heading came from a gyro, 0 to 1.
     pub gyro_share: f32,
 }
 
@@ -150,20 +150,20 @@ impl Step {
         1.0 - self.gyro_share
     }
 
-    /// Ways that the left and the right wheel rolled, without sign, m.
+    /// Distances rolled by the left and the right wheel, without sign, m.
     fn rolled(&self, tyres: &Tyres) -> [f32; 2] {
         let turned = tyres.half_track * self.moved.phi;
         [self.moved.x - turned, self.moved.x + turned].map(f32::abs)
     }
 
-    /// Mean way that the wheels rolled, m.
+    /// Mean distance rolled by the wheels, m.
     pub fn way(&self, tyres: &Tyres) -> f32 {
         let [left, right] = self.rolled(tyres);
         0.5 * (left + right)
     }
 
-    /// Advance and turn (m, rad) by a slip of one radian a metre and radian of relative heading: of both tyres, and of
-    /// one tyre more and the other less.
+    /// Advance and turn (m, rad) for a unit slip per metre and radian of relative heading: equal in both tyres, then
+    /// opposite in the two tyres.
     fn slip(&self, tyres: &Tyres) -> [[f32; 2]; 2] {
         let [left, right] = self.rolled(tyres);
         let half = 0.5 * self.sign();
@@ -233,11 +233,10 @@ impl Step {
     }
 }
 
-/// Derivative of what the beam says of the front axle (m, m, rad, in the rear axle's frame) by the first
-/// [`OF_BEAM`] constants, for the posture `relative`.
+/// Derivative of the beam's posture (m, m, rad; front axle in the rear axle's frame) by the first [`OF_BEAM`]
+/// constants, at the posture `relative`.
 ///
-/// Of an arc, which a strip under pure moments is: for its relative heading φ and its tip (x, y) the tip moves by
-/// (x cot φ − x/φ …) with φ; written with half angles nothing is divided by φ.
+/// The strip is taken as an arc, its shape under pure moments. Half angles avoid a division by its relative heading.
 pub fn beam_by_constants(relative: Posture) -> Mat<3, OF_BEAM> {
     let heading = relative.phi;
     let (sin, cos) = sin_cos(0.5 * heading);

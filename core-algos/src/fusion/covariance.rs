@@ -4,12 +4,12 @@
 
 use crate::math::matrix::{self, Mat, Mat3};
 
-/// A pivot of the covariance below this share of its variance is lifted by [`LIFT`]: correlation
-/// coefficients are then kept away from the ±1 that rounding would carry them past.
+/// Smallest pivot of the L D Lᵀ factors, as a share of the state's variance. A smaller pivot is raised, because
+/// rounding could carry a correlation coefficient past ±1.
 const LEAST_PIVOT: f32 = 1e-4;
-/// Share of a variance that is added when its pivot is too small.
+/// Smallest share of a variance that is added when its pivot is too small.
 const LIFT: f32 = 4e-6;
-/// Variances are scaled back to this (in squared state units) when they pass it.
+/// Largest variance, in squared state units; a larger variance is scaled back to this value.
 const MAX_VARIANCE: f32 = 1e6;
 
 /// The covariance of `N` states, at least three, of which the first three are a posture.
@@ -56,9 +56,9 @@ impl<const N: usize> Covariance<N> {
         block
     }
 
-    /// Gain of `M` measurements, each of one state from `first` on and of `h` times those of
-    /// `states`; `noise` is the covariance of their noise. With S = H P Hᵀ + R = L Lᵀ, gives L and
-    /// L⁻¹ H P. Nothing if S is not positive definite.
+    /// Innovation covariance and gain of `M` measurements. Measurement m is state `first` + m plus row m of `h` times
+    /// the states `states`; `noise` is the covariance of the noise. With S = H P Hᵀ + R = L Lᵀ, returns L and L⁻¹ H
+    /// P; `None` if S is not positive definite.
     pub(super) fn seen<const S: usize, const M: usize>(
         &self,
         first: usize,
@@ -107,7 +107,7 @@ impl<const N: usize> Covariance<N> {
         Some((factor, told))
     }
 
-    /// Takes off what three measurements have told ([`Self::seen`]): P − (L⁻¹ H P)ᵀ (L⁻¹ H P).
+    /// Measurement update by three measurements: P − (L⁻¹ H P)ᵀ (L⁻¹ H P), with the matrix from [`Self::seen`].
     pub(super) fn take_off(&mut self, told: &Mat<3, N>) {
         for i in 0..N {
             let [x, y, z] = told;
@@ -119,7 +119,7 @@ impl<const N: usize> Covariance<N> {
         }
     }
 
-    /// State `m` becomes `kept` times itself and an independent error of variance `added`.
+    /// Scales state `m` by `kept` and adds an independent error of variance `added`.
     pub(super) fn fade(&mut self, m: usize, kept: f32, added: f32) {
         let m = m % N;
         for j in 0..N {
@@ -128,9 +128,9 @@ impl<const N: usize> Covariance<N> {
         self.upper[m][m] = kept * self.upper[m][m] + added;
     }
 
-    /// Keeps the matrix finite and positive definite over millions of steps: scales back variances
-    /// that have grown without bound, and lifts those whose pivot is lost in rounding. Both happen
-    /// rarely, and both only when the entries concerned have lost their meaning.
+    /// Keeps the matrix finite and positive definite over millions of steps: scales back variances that have grown
+    /// without bound, and raises variances whose pivot is lost in rounding. Both are rare and affect only entries
+    /// without meaning.
     pub(super) fn condition(&mut self) {
         for i in 0..N {
             let variance = self.upper[i][i];
@@ -187,7 +187,7 @@ mod tests {
         covariance.matrix()
     }
 
-    /// Each entry against its expected value, as a share of the standard deviations.
+    /// Compares each entry with its expected value, relative to the standard deviations.
     fn assert_near(found: &Mat<N, N>, expected: &Matrix<N, N>, what: usize) {
         for (i, j) in (0..N * N).map(|k| (k / N, k % N)) {
             let scale = (expected[i][i] * expected[j][j]).sqrt();
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn variance_grown_without_bound_is_scaled_back_with_its_correlations() {
+    fn variance_above_the_limit_is_scaled_back_and_correlations_stay() {
         for m in 0..N {
             let mut sigmas = [1.0; N];
             sigmas[m] = 3e3;
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn sound_covariance_and_states_of_no_variance_stay_to_the_bit() {
+    fn sound_covariance_and_zero_variance_states_stay_bit_identical() {
         let mut sound = random(3, [1.0, 0.1, 3.0, 1e-3, 2.0]);
         assert_eq!(conditioned(&sound), sound);
         for k in 0..N {
@@ -244,10 +244,10 @@ mod tests {
         assert_eq!(conditioned(&sound), sound);
     }
 
-    /// Two states that say almost, or more than, the same; a third follows them, up to `apart`.
+    /// Two states with a correlation of almost 1, or above 1; a third depends on both, up to `apart`.
     #[test]
-    fn lost_pivot_is_lifted_and_the_others_are_left() {
-        // Pivot of the second state as a share of its variance, and what its variance gains.
+    fn lost_pivot_raises_its_variance_and_leaves_the_other_entries() {
+        // Pivot of the second state over its variance, `apart`, and relative gain of its variance.
         for (pivot, apart, gain) in [
             (0.0, 0.0, 1e-4),
             (1e-6, 3e-3, 9.9e-5),
@@ -268,7 +268,7 @@ mod tests {
                 (gained - gain).abs() < 0.02 * gain + 3e-7,
                 "{pivot}: {gained}"
             );
-            // A pivot at its floor leaves a variance of 6.75 for that of the third state.
+            // If the second pivot is raised to its floor, this quotient is subtracted from the third pivot, 6.75.
             let lost = apart * apart / (LEAST_PIVOT * 0.25) > 6.75;
             assert_eq!(found[2][2] > before[2][2], lost, "{pivot} {apart}");
             let mut others = found;

@@ -15,11 +15,10 @@
 //! So least det P, greatest c, and least tr(W P) lie at the zero of a polynomial in ω/v of the second
 //! and fourth degree, found by Newton's method kept inside a bracket.
 //!
-//! If one input is better whatever the other adds, ω is exactly 0 or 1; it is 1/2 if both covariances
-//! are the same.
+//! So the least det P (greatest c) and the least tr(W P) lie at the zero of a polynomial in ω/v, of the second and
+//! fourth degree. Newton's method inside a bracket finds it.
 //!
-//! **Arithmetic.** P is flat in ω and the inputs may differ in size by many decades, so the algebra
-//! runs in `f64`, by software on the board. The results are good to `f32` rounding for standard
+//! ω is exactly 0 or 1 if the other input cannot improve the criterion, and 1/2 if both covariances are equal.
 //! deviations in a ratio of 1000, in any direction: ω is within 5e-6 and the normalised covariance
 //! within 1e-5. A board takes 28 000 instructions, whatever the inputs.
 //!
@@ -35,7 +34,7 @@
 //! let a = Estimate::with_sigmas(Posture::new(1.0, 0.0, 0.0), [0.01, 0.1, 0.02]);
 //! let b = Estimate::with_sigmas(Posture::new(1.2, 0.1, 0.0), [0.1, 0.01, 0.02]);
 //! let fused = Config::default().build()?.fuse(&a, &b).expect("both are positive definite");
-//! // Each coordinate comes from the one that knows it, and is not claimed to be known better.
+//! // Each coordinate comes from the input that knows it better; no variance is below that of this input.
 //! assert!((fused.omega - 0.5).abs() < 1e-3);
 //! let Estimate { posture, covariance } = fused.estimate;
 //! assert!((posture.x - 1.0).abs() < 5e-3 && (posture.y - 0.1).abs() < 5e-3);
@@ -75,7 +74,7 @@ declare! {
 }
 
 impl Config {
-    /// The ready form; an error names the parameter out of range.
+    /// Builds the intersection; an error names the parameter out of range.
     pub fn build(&self) -> Result<Intersection, ConfigError> {
         self.check_ranges()?;
         let length = self.heading_length_m;
@@ -97,7 +96,7 @@ pub struct Intersection {
 /// Result of covariance intersection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fused {
-    /// Weight of `a`'s information, 0 to 1; `b`'s is the rest.
+    /// Weight of the information of `a`, 0 to 1; that of `b` is 1 − ω.
     pub omega: f32,
     /// The fused estimate.
     pub estimate: Estimate,
@@ -154,7 +153,7 @@ fn entry(m: &Mat3, i: usize, j: usize) -> f64 {
     m[i.max(j)][i.min(j)]
 }
 
-/// Column of one.
+/// Column of a symmetric matrix, its lower triangle read.
 fn column(m: &Mat3, j: usize) -> Vec3 {
     [0, 1, 2].map(|i| entry(m, i, j))
 }
@@ -207,7 +206,7 @@ impl Factor {
     }
 }
 
-/// Covariance B in units of covariance A; the weights depend on it alone.
+/// Covariance B relative to covariance A, scaled by κ so that e₁ of M = (κ D)⁻¹ N is 3.
 struct Contrast {
     /// Factor of κ A, κ = e₁/3.
     a: Factor,
@@ -216,7 +215,7 @@ struct Contrast {
     inverse: f64,
     /// N = L⁻¹ B L⁻ᵀ.
     n: Mat3,
-    /// Minors of M, each without the row and column of its index.
+    /// Principal minors of M, each without the row and column of its index.
     minors: Vec3,
     /// e₂ and e₃ of M; e₁ is 3.
     e2: f64,
@@ -253,9 +252,9 @@ impl Contrast {
         })
     }
 
-    /// Weights ω and v where a function is least whose slope changes its sign at most once, from −
-    /// to +, and has that of a polynomial in κ ω/v, given by ascending powers. The zero, unlike the
-    /// coefficients, is good to its digits in `f32`.
+    /// Weights ω and v at the minimum of a function. `slope` holds the coefficients, by ascending powers, of a
+    /// polynomial in κ ω/v that has the sign of the function's slope; the sign changes at most once, from − to +.
+    /// Forming the coefficients takes `f64`, finding the zero only `f32`.
     fn weights<const N: usize>(&self, slope: [f64; N]) -> [f64; 2] {
         if !(slope[0] < 0.0) {
             return [0.0, 1.0];

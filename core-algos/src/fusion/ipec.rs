@@ -1,27 +1,25 @@
-//! Internal Posture Error Correction (IPEC): two coupled axles correct each other's odometry
-//! (Borenstein; paper section VI-B), with the variance of what it finds.
+//! Internal Posture Error Correction (IPEC): two coupled axles correct each other's odometry (Borenstein; paper
+//! section VI-B), with the variance of the correction.
 //!
-//! Heading errors of an axle appear at once — a bump under one wheel, slip, a wheel too small — but
-//! lateral position errors grow only slowly out of them. So over one short interval the odometric
-//! positions of both axles tell the direction of the line between them better than either axle's
-//! wheel difference tells its heading. Each interval:
+//! A bump under one wheel, slip or a wrong radius changes an axle's odometric heading at once; the lateral position
+//! error grows only slowly out of it. Over one short interval, the line between the odometric positions of both axles
+//! is therefore known better than either heading from a wheel difference. Each interval:
 //!
 //! 1. odometry of each axle: ds = (left + right)/2, dθ = (right − left)/track, position advanced
 //!    along φ + dθ/2, then φ += dθ;
-//! 2. α = atan2(r_y, r_x), the direction of axle 2 seen from axle 1, measured; β, the direction of
-//!    the line from axle 1 to axle 2 between the odometric positions;
+//! 2. α = atan2(r_y, r_x), the measured direction of axle 2 seen from axle 1; β, the direction from axle 1 to axle 2
+//!    by the odometric positions;
 //! 3. φ₁ ← β − α, φ₂ ← φ₁ + r_φ;
 //! 4. both positions slide along the line, half each, until their distance is |r|;
 //! 5. with g₁ = −α, g₂ = r_φ − α, B = |r|, σ_α = σ_ry/B, σ_ds² = σ_wheel²/2:
 //!    σ_β² += [sin²g₁ σ_ds² + sin²g₂ σ_ds² + (ds₂ cos g₂)² σ_rφ² +
 //!    (ds₁ cos g₁ − ds₂ cos g₂)² σ_α²]/B².
 //!
-//! Here r is axle 2's posture in axle 1's frame and axle 1 is the front: the inverse of what the
-//! beam measures. [`Ipec::step`] applies the interval in full. [`Ipec::weigh`] is the form for the
-//! second tier: the three opinions on the line's direction — positions, front odometry, rear
-//! odometry — averaged by inverse variance, an axle whose heading change is implausible (a bump,
-//! slip) left out. Constant errors of the beam add up linearly, not in square; their share is the
-//! configured drift per √m.
+//! Axle 1 is the front axle. r is axle 2's posture in axle 1's frame, the inverse of the beam's measurement.
+//! [`Ipec::step`] applies all five steps. [`Ipec::weigh`] serves the second tier: it averages three estimates of the
+//! line's direction (positions, front odometry, rear odometry) by inverse variance. An axle whose heading change is
+//! implausible (bump, slip) is left out. Constant errors of the beam add up linearly, not in square; the configured
+//! drift per √m stands for them.
 //!
 //! Nothing here panics. A relative posture that is not finite or shorter than
 //! [`MIN_BASELINE_M`] leaves the odometry as it is.
@@ -36,7 +34,7 @@
 //! let (front, rear) = (Posture::new(0.37, 0.0, 0.0), Posture::ORIGIN);
 //! let mut state = State::new(front, rear);
 //! let seen = rear.relative_to(front);
-//! // A bump lengthens the way of the front axle's right wheel by 2 mm; the beam is as it was.
+//! // A bump lengthens the travel of the front axle's right wheel by 2 mm; the frame does not bend.
 //! let correction = ipec.step(&mut state, &[0.01, 0.012, 0.01, 0.01], &seen).expect("a direction");
 //! let [front, _] = state.postures();
 //! assert!(front.phi.abs() < 2e-4, "by its wheels it would have turned by 6.2e-3");
@@ -52,7 +50,7 @@ use crate::math::trig::{atan2, hypot, sin_cos, wrap_angle, wrap_angle_f64};
 pub const MIN_BASELINE_M: f32 = 1e-3;
 
 declare! {
-    /// Standard deviations of what one interval measures.
+    /// Standard deviations of the measurements of one interval.
     pub struct Config {
         /// Standard deviation of one wheel's advance in an interval.
         pub wheel_sigma_m: f32 = 5e-5, "m": NonNegative;
@@ -60,11 +58,11 @@ declare! {
         pub lateral_sigma_m: f32 = 5e-5, "m": NonNegative;
         /// Standard deviation of the beam's heading (r_φ).
         pub heading_sigma_rad: f32 = 2e-4, "rad": NonNegative;
-        /// Drift of the line's direction from errors that do not change from interval to interval
-        /// (beam zero, wheel radius), as an equivalent random walk. Only where the axles are weighed.
+        /// Drift of the line's direction from errors that do not change from interval to interval (beam zero, wheel
+        /// radius), as an equivalent random walk.
         pub drift_rad_per_sqrt_m: f32 = 2.5e-3, "rad/√m": NonNegative;
-        /// Deviation of an axle's heading change, in standard deviations, beyond which it is taken for
-        /// a bump or slip and left out. Only where the axles are weighed.
+        /// Largest accepted deviation of an axle's heading change, in standard deviations; a larger one counts as a
+        /// bump or slip and is left out.
         pub gate_sigmas: f32 = 5.0, "": Positive;
         derived {
             /// Distance between the wheels of an axle.
@@ -74,7 +72,7 @@ declare! {
 }
 
 impl Config {
-    /// The ready form; an error names the parameter out of range.
+    /// Builds the correction; an error names the parameter out of range.
     pub fn build(&self) -> Result<Ipec, ConfigError> {
         self.check_ranges()?;
         let square = |x: f32| x * x;
@@ -104,7 +102,7 @@ pub struct Ipec {
 /// Both axles' postures as IPEC keeps them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
-    /// Position and heading of axle 1 and axle 2: long sums of small increments.
+    /// Position and heading of axle 1 and axle 2, in `f64` as they are long sums of small increments.
     axles: [[f64; 3]; 2],
     /// σ_β², rad².
     pub variance: f32,
@@ -126,7 +124,7 @@ impl State {
             .map(|axle| Posture::from(axle.map(|entry| entry as f32)))
     }
 
-    /// Postures of axle 1 and axle 2 with all their digits.
+    /// Postures of axle 1 and axle 2 in double precision.
     pub fn precise_postures(&self) -> [[f64; 3]; 2] {
         self.axles
     }
@@ -143,13 +141,13 @@ pub struct Correction {
     pub heading: [f32; 2],
     /// Variance of axle 1's corrected heading, σ_β² + σ_α², rad².
     pub heading_variance: f32,
-    /// The axle's own heading change was implausible (bump, slip) and left out.
+    /// True for an axle whose own heading change was implausible (bump, slip) and left out.
     pub gated: [bool; 2],
 }
 
 impl Ipec {
-    /// One interval in full: `advance` of the wheels, then correction by `r` (axle 2 in axle 1's
-    /// frame). `None` if `r` gives no direction; the axles then hold plain odometry.
+    /// One interval: odometry by the `advance` of the wheels, then correction by `r` (axle 2 in axle 1's frame).
+    /// `None` if `r` or the odometric positions give no direction; the state then holds plain odometry.
     pub fn step(
         &self,
         state: &mut State,
@@ -211,13 +209,12 @@ impl Ipec {
             / (seen.baseline * seen.baseline)
     }
 
-    /// The same correction weighed against the axles' own headings.
+    /// Correction weighted against the axles' own headings.
     ///
-    /// `postures` of axle 1 and 2 after odometry; `advance` of their midpoints in the interval (m);
-    /// `own_variance` of each axle's own heading change in the interval (rad²); `r` as in
-    /// [`Self::step`]. Returns the corrected postures, which stand to each other exactly as `r`
-    /// says, and what was corrected. `None` if `r` gives no direction, or if both axles contradict
-    /// the line alike, so that `r` itself is in doubt.
+    /// `postures` of axle 1 and 2 after odometry; `advance` of their midpoints in the interval (m); `own_variance` of
+    /// each axle's own heading change in the interval (rad²); `r` as in [`Self::step`]. Returns the corrected
+    /// postures, whose relative posture is exactly `r`, and the correction. `None` if `r` or the positions give no
+    /// direction, or if both axles deviate from the line by about the same angle, so that `r` itself is suspect.
     pub fn weigh(
         &self,
         postures: [Posture; 2],
@@ -239,7 +236,7 @@ impl Ipec {
         ];
         let driven = 0.5 * (advance[0].abs() + advance[1].abs());
         let line_variance = self.growth(&seen, r, advance) + self.drift_variance * driven + 1e-12;
-        // The beam's own noise, of this interval and the last.
+        // Noise of the beam's measurements at both ends of the interval.
         let noise = 2.0 * (seen.variance(self.lateral_variance) + self.heading_variance);
         let mut gated = [false; 2];
         let (mut information, mut sum) = (1.0 / line_variance, 0.0);
@@ -280,7 +277,7 @@ impl Ipec {
     }
 }
 
-/// Direction in which axle 1 sees axle 2.
+/// Direction of axle 2 seen from axle 1.
 struct Direction {
     baseline: f32,
     alpha: f32,

@@ -1,11 +1,9 @@
-//! Joint filter of both axles: one extended Kalman filter whose covariance knows how the axles'
-//! errors are correlated.
+//! Joint filter of both axles: one extended Kalman filter that keeps the correlation of the axles' errors.
 //!
-//! The axles' six posture errors are kept as the error of the rear axle in its own frame and of the
-//! front axle as seen from the rear. What the beam measures is then a state itself: the update is
-//! linear, and the drift of the whole robot, which grows without bound, never meets the millimetre
-//! accuracy between the axles in one difference. The other states hold what is constant or nearly so
-//! ([`constants`]):
+//! The axles' six posture errors are kept as those of the rear axle in its own frame and those of the front axle seen
+//! from the rear. The beam's measurement is then itself a state. So the update is linear, and the relative posture,
+//! known to a millimetre, is never a difference of two postures that drift without bound. The other states are
+//! constant or nearly so ([`constants`]):
 //!
 //! | states | meaning |
 //! |---|---|
@@ -13,14 +11,14 @@
 //! | 3–5 | front axle's posture in the rear axle's frame (m, m, rad) |
 //! | 6–25 | the constants, in their order |
 //!
-//! Three more errors move the robot as a whole, and nothing on board tells of them: the grain of a floor
-//! takes both axles along for each metre they roll, along each of the floor's axes, and tyres, clamps and axles that
-//! are not as modelled turn them ([`Config::steady_turn_sigma_rad_per_m`]). They are considered
-//! (Schmidt 1966): not estimated, but their share is in every covariance that is given out. They do not change
-//! the relative posture, so no gain of the beam's update depends on them.
+//! Three more errors move the robot as a whole, and no sensor on board measures them. The grain of the floor
+//! displaces both axles per metre they roll, along each of the floor's two axes. Tyres, clamps and axles that differ
+//! from the model turn the robot ([`Config::steady_turn_sigma_rad_per_m`]). These errors are considered (Schmidt
+//! 1966): not estimated, but contained in every covariance that the filter gives. They do not change the relative
+//! posture, so no gain of the beam's update depends on them.
 //!
 //! A standard deviation of 0 removes a state. The update takes all three components of r with their
-//! covariance, gated by the NIS. Nothing here panics; see [`Joint`].
+//! covariance, gated by the normalised innovation squared (NIS). Nothing here panics.
 //!
 //! # Example
 //!
@@ -36,7 +34,7 @@
 //! let mut state = filter.start(&robot, &frame, 0.005);
 //! let step = Estimate::with_sigmas(Posture::new(2e-3, 0.0, 0.0), [5e-5, 2e-5, 1e-4]);
 //! filter.predict(&mut state, &step, &step, [0.0; 2], 1.0);
-//! // The beam sees the front axle turned to the left: that may be so, or the zeros of its gauges.
+//! // The beam measures a left turn of the front axle: a true turn, or the zeros of its gauges.
 //! let seen = Estimate::with_sigmas(Posture::new(0.37, 0.001, 0.006), [1e-4, 1e-4, 5e-4]);
 //! let update = filter.update(&mut state, &seen, |nis| nis < 40.0);
 //! assert!((update.innovation[2] - 0.006).abs() < 1e-6);
@@ -67,9 +65,9 @@ use crate::math::{Posture, RelativeHeading};
 pub const N: usize = FIRST + constants::COUNT;
 const REL: usize = 3;
 const REL_PHI: usize = 5;
-/// The first of the constants.
+/// Index of the first constant.
 const FIRST: usize = 6;
-/// States that what the beam says depends on beside the relative posture.
+/// States that affect the beam's measurement besides the relative posture.
 const OF_BEAM_STATES: [usize; OF_BEAM] = [
     FIRST + ZERO,
     FIRST + ZERO + 1,
@@ -89,7 +87,7 @@ fn solve_lower(l: &Mat3, b: &[f32; 3]) -> [f32; 3] {
     x
 }
 
-/// Adds the share of an error with this variance, by which a posture changes so much.
+/// Adds the covariance of a posture error `by` · e, with e of the given variance.
 fn add_outer(covariance: &mut Mat3, by: &[f32; 3], variance: f32) {
     for i in 0..3 {
         for k in 0..3 {
@@ -108,20 +106,20 @@ pub struct Joint {
     tyres: Tyres,
     /// Prior variances of the constants.
     prior: [f32; constants::COUNT],
-    /// One over the size of a constant at which its sensor is inconsistent; 0 for a constant that is not learnt.
+    /// One over the size of a constant at which its sensor is inconsistent; 0 for a constant that is not estimated.
     per_limit: [f32; constants::COUNT],
-    /// Share of a constant that a tick leaves of it.
+    /// Factor by which an estimated constant fades per tick.
     kept: f32,
     /// Variance added to the constants each tick.
     walk: [f32; constants::COUNT],
-    /// Variance of a turn of the robot a metre.
+    /// Variance of the considered turn of the robot per metre.
     steady_turn: f32,
-    /// Variances of an axle's heading and way by play.
+    /// Variances of an axle's heading (rad²) and travel (m²) due to backlash.
     play_heading: f32,
     play_way: f32,
 }
 
-/// All that changes in the joint filter.
+/// State of the joint filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     rear: Posture,
@@ -130,10 +128,10 @@ pub struct State {
     covariance: Covariance<N>,
     /// Relative heading that loads the tyres: of the last tick with the odometry of both axles.
     loading: RelativeHeading,
-    /// Derivatives of the rear axle's posture, in its own frame, by the considered errors (m, m, rad): the way that
-    /// the floor adds to a metre along its x and y, and the turn a metre.
+    /// Derivatives of the rear axle's posture, in its own frame, by the considered errors (m, m, rad): displacement
+    /// by the floor per metre along its x and y, and turn per metre.
     by_considered: [[f32; 3]; 3],
-    /// Variances of these.
+    /// Variances of the considered errors.
     considered: [f32; 3],
 }
 
@@ -148,12 +146,12 @@ impl State {
         self.rear.compose(self.relative)
     }
 
-    /// Motion of O (m, m, rad, along the global axes) from where it was at `before`, when the front axle was at `relative`
-    /// in the rear axle's frame and the rear axle had this heading.
+    /// Motion of O since it was at `before` (m, m, rad, along the global axes). `relative` and `heading` are the
+    /// front axle's posture in the rear axle's frame and the rear axle's heading at that time.
     pub(super) fn moved(&self, before: Posture, relative: Posture, heading: f32) -> Posture {
         let (r, (sin, cos)) = (self.relative, sin_cos(self.rear.phi));
         let (x, y) = (0.5 * r.x, 0.5 * r.y);
-        // The angle between the chords of two epochs, whose tangent it is.
+        // Tangent of the small angle between the chords before and after, taken as the angle.
         let across = relative.x * r.y - relative.y * r.x;
         let along = relative.x * r.x + relative.y * r.y;
         Posture::new(
@@ -205,7 +203,7 @@ impl State {
         &self.covariance
     }
 
-    /// Turn from the rear axle's frame into the global one.
+    /// Rotation from the rear axle's frame into the global frame.
     fn world_from_rear(&self) -> Mat3 {
         let (sin, cos) = sin_cos(self.rear.phi);
         [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
@@ -219,7 +217,7 @@ impl State {
         let relative = self.relative().covariance;
         let (sin, cos) = sin_cos(self.rear.phi);
         let into_world = |q: Posture, mut covariance: Mat3| {
-            // Along the axes of the rear axle until here.
+            // Up to here along the axes of the rear axle.
             for (by, variance) in self.by_considered.iter().zip(self.considered) {
                 add_outer(&mut covariance, &carried(by, q), variance);
             }
@@ -230,11 +228,11 @@ impl State {
             );
             Estimate::new(at, turned(&covariance, sin, cos))
         };
-        // Errors of a posture `q` in the rear axle's frame: those of the rear axle carried along, those of the
-        // relative posture by the derivative by it, and what they have in common.
+        // Covariance of a posture `q` in the rear axle's frame: the rear axle's error carried to `q`, the error of
+        // `q` itself, and their cross-covariance.
         let seen_from_rear = |q: Posture, cross: &Mat3, own: &Mat3| {
             let along = |by: &Mat3| matrix::transpose(by).map(|column| carried(&column, q));
-            // Columns of A P and of A C, A the carrying.
+            // Columns of A P and A C, with A the Jacobian that carries an error of the rear axle to `q`.
             let (moved, common) = (along(&rear), along(cross));
             let carried_twice = along(&moved);
             let mut covariance = *own;
@@ -290,14 +288,14 @@ impl Joint {
         &self.tyres
     }
 
-    /// Start: O's posture with its covariance, and the front axle's posture in the rear axle's frame
-    /// with its own, independent covariance. `floor_drift` is the standard deviation of the way that the floor
-    /// takes the robot, over the way it rolls, along each of the floor's axes.
+    /// Starts from O's posture and the front axle's posture in the rear axle's frame, with independent covariances.
+    /// `floor_drift` is the displacement by the floor per metre rolled, standard deviation along each of the floor's
+    /// axes.
     pub fn start(&self, robot: &Estimate, relative: &Estimate, floor_drift: f32) -> State {
         let (q, jacobian) = compound::midpoint_seen_from_rear(relative.posture);
         let back = q.inverse();
         let rear = robot.posture.compose(back);
-        // rear = O ⊕ back(r). In the rear axle's frame: by O's error, carried along, and by r's.
+        // rear = O ⊕ back(r). Its error in the rear axle's frame comes from the errors of O and of r.
         let (sin, cos) = sin_cos(rear.phi);
         let into_rear = [[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]];
         let (by_robot, by_back) = robot.posture.compose_jacobians(back);
@@ -338,7 +336,7 @@ impl Joint {
         }
     }
 
-    /// The gyro of an axle (0 front, 1 rear) was zeroed: its bias is another one.
+    /// Resets the bias of an axle's gyro (0 front, 1 rear) to its prior, after the gyro was zeroed.
     pub fn forget_gyro_bias(&self, state: &mut State, axle: usize) {
         let k = GYRO_BIAS + axle.min(1);
         let u = &mut state.covariance.upper;
@@ -349,9 +347,9 @@ impl Joint {
         state.constants[k] = 0.0;
     }
 
-    /// Odometry: increments of front and rear in the axles' own frames, each with the covariance of
-    /// its error in the frame it ends in and the share of the time in which a gyro took part.
-    /// `ticks` is the time they span.
+    /// Time update by odometry. `front` and `rear` are increments in the axles' own frames, each with the covariance
+    /// of its error in the end frame. `gyro_shares` are the shares of the time in which the heading came from a gyro;
+    /// `ticks` is the duration of the increments.
     pub fn predict(
         &self,
         state: &mut State,
@@ -415,7 +413,7 @@ impl Joint {
             by_front,
             by_base,
         };
-        // Of F P the six rows that are not those of P.
+        // The six rows of F P that differ from those of P.
         let u = &mut state.covariance.upper;
         let mut fp: Mat<6, N> = [[0.0; N]; 6];
         let mut column = [0.0; N];
@@ -430,8 +428,8 @@ impl Joint {
             }
         }
 
-        // Noise of the increments: in the end frames for the rear itself, turned back into the
-        // frames of departure where the increments are added.
+        // Noise of the increments: in the end frame for the rear axle's posture, turned into the start frames for the
+        // relative posture.
         let (sin1, cos1) = sin_cos(d1.phi);
         let depart1: Mat3 = [[cos1, -sin1, 0.0], [sin1, cos1, 0.0], [0.0, 0.0, 1.0]];
         let depart2 = matrix::transpose(&turn_back);
@@ -469,7 +467,7 @@ impl Joint {
         state.loading = RelativeHeading(state.relative.phi);
     }
 
-    /// An increment corrected by what is known of the constants, and what its error depends on.
+    /// The increment corrected by the estimated constants, and the derivatives of its error.
     fn correct(&self, step: &Step, state: &State) -> (Posture, IncrementError) {
         let by_constants = step.by_constants(&self.tyres);
         let ([x, y, phi], by_heading) = step.error(&self.tyres, &by_constants, &state.constants);
@@ -481,13 +479,13 @@ impl Joint {
         (Posture::new(p.x + x, p.y + y, p.phi + phi), error)
     }
 
-    /// Keeps the relative heading that loads the tyres while the odometry of one axle is missing.
+    /// Sets the relative heading that loads the tyres; it stays while the odometry of one axle is missing.
     pub fn keep_loading(&self, state: &mut State, loading: RelativeHeading) {
         state.loading = loading;
     }
 
-    /// The beam: `measured` is the front axle's posture in the rear axle's frame with the covariance
-    /// of its noise. `accept` judges the NIS (three degrees of freedom).
+    /// Update by the beam. `measured` is the front axle's posture in the rear axle's frame with the covariance of its
+    /// noise. `accept` is true for an acceptable NIS (three degrees of freedom).
     pub fn update(
         &self,
         state: &mut State,
@@ -536,7 +534,7 @@ impl Joint {
         outcome
     }
 
-    /// Covariance of what play makes of the headings and ways of both axles.
+    /// Covariance of the relative posture due to backlash in both axles.
     fn play(&self, relative: Posture) -> Mat3 {
         let mut covariance = [[0.0; 3]; 3];
         let (sin, cos) = sin_cos(relative.phi);
@@ -564,10 +562,10 @@ impl Joint {
         }
     }
 
-    /// Keeps the covariance finite and positive definite, and lets what was learnt of the constants fade
-    /// towards what is known of them beforehand; to be called every `ticks` ticks or so, between two steps.
+    /// Keeps the covariance finite and positive definite, and fades the estimated constants towards their priors. To
+    /// be called about every `ticks` ticks, between two steps.
     ///
-    /// Constants that have walks of their own do not fade.
+    /// Constants with a random walk do not fade.
     pub fn condition(&self, state: &mut State, ticks: u8) {
         let kept = 1.0 - f32::from(ticks) * (1.0 - self.kept);
         for k in 0..constants::COUNT {

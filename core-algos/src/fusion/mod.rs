@@ -1,12 +1,12 @@
-//! Fusion: axle filter (paper eq. 16–19), covariance intersection, internal posture error
-//! correction, and the second tier that joins both axles through the beam.
+//! Fusion in two tiers: one filter on each axle, then one fusion of both axles with the beam.
 //!
-//! [`ekf`] runs on each axle at the rate of its sensors and hands odometric increments to
-//! [`robot`], the second tier on the lead node; [`standstill`] zeroes its inertial sensors. The
-//! second tier is built from [`compound`] (a posture seen through the beam), [`constants`] (errors
-//! that stay the same) and [`track`] (what a posture owes to them), [`intersection`] (covariance
-//! intersection), [`ipec`] (internal posture error
-//! correction) and [`joint`] (one filter of both axles).
+//! First tier, on each axle board: [`ekf`] is the axle filter (paper eq. 16–19), [`standstill`] estimates the biases
+//! of the inertial sensors at rest.
+//!
+//! Second tier, on the lead node: [`robot`] combines odometric increments of both axles with the beam's posture. Its
+//! methods are [`intersection`] (covariance intersection), [`ipec`] (internal posture error correction) and [`joint`]
+//! (one filter of both axles). [`compound`] computes a posture seen through the beam. [`constants`] describes errors
+//! that stay the same throughout a drive, [`track`] a posture's sensitivity to them.
 
 pub mod compound;
 pub mod constants;
@@ -50,14 +50,14 @@ impl Estimate {
         Self::new(posture, matrix::diagonal(sigmas.map(|sigma| sigma * sigma)))
     }
 
-    /// 95 % region: the longer half axis of the ellipse of the position (m) and half the interval
-    /// of the heading (rad).
+    /// Half axes of the 95 % region: longer half axis of the position ellipse (m), half the interval of the heading
+    /// (rad).
     pub fn half_axes_95(&self) -> [f32; 2] {
         let p = &self.covariance;
         let half = 0.5 * (p[0][0] - p[1][1]);
         let across = sqrt(half * half + p[0][1] * p[1][0]);
         let longest = 0.5 * (p[0][0] + p[1][1]) + across;
-        // Of χ² with two degrees of freedom and with one.
+        // 95 % quantiles of χ² with two degrees of freedom and with one.
         [sqrt(5.991 * longest), sqrt(3.841 * p[2][2])]
     }
 
@@ -71,9 +71,9 @@ impl Estimate {
 mod tests {
     use super::*;
 
-    /// An ellipse of known axes, turned; seen in the direction of its long axis by a search.
+    /// Ellipse of known half axes at several angles; a search over directions gives the reference.
     #[test]
-    fn half_axes_are_those_of_the_ellipse_however_it_lies() {
+    fn half_axes_95_of_a_turned_ellipse_match_a_search_over_directions() {
         for turn in [0.0f32, 0.4, 1.2, 2.5] {
             let (sin, cos) = turn.sin_cos();
             let (long, short) = (0.02f32 * 0.02, 0.005f32 * 0.005);

@@ -5,30 +5,28 @@
 //! (front axle in the rear axle's frame); any may be absent. Out: posture and covariance of both
 //! axles and of the robot's midpoint O in the global frame.
 //!
-//! | mode | what it does |
+//! | mode | method |
 //! |---|---|
-//! | [`Mode::Odometry`] | increments added up; the beam is not used |
-//! | [`Mode::Intersection`] | the paper's: each axle's posture is intersected with the other's seen through the beam, both from the values before the update |
-//! | [`Mode::IntersectionIpec`] | first [`ipec`] corrects headings and distance, then the same |
+//! | [`Mode::Odometry`] | sum of the increments, without the beam |
+//! | [`Mode::Intersection`] | method of the paper: each axle's posture is intersected with the other axle's posture seen through the beam; both use the values before the update |
+//! | [`Mode::IntersectionIpec`] | [`ipec`] corrects headings and distance, then covariance intersection follows |
 //! | [`Mode::Joint`] | one filter of both axles ([`joint`]) |
 //!
-//! **Constant errors.** Wheel radii, the beam's zero, the start and the creep of tyres under the
-//! frame's moment are wrong in the same way throughout a drive, so their effect grows with the way
-//! and not with its root, and part of it is shared by both axles or opposite in them. The joint
-//! filter estimates them. The other modes keep what each posture owes to each of them beside the
-//! rest ([`track`]), so that what they claim contains it, and covariance intersection
-//! can tell whose error has grown: it follows the axles in turn, and their opposite yaw cancels.
+//! **Constant errors.** Errors of wheel radii, of the beam's zero, of the start and of tyre creep under the frame's
+//! moment stay the same throughout a drive. Their effect grows with the distance, not with its root, and part of it
+//! is equal or opposite in both axles. The joint filter estimates these errors. The other modes store each posture's
+//! sensitivity to each of them ([`track`]), so that the claimed covariance contains them. Covariance intersection
+//! then finds the axle whose error has grown: it follows the axles in turn, and their opposite yaw cancels.
 //!
-//! **Noise.** To each increment's own covariance the configured slip is added: the wheels do not
-//! see it. It acts per metre, per second, and per second and radian of relative heading, for a bent frame creeps
-//! even at standstill: the frame turns the axles against each other.
+//! **Noise.** The configured slip, which the wheels do not measure, is added to each increment's covariance. Slip
+//! grows with distance, with time and with the relative heading: a bent frame turns the axles against each other even
+//! at standstill.
 //!
-//! **Loss.** An axle sends where its odometry has come to, not its last step, so a lost message
-//! delays what it carried and loses nothing. While one axle's
-//! increment is missing the beam is not used: it would see a motion that odometry has yet to report.
+//! **Lost messages.** An axle sends its odometric posture, not its last step, so a lost message delays motion and
+//! loses none. While one axle's increment is missing, the beam is not used: it measures motion that odometry has yet
+//! to report.
 //!
-//! [`Config::build`] validates; after it nothing fails or panics. What is not finite counts as
-//! absent.
+//! [`Config::build`] validates; after it nothing fails or panics. Inputs that are not finite count as absent.
 //!
 //! # Example
 //!
@@ -44,7 +42,7 @@
 //! let moved = |turn| Increment::new(Posture::new(2e-3, 0.0, turn), matrix::diagonal([1e-9; 3]));
 //! let mut output = Output::default();
 //! for _ in 0..100 {
-//!     // The wheels say that the axles turn against each other, the beam says that they do not.
+//!     // By the wheels the axles turn against each other, by the beam they do not.
 //!     output = fusion.step(&mut state, &Inputs {
 //!         front: Some(moved(1e-4)),
 //!         rear: Some(moved(-1e-4)),
@@ -71,11 +69,11 @@ use crate::math::matrix::{self, Mat3};
 use crate::math::trig::{sqrt, wrap_angle};
 use crate::math::{Posture, RelativeHeading};
 
-/// Constants of odometry as noise of the same size, for the weights of IPEC: over this way, m, and
-/// this time, s.
+/// Distance (m) and time (s) over which a constant error of odometry and a random walk of its size have the same
+/// effect; for the weights of IPEC.
 const REFERENCE_WAY_M: f32 = 1.0;
 const REFERENCE_TIME_S: f32 = 1.0;
-/// Time of a drive up to which the walk of a gyro's bias is covered by a constant bias, s.
+/// Duration of a drive up to which a constant bias covers the random walk of a gyro's bias, s.
 const WALK_TIME_S: f32 = 30.0;
 /// Ticks between two repairs of the joint filter's covariance.
 const CONDITION_INTERVAL: u8 = 64;
@@ -94,8 +92,7 @@ pub struct RobotFusion {
     period: f32,
     /// Standard deviations of the constants.
     constants: [f32; constants::COUNT],
-    /// Speed of slip under a load of the frame that nothing measures: along, across (m/s), in
-    /// heading (rad/s).
+    /// Slip speed under an unmeasured load of the frame: along, across (m/s), in heading (rad/s).
     load: [f32; 3],
     beam_gate: Option<f32>,
     patience: u16,
@@ -109,13 +106,13 @@ pub struct RobotFusion {
 pub struct Increment {
     /// Posture reached, in the axle's frame at the start of the increment (m, m, rad).
     pub posture: Posture,
-    /// Covariance of its error along, across and in the heading reached.
+    /// Covariance of the error: along and across the heading reached, in heading.
     pub covariance: Mat3,
     /// Ticks it spans.
     pub ticks: u16,
-    /// Share of the time in which a gyro took part, 0 to 1: the heading is then the gyro's.
+    /// Share of the time in which the heading came from a gyro, 0 to 1.
     pub gyro_share: f32,
-    /// The gyro was zeroed at rest: what was learnt of its bias no longer holds.
+    /// True if the gyro was zeroed at rest; the estimate of its bias is then void.
     pub gyro_zeroed: bool,
 }
 
@@ -138,7 +135,7 @@ impl Increment {
     }
 }
 
-/// Axle of a pair of neighbours.
+/// Axle of a pair of neighbouring axles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PairAxle {
     /// Front axle.
@@ -193,16 +190,16 @@ enum Tracks {
     Joint(joint::State),
 }
 
-/// All that changes in the second tier.
+/// State of the second tier.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     tracks: Tracks,
-    /// Standard deviation of the way that the floor takes the robot, over the way it rolls.
+    /// Displacement of the robot by the floor per metre rolled, standard deviation.
     floor_drift: f32,
     until_condition: u8,
     /// Posture of O.
     robot: Posture,
-    /// Its heading before the last tick, and its motion in it by odometry alone, along the global axes.
+    /// Heading of O before the last tick; motion of O in that tick by odometry alone, along the global axes.
     heading: f32,
     moved: Posture,
     beam: Beam,
@@ -211,18 +208,18 @@ pub struct State {
 /// Record of the beam's measurements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Beam {
-    /// Last relative posture it gave.
+    /// Last accepted relative posture.
     relative: Estimate,
     rejected_in_a_row: u16,
 }
 
 impl State {
-    /// Heading of O before the last tick, and its motion in it by odometry alone (m, m, rad, along the global axes).
+    /// Heading of O before the last tick, and motion of O in that tick by odometry alone (m, m, rad; global axes).
     pub fn moved(&self) -> (f32, Posture) {
         (self.heading, self.moved)
     }
 
-    /// The joint filter, in the mode that runs it.
+    /// State of the joint filter; `None` in the other modes.
     pub fn joint(&self) -> Option<&joint::State> {
         match &self.tracks {
             Tracks::Joint(joint) => Some(joint),
@@ -232,9 +229,9 @@ impl State {
 }
 
 impl RobotFusion {
-    /// Start with O's posture and the front axle's posture in the rear axle's frame, both with their
-    /// covariances, on a floor that takes the robot along by this share of its way (standard deviation along each of
-    /// the floor's axes).
+    /// Starts from O's posture and the front axle's posture in the rear axle's frame, each with its covariance.
+    /// `floor_drift` is the displacement by the floor per metre rolled, standard deviation along each of the floor's
+    /// axes.
     pub fn start(&self, robot: &Estimate, relative: &Estimate, floor_drift: f32) -> State {
         let tracks = match self.mode {
             Mode::Joint => Tracks::Joint(self.joint.start(robot, relative, floor_drift)),
@@ -273,9 +270,8 @@ impl RobotFusion {
         }
     }
 
-    /// Repairs the joint filter's covariance if it is time: what the next tick would begin with, so
-    /// that the tick itself is short. Whether it is called changes nothing in what [`Self::step`]
-    /// gives. True if there was something to repair.
+    /// Conditions the joint filter's covariance if this is due, ahead of the next tick, so that the tick is short.
+    /// The outputs of [`Self::step`] are the same without this call. True if conditioning was due.
     pub fn prepare(&self, state: &mut State) -> bool {
         let (0, Tracks::Joint(joint)) = (state.until_condition, &mut state.tracks) else {
             return false;
@@ -290,7 +286,7 @@ impl RobotFusion {
         self.prepare(state);
         let front = inputs.front.filter(Increment::is_finite);
         let rear = inputs.rear.filter(Increment::is_finite);
-        // The relative posture is comparable only when both odometries have come as far.
+        // The beam's posture is comparable only if both axles have reported their increments.
         let complete = front.is_some() && rear.is_some();
         let heading = RelativeHeading(match &state.tracks {
             Tracks::Separate { front, rear } => wrap_angle(front.posture.phi - rear.posture.phi),
@@ -371,13 +367,13 @@ impl RobotFusion {
         state.joint().and_then(|joint| self.joint.doubt(joint))
     }
 
-    /// True if the beam takes part.
+    /// True if the mode uses the beam.
     pub fn uses_beam(&self) -> bool {
         self.mode != Mode::Odometry
     }
 
-    /// Starts again from the axle whose estimate still holds and the beam, when the other axle's has
-    /// been lost; `last` is the output of the step before. What was learnt of constants is lost too.
+    /// Restarts from the beam and the axle whose estimate is still valid, after the other axle has lost its estimate.
+    /// `last` is the output of the step before. Estimates of the constants are lost too.
     pub fn rejoin(
         &self,
         state: &mut State,
@@ -434,7 +430,7 @@ impl RobotFusion {
         error.constants[0][first] = along * step.dt;
         error.constants[1][first + 1] = across * step.dt;
         error.constants[2][first + 2] = turning * step.by_wheels() * step.dt;
-        // An increment follows a posture as the front axle follows the rear.
+        // A posture and an increment compose like rear axle and relative posture.
         *track = track.through(&Chain::front_from_rear(track.posture, step.moved), &error);
         let drifted = floor_drift * step.way(self.joint.tyres());
         for k in 0..2 {
@@ -442,7 +438,7 @@ impl RobotFusion {
         }
     }
 
-    /// The beam's posture with what its zeros and gains make of it.
+    /// The beam's posture with its sensitivity to zeros and gains of the gauges.
     fn beam_track(&self, beam: &Estimate) -> Track {
         let mut track = Track::random(*beam);
         let by_constants = constants::beam_by_constants(beam.posture);
@@ -454,7 +450,7 @@ impl RobotFusion {
         track
     }
 
-    /// Both axles from the beam, each from the other's value before the update.
+    /// Updates both axles by the beam, each with the other's value before the update.
     fn join(
         &self,
         seen: &mut Beam,
@@ -530,7 +526,7 @@ impl RobotFusion {
         }
     }
 
-    /// O by both axles, each with the beam, intersected.
+    /// O, intersected from two estimates: each axle's posture with the beam.
     fn middle(&self, front: &Track, rear: &Track, beam: &Estimate) -> Estimate {
         let relative = self.beam_track(beam);
         let link = Chain::midpoint_from_front(front.posture, beam.posture);
@@ -543,7 +539,7 @@ impl RobotFusion {
         }
     }
 
-    /// O halfway between the axles.
+    /// O halfway between the axles, without the beam.
     fn middle_unseen(&self, front: &Track, rear: &Track) -> Estimate {
         let chain = Chain::midpoint(front.posture, rear.posture);
         let mut middle = front.through(&chain, rear);
@@ -575,14 +571,13 @@ impl RobotFusion {
     }
 }
 
-/// A factor of a covariance: columns of one standard deviation each. Without correlations if it is
-/// not positive definite.
+/// Cholesky factor of a covariance; without correlations if the covariance is not positive definite.
 fn spread(covariance: &Mat3) -> Mat3 {
     matrix::cholesky(covariance)
         .unwrap_or_else(|| matrix::diagonal([0, 1, 2].map(|k| sqrt(covariance[k][k].max(0.0)))))
 }
 
-/// The covariance of an increment along the axes of the frame it starts in.
+/// The increment, its covariance turned into the frame in which the increment starts.
 fn into_departure(increment: &Estimate) -> Estimate {
     let (sin, cos) = crate::math::trig::sin_cos(increment.posture.phi);
     let turn = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]];

@@ -1,31 +1,32 @@
 //! Zeroing of inertial sensors at standstill.
 //!
-//! A robot that stands with its motors off and its wheels still does not turn or accelerate: what
-//! gyro and accelerometer read then is their bias (and the slope of the floor). A scalar Kalman
-//! filter of the bias, a random walk seen through white noise, follows it while the robot stands
-//! and remembers it while it drives. Still wheels alone do not show that an axle does not turn, for
-//! a bent frame turns it on creeping tyres: the gyro takes motors off too, and for some time, in which
-//! the frame unwinds. A frame between wheels that roll freely swings for long, too little for the
-//! encoders at its turning points: readings then lie further apart than noise. Creep is steady, so
-//! that for the accelerometer still wheels are enough.
+//! A robot with motors off and still wheels neither turns nor accelerates, so gyro and accelerometer read their bias
+//! (and the slope of the floor). A scalar Kalman filter estimates the bias, a random walk in white noise, at rest and
+//! keeps it while driving.
+//!
+//! Still wheels alone do not show that an axle does not turn: a bent frame turns an axle on creeping tyres. The gyro
+//! therefore also requires the motors to be off until the frame has unwound. Between wheels that roll freely the
+//! frame swings for long, too little for the encoders at its turning points; the gyro's readings then differ by more
+//! than noise. Creep is steady, so for the accelerometer still wheels are enough.
 //!
 //! Times are those of an axle node with its default configuration.
 //!
 //! | condition | reaction | after | until | reason |
 //! |---|---|---|---|---|
-//! | both encoders give the counts of the tick before | wheels at rest | 0.1 s | the tick at which a count changes or is missing | a wheel that creeps stays on its count for some ticks |
-//! | wheels still, motors off, and the gyro's readings since then are finite and differ by 14 σ of its noise at most | axle at rest | 0.1 s | the tick at which one of these ends | a swinging frame turns slowest where the encoders see least |
+//! | both encoder counts equal those of the tick before | wheels at rest | 0.1 s | the tick at which a count changes or is missing | a creeping wheel keeps its count for some ticks |
+//! | wheels still, motors off, and the gyro's readings since then finite and apart by at most 14 σ of its noise | axle at rest | 0.1 s | the tick at which one of these ends | a swinging frame turns slowest where the encoders see least |
 //! | motors on | axle not at rest, wheels as they are | at once | 60 s after the last tick with motors on | the frame unwinds |
-//! | motors off since the start | no wait for the frame | at once | motors on | nothing has bent it |
-//! | no reading of the gyro | no objection to rest | at once | a reading | axles without a gyro rest too |
-//! | at rest, reading finite and [`Config::limit`] at most | bias follows | each reading | end of rest | a reading at rest is bias and noise |
-//! | at rest, magnitude of a reading above the limit | bias stays | at once | a reading outside of rest | of a motion only the outliers would be within the limit |
-//! | not at rest, or no reading, or not a number | bias stays, its variance grows | each tick | the variance is that of an unknown bias | random walk |
-//! | standard deviation of a bias once seen above [`Config::largest_sigma`] | reading withheld | at once | bias seen again | it makes the reading worse than none |
-//! | bias never seen | reading given with bias 0 | at once | bias seen | calibration has removed it |
-//! | reading not finite | given as it is | at once | the next reading | the receiver counts it |
+//! | motors off since the start | no wait for the frame | at once | motors on | nothing has bent the frame |
+//! | no reading of the gyro | gyro does not prevent rest | at once | a reading | axles without a gyro can be at rest too |
+//! | at rest, reading finite and at most [`Config::limit`] | bias follows | each reading | end of rest | a reading at rest is bias and noise |
+//! | at rest, magnitude of a reading above the limit | bias stays | at once | end of rest | during a motion only a biased selection of readings is within the limit |
+//! | not at rest, or no reading, or reading not finite | bias stays, its variance grows | each tick | the variance is that of an unknown bias | random walk |
+//! | standard deviation of a measured bias above [`Config::largest_sigma`] | reading withheld | at once | bias measured again | such a bias makes the reading worse than none |
+//! | bias never measured | bias taken as 0 | at once | bias measured | calibration has removed the bias |
+//! | reading not finite | reading passed on | at once | the next reading | the receiver counts it |
 //!
-//! [`Config::build`] validates; after it nothing fails or panics. Cost: a division a tick at rest, else an addition.
+//! [`Config::build`] validates; after it nothing fails or panics. Cost per tick: one division at rest, else one
+//! addition.
 
 use crate::config::{ConfigError, declare, positive};
 use crate::math::trig::sqrt;
@@ -36,35 +37,35 @@ declare! {
     pub struct Config {
         /// Largest magnitude of a bias.
         pub limit: f32 = Self::GYRO.limit, "rad/s or m/s²": Positive;
-        /// White noise, one-sided.
+        /// Density of the white noise, one-sided.
         pub noise_per_sqrt_hz: f32 = Self::GYRO.noise_per_sqrt_hz, "rad/s/√Hz or m/s²/√Hz": Positive;
         /// Random walk of the bias.
         pub walk_per_sqrt_s: f32 = Self::GYRO.walk_per_sqrt_s, "rad/s/√s or m/s²/√s": NonNegative;
-        /// Standard deviation of a known bias from which on readings are withheld until the bias is
-        /// measured again.
+        /// Largest standard deviation of a measured bias; above it readings are withheld until the bias is measured
+        /// again.
         pub largest_sigma: f32 = Self::GYRO.largest_sigma, "rad/s or m/s²": Positive;
     }
 }
 
 impl Config {
-    /// For a yaw-rate gyro of the ICM-42688 class, its reading averaged at power-up or not.
+    /// For a yaw-rate gyro of the ICM-42688 class, with or without averaging at power-up.
     pub const GYRO: Self = Self {
         limit: 0.05,
         noise_per_sqrt_hz: 4.9e-5,
         walk_per_sqrt_s: 5e-5,
-        // Wheels on creeping tyres are worse than that.
+        // Up to this bias the gyro is better than wheels on creeping tyres.
         largest_sigma: 0.01,
     };
-    /// For an accelerometer of that class; the limit is that of a floor inclined by 3°.
+    /// For an accelerometer of the ICM-42688 class; the limit is the gravity along a floor inclined by 3°.
     pub const ACCELEROMETER: Self = Self {
         limit: 0.5,
         noise_per_sqrt_hz: 6.9e-4,
         walk_per_sqrt_s: 5e-3,
-        // Makes an axle at rest seem to move at some mm/s; after half a minute without rest.
+        // Reached after half a minute without rest; such a bias lets an axle at rest appear to move at a few mm/s.
         largest_sigma: 0.03,
     };
 
-    /// The ready form for a sample every `period_s`; an error names the parameter out of range.
+    /// Builds the zeroing for one sample every `period_s`; an error names the parameter out of range.
     pub fn build(&self, period_s: f32) -> Result<Zeroing, ConfigError> {
         let period = positive("period_s", period_s)?;
         self.check_ranges()?;
@@ -76,10 +77,10 @@ impl Config {
         } = *self;
         Ok(Zeroing {
             limit,
-            // Half the sample rate is the bandwidth.
+            // Bandwidth: half the sample rate.
             noise: 0.5 * noise * noise / period,
             walk: walk * walk * period,
-            // Uniform within the limit.
+            // Bias uniform within the limit.
             unknown: limit * limit / 3.0,
             largest: largest * largest,
         })
@@ -94,9 +95,9 @@ pub struct Zeroing {
     noise: f32,
     /// Variance of the bias's change from sample to sample.
     walk: f32,
-    /// Variance of a bias that was never seen.
+    /// Variance of a bias that was never measured.
     unknown: f32,
-    /// Variance from which on a bias once seen is no longer known.
+    /// Variance above which a measured bias counts as unknown.
     largest: f32,
 }
 
@@ -106,28 +107,28 @@ pub struct Bias {
     value: f32,
     /// `None` before the first reading at rest.
     variance: Option<f32>,
-    /// A reading of the present rest was beyond the limit.
+    /// True if a reading of the current rest was beyond the limit.
     beyond: bool,
 }
 
 impl Bias {
-    /// The bias, u.
+    /// Estimated bias, in the sensor's unit.
     pub fn value(&self) -> f32 {
         self.value
     }
 }
 
-/// Readings of noise alone differ by no more than so many standard deviations, for days.
+/// Largest difference of readings at rest, in standard deviations of the noise. Noise alone stays below it for days.
 const SPREAD: f32 = 14.0;
 
 impl Zeroing {
-    /// Largest difference between readings at rest, u.
+    /// Largest difference of readings at rest, in the sensor's unit.
     pub fn spread(&self) -> f32 {
         SPREAD * sqrt(self.noise)
     }
 
-    /// One sample: the reading less the bias, or `None` while the bias is no longer known. A reading
-    /// that is not finite is handed on.
+    /// One sample. Returns the reading less the bias, or `None` while a measured bias counts as unknown. A reading
+    /// that is not finite is passed on.
     pub fn step(&self, bias: &mut Bias, at_rest: bool, reading: Option<f32>) -> Option<f32> {
         let variance = bias.variance.map(|v| (v + self.walk).min(self.unknown));
         bias.variance = variance;
@@ -150,11 +151,11 @@ impl Zeroing {
 /// Thresholds of rest; times in ticks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RestTimes {
-    /// Wheels still, and for the gyro motors off.
+    /// Time with still wheels, for the gyro also with motors off.
     pub hold: u16,
-    /// Since the motors were last on, for the gyro.
+    /// Time since the motors were last on, for the gyro.
     pub settle: u32,
-    /// Largest difference of the gyro's readings meanwhile, rad/s.
+    /// Largest difference of the gyro's readings in this time, rad/s.
     pub spread: f32,
 }
 
@@ -164,14 +165,14 @@ pub struct RestDetector {
     counts: Wheels<Option<i32>>,
     still: u16,
     off: u16,
-    /// Since the motors were on.
+    /// Ticks since the motors were last on.
     since_on: u32,
     /// Lowest and highest reading of the gyro since `off` was 0; `None` before the first.
     readings: Option<[f32; 2]>,
 }
 
 impl Default for RestDetector {
-    /// Switched on: the motors never were.
+    /// State at power-up: the motors have never been on.
     fn default() -> Self {
         Self {
             counts: Wheels::both(None),
@@ -186,15 +187,14 @@ impl Default for RestDetector {
 /// Parts that are at rest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rest {
-    /// Both wheels have kept their counts for the whole time.
+    /// Both wheels have kept their counts for the hold time.
     pub wheels: bool,
-    /// And the motors have been off for long and the gyro's readings are alike: the axle does not
-    /// turn either.
+    /// The axle does not turn either: motors off for long enough, gyro readings within the spread.
     pub axle: bool,
 }
 
 impl RestDetector {
-    /// One tick: encoder counts of the wheels, whether the motors are on, and the gyro's reading.
+    /// One tick, with the encoder counts of the wheels, the state of the motors and the gyro's reading (rad/s).
     pub fn step(
         &mut self,
         counts: Wheels<Option<i32>>,
@@ -218,7 +218,7 @@ impl RestDetector {
         if let Some(reading) = gyro {
             let [low, high] = self.readings.unwrap_or([reading; 2]);
             let (low, high) = (low.min(reading), high.max(reading));
-            // Not a number is not quiet either.
+            // A reading that is not finite ends the rest too.
             quiet &= reading.is_finite() && high - low <= times.spread;
             self.readings = Some([low, high]);
         }

@@ -1,14 +1,12 @@
-//! A posture whose error is kept in two parts: a random one, and the known effect of errors that
-//! are the same throughout a drive.
+//! A posture whose error has two parts: a random part, and the effect of errors that are constant throughout a drive.
 //!
-//! e = S c + ε: c are the [`CONSTANTS`] in units of their standard deviations, S what the posture
-//! owes to each, ε the rest with covariance R. The covariance of the whole is S Sᵀ + R.
+//! e = S c + ε: c are the [`CONSTANTS`] in units of their standard deviations, S is the posture's sensitivity to
+//! them, ε the random rest with covariance R. The covariance of e is S Sᵀ + R.
 //!
-//! Covariance intersection takes nothing for granted about the correlation of its inputs. Where a
-//! part of it is known there is no need to give that away: two axles that yaw against each other
-//! under the frame's moment, or a start that is off for both alike, are told to it through S. The
-//! gains of a fusion are linear, so S goes through it exactly; and because the fused covariance P
-//! is an upper bound of the true one, so is P − S Sᵀ of the random part's.
+//! Covariance intersection assumes nothing about the correlation of its inputs. S holds the known part of the
+//! correlation: axles that yaw against each other under the frame's moment, or a start error common to both. A fusion
+//! is linear in its inputs, so S passes through it exactly. The fused covariance P is an upper bound of the true
+//! covariance, so P − S Sᵀ is an upper bound of the covariance of ε.
 //!
 //! Nothing here panics; NaN propagates.
 
@@ -23,10 +21,9 @@ use crate::math::matrix::{self, Mat, Mat3};
 pub const START: usize = 0;
 /// The constants of [`super::constants`].
 pub const SHARED: usize = START + 6;
-/// Slip of front and rear under a load of the frame that nothing measures: along, across, in
-/// heading (3 each).
+/// Slip of front and rear under an unmeasured load of the frame: along, across, in heading (3 each).
 pub const LOAD: usize = SHARED + constants::COUNT;
-/// Way that the floor takes both axles, along its x and y.
+/// Displacement of both axles by the floor, along its x and y.
 pub const DRIFTED: usize = LOAD + 6;
 /// Number of constants.
 pub const CONSTANTS: usize = DRIFTED + 2;
@@ -34,7 +31,7 @@ pub const CONSTANTS: usize = DRIFTED + 2;
 /// Effect of each constant, one standard deviation of it, on a posture (m, m, rad).
 pub type Sensitivity = Mat<3, CONSTANTS>;
 
-/// Least variance of the random part: 10 µm, 10 µrad.
+/// Smallest variance of the random part: (10 µm)², (10 µrad)².
 const FLOOR: f32 = 1e-10;
 
 /// A posture with both parts of its error.
@@ -49,7 +46,7 @@ pub struct Track {
 }
 
 impl Track {
-    /// A posture that is known but for the constants.
+    /// A posture whose error comes from the constants alone.
     pub fn new(posture: Posture, constants: Sensitivity) -> Self {
         Self {
             posture,
@@ -75,8 +72,8 @@ impl Track {
         )
     }
 
-    /// The posture at the end of a chain that begins at this one. `relative` is the error of the
-    /// chain's other part.
+    /// The posture at the end of a chain that begins at this one. `relative` is the chain's second input, with its
+    /// error.
     pub fn through(&self, chain: &Chain, relative: &Track) -> Self {
         Self {
             posture: chain.posture,
@@ -118,7 +115,7 @@ impl Track {
                 constants,
             }
         } else {
-            // Lost in rounding: what is known of the constants is given up, the sum stays.
+            // Rounding has made R indefinite: the whole covariance counts as random.
             Self::random(fused.estimate)
         };
         Some((fused, omega))
@@ -177,10 +174,9 @@ mod tests {
     }
 
     properties! {
-        /// A shift of both inputs by what one constant does to them is, after the fusion, a shift
-        /// by what the fused posture is said to owe to that constant.
+        /// If a constant shifts both inputs, the fused posture shifts by its stored sensitivity to that constant.
         #[test]
-        fn fused_sensitivity_is_that_of_the_fused_posture(
+        fn fused_posture_shifts_by_its_stored_sensitivity(
             a in track(), mut b in track(), k in 0usize..CONSTANTS, trace in proptest::bool::ANY,
         ) {
             b.posture = a.posture;
@@ -205,7 +201,7 @@ mod tests {
         }
 
         #[test]
-        fn nothing_is_lost_of_the_whole_covariance(a in track(), b in track()) {
+        fn fused_parts_add_up_to_the_whole_covariance(a in track(), b in track()) {
             let intersection = intersection(Criterion::Determinant);
             let (fused, omega) = a.intersect(&b, &intersection).unwrap();
             let plain = intersection.fuse(&a.estimate(), &b.estimate()).unwrap();
@@ -235,15 +231,15 @@ mod tests {
     }
 
     #[test]
-    fn what_is_opposite_in_both_axles_cancels() {
-        // Half a radian for each axle by itself.
+    fn opposite_yaw_of_both_axles_cancels() {
+        // Each axle by itself would turn by 0.5 rad.
         let track = chase(Criterion::Trace);
         let turned = track.constants[2][SHARED + constants::COMPLIANCE];
         assert!(turned.abs() < 0.02, "{track:?}");
     }
 
     #[test]
-    fn an_input_that_dominates_is_taken_to_the_bit() {
+    fn dominating_input_is_returned_bit_identical() {
         let spread = |size: f32| {
             let mut track = Track::random(Estimate::with_sigmas(Posture::ORIGIN, [1e-3 * size; 3]));
             track.constants = [0, 1, 2].map(|i| {
@@ -260,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn constants_that_would_leave_less_than_nothing_are_given_up() {
+    fn sensitivities_are_dropped_if_the_random_part_would_be_indefinite() {
         let intersection = intersection(Criterion::Determinant);
         let mut given_up = 0;
         for k in 0..50 {

@@ -1,10 +1,9 @@
 //! Axle node: encoders and inertial sensors in, wheel torques out, once a millisecond.
 //!
-//! The step reads in the order of the data: wheels → zeroing → filter → report → supervision →
-//! reference → control. The posture is odometric, in a frame of its own that begins where the axle was
-//! started, and its position is kept modulo the span of the bus. The lead node knows where that frame
-//! lies and sends references in it, so a correction of the global estimate never makes the controller
-//! jump.
+//! The step reads in the order of the data: wheels → zeroing → filter → report → supervision → reference → control.
+//! The posture is odometric, in a frame that begins where the axle was started; its position is kept modulo the span
+//! of positions on the bus. The lead node estimates where that frame lies and sends references in it, so a correction
+//! of the global estimate never makes the controller jump.
 //!
 //! # Panic contract
 //!
@@ -37,7 +36,7 @@ use crate::time::{
 };
 use crate::topology::{AxleId, FrameId, Node, Topology, Wheels};
 
-/// Age from which a reference is late: the lead node and the bus have had two epochs for it.
+/// Age above which a reference is late: the lead node and the bus have had two epochs for it.
 const LATE: Micros = 3 * EPOCH;
 
 /// Readings of an axle board's sensors at a tick; `None` where a reading is missing.
@@ -63,24 +62,24 @@ pub struct Output {
     pub active: bool,
     /// Tracking error (e_X, e_Y, e_φ) in the axle's frame; zero when not active.
     pub error: Posture,
-    /// A computation left the finite numbers.
+    /// True if a result was not finite.
     pub invalid: bool,
-    /// The controller asks for more than the motors give.
+    /// True if the controller requests more torque than the motors give.
     pub limited: bool,
 }
 
-/// A coordinated stop under way.
+/// State of a coordinated stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Stop {
     ramp: ramp::State,
-    /// Share of the torque at rest that may still be used.
+    /// Share of the holding torque that is still allowed.
     hold: f32,
-    /// Larger of the wheels' torques when letting go began, N m.
+    /// Larger of the two wheel torques when the release began, N m.
     held_nm: f32,
 }
 
 impl Stop {
-    /// Bounds the torques, with their direction kept, once the frame is being let go.
+    /// Bounds the torques during the release and keeps their ratio.
     fn let_go(&mut self, torque_nm: &mut Wheels<f32>) {
         let largest = torque_nm.left.abs().max(torque_nm.right.abs());
         if self.hold >= 1.0 {
@@ -94,7 +93,7 @@ impl Stop {
     }
 }
 
-/// All that changes in an axle node.
+/// State of an axle node.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// Time of the first step.
@@ -110,19 +109,19 @@ pub struct State {
     output: Output,
     /// Reference of the last step.
     followed: Option<AxleReference>,
-    /// The stop under way.
+    /// The current stop.
     stop: Option<Stop>,
-    /// The stop is over.
+    /// True if the stop is over.
     halted: bool,
     peers: Peers,
     supervisor: supervisor::State,
-    /// Play of the gears, left and right.
+    /// Backlash of the gears, left and right.
     play: [Play; 2],
     refused: u8,
     gyro_samples: u8,
     gyro_zeroed: bool,
     mode: Option<Stamped<LeadMode>>,
-    /// The lead node has been heard while it did not drive.
+    /// True once the lead node has sent a mode without driving.
     paused: bool,
     steering: Steering,
     velocity: f32,
@@ -157,13 +156,13 @@ pub struct AxleNode {
     reference_timeout: Micros,
     wrench_timeout: Micros,
     speed_source: SpeedSource,
-    /// Mean of the two.
+    /// Mean radius of both wheels, m.
     wheel_radius: f32,
-    /// Left and right.
+    /// Radius of the left and the right wheel, m.
     wheel_radii: [f32; 2],
     half_track: f32,
     period: f32,
-    /// Ticks.
+    /// Thresholds of rest; times in ticks.
     rest: RestTimes,
     gyro_zero: Zeroing,
     accelerometer_zero: Zeroing,
@@ -171,18 +170,18 @@ pub struct AxleNode {
     filter: AxleFilter,
     controller: Dynamic,
     limits: Limits,
-    /// N m.
+    /// Torque from which a wheel at standstill counts as stalled, N m.
     stall_torque: f32,
     ramp: ramp::Ramp,
     supervisor: Supervisor,
     state: State,
 }
 
-/// Wheel speed above which an axle that is let go after a stop is being driven, rad/s.
+/// Wheel speed above which an axle counts as driven during the release after a stop, rad/s.
 const LET_GO_RAD_S: f32 = 5.0;
 
 impl AxleNode {
-    /// Begins anew, as it was built.
+    /// Resets the node to its state after construction.
     pub fn restart(&mut self) {
         self.state = State::default();
     }
@@ -192,7 +191,7 @@ impl AxleNode {
         self.axle
     }
 
-    /// All that changes.
+    /// State of the node.
     pub fn state(&self) -> &State {
         &self.state
     }
@@ -202,13 +201,13 @@ impl AxleNode {
         &self.state.supervisor
     }
 
-    /// True if the lead node asks to forget faults; the board's drivers forget theirs too.
+    /// True if the lead node requests to clear faults; the board's drivers then clear theirs too.
     pub fn clears(&self, now: Micros) -> bool {
         let mode = self.state.mode.as_ref();
         mode.and_then(|mode| mode.fresh(now, self.reference_timeout)) == Some(&LeadMode::Clear)
     }
 
-    /// Takes in a message that arrived at `now`. What is not meant for this axle is ignored.
+    /// Takes in a message that arrived at `now`. Messages for other nodes are ignored.
     pub fn receive(&mut self, now: Micros, message: &Message) {
         let state = &mut self.state;
         state.peers.receive(now, message);
@@ -354,10 +353,10 @@ impl AxleNode {
         }
     }
 
-    /// Torques after the reference.
+    /// Torques that follow the reference.
     fn control(&self, now: Micros, speeds: [f32; 2], mut reference: AxleReference) -> Output {
         let posture = self.state.filter.posture();
-        // Positions repeat after a span of the bus: of all places with these the nearest is meant.
+        // Positions repeat after a span of the bus: of all equivalent positions the nearest is meant.
         let to = &mut reference.posture;
         to.x = posture.x + wrap_position(to.x - posture.x);
         to.y = posture.y + wrap_position(to.y - posture.y);
@@ -368,7 +367,7 @@ impl AxleNode {
             reference_load: self.reference_load(),
             beam_load: self.beam_load(now),
         });
-        // A reference far off is a mistake, until it has lasted long enough to be a fault.
+        // A reference too far away gives zero torque. If it lasts, it becomes a fault.
         let near = self.limits.near(command.error, 2.0);
         Output {
             torque_nm: if near {
@@ -392,7 +391,7 @@ impl AxleNode {
             let wheel = self.observer.step(&state.wheels[i], count);
             let radius = self.wheel_radii[i];
             speeds[i] = radius * wheel.speed_rad_s;
-            // A missing or impossible count is no measurement: the filter then predicts.
+            // A missing or impossible count is no measurement: the filter then only predicts.
             if count.is_some() && !wheel.jumped {
                 advance[i] = Some(radius * wheel.increment_rad / self.period);
             }
@@ -409,7 +408,8 @@ impl AxleNode {
             .step(samples.encoder, motors_on, gyro, &self.rest);
         state.gyro_zeroed |= rest.axle;
         let turning = self.gyro_zero.step(&mut state.gyro_bias, rest.axle, gyro);
-        // The reading is late; what it misses of a turn would look like a scale error to a beam that is not.
+        // The gyro's reading is late. To the beam, which is not late, the missing part of a turn would look like a
+        // scale error, so the reading is extrapolated.
         let late = DELAY_S / self.period;
         let now = match (turning, state.gyro) {
             (Some(turning), Some(before)) => Some(turning + late * (turning - before)),
@@ -496,7 +496,8 @@ impl AxleNode {
         }
     }
 
-    /// The reference moved on from its epoch to `now`; `None` when the motors are to be off.
+    /// The reference extrapolated from its epoch to `now`; `None` if the reference or the mode is too old, or the
+    /// mode is idle.
     fn reference(&self, now: Micros) -> Option<AxleReference> {
         let mode = self.state.mode?;
         let at_epoch = self.state.reference?;
@@ -530,7 +531,7 @@ impl AxleNode {
         self.load(bent).unwrap_or_default()
     }
 
-    /// Load of the frames as their boards measured it, if all of that is fresh.
+    /// Load of the frames as measured by their boards; `None` unless every measurement is fresh.
     fn beam_load(&self, now: Micros) -> Option<AxleLoad> {
         self.load(|frame| {
             let wrench = frame.wrench.as_ref()?.fresh(now, self.wrench_timeout)?;
@@ -539,8 +540,8 @@ impl AxleNode {
         })
     }
 
-    /// Load of the frame behind, whose tip is at the axle, and of the frame ahead, whose root is there. `bent` gives wrench
-    /// and posture of each.
+    /// Load of the frame behind, whose tip is at the axle, and of the frame ahead, whose root is at the axle. `bent`
+    /// gives wrench and posture of each.
     fn load(&self, bent: impl Fn(&Frame) -> Option<(Wrench, Posture)>) -> Option<AxleLoad> {
         // Moments are about the axles' midpoints already, rigid ends included.
         let behind = || {
@@ -567,7 +568,8 @@ impl State {
         }
     }
 
-    /// A posture and a motion of one epoch make a reference. Their times are compared: sequence numbers repeat after 2.56 s.
+    /// Combines posture and motion of one epoch into a reference. Compares their times, because sequence numbers
+    /// repeat after 2.56 s.
     fn pair_reference(&mut self) {
         if let (Some(posture), Some(motion)) = (self.pending_posture, self.pending_motion)
             && posture.time == motion.time

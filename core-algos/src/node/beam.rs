@@ -2,8 +2,8 @@
 //!
 //! # Panic contract
 //!
-//! [`crate::beam::sensor::Config::build`] validates; nothing else can fail. When no posture can be
-//! computed the message says so with zero gauges.
+//! [`crate::beam::sensor::Config::build`] validates; nothing else can fail. If no posture can be computed, the
+//! message has zero gauges.
 
 use super::{Outbox, peers};
 use crate::beam::health::Fault;
@@ -44,7 +44,7 @@ pub struct BeamNode {
     state: State,
 }
 
-/// All that changes.
+/// State of the node.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct State {
     sensor: sensor::State,
@@ -52,12 +52,12 @@ struct State {
     supervision: supervisor::State,
     /// Conditions found by the board's drivers in this epoch.
     found: Conditions,
-    /// Faults are to be forgotten at the next step.
+    /// True if faults are to be cleared at the next step.
     clear: bool,
 }
 
 impl BeamNode {
-    /// The node of a frame around its sensor.
+    /// Creates the node of a frame with its sensor.
     pub fn new(frame: FrameId, sensor: RelativePositionSensor, supervisor: Supervisor) -> Self {
         Self {
             frame,
@@ -72,7 +72,7 @@ impl BeamNode {
         self.frame
     }
 
-    /// Begins anew, as it was built.
+    /// Resets the node to its state after construction.
     pub fn restart(&mut self) {
         self.state = State::default();
     }
@@ -87,14 +87,14 @@ impl BeamNode {
         &self.state.supervision
     }
 
-    /// Takes in a message: the lead node's wish to forget faults is all it listens to.
+    /// Takes in a message; only the lead node's request to clear faults counts.
     pub fn receive(&mut self, message: &Message) {
         if let Message::LeadStatus { mode, .. } = *message {
             self.state.clear = mode == LeadMode::Clear;
         }
     }
 
-    /// The board has no motors, so all it does is tell.
+    /// Sends the heartbeat with the conditions of this epoch; the board has no motors to stop.
     fn supervise(&mut self, now: Micros, estimate: &Estimate, outbox: &mut Outbox) {
         let state = &mut self.state;
         let out = estimate
@@ -144,7 +144,7 @@ impl BeamNode {
             });
             return;
         };
-        // The covariance goes first: who has the posture of an epoch then has its covariance too.
+        // The covariance is sent first, so that a receiver of the posture has its covariance too.
         outbox.push(Message::BeamUncertainty {
             frame,
             sequence,
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bent_strip_is_seen_as_an_arc() {
+    fn bent_strip_is_measured_as_an_arc() {
         // 2 1/m of curvature: strain 1e-3 on all gauges, noise of one count so that none is stuck.
         let config = Config::default();
         let bent = (1e-3 / config.calibration.strain_per_count) as i32;
@@ -253,10 +253,10 @@ mod tests {
         assert!((posture.y as f64 - 0.5 * (1.0 - phi.cos())).abs() < 5e-4);
     }
 
-    /// A fault of the board's drivers is told until the lead node has it forgotten, and a notice of
-    /// one tick once.
+    /// A fault of the board's drivers is reported until the lead node clears it, and a notice of one tick in the two
+    /// heartbeats after it.
     #[test]
-    fn what_the_drivers_find_goes_out() {
+    fn conditions_of_the_drivers_are_in_the_heartbeat() {
         let mut node = node();
         let mut told = Vec::new();
         for tick in 1..=100u64 {
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_valid_gauge_it_says_so() {
+    fn node_without_a_valid_gauge_reports_zero_gauges() {
         let messages = run(&mut node(), |_| [0; MAX_GAUGES]);
         assert_eq!(messages.len(), 2);
         let Message::NodeStatus { state, notices, .. } = messages[0] else {

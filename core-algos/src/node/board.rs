@@ -1,13 +1,11 @@
-//! Nodes of one board: an axle node, on the front board with the lead node beside it, or the beam
-//! node.
+//! Nodes of one board: an axle node (on the front board with the lead node beside it) or the beam node.
 //!
-//! A board takes in the messages that arrived, then the samples of a tick. The order is fixed here,
-//! so that every place that runs a board runs it alike: in process, behind a serial link, in
-//! firmware.
+//! A board takes in the messages that arrived, then the samples of a tick. This module fixes the order, so that
+//! simulation, serial link and firmware run a board alike.
 //!
 //! # Panic contract
 //!
-//! [`Ready::new`] validates, and [`Board::new`] by it; nothing else can fail.
+//! [`Ready::new`] validates, and [`Board::new`] through it; nothing else can fail.
 //!
 //! # Example
 //!
@@ -24,11 +22,11 @@
 //! for tick in 0..11 {
 //!     outbox.clear();
 //!     let samples = axle::Samples { encoder: Wheels::both(Some(0)), ..axle::Samples::default() };
-//!     // What arrived on the bus would go to board.receive before.
+//!     // Messages from the bus would go to board.receive first.
 //!     let output = board.step(tick * TICK, &Samples::Axle(samples), &mut outbox);
 //!     assert_eq!(output.torque_nm, Wheels::both(0.0), "nobody asks it to drive");
 //! }
-//! // The eleventh tick begins an epoch: it tells where it is and how it is.
+//! // The eleventh tick begins an epoch: the board reports its posture and its status.
 //! assert!(outbox.iter().any(|message| matches!(message, Message::AxlePosture { .. })));
 //! assert!(outbox.iter().any(|message| matches!(message, Message::NodeStatus { .. })));
 //! # Ok::<(), core_algos::config::ConfigError>(())
@@ -61,9 +59,9 @@ pub struct Output {
     pub torque_nm: Wheels<f32>,
     /// True if the axle follows a reference; otherwise its motors are off.
     pub active: bool,
-    /// True if latched faults of the board's drivers are to be forgotten.
+    /// True if latched faults of the board's drivers are to be cleared.
     pub clear: bool,
-    /// Output of the lead node, at the ticks it works.
+    /// Output of the lead node, at the ticks of its step.
     pub lead: Option<lead::Output>,
 }
 
@@ -115,7 +113,7 @@ impl Ready {
         })
     }
 
-    /// The nodes at rest.
+    /// Builds the nodes, at rest.
     pub fn begin(self) -> Board {
         match self {
             Self::Axle {
@@ -132,12 +130,12 @@ impl Ready {
 }
 
 impl Board {
-    /// The nodes of a board at rest; the error names the parameter that is wrong.
+    /// Builds the nodes of a board, at rest; the error names the parameter that is wrong.
     pub fn new(config: &RobotConfig, role: Role) -> Result<Self, ConfigError> {
         Ready::new(config, role).map(Ready::begin)
     }
 
-    /// Begins anew: as [`Self::new`] with the same configuration.
+    /// Resets the board to the state of [`Self::new`] with the same configuration.
     pub fn restart(&mut self) {
         match self {
             Self::Axle { axle, lead } => {
@@ -179,8 +177,8 @@ impl Board {
         }
     }
 
-    /// One tick at `now`; what the nodes send is appended to `outbox`. Samples of another kind of
-    /// board are taken as none.
+    /// One tick at `now`; messages of the nodes are appended to `outbox`. Samples of another kind of board count as
+    /// missing.
     pub fn step(&mut self, now: Micros, samples: &Samples, outbox: &mut Outbox) -> Output {
         match self {
             Self::Axle { axle, lead: None } => step_axle(axle, now, samples, outbox),
@@ -267,9 +265,8 @@ mod tests {
         }
     }
 
-    /// Whatever a board has been through, it begins anew as it was built.
     #[test]
-    fn a_board_that_began_anew_is_a_new_one() {
+    fn restarted_board_equals_a_new_board() {
         use crate::control::path::PathPoint;
         use crate::math::Posture;
         use crate::node::robot::Told;
@@ -307,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn each_board_hears_what_is_for_its_nodes() {
+    fn received_message_reaches_the_nodes_of_its_board() {
         use crate::bus::LeadMode;
         use crate::node::testing::beat;
         use crate::safety::OperatingState;
@@ -327,16 +324,17 @@ mod tests {
             };
             board.receive(0, &message);
             assert!(board != new, "{role:?}");
-            // Both nodes of the front board.
+            // On the front board the message reaches both nodes.
             if let (Board::Axle { axle, lead }, Board::Axle { axle: a, lead: l }) = (&board, &new) {
                 assert!(axle != a && (lead != l || role != Role::LEAD));
             }
         }
     }
 
-    /// The front board steps its lead node once an epoch, and has it work ahead at each other tick that begins no epoch.
+    /// The front board steps its lead node once an epoch, and calls `prepare` at each other tick that does not begin
+    /// an epoch.
     #[test]
-    fn the_lead_node_works_ahead_between_its_steps() {
+    fn lead_node_prepares_ahead_between_its_steps() {
         use crate::math::Posture;
         use crate::node::robot::Told;
         use crate::node::testing::{axle_report, beat};
@@ -401,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_of_another_board_are_none() {
+    fn samples_of_another_board_count_as_missing() {
         let mut board = Board::new(&RobotConfig::default(), Role::axle(1)).unwrap();
         let mut same = board.clone();
         let mut outbox = Outbox::new();

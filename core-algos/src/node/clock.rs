@@ -3,18 +3,15 @@
 //!
 //! # Theory
 //!
-//! The front board's local time is the common time. At the beginning of each epoch k it sends k,
-//! and with it the delay d after the beginning of epoch k − 1 at which that epoch's message had left
-//! the bus. Who received message k − 1 at local time t then knows that t was common time
-//! `(k − 1)·10 ms + d`: waiting for the bus and the length of the frame drop out, and only the
-//! reading of two clocks at the end of a frame is left. A tracking loop (offset and rate, poles at
-//! about 1.4 rad/s) averages that; a pair far from the prediction is left out, and when many in a
-//! row are, or at the start, the offset is taken anew.
+//! The front board's local time is the common time. At the beginning of each epoch k it sends k, and with it the
+//! delay d after the beginning of epoch k − 1 at which that epoch's message had left the bus. A board that received
+//! message k − 1 at local time t thereby has the common time of t, `(k − 1)·10 ms + d`. Waiting for the bus and the
+//! length of the frame cancel; only the reading of two clocks at the end of a frame remains. A tracking loop (offset
+//! and rate, poles at about 1.4 rad/s) averages the pairs. A pair far from the prediction is left out; after many in
+//! a row, and at the start, the offset is set anew.
 //!
-//! The ticks of a board come from a hardware timer of its own. [`Tick::trim`] says whether that
-//! timer's period is to be a little longer or shorter, so that ticks meet the whole milliseconds of
-//! the common time.
-//!
+//! The ticks of a board come from a hardware timer of its own. [`Tick::trim`] makes the period of that timer a little
+//! longer or shorter, so that ticks meet the whole milliseconds of the common time.
 //! Nothing here can fail.
 
 use crate::bus::Message;
@@ -23,21 +20,21 @@ use crate::time::{EPOCH, Micros, TICK};
 /// Share of an error that corrects the offset, and the rate (per epoch), of each pair.
 const OFFSET_GAIN: f32 = 0.02;
 const RATE_GAIN: f32 = 1e-4;
-/// Largest rate between two crystals that is believed: 200 ppm.
+/// Limit of the estimated rate between two crystals, 200 ppm, in µs per epoch.
 const MAX_RATE: f32 = 200e-6 * EPOCH as f32;
-/// Largest error of a tick that gets in step, µs.
+/// Largest error at which a tick comes into step, µs.
 const LOCK_US: i16 = 50;
 /// Error beyond which a pair is left out, µs.
 const GATE_US: f32 = 100.0;
-/// Pairs left out in a row after which the offset is taken anew.
+/// Pairs left out in a row after which the offset is set anew.
 const STUBBORN: u8 = 10;
-/// Epochs without a pair after which the time is no longer common: 1 s.
+/// Time without a pair after which the common time counts as lost: 1 s.
 const LOST: Micros = 100 * EPOCH;
 
-/// The common time of a board that is not the front one.
+/// Common time on a board other than the front board.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CommonClock {
-    /// The last message: its epoch and when it arrived, local.
+    /// The last message: its epoch, and the local time of its arrival.
     arrived: Option<(u32, Micros)>,
     fit: Option<Fit>,
     left_out: u8,
@@ -51,7 +48,7 @@ struct Fit {
     /// Common less local time there: whole microseconds, and the rest.
     offset: i64,
     rest: f32,
-    /// Microseconds the common time gains in an epoch.
+    /// Gain of the common time in an epoch, µs.
     rate: f32,
 }
 
@@ -84,7 +81,7 @@ impl CommonClock {
         }
     }
 
-    /// Takes in that the common time was ahead by `offset` at local time `local`.
+    /// Corrects the fit by a pair: the common time was ahead by `offset` (µs) at local time `local`.
     fn pair(&mut self, local: Micros, offset: i64) {
         let Some(fit) = &mut self.fit else {
             self.begin(local, offset);
@@ -116,8 +113,7 @@ impl CommonClock {
         });
     }
 
-    /// Common time at local time `local`; `None` before the first pair and when none came for a
-    /// second.
+    /// Common time at local time `local`; `None` before the first pair and after a second without a pair.
     pub fn common(&self, local: Micros) -> Option<Micros> {
         let fit = self.fit.as_ref()?;
         if local.saturating_sub(fit.local) > LOST {
@@ -155,8 +151,8 @@ impl Tick {
         }
     }
 
-    /// True if the tick is close enough to its millisecond to run a node: within 0.1 ms, and within half of that
-    /// if the tick before was not. Without the difference an error near the bound would let single ticks through.
+    /// True if the tick is close enough to its millisecond to run a node: within 0.1 ms, or within 0.05 ms if the
+    /// tick before was out of step. This hysteresis keeps an error near the limit from letting single ticks through.
     pub fn in_step(&self, before: bool) -> bool {
         self.late_us.abs() <= if before { 2 * LOCK_US } else { LOCK_US }
     }
@@ -189,11 +185,10 @@ mod tests {
             (self.offset + (1.0 + self.rate) * common) as Micros
         }
 
-        /// The message of an epoch leaves after waiting for the bus; gives the largest error of the
-        /// follower's time over the epoch.
+        /// One epoch with its message; returns the largest error of the follower's time in this epoch, µs.
         fn epoch(&mut self, clock: &mut CommonClock, epoch: u32, lost: bool) -> f64 {
             let start = f64::from(epoch) * EPOCH as f64;
-            // Up to a frame of another board, then 111 to 115 bits, then interrupts.
+            // Delay: up to one frame of another board, then 111 to 115 bits, then interrupts.
             let delay = 111.0 + 135.0 * self.random.uniform() + 4.0 * self.random.uniform();
             let message = Message::TimeSync {
                 epoch,
@@ -244,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn without_messages_the_time_runs_on_and_is_then_given_up() {
+    fn without_messages_the_time_continues_and_is_lost_after_a_second() {
         let mut bench = bench(1e6, 5e-5);
         let mut clock = CommonClock::default();
         for epoch in 0..2000 {
@@ -258,13 +253,13 @@ mod tests {
     }
 
     #[test]
-    fn a_front_board_that_restarts_is_followed() {
+    fn clock_follows_a_restarted_front_board() {
         let mut clock = CommonClock::default();
         let mut before = bench(1e6, 0.0);
         for epoch in 0..2000 {
             before.epoch(&mut clock, epoch, false);
         }
-        // It counts from zero again.
+        // The front board counts from zero again.
         let mut after = bench(1e6 + 2000.0 * EPOCH as f64, 0.0);
         for epoch in 0..200 {
             let error = after.epoch(&mut clock, epoch, false);
@@ -275,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_known_before_two_messages_in_a_row() {
+    fn common_time_is_unknown_before_two_messages_in_a_row() {
         let mut clock = CommonClock::default();
         let sync = |epoch, last_delay_us| Message::TimeSync {
             epoch,
@@ -291,12 +286,12 @@ mod tests {
             assert_eq!(clock.common(local), None);
         }
         clock.receive(40_100, &sync(9, Some(130)));
-        // Message 8 arrived at 30 100 and had left at 80 130.
+        // Message 8 arrived at local time 30 100 µs; it had left at common time 80 130 µs.
         assert_eq!(clock.common(30_100), Some(80_130));
     }
 
     #[test]
-    fn ticks_are_in_step_within_50_us_or_100_us_after_one_that_was() {
+    fn tick_is_in_step_within_50_us_or_100_us_if_the_tick_before_was() {
         for (late_us, first, next) in [
             (50, true, true),
             (-50, true, true),
@@ -322,10 +317,10 @@ mod tests {
         }
     }
 
-    /// A pair that is off by more than 100 µs is left out; the tenth in a row begins anew, and a good one begins the
-    /// count anew.
+    /// A pair that is off by more than 100 µs is left out; the tenth in a row restarts the fit, and a good pair
+    /// resets the count.
     #[test]
-    fn pairs_that_are_far_off_are_left_out_until_ten_came_in_a_row() {
+    fn pair_beyond_the_gate_is_left_out_until_ten_in_a_row() {
         let begun = || {
             let mut clock = CommonClock::default();
             clock.pair(0, 1_000_000);

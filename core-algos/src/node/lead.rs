@@ -2,18 +2,17 @@
 //!
 //! The step reads in the order of the data: reports → fusion of each pair of neighbouring axles → task → governor →
 //! cascade → references. It works at [`LEAD_PHASE`](crate::time::LEAD_PHASE) after the beginning of an epoch on the
-//! reports of that epoch; its references hold for the same instant, and the axles move them on to
-//! their own time.
+//! reports of that epoch. Its references are valid at the beginning of the epoch; the axles extrapolate them to their
+//! own time.
 //!
-//! The reference postures follow from the estimated midpoint and the commanded steering at each step
-//! and are not integrated, so the axles' controllers shape the robot while the kinematic
-//! controller alone closes the loop over its path.
+//! Reference postures follow at each step from the estimated midpoint and the commanded steering; they are not
+//! integrated. So the axles' controllers keep the shape of the robot, and the kinematic controller alone closes the
+//! loop over its path.
 //!
 //! # Panic contract
 //!
-//! [`Config::build`] validates; nothing else can fail. When reports are older than the timeout, or
-//! anything else is wrong, the mode is [`LeadMode::Idle`], on which the axles brake together and
-//! switch their motors off.
+//! [`Config::build`] validates; nothing else can fail. If reports are older than the timeout, or another condition
+//! stops the robot, the mode is [`LeadMode::Idle`]: the axles brake together and switch their motors off.
 
 mod config;
 mod frames;
@@ -44,37 +43,38 @@ use crate::safety::{Condition, OperatingState, Permit, ramp};
 use crate::time::{EPOCH, Micros, TICK, epoch_start, seconds, sequence};
 use crate::topology::{Node, Topology};
 
-/// Robot of the lead node. [`AXLES`] and [`PAIRS`] are the lengths of the lists.
+/// Topology of the lead node's robot. [`AXLES`] and [`PAIRS`] are the lengths of the lists.
 const ROBOT: Topology = Topology::PAIR;
 const AXLES: usize = ROBOT.axle_count();
 const PAIRS: usize = AXLES - 1;
 
-/// Age from which a report is late: the bus has had a whole epoch for it.
+/// Age above which a report is late: the bus has had a whole epoch for it.
 const LATE: Micros = 2 * EPOCH;
 
-/// Time without one after which the beam counts as lost.
+/// Time without a used measurement after which the beam counts as lost.
 const BEAM_PATIENCE: Micros = 10 * EPOCH;
 
-/// Time after the latest [`Task::Drive`] at which the robot stops.
+/// Longest time after a [`Task::Drive`] before the robot stops, µs.
 pub const DEAD_MAN: Micros = 200_000;
 /// Speed below which the robot counts as at rest after a stop, m/s.
 const REST_M_S: f32 = 4e-3;
 
-/// Standard deviations of what an axle may have moved beside the other one while its board was
-/// being restarted (m, m, rad): the frame may have straightened. Only the beam can tell better.
+/// Motion of a restarted axle relative to the other axle during the restart (m, m, rad), standard deviation: the
+/// frame may have straightened. Only the beam can measure this motion.
 const RESTART_SIGMAS: [f32; 3] = [0.1, 0.1, 0.3];
 
-/// Time in which the axles arm after the lead node: two ways over a bus that is 30 ms late, and some lost frames.
+/// Time allowed for the axles to arm after the lead node: two transfers on a bus that is 30 ms late, and a few lost
+/// frames.
 const ARMING: Micros = 300_000;
 
 /// Speed and yaw rate below which an axle counts as at rest before the robot drives, m/s, rad/s.
 const STILL: Twist = Twist::new(0.02, 0.1);
-/// Difference from the commanded steering angle beyond which a frame without power has let go, rad.
+/// Difference from the commanded steering angle beyond which an unpowered frame has relaxed, rad.
 const LET_GO: f32 = 0.05;
 
-/// Share of the latest squared normalised innovation of the beam in its mean, the most that counts of one, and the
-/// mean from which on the beam is inconsistent. Its mean is 0.1 to 0.5, since its covariance is that of its worst
-/// posture, and 3 if that were the true one.
+/// Running mean of the beam's normalised innovation squared (NIS): weight of the latest value, largest value that
+/// counts, and mean above which the beam is inconsistent. The mean is 0.1 to 0.5, since the beam's covariance is that
+/// of its worst posture; with the true covariance it would be 3.
 const NIS_SHARE: f32 = 1.0 / 256.0;
 const NIS_MOST: f32 = 40.0;
 const NIS_LIMIT: f32 = 3.0;
@@ -85,7 +85,7 @@ const NIS_LIMIT: f32 = 3.0;
 pub struct Output {
     /// Mode sent to the axles.
     pub mode: LeadMode,
-    /// Estimated postures of the axles and the midpoint in the frame `map`, and what the beam added.
+    /// Estimated postures of the axles and the midpoint in the frame `map`, and the beam's update.
     pub fused: robot::Output,
     /// Commanded motion of the midpoint.
     pub motion: Motion,
@@ -93,7 +93,7 @@ pub struct Output {
     pub phase: Phase,
     /// Target posture of the midpoint, on a path or trajectory.
     pub target: Option<Posture>,
-    /// The task is fulfilled and the robot at rest.
+    /// True if the task is fulfilled and the robot at rest.
     pub done: bool,
     /// Reason for which the task ended without success: gave up or no progress.
     pub failed: Option<Condition>,
@@ -101,7 +101,7 @@ pub struct Output {
     pub supervision: supervisor::Output,
 }
 
-/// All that changes in the lead node.
+/// State of the lead node.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
     task: Task,
@@ -112,35 +112,35 @@ pub struct State {
     /// Posture of O in the frame `odom`.
     odom: Option<Posture>,
     regulator: regulator::State,
-    /// Memory of the controller of the user.
+    /// Memory of the user's controller.
     memory: Memory,
     governor: governor::State,
-    /// The task is fulfilled, as of the last step.
+    /// True if the task is fulfilled, as of the last step.
     done: bool,
     /// Reason for which the task ended without success; stays until the next task.
     failed: Option<Condition>,
     /// Time since the latest command.
     silent: Micros,
-    /// The host that gave the task was lost: the robot stops.
+    /// True if the host that gave the task was lost; the robot then stops.
     lost: bool,
     /// Goal of the latest regulation.
     goal: Option<Posture>,
     /// Goal or target of the task, as of the last step.
     aim: Option<Posture>,
-    /// Time for which the motors have held the robot where it is.
+    /// Time for which the motors have held the robot in place.
     held: Micros,
     /// Time since the lead node was armed.
     armed: Micros,
-    /// They held it for as long as they may: the next command is waited for.
+    /// True if the motors have held the robot for the longest allowed time; they stay off until the next command.
     released: bool,
-    /// The stop under way.
+    /// Ramp of the current stop.
     stop: Option<ramp::State>,
     peers: Peers,
     supervisor: supervisor::State,
 }
 
 impl State {
-    /// True if the host that drives the robot is silent.
+    /// True if the commanding host is lost or silent.
     fn is_silent(&self) -> bool {
         self.lost || matches!(self.task, Task::Drive { .. }) && self.silent >= DEAD_MAN
     }
@@ -154,7 +154,7 @@ impl State {
 /// Decision of the task at a step.
 #[derive(Clone, Copy, Debug, Default)]
 struct Decision {
-    /// Wish for the governor; none: brake.
+    /// Wish for the governor; `None` brakes.
     wish: Option<Wish>,
     mode: LeadMode,
     phase: Phase,
@@ -163,7 +163,7 @@ struct Decision {
     failed: Option<Condition>,
 }
 
-/// A robot that is done keeps its posture.
+/// Mode of a task: the robot holds its posture once done.
 fn active_until(done: bool) -> LeadMode {
     if done {
         LeadMode::Hold
@@ -190,13 +190,13 @@ impl From<path_task::Step> for Decision {
 pub struct LeadNode {
     with: Algorithms,
     own: Own,
-    /// Beside the state, which passes over the stack: the buffers are three times as large.
+    /// Kept outside the state, which passes over the stack: the buffers are three times as large.
     path_task: path_task::State,
     state: State,
 }
 
 impl LeadNode {
-    /// A node that does not know yet where the robot stands, and has nothing to do.
+    /// A node without estimate and without task.
     pub fn new(algorithms: Algorithms) -> Self {
         Self {
             with: algorithms,
@@ -206,18 +206,18 @@ impl LeadNode {
         }
     }
 
-    /// Regulates with a controller of the user in place of the regulator.
+    /// Replaces the regulator by a controller of the user.
     pub fn set_controller(&mut self, controller: &'static dyn KinematicController) {
         self.own = Own(Some(controller));
     }
 
-    /// Begins anew, as [`Self::new`] does, with the same controller.
+    /// Resets the node to the state of [`Self::new`], with the same controller.
     pub fn restart(&mut self) {
         self.path_task.clear();
         self.state = State::default();
     }
 
-    /// Begins with the robot at rest where it was put down.
+    /// Restarts with the robot at rest at `place`.
     pub fn initialize(&mut self, place: &Place) {
         self.restart();
         let (center, relative) = (&place.center, &place.relative);
@@ -225,13 +225,13 @@ impl LeadNode {
         pair.fusion = Some(self.with.fusion.start(center, relative, place.floor_drift));
     }
 
-    /// The second tier of fusion in its present state.
+    /// State of the second tier of fusion; `None` before the start.
     pub fn fusion(&self) -> Option<&robot::State> {
         let [pair] = &self.state.pairs;
         pair.fusion.as_ref()
     }
 
-    /// Gives the robot something to do; the present motion is taken over.
+    /// Sets the task; it begins with the current motion.
     pub fn command(&mut self, task: Task) {
         self.state.task = task;
         if let Task::Regulate { goal, .. } = task {
@@ -243,7 +243,7 @@ impl LeadNode {
         (self.state.done, self.state.failed) = (false, None);
         (self.state.silent, self.state.lost) = (0, false);
         self.state.memory = Memory::default();
-        // A path goes on after its faults were cleared.
+        // A path continues after faults are cleared.
         if !(task.is_on_path() || task == Task::Clear) {
             self.path_task.forget();
         }
@@ -251,7 +251,7 @@ impl LeadNode {
         self.path_task.restart();
     }
 
-    /// True if a controller of the user takes the place of the regulator.
+    /// True if a controller of the user replaces the regulator.
     pub fn has_own_controller(&self) -> bool {
         self.own.0.is_some()
     }
@@ -273,7 +273,7 @@ impl LeadNode {
         }
     }
 
-    /// Goal of the latest regulation since the robot was told where it stands.
+    /// Goal of the latest regulation since the node was initialised.
     pub fn latest_goal(&self) -> Option<Posture> {
         self.state.goal
     }
@@ -289,9 +289,9 @@ impl LeadNode {
         &self.with.cascade
     }
 
-    /// Works ahead, at the ticks that neither begin an epoch nor have a [`Self::step`], on parts of
-    /// the next step that are known already. Without it the next step does all of the work, with
-    /// the same result.
+    /// Computes ahead those parts of the next step that are known already. To be called at the ticks that neither
+    /// begin an epoch nor run [`Self::step`]. Without this call the next step does all of the work, with the same
+    /// result.
     pub fn prepare(&mut self) {
         for pair in &mut self.state.pairs {
             let fusion = pair.fusion.as_mut();
@@ -299,7 +299,7 @@ impl LeadNode {
                 return;
             }
         }
-        // One of these ticks may have gone to the fusion.
+        // All ticks but those for the reports, the step, and possibly the fusion.
         let ticks = (EPOCH / TICK) as u32 - 3;
         self.with
             .regulator
@@ -311,7 +311,7 @@ impl LeadNode {
         self.state.silent = self.state.silent.saturating_add(EPOCH);
         let fused = self.fuse(now);
         if let (Some(fused), Some(fusion)) = (&fused, self.fusion()) {
-            // A path that stops on the way goes on as it was.
+            // A robot that stops on its path keeps `odom`.
             let waits = self.state.task.is_on_path() && !self.state.is_over();
             let moving = waits || self.state.governor.motion.v.abs() > REST_M_S;
             let (moved, map) = (fusion.moved(), fused.robot().posture);
@@ -325,7 +325,7 @@ impl LeadNode {
         let center = Transform::from(fused.robot().posture);
         let driven = self.state.odom.unwrap_or(center.posture);
 
-        // Before it drives the robot holds still: a frame that swings has to come to rest.
+        // Before it drives the robot holds still, so that a swinging frame comes to rest.
         let decision = match supervision.permit {
             Permit::Hold if !self.state.is_over() => Decision {
                 mode: LeadMode::Hold,
@@ -379,8 +379,8 @@ impl LeadNode {
         }
     }
 
-    /// The decision with its end judged by the estimate `map` of O: along a path the robot drives by `odom`, which the
-    /// estimate may have left.
+    /// Checks the end of a path by the estimate `map` of O: outside the tolerance the task gives up. Along a path the
+    /// robot drives by `odom`, which may differ from the estimate.
     fn at_end(&self, decision: Decision, map: Posture) -> Decision {
         let first = decision.done && !self.state.done && self.state.task.is_on_path();
         let missed = |end| !self.state.task.within().is_near(map, end);
@@ -473,7 +473,7 @@ impl LeadNode {
         }
     }
 
-    /// Decides whether the robot may drive; the heartbeat goes out with it.
+    /// Permit of the motors at this step; sends the heartbeat.
     fn supervise(
         &mut self,
         now: Micros,
@@ -508,7 +508,7 @@ impl LeadNode {
         output
     }
 
-    /// Counts how long the robot is held, and since when the axles should be armed.
+    /// Counts the times for which the robot has been held, and armed.
     fn hold(&mut self, operating: OperatingState) {
         let state = &mut self.state;
         match operating {
@@ -522,7 +522,7 @@ impl LeadNode {
         state.released |= state.held > self.with.longest_hold;
     }
 
-    /// Runs the time of a stop; whether it is over.
+    /// Advances the ramp of a stop; true if the stop is over.
     fn brake(&mut self, motion: Motion) -> bool {
         let state = &mut self.state;
         if state.supervisor.operating() != OperatingState::SafeStop {

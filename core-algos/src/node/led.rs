@@ -6,14 +6,14 @@ use crate::bus::Message;
 use crate::safety::OperatingState;
 use crate::topology::Node;
 
-/// Part of a blink, ms; a digit is that many blinks of twice this.
+/// Duration of a beat, ms. A digit n is n blinks of two beats: one lit, one dark.
 const BEAT_MS: u32 = 200;
-/// Dark beats after a digit, after which the next one begins.
+/// Dark beats between two digits.
 const GAP: u32 = 4;
 /// Dark beats after the last digit.
 const PAUSE: u32 = 10;
 
-/// Pattern of each state but fault: lit for so long, of so long, ms.
+/// Pattern of each state except fault: time lit and period, ms.
 const PATTERNS: [(OperatingState, u32, u32); 5] = [
     (OperatingState::Boot, 500, 1000),
     (OperatingState::Idle, 100, 2000),
@@ -53,8 +53,8 @@ pub struct Led {
 }
 
 impl Led {
-    /// Takes in a message that the board sends: the heartbeat of its node says what to show. That of the
-    /// lead node beside it does not count.
+    /// Takes in a message that the board sends. The heartbeat of its node sets the pattern; the heartbeat of a lead
+    /// node on the same board does not count.
     pub fn see(&mut self, message: &Message) {
         if let Message::NodeStatus {
             node,
@@ -68,7 +68,7 @@ impl Led {
         }
     }
 
-    /// True if the LED is lit, so many milliseconds after any instant.
+    /// True if the LED is lit `ms` milliseconds after any instant.
     pub fn is_lit(&self, ms: u32) -> bool {
         match pattern(self.state) {
             Some((lit, period)) => ms % period < lit,
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn patterns_differ_by_their_text_and_are_as_it_says() {
+    fn pattern_texts_differ_and_match_the_light() {
         let texts = OperatingState::ALL.map(|state| Pattern(state).to_string());
         assert_eq!(Pattern(OperatingState::Active).to_string(), "on");
         let fault = Pattern(OperatingState::Fault).to_string();

@@ -1,9 +1,9 @@
-//! Node state machines: what each board runs, without input or output of its own.
+//! State machines of the nodes that the boards run, without input or output of their own.
 //!
-//! [`axle::AxleNode`] runs once a millisecond on each axle board, [`beam::BeamNode`] on the beam
-//! board, [`lead::LeadNode`] once an epoch of 10 ms on the front board. A node is given the time,
-//! its samples and the messages it received, and gives back commands and messages; it knows no
-//! clock, bus or hardware. The same object runs in a simulation, on a virtual and on a real board.
+//! [`axle::AxleNode`] runs once a millisecond on each axle board, [`beam::BeamNode`] on the beam board,
+//! [`lead::LeadNode`] once an epoch of 10 ms on the front board. A node receives the time, its samples and its
+//! messages, and returns commands and messages; it has no access to clock, bus or hardware. The same object runs in a
+//! simulation, on a virtual and on a real board.
 
 pub mod axle;
 pub mod beam;

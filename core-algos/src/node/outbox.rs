@@ -6,7 +6,7 @@ use heapless::Vec;
 /// Room for the messages of one step.
 pub const CAPACITY: usize = 8;
 
-/// A short list of messages; what does not fit is dropped.
+/// A short list of messages; messages that do not fit are dropped.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outbox {
     messages: Vec<Message, CAPACITY>,
@@ -28,7 +28,7 @@ impl Outbox {
         self.messages.iter()
     }
 
-    /// Forgets the messages.
+    /// Removes all messages.
     pub fn clear(&mut self) {
         self.messages.clear();
     }

@@ -7,29 +7,27 @@
 //!
 //! # Steering along a path
 //!
-//! Law (4) leaves a free choice of ε once its reference is led (see [`control::path`]): a
-//! deviation from the path decays over the length e*/2, e* = r√(2ε). With ε = 0.15 and r = 0.2 m
-//! that is 5.5 cm, a rate of 3.6 1/s at 0.2 m/s, somewhat below half of the 8 rad/s at which the
-//! governor steers. (For the posture regulator, which stops on a point, e* is to be small instead.)
-//! A bend too early or too late by the lag of steering also feeds k2: at 4 rad/s the robot weaves,
-//! at 1 rad/s a disturbance has faded after one swing. Deviations along the path decay at the rate
-//! k1; with the governor's lag of 6 1/s of speed in the loop, k1 = 3 m/s leaves a damping of 0.7.
+//! Law (4) leaves ε free if its reference has a lead (see [`control::path`]): a deviation from the path decays over
+//! the length e*/2, e* = r√(2ε). With ε = 0.15 and r = 0.2 m that is 5.5 cm, a rate of 3.6 1/s at 0.2 m/s, somewhat
+//! below half of the 8 rad/s at which the governor steers. (For the posture regulator, which stops on a point, e*
+//! must be small.) The lag of steering makes a bend too early or too late, which also acts through k2: with 4 rad/s
+//! the robot weaves, with 1 rad/s a disturbance has faded after one swing. Deviations along the path decay at the
+//! rate k1; with the governor's lag of 6 1/s of speed in the loop, k1 = 3 m/s leaves a damping of 0.7.
 //!
 //! # The end
 //!
-//! Once the end of the path is reached (or the time of the trajectory is over) the law goes on with
-//! its reference at rest, which takes out what is left, until the speed it asks for has faded. Then
-//! the robot brakes, keeps its bend and is done; it does not start again by itself. A robot that friction holds within
-//! the tolerance of the end rests there.
+//! At the end of the path (or of the trajectory's time) the law continues with its reference at rest and removes the
+//! remaining error, until its speed has faded. Then the robot brakes, keeps its bend and is done; it does not start
+//! again by itself. A robot that friction holds within the tolerance of the end rests there.
 //!
 //! # Without an end
 //!
-//! A robot farther from its path or trajectory than [`Config::max_deviation_m`] is lost, and one that is to move and
-//! does not makes no progress. Both ends stay until the task is given again.
+//! A robot farther from its path or trajectory than [`Config::max_deviation_m`] is lost. A robot that should move and
+//! does not makes no progress. Both results stay until the task is given again.
 //!
 //! # Panic contract
 //!
-//! [`Config::build`] validates and the buffers refuse bad points; nothing else can fail.
+//! [`Config::build`] validates and the buffers reject bad points; nothing else can fail.
 //!
 //! [`control::path`]: crate::control::path
 
@@ -46,21 +44,20 @@ use crate::control::stuck::{STUCK_S, Stuck};
 use crate::math::{Posture, Transform};
 use crate::time::{EPOCH, Micros, seconds};
 
-/// Points of a path that are held at a time: 2.56 m at 1 cm. What braking and the lead of the
-/// reference look ahead is 0.3 m.
+/// Points of a path that are held at a time: 2.56 m at 1 cm. Braking and the lead of the reference look 0.3 m ahead.
 pub const PATH_POINTS: usize = 256;
 /// Points of a trajectory that are held at a time: 6.4 s at 50 ms.
 pub const TRAJECTORY_POINTS: usize = 128;
 
 /// Time without motion after which a robot within the tolerance of the end rests, s.
 const REST_S: f32 = 1.0;
-/// Reference speed from which the robot is to move before the end is known or the time is over, m/s.
+/// Reference speed above which the robot must move, before the end of the path is known or the time is over, m/s.
 const MOVING_M_S: f32 = 5e-3;
 
 declare! {
     /// Parameters of path following and trajectory tracking.
     pub struct Config {
-        /// Limits along a path. Trajectories use its nominal speed only: they bring their own limits.
+        /// Limits along a path. Trajectories use only the nominal speed of these: they have their own limits.
         pub path: path::Config = path::Config {
             max_speed_m_s: 0.2,
             nominal_speed_m_s: 0.2,
@@ -75,14 +72,14 @@ declare! {
         };
         /// Distance of O from its path or trajectory beyond which the robot stops.
         pub max_deviation_m: f32 = 0.5, "m": Positive;
-        /// Speed asked for at the end below which the robot is brought to rest. The law asks for
-        /// k1 times the distance left.
+        /// Speed requested at the end below which the robot is brought to rest. The law requests k1 times the
+        /// distance left.
         pub rest_speed_m_s: f32 = 1e-3, "m/s": Positive;
     }
 }
 
 impl Config {
-    /// The ready-to-run form for a frame; the error names the field that is wrong.
+    /// Builds the path task for a frame; the error names the field that is wrong.
     pub fn build(&self, cascade: &Cascade) -> Result<PathTask, ConfigError> {
         self.check_ranges()?;
         let law = self.law.build()?;
@@ -101,11 +98,11 @@ pub struct State {
     path: PathBuffer<PATH_POINTS>,
     trajectory: TrajectoryBuffer<TRAJECTORY_POINTS>,
     progress: Progress,
-    /// Start of the trajectory, and the trajectory time then.
+    /// Start time of the trajectory, and the trajectory time at that start.
     start: Option<(Micros, f32)>,
     /// The end has been reached and the robot is being brought to rest.
     resting: bool,
-    /// The robot is too far from the path or trajectory.
+    /// True if the robot is too far from the path or trajectory.
     lost: bool,
     /// Time without motion.
     stuck: Stuck,
@@ -118,7 +115,7 @@ impl Default for State {
 }
 
 impl State {
-    /// No path, no trajectory. A constant goes to its place without a copy on the stack.
+    /// No path, no trajectory. A constant is written to its place without a copy on the stack.
     pub const EMPTY: Self = Self {
         path: PathBuffer::new(),
         trajectory: TrajectoryBuffer::new(),
@@ -133,12 +130,12 @@ impl State {
         stuck: Stuck::NEW,
     };
 
-    /// Forgets path and trajectory.
+    /// Deletes path and trajectory.
     pub fn clear(&mut self) {
         *self = Self::EMPTY;
     }
 
-    /// Goes to the beginning of what the buffers hold.
+    /// Returns to the first points in the buffers.
     pub fn restart(&mut self) {
         // The path is entered at its first point and not where it comes nearest to the robot: a
         // loop ends where it begins, and a path may cross its own beginning.
@@ -162,7 +159,7 @@ impl State {
         self.path.room()
     }
 
-    /// Forgets path and trajectory, if there is anything to forget.
+    /// Deletes path and trajectory, if there are any.
     pub fn forget(&mut self) {
         let empty = self.path.is_empty() && self.trajectory.is_empty();
         if !empty || self.resting || self.trajectory.is_complete() {
@@ -188,7 +185,8 @@ impl State {
         self.trajectory.room()
     }
 
-    /// Appends a point to the trajectory, unless that has been ended; a new one begins after one that was driven to its end.
+    /// Appends a point to the trajectory, unless the trajectory has been ended; a new trajectory begins after one
+    /// that was driven to its end.
     pub fn push_trajectory_point(&mut self, point: TrajectoryPoint) -> Result<(), PathError> {
         if self.resting {
             self.clear();
@@ -205,13 +203,13 @@ impl State {
 /// Output of the path task at an epoch.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Step {
-    /// Wish for the governor; none: brake and keep the bend.
+    /// Wish for the governor; `None`: brake and keep the bend.
     pub wish: Option<Wish>,
     /// Target posture of O; `None` without a path.
     pub target: Option<Posture>,
     /// The end has been reached and the robot is at rest.
     pub done: bool,
-    /// The robot was to move and did not.
+    /// True if the robot should move and did not.
     pub stuck: bool,
 }
 
@@ -228,9 +226,9 @@ pub struct PathTask {
 struct Course {
     /// Reached the end of the path, or of the time of the trajectory.
     finished: bool,
-    /// The end if it is known and the robot is before it: along the path, or as the time of the trajectory is over.
+    /// Posture of the end: near the end of a complete path, or once the time of the trajectory is over.
     end: Option<Posture>,
-    /// The robot is to move.
+    /// True if the robot must move.
     asked: bool,
 }
 
@@ -257,7 +255,7 @@ impl PathTask {
         }
         let wish = self.follower.wish(center, &reference);
         let complete = state.path.is_complete();
-        // A loop ends where it begins: the way along it counts.
+        // A loop ends where it begins: the distance along the path counts.
         let last = complete && state.path.end() - progress.s <= within.position_m;
         let course = Course {
             finished: progress.finished,
@@ -285,7 +283,7 @@ impl PathTask {
         if state.trajectory.is_empty() {
             return Step::default();
         }
-        // What lies behind has been dropped: a task given again goes on where it was left.
+        // Earlier points have been dropped: a task given again continues where it stopped.
         let begin = state.trajectory.start();
         let (start, first) = *state.start.get_or_insert((epoch, begin));
         let time = first + seconds(epoch.saturating_sub(start));
@@ -310,13 +308,14 @@ impl PathTask {
         }
     }
 
-    /// True if O is too far from its target; stays true. A robot at rest at the end may be carried away.
+    /// True if O is too far from its target; stays true. A robot at rest at the end is not checked: it may be carried
+    /// away.
     fn loses(&self, state: &mut State, center: Posture, target: Posture) -> bool {
         state.lost |= !state.resting && !(center.distance(target) <= self.max_deviation);
         state.lost
     }
 
-    /// Brings the robot to rest once the end is reached and the law asks for little more, or friction holds the robot
+    /// Brings the robot to rest at the end, once the law requests little more speed or friction holds the robot
     /// within the tolerance of the end.
     fn conclude(
         &self,

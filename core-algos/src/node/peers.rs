@@ -6,13 +6,13 @@ use crate::safety::{OperatingState, supervisor};
 use crate::time::{Micros, Stamped, sequence};
 use crate::topology::{MAX_AXLES, Node, Topology};
 
-/// Most nodes that drive: lead node and axles. Nobody waits for a heartbeat of a frame.
+/// Largest number of nodes that drive: lead node and axles. Heartbeats of frames are not watched.
 const MOST: usize = 1 + MAX_AXLES;
 
-/// Age at which a heartbeat no longer counts, µs.
+/// Age above which a heartbeat no longer counts, µs.
 const TIMEOUT: Micros = layout::timeout_ms(layout::id::NODE_STATUS) as Micros * 1000;
 
-/// Place of a node's heartbeat.
+/// Index of a node's heartbeat.
 const fn place(node: Node) -> usize {
     match node {
         Node::Lead => 0,
@@ -29,7 +29,7 @@ struct Heartbeat {
 }
 
 impl Heartbeat {
-    /// True if the node says that it is stopping or has stopped because something is wrong.
+    /// True if the node reports that it is stopping or has stopped for a reason.
     fn failed(&self) -> bool {
         let stopped = matches!(self.state, OperatingState::SafeStop | OperatingState::Fault);
         stopped && self.reason != 0
@@ -57,7 +57,7 @@ impl Peers {
         }
     }
 
-    /// The latest heartbeat of a node; `None` if it has not been heard for the time of its heartbeat, or never.
+    /// The latest heartbeat of a node; `None` if it is older than the timeout or never arrived.
     fn heard(&self, node: Node, now: Micros) -> Option<&Heartbeat> {
         self.heard.get(place(node))?.as_ref()?.fresh(now, TIMEOUT)
     }
@@ -77,19 +77,19 @@ impl Peers {
         (lost, failed)
     }
 
-    /// True if the node says that its motors are off and that it is not to drive.
+    /// True if the node reports *boot* or *idle*: motors off and not armed.
     pub fn rests(&self, node: Node, now: Micros) -> bool {
         let rests = |state| matches!(state, OperatingState::Boot | OperatingState::Idle);
         self.heard(node, now).is_some_and(|beat| rests(beat.state))
     }
 
-    /// True if the node says that it is stopping or has stopped because something is wrong.
+    /// True if the node reports that it is stopping or has stopped for a reason.
     pub fn failed(&self, node: Node, now: Micros) -> bool {
         self.heard(node, now).is_some_and(Heartbeat::failed)
     }
 }
 
-/// The heartbeat of `node` at `now`: its notices are all since the one before.
+/// The heartbeat of `node` at `now`, with all notices since the heartbeat before.
 pub fn heartbeat(node: Node, now: Micros, state: &mut supervisor::State) -> Message {
     Message::NodeStatus {
         node,
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn a_node_rests_that_is_heard_and_does_not_drive() {
+    fn node_rests_if_its_heartbeat_reports_boot_or_idle() {
         let mut peers = Peers::default();
         assert!(!peers.rests(Node::axle(1), 0), "never heard");
         for (state, rests) in [

@@ -1,8 +1,8 @@
 //! Configuration of the whole robot: every constant once, handed to the algorithms that need it.
 //!
-//! The configurations of the algorithms have fields for dimensions and limits, so that each can be
-//! used by itself. In a robot they are not read from a file but filled in from [`Geometry`] and
-//! [`Limits`] by [`RobotConfig::completed`]: there is one place to state a wheel radius.
+//! The configurations of the algorithms have fields for dimensions and limits, so that each can be used by itself. In
+//! a robot, [`RobotConfig::completed`] fills these fields from [`Geometry`] and [`Limits`], so that each dimension is
+//! configured once.
 
 use super::lead::Place;
 use super::{axle, beam, lead};
@@ -15,7 +15,7 @@ use crate::safety::supervisor;
 use crate::topology::{AxleId, FrameId, Topology};
 
 declare! {
-    /// Dimensions and stiffness of the robot as its software believes them.
+    /// Dimensions and stiffness of the robot as configured.
     pub struct Geometry {
         /// Flexible length of the frame (the paper's L).
         pub frame_length_m: f32 = 0.37, "m": Range(0.05, 5.0);
@@ -44,12 +44,11 @@ declare! {
         /// Largest steering angle |ψ| the frame may be bent to; bounds the curvature by
         /// 2ψ/(L cos ψ).
         pub max_steering_rad: f32 = 0.5, "rad": Range(0.05, 1.2);
-        /// Margin to the largest steering angle that is never commanded: the true angle may exceed
-        /// its command.
+        /// Margin between the largest steering angle and the largest command, because the true angle may exceed its
+        /// command.
         ///
-        /// On tyres that creep the frame's moment holds the axles back and the true angle stays some 2
-        /// % below its command; on stiff tyres lag and the error of the beam let it exceed the command,
-        /// by 3 mrad at most in simulation.
+        /// On creeping tyres the frame's moment holds the true angle about 2 % below its command. On stiff tyres lag
+        /// and the error of the beam let the true angle exceed its command, by 3 mrad at most in simulation.
         pub steering_margin_rad: f32 = 0.005, "rad": Range(0.0, 0.25);
     }
 }
@@ -77,11 +76,11 @@ declare! {
     }
 }
 
-/// Start posture of the midpoint for an operator who has only a button (m, m, rad): that of the
-/// paper's experiment; the goal is the origin.
+/// Start posture of the midpoint for operation by the button (m, m, rad), as in the paper's experiment; the goal is
+/// the origin.
 pub const START: Posture = Posture::new(-1.342, -1.342, 0.0);
 
-/// Accuracy of placement and floor, from the person who puts the robot down. Nothing on board can tell them.
+/// Accuracy of placement and floor, given by the operator; no sensor on board measures them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
@@ -90,12 +89,12 @@ pub struct Told {
     pub placement_m: f32,
     /// Standard deviation of the start's heading, rad.
     pub placement_rad: f32,
-    /// Standard deviation of the way that the floor takes the robot, over the way it rolls, along each of its axes.
+    /// Displacement of the robot by the floor per metre rolled, standard deviation along each of the floor's axes.
     pub floor_drift: f32,
 }
 
 impl Default for Told {
-    /// Set down by eye on a thick carpet.
+    /// Placed by eye on a thick carpet.
     fn default() -> Self {
         Self {
             placement_m: 5e-3,
@@ -105,7 +104,7 @@ impl Default for Told {
     }
 }
 
-/// Least standard deviation of a start, m and rad: a covariance has to be positive definite.
+/// Smallest standard deviation of a start, m and rad, so that the covariance is positive definite.
 const EXACT: f32 = 1e-6;
 
 /// The nodes of a robot.
@@ -119,12 +118,12 @@ pub struct Robot {
     pub lead: lead::LeadNode,
 }
 
-/// Speed of a wheel over the largest of the midpoint from which a reference is a mistake: the outer wheel of
-/// the tightest bend rolls at 1.5 times that of the midpoint, and corrections come on top.
+/// Largest plausible wheel speed of a reference, over the largest speed of the midpoint. In the tightest bend the
+/// outer wheel rolls at 1.5 times the speed of the midpoint, and corrections add to it.
 const WHEEL_SPEED: f32 = 2.0;
 
 impl RobotConfig {
-    /// The same configuration with geometry and limits written into every part that has a copy.
+    /// The configuration with geometry and limits copied into every part that needs them.
     pub fn completed(mut self) -> Self {
         let Geometry {
             frame_length_m,
@@ -175,7 +174,7 @@ impl RobotConfig {
         self
     }
 
-    /// A robot that was put down with its midpoint on `start` and its frame straight.
+    /// Placement of the robot with its midpoint at `start` and its frame straight.
     pub fn put_down(&self, start: Posture, told: &Told) -> Place {
         let geometry = &self.geometry;
         let straight_m = geometry.frame_length_m + 2.0 * geometry.rigid_end_m;
@@ -206,7 +205,7 @@ impl RobotConfig {
         Topology::PAIR
     }
 
-    /// The nodes; the error names the parameter that is wrong.
+    /// Builds the nodes; the error names the parameter that is wrong.
     pub fn build(&self) -> Result<Robot, ConfigError> {
         Ok(Robot {
             axles: [self.build_axle(AxleId(0))?, self.build_axle(AxleId(1))?],
@@ -215,7 +214,7 @@ impl RobotConfig {
         })
     }
 
-    /// The node of one axle, for a board that runs no other.
+    /// Builds the node of one axle alone.
     pub fn build_axle(&self, axle: AxleId) -> Result<axle::AxleNode, ConfigError> {
         self.check()?;
         let frame = axle::FrameProperties {
@@ -225,10 +224,10 @@ impl RobotConfig {
         self.completed().axle.build(axle, self.topology(), frame)
     }
 
-    /// The node of one frame, for a board that runs no other.
+    /// Builds the node of one frame alone.
     pub fn build_beam(&self, frame: FrameId) -> Result<beam::BeamNode, ConfigError> {
         self.check()?;
-        // Its board has no motors, so no parameter of its supervisor matters.
+        // The beam board has no motors, so no parameter of its supervisor matters.
         let supervisor = supervisor::Config::default().build()?;
         Ok(beam::BeamNode::new(
             frame,
@@ -237,7 +236,7 @@ impl RobotConfig {
         ))
     }
 
-    /// The algorithms of the lead node.
+    /// Builds the algorithms of the lead node.
     pub fn build_lead(&self) -> Result<lead::Algorithms, ConfigError> {
         self.check()?;
         self.completed().lead.build()
@@ -253,7 +252,7 @@ mod tests {
     use crate::math::Steering;
 
     #[test]
-    fn the_margin_is_kept_from_every_command() {
+    fn every_commanded_steering_limit_keeps_the_margin() {
         let config = RobotConfig::default().completed();
         for commanded in [
             config.lead.governor.max_steering_rad,
@@ -317,9 +316,9 @@ mod tests {
         }
     }
 
-    /// Regulator and cascade mean the same curvature by the greatest steering angle.
+    /// Regulator and cascade give the same curvature for the largest steering angle.
     #[test]
-    fn rigid_ends_do_not_part_regulator_and_cascade() {
+    fn regulator_and_cascade_agree_with_rigid_ends() {
         for rigid_end_m in [0.0, 0.02, 0.1] {
             let mut config = RobotConfig::default();
             config.geometry.rigid_end_m = rigid_end_m;
@@ -332,7 +331,7 @@ mod tests {
         }
     }
 
-    /// Covariance of (y, φ) that the zero errors of the gauges make, by differences.
+    /// Covariance of (y, φ) due to the zero errors of the gauges, by differences.
     fn zero_covariance(config: &sensor::Config, curvature: f32) -> [[f32; 2]; 2] {
         let strip = config.strip.build().unwrap();
         let solver = PostureSolver::new(strip, config.method, config.segments).unwrap();
@@ -368,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn the_filters_expect_the_beam_offset_that_its_gauges_can_have() {
+    fn filter_prior_of_the_beam_matches_the_zero_errors_of_its_gauges() {
         let config = RobotConfig::default().completed();
         let beam = config.lead.fusion.joint.beam;
         let length = config.geometry.frame_length_m;

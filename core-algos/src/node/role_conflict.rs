@@ -1,7 +1,7 @@
 //! Two boards with one role, for example after the strap of the rear board broke.
 //!
-//! Both would drive as the same axle, and two front boards would both command the robot. A controller does not receive
-//! its own frames, so a message in the name of the board's own role comes from another board.
+//! Both would drive as the same axle, and two front boards would both command the robot. A CAN controller does not
+//! receive its own frames, so a message in the name of the board's own role comes from another board.
 //!
 //! Nothing here can fail.
 
@@ -9,10 +9,10 @@ use crate::bus::Message;
 use crate::time::Micros;
 use crate::topology::Role;
 
-/// Time after the latest message of the other board for which the conflict stands: ten health reports.
+/// Time for which a conflict lasts after the latest message of the other board: ten health reports.
 const LASTS: Micros = 1_000_000;
 
-/// Watch for another board with the role of this one.
+/// Detects another board with the role of this board.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RoleConflict {
     role: Role,

@@ -37,8 +37,7 @@ pub(crate) fn reference_posture(axle: AxleId, now: Micros, posture: Posture) -> 
     }
 }
 
-/// The report of an axle that has been up for `uptime` epochs. A gyro is there if it says whether it
-/// was zeroed.
+/// Report of an axle that has been up for `uptime` epochs. `gyro_zeroed` is `None` for an axle without a gyro.
 pub(crate) fn axle_report(
     axle: AxleId,
     now: Micros,
@@ -66,7 +65,7 @@ pub(crate) fn axle_report(
     ]
 }
 
-/// A supervisor in this state, without a fault that still holds.
+/// A supervisor in this state, without a present condition.
 pub(crate) fn supervisor_in(state: OperatingState) -> supervisor::State {
     use StateRequest::{Arm, Disarm, Ready, Start};
     let supervisor = supervisor::Config::default().build().expect("the default");
@@ -95,11 +94,11 @@ pub(crate) fn supervisor_in(state: OperatingState) -> supervisor::State {
     at
 }
 
-/// Conditions, a cause beyond its limit and one within it.
+/// Conditions, a change beyond their limit, and a change just within.
 pub(crate) type Cause<T> = (&'static [Condition], fn(&mut T), fn(&mut T));
 
-/// Asserts that each cause brings its conditions and that what lies just within the limit brings none, alone and with
-/// every other cause that does not exclude it. `sound` has no condition.
+/// Asserts that each cause beyond its limit sets its conditions and that just within the limit it sets none, alone
+/// and with every other cause. `sound` has no condition.
 pub(crate) fn assert_watched<T: Clone>(
     sound: &T,
     causes: &[Cause<T>],
@@ -127,7 +126,7 @@ pub(crate) fn assert_watched<T: Clone>(
             Conditions::NONE,
             "within {k}: {conditions:?}"
         );
-        // The other conditions are there, this one is not unless another cause brings it.
+        // With all other causes, this cause adds its conditions only beyond its limit.
         let others = causes.iter().filter(|(other, ..)| other != conditions);
         let mut changes: Vec<fn(&mut T)> = others.clone().map(|(_, beyond, _)| *beyond).collect();
         let expected = others.fold(Conditions::NONE, |all, (other, ..)| all.union(set(other)));

@@ -1,11 +1,10 @@
-//! Schedule of a board's nodes: ticks in step with the common time, gaps, and the messages
-//! that keep the boards together.
+//! Schedule of a board's nodes: ticks in step with the common time, gaps, and the messages that synchronise the
+//! boards.
 //!
-//! The front board's local time is the common one; the other boards follow by [`CommonClock`]. A
-//! tick runs the nodes when it is within a tenth of a millisecond of its whole millisecond, and begins to within half of
-//! that. A gap of
-//! a few ticks is counted and passed over; after a longer one, or when the common time was moved,
-//! the nodes begin anew with motors off, since nothing they remember has a valid time.
+//! The front board's local time is the common time; the other boards follow by [`CommonClock`]. A tick runs the nodes
+//! if it is within 0.1 ms of its whole millisecond, or within 0.05 ms if the tick before was out of step. A gap of up
+//! to 5 ms is counted and passed over. After a longer gap, or a step of the common time, the nodes restart with
+//! motors off, because no time in their states is valid.
 //!
 //! Nothing here can fail.
 
@@ -14,7 +13,7 @@ use crate::bus::Message;
 use crate::safety::{Condition, Conditions};
 use crate::time::{EPOCH, Micros, TICK, is_epoch_start};
 
-/// Longest time between two runs that is passed over.
+/// Longest time between two runs without a restart.
 const PASSED_OVER: Micros = 5 * TICK;
 
 /// Action of a tick.
@@ -24,7 +23,7 @@ pub enum Step {
     Wait,
     /// Run the nodes at this common time.
     Run(Micros),
-    /// Let the nodes begin anew, then run them at this common time.
+    /// Restart the nodes, then run them at this common time.
     Restart(Micros),
 }
 
@@ -58,12 +57,12 @@ impl TickSync {
         }
     }
 
-    /// The front board, whose clock is the common one.
+    /// For the front board, whose local time is the common time.
     pub const fn leading() -> Self {
         Self::new(None)
     }
 
-    /// A board that follows.
+    /// For a board that follows the front board.
     pub fn following() -> Self {
         Self::new(Some(CommonClock::default()))
     }
@@ -113,8 +112,8 @@ impl TickSync {
         self.conditions
     }
 
-    /// On the front board, what to send first at `now`; to be called at every tick that runs. `sent`
-    /// is the local time at which the latest [`Message::TimeSync`] had left, once it is known.
+    /// Message that the front board sends first at `now`; to be called at every tick that runs. `sent` is the local
+    /// time at which the latest [`Message::TimeSync`] had left, once it is known.
     pub fn sync(&mut self, now: Micros, sent: Option<Micros>) -> Option<Message> {
         self.sent = sent.or(self.sent);
         if self.clock.is_some() || !is_epoch_start(now) {
@@ -122,7 +121,7 @@ impl TickSync {
         }
         let began = self.epoch_began.replace(now);
         let last_delay_us = match (began, self.sent.take()) {
-            // Only of the epoch just before.
+            // Only the delay of the epoch just before.
             (Some(began), Some(sent)) if began + EPOCH == now => sent
                 .checked_sub(began)
                 .filter(|&delay| delay < EPOCH)
@@ -135,8 +134,8 @@ impl TickSync {
         })
     }
 
-    /// Counts by which the period of the board's timer is to differ from the nominal one until the
-    /// next tick: −1, 0 or 1.
+    /// Counts by which the period of the board's timer is to differ from the nominal one until the next tick: −1, 0
+    /// or 1 near the millisecond, four times that far from it.
     pub fn trim(&self) -> i8 {
         self.trim
     }
@@ -151,12 +150,12 @@ impl TickSync {
         self.last
     }
 
-    /// Ticks missed and passed over, saturating.
+    /// Missed ticks that were passed over, saturating.
     pub fn missed(&self) -> u16 {
         self.missed
     }
 
-    /// Times the nodes began anew, saturating.
+    /// Restarts of the nodes, saturating.
     pub fn restarts(&self) -> u16 {
         self.restarts
     }

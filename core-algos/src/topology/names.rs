@@ -1,16 +1,16 @@
-//! Axles, boards and nodes in files: by the names of a robot of two axles in text, as numbers in the parameters of links.
+//! Axles, boards and nodes in files: in text the names of a robot of two axles, in the parameters of links numbers.
 
 use super::{AxleId, FrameId, MAX_AXLES, MAX_FRAMES, Node, Role, Topology};
 use core::fmt;
 use serde::de::{Error, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// What has a name in text and a number elsewhere.
+/// A type with a name in text and a number in binary formats.
 trait Named: Copy + 'static {
     const EXPECTED: &'static str;
     /// Every value that has a number.
     fn all() -> impl Iterator<Item = Self>;
-    /// Those of a robot of two axles, which have a name.
+    /// The values of a robot of two axles, which have a name.
     fn pair() -> impl Iterator<Item = Self>;
     fn name(self) -> &'static str;
     fn code(self) -> u8;
@@ -36,7 +36,7 @@ impl Named for Role {
         Topology::PAIR.name(self)
     }
 
-    /// Those of a robot of two axles come first, as in version 0.1.
+    /// The values of a robot of two axles come first, with the numbers of version 0.1.
     fn code(self) -> u8 {
         match self {
             Self::Axle(AxleId(axle @ ..2)) => axle,

@@ -18,7 +18,7 @@ fn step(axle: usize, gyro_share: f32) -> Step {
     }
 }
 
-/// A step without a gyro, bent by `heading`, of `x` ahead and turning by `phi`.
+/// A step without a gyro: frame bent by `heading`, `x` ahead, turn `phi`.
 fn bent(axle: usize, x: f64, phi: f64, heading: f64) -> Step {
     Step {
         moved: Posture::new(x as f32, 0.0, phi as f32),
@@ -33,7 +33,7 @@ fn heading(axle: usize, gyro_share: f32, constant: usize) -> f32 {
 }
 
 #[test]
-fn heading_owes_its_errors_to_the_sensor_it_comes_from() {
+fn heading_error_comes_from_the_sensor_that_measures_the_heading() {
     for axle in 0..2 {
         assert_eq!(heading(axle, 0.0, DRIFT + axle), 0.4);
         assert_eq!(heading(axle, 0.0, TURN + axle), 0.3);
@@ -42,14 +42,14 @@ fn heading_owes_its_errors_to_the_sensor_it_comes_from() {
         assert_eq!(heading(axle, 1.0, COMPLIANCE), 0.0);
         assert_eq!(heading(axle, 1.0, GYRO_BIAS + axle), 2.0);
         assert_eq!(heading(axle, 1.0, GYRO_SCALE + axle), 0.3);
-        // A gyro that was there half of the time leaves half of each.
+        // A gyro present half of the time halves each effect.
         assert_eq!(heading(axle, 0.5, DRIFT + axle), 0.2);
         assert_eq!(heading(axle, 0.5, GYRO_BIAS + axle), 1.0);
     }
 }
 
 #[test]
-fn each_axle_has_constants_of_its_own_but_for_the_slip_under_the_frame() {
+fn axles_share_only_the_constants_of_slip_under_the_frame_moment() {
     for constant in 0..COUNT {
         let both = [0, 1].map(|axle| {
             let by = step(axle, 0.5).by_constants(&TYRES);
@@ -68,9 +68,9 @@ fn each_axle_has_constants_of_its_own_but_for_the_slip_under_the_frame() {
     }
 }
 
-/// The wheels' own forces and slips: what an axle does whose wheels slip as the brush model says.
+/// Reference: advance and turn of an axle from force and slip of each wheel by the brush model.
 #[test]
-fn tyres_slip_as_a_brush_does_wheel_by_wheel() {
+fn increment_error_equals_the_brush_model_of_each_wheel() {
     let (track, load, stiffness, friction, moment) = (0.324f64, 23.35, 20.0, 0.7, 2.25);
     let tyres = Tyres {
         half_track: 0.162,
@@ -102,16 +102,16 @@ fn tyres_slip_as_a_brush_does_wheel_by_wheel() {
     }
 }
 
-/// Each wheel by itself: its radius and its tyre are others than the mean of them all.
+/// Reference: each wheel with its own error of radius and tyre slip.
 #[test]
-fn unequal_wheels_and_tyres_move_each_side_by_its_own() {
+fn increment_error_equals_that_of_unequal_wheels_and_tyres() {
     let (half_track, own) = (f64::from(TYRES.half_track), [0.03, -0.01]);
     let radius = [0.004, -0.002];
     for (x, phi) in [(0.3, 0.1), (0.0, 0.4), (-0.2, 0.3)] {
         for (heading, axle) in [(-0.9f64, 0), (0.2, 1), (0.9, 0), (-0.6, 1)] {
             let load = heading / (1.0 - heading.abs() / f64::from(TYRES.sliding));
             let sign = if axle == 0 { -1.0 } else { 1.0 };
-            // Error of the way of the left wheel and of the right one.
+            // Errors of the distances rolled by the left and the right wheel.
             let [left, right]: [f64; 2] = core::array::from_fn(|side| {
                 let out = if side == 0 { -1.0 } else { 1.0 };
                 let rolled: f64 = x + out * half_track * phi;
@@ -135,7 +135,7 @@ fn unequal_wheels_and_tyres_move_each_side_by_its_own() {
     }
 }
 
-/// Up to the sliding tyres' share of the friction, and beyond, where it stays; at the bound from beyond.
+/// Below and above the limit of the friction share; at the limit by a difference from above.
 #[test]
 fn error_follows_the_relative_heading_by_its_derivative() {
     let tyres = Tyres {
@@ -169,7 +169,7 @@ fn error_follows_the_relative_heading_by_its_derivative() {
 }
 
 #[test]
-fn way_is_the_mean_of_the_wheels_without_sign() {
+fn distance_rolled_is_the_mean_of_both_wheels_without_sign() {
     for (x, phi) in [
         (0.4, 0.3),
         (-0.4, 0.3),
@@ -184,7 +184,7 @@ fn way_is_the_mean_of_the_wheels_without_sign() {
 }
 
 #[test]
-fn any_axle_but_the_first_is_the_rear() {
+fn axle_index_above_one_counts_as_the_rear() {
     let [rear, other] = [1, 2].map(|axle| {
         let step = step(axle, 0.5);
         let by = step.by_constants(&TYRES);
@@ -207,10 +207,10 @@ fn shortening_is_half_the_logarithmic_derivative_of_sinc() {
     assert_eq!(shortening(0.0), 0.0);
 }
 
-/// Against the sensor itself: the posture from strains that are too large, all alike, in proportion
-/// or rising from root to tip.
+/// Reference: the sensor's posture from strains with an added error, constant or rising from root to tip, absolute or
+/// proportional to the relative heading.
 #[test]
-fn the_beam_moves_as_the_sensor_does_with_other_zeros_and_gains() {
+fn beam_derivatives_equal_those_of_the_sensor_with_changed_zeros_and_gains() {
     let config = strip::Config::default();
     let built = config.build().unwrap();
     let solver = PostureSolver::new(built, Method::Quadrature, 100).unwrap();
@@ -239,7 +239,7 @@ fn the_beam_moves_as_the_sensor_does_with_other_zeros_and_gains() {
             for i in 0..3 {
                 let found = moved[i] / (2.0 * size);
                 let error = (found - by[i][k]).abs();
-                // Across the chord to the fourth order of the heading, of 0.37 m by the strip's length.
+                // The derivatives by tilt are exact only for a straight strip.
                 let slack = match k % 2 {
                     0 => 2e-4,
                     _ => 0.03 * heading * heading,

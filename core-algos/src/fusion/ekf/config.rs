@@ -4,10 +4,10 @@ use super::{AxleFilter, Covariance, N, Noise};
 use crate::config::{Allowed, ConfigError, declare, non_negative, require};
 use crate::math::matrix::Mat;
 
-/// Q of eq. 17.
+/// Process noise, Q of eq. 17.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ProcessNoise {
-    /// The same matrix each step, in the global frame (units of the state squared).
+    /// Constant matrix per step, in the global frame (units of the state squared).
     Fixed(Mat<N, N>),
     /// Built each step from densities.
     Densities(Densities),
@@ -32,8 +32,8 @@ declare! {
         /// Change of the forward acceleration.
         pub jerk_m_s3_per_sqrt_hz: f32 = 3.0, "m/s³/√Hz": NonNegative;
         /// Change of the yaw acceleration.
-        // An axle that steers goes from rest to 36 rad/s² and more at once: with a seventh of this the
-        // gate takes the gyro for broken.
+        // Steering accelerates an axle from rest to 36 rad/s² and more at once. With a seventh of this density the
+        // gate would reject the gyro.
         pub yaw_jerk_rad_s3_per_sqrt_hz: f32 = 150.0, "rad/s³/√Hz": NonNegative;
     }
 }
@@ -48,15 +48,16 @@ declare! {
         /// Standard deviation of the gyro's rate.
         pub gyro_sigma_rad_s: f32 = 0.005, "rad/s": Range(1e-5, 1e3);
         /// Standard deviation of the longitudinal acceleration.
-        // Its bias and the slope of the floor, 0.5 m/s² at 3°, must not outweigh two wheels.
+        // Large, so that bias and floor slope (0.5 m/s² at 3°) do not outweigh the two wheels.
         pub accelerometer_sigma_m_s2: f32 = 1.0, "m/s²": Range(1e-3, 1e3);
         /// Process noise.
         pub noise: Densities = Densities::default();
-        /// Largest accepted NIS of a scalar measurement (one degree of freedom). Without it, all are accepted.
+        /// Largest accepted normalised innovation squared (NIS) of a scalar measurement, one degree of freedom.
+        /// Without a value, every measurement is accepted.
         pub innovation_gate: Option<f32> = Some(36.0), "": Positive;
-        /// Largest accepted NIS of a posture fix (three degrees of freedom). Without it, all are accepted.
+        /// Largest accepted NIS of a posture fix (three degrees of freedom). Without a value, every fix is accepted.
         pub fix_gate: Option<f32> = Some(30.0), "": Positive;
-        /// Rejections in a row after which a sensor is believed again.
+        /// Rejections in a row after which the next measurement of a sensor is accepted.
         pub gate_patience: u16 = 20, "": Range(0.0, 65_535.0);
         derived {
             /// Time between two steps (the paper's T).
@@ -68,14 +69,14 @@ declare! {
 }
 
 impl Config {
-    /// The ready form; an error names the parameter out of range.
+    /// Builds the filter; an error names the parameter out of range.
     pub fn build(&self) -> Result<AxleFilter, ConfigError> {
         self.noise.check_ranges()?;
         self.build_with(ProcessNoise::Densities(self.noise))
     }
 
-    /// The ready form with another process noise than [`Self::noise`]; a fixed matrix must be
-    /// symmetric, finite and free of negative diagonal entries.
+    /// Builds the filter with a process noise other than [`Self::noise`]. A fixed matrix must be symmetric, finite
+    /// and free of negative diagonal entries.
     pub fn build_with(&self, noise: ProcessNoise) -> Result<AxleFilter, ConfigError> {
         self.check_ranges()?;
         let square = |x: f32| x * x;

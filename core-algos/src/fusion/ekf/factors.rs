@@ -1,22 +1,19 @@
-//! Covariance of the axle filter, split where the model is split.
+//! Covariance of the axle filter, split into motion and posture as the model is.
 //!
-//! The motion states m = (v, φ̇, v̇, φ̈) move by themselves and are all that the axle's sensors see;
-//! the posture p only follows. So the error of the posture is kept as p = G m + e with e independent
-//! of m: what a measurement says about m it says about p by G, and G and the covariance of e stay as
-//! they are. An update therefore costs as much as in a filter of four states.
+//! The motion states m = (v, φ̇, v̇, φ̈) do not depend on the posture p, and the axle's sensors measure m alone. So
+//! the error of the posture is kept as p = G m + e with e independent of m. A measurement of m corrects p through G
+//! and leaves G and the covariance of e unchanged. An update therefore costs as much as in a filter of four states.
 //!
-//! Both covariances, of m and of e, are kept as U D Uᵀ, U unit upper triangular, D diagonal (Bierman,
-//! Thornton). What filters lose in single precision they lose when a small variance is formed as the
-//! difference of large ones: by a measurement much stronger than the prediction, by two wheels that
-//! tie speed and yaw rate together, by a position that swings out and back with an unknown heading.
-//! Here no such difference is ever taken, P is positive semidefinite by construction, and single
-//! precision gives what the matrix itself would need twice the digits for.
+//! Both covariances, of m and of e, are kept as U D Uᵀ, U unit upper triangular, D diagonal (Bierman, Thornton). In
+//! single precision a filter loses accuracy where it forms a small variance as the difference of large ones: by a
+//! measurement much more accurate than the prediction, by two wheels that correlate speed and yaw rate, by a position
+//! that moves out and back with an unknown heading. The factors form no such difference. P is positive semidefinite
+//! by construction, and single precision achieves what the plain matrix needs double precision for.
 //!
-//! The order of the states (paper eq. 19) suits the model: each is driven only by later ones, so
-//! that Φ U is again of the form wanted and D is untouched. Process noise is added as rank-one terms
-//! (Agee and Turner), measurements one by one (Bierman). With m' = Φ m the posture's dependence is
-//! G Φ⁻¹; with noise, m' = m + b w, the regression of w on m', w = κᵀ m' + rest, is taken from the
-//! same terms: p = (G + γ κᵀ) m' + e + γ rest for γ = a − G b, a being the noise's share in p.
+//! In the order of the states (paper eq. 19) each is driven only by later ones, so Φ U is again unit upper triangular
+//! and D does not change. Process noise is added as rank-one terms (Agee and Turner), measurements one by one
+//! (Bierman). With m' = Φ m the posture's dependence is G Φ⁻¹. Noise w changes motion and posture by b w and a w. The
+//! regression of w on the changed motion, w = κᵀ m' + rest, gives p' = (G + γ κᵀ) m' + e + γ rest with γ = a − G b.
 
 mod observe;
 mod upkeep;
@@ -24,10 +21,10 @@ mod upkeep;
 use super::{N, PHI, X, Y};
 use crate::math::matrix::{Mat, Mat3};
 
-/// Variances are scaled back to this (in squared state units) when they pass it.
+/// Largest variance, in squared state units; a larger variance is scaled back to this value.
 const MAX_VARIANCE: f32 = 1e6;
 
-/// Motion states, and where each stands among them.
+/// Number of motion states, and their indices.
 pub(super) const M: usize = 4;
 pub(super) const SPEED: usize = 0;
 pub(super) const YAW_RATE: usize = 1;
@@ -43,12 +40,12 @@ pub struct Covariance {
     follow: Mat<3, M>,
     /// Covariance of e, in the form of `motion`.
     own: Mat3,
-    /// True if an entry of U ties (v, v̇) to (φ̇, φ̈). Wheels and gyro together see v and φ̇ apart,
-    /// so that the two pairs are as a rule two filters of two states.
+    /// True if an entry of U correlates (v, v̇) with (φ̇, φ̈). Two wheels of equal noise measure v and φ̇ separately,
+    /// so that the two pairs are usually two filters of two states.
     coupled: bool,
 }
 
-/// Noise that moves the posture: what of it moves the heading is taken in, the rest gathered here.
+/// Position part of the process noise, added after the heading part.
 struct PositionNoise {
     xx: f32,
     xy: f32,
@@ -64,7 +61,7 @@ impl PositionNoise {
     }
 }
 
-/// A step of the motion model, as its covariance needs it.
+/// Quantities of a motion step that its covariance depends on.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Motion {
     pub t: f32,
@@ -77,8 +74,8 @@ pub(super) struct Motion {
     pub dy: f32,
 }
 
-/// Column `J` of a factorised matrix takes its share of `variance · a aᵀ`; `a` and `variance` are
-/// what remains for the columns before it. Returns β and the ratio of the diagonal entries.
+/// Rank-one update of column `J` of a factorised matrix by `variance · a aᵀ`. `a` and `variance` become those of the
+/// columns before `J`. Returns β and the ratio of the old to the new diagonal entry.
 fn absorb<const K: usize, const J: usize>(
     factors: &mut Mat<K, K>,
     a: &mut [f32; K],
@@ -86,7 +83,7 @@ fn absorb<const K: usize, const J: usize>(
 ) -> (f32, f32) {
     let before = factors[J][J];
     let scaled = *variance * a[J];
-    // Nothing known and nothing added: the least variance there is, rather than a division by zero.
+    // The smallest positive number avoids a division by zero if variance and noise are both zero.
     let after = before + scaled * a[J] + f32::MIN_POSITIVE;
     let inverse = 1.0 / after;
     let (beta, ratio) = (scaled * inverse, before * inverse);
@@ -105,7 +102,7 @@ fn dot(a: &[f32; M], b: &[f32; M]) -> f32 {
 }
 
 impl Covariance {
-    /// Nothing unknown.
+    /// Covariance of an exactly known state.
     pub const ZERO: Self = Self {
         motion: [[0.0; M]; M],
         follow: [[0.0; M]; 3],
@@ -113,11 +110,11 @@ impl Covariance {
         coupled: false,
     };
 
-    /// Correlation below which the two pairs of motion states pass for independent.
+    /// Correlation below which the two pairs of motion states count as independent.
     const NEGLIGIBLE: f32 = 1e-6;
 
-    /// From a symmetric positive semidefinite matrix; its upper triangle is read. A state whose
-    /// variance is, up to rounding, explained by later ones gets none of its own.
+    /// From a symmetric positive semidefinite matrix; its upper triangle is read. A state whose variance is explained
+    /// by later states, up to rounding, gets no variance of its own.
     pub fn from_matrix(matrix: &Mat<N, N>) -> Self {
         let mut rest = matrix.map(|row| row.map(f64::from));
         let mut factors = [[0.0; N]; N];
@@ -163,7 +160,8 @@ impl Covariance {
         p
     }
 
-    /// Records if a correlation larger than `limit` couples the two pairs.
+    /// Sets `coupled` if a correlation above `limit` couples the two pairs; otherwise sets the coupling entries to
+    /// zero.
     fn find_coupling(&mut self, limit: f32) {
         const TIES: [[usize; 2]; 4] = [
             [SPEED, YAW_RATE],
@@ -270,7 +268,7 @@ impl Covariance {
         full
     }
 
-    /// P with more digits than `f32`, so that it stays positive definite however small a pivot is.
+    /// P in double precision, which stays positive definite however small a pivot is.
     pub fn wide_matrix(&self) -> [[f64; N]; N] {
         let mut full = [[0.0; N]; N];
         for i in 0..N {
@@ -323,7 +321,7 @@ impl Covariance {
             dy,
         } = *motion;
         let [x, y, phi] = &mut self.follow;
-        // The heading halfway, and what the motion itself adds.
+        // Derivatives of the heading change and of the distance by the motion states.
         let turn = [0.0, t, 0.0, half_t2];
         let distance = [t, 0.0, half_t2, 0.0];
         for j in 0..M {
@@ -341,7 +339,7 @@ impl Covariance {
                 phi[j] += turn[j];
             }
         }
-        // In terms of the motion after the step.
+        // G Φ⁻¹: dependence on the motion after the step.
         for row in &mut self.follow {
             row[ACCELERATION] -= t * row[SPEED];
             row[YAW_ACCELERATION] -= t * row[YAW_RATE];
@@ -356,10 +354,9 @@ impl Covariance {
         u[YAW_RATE][YAW_ACCELERATION] += t;
     }
 
-    /// Adds noise that moves the motion states by `b` and the posture by `a`, with this variance;
-    /// components of `b` after `LAST` are zero. `along` is row · b, given apart so that zeros of `b`
-    /// cost nothing. Returns what the posture is moved by that the motion does not show, and its
-    /// variance.
+    /// Adds noise w of the given variance, which changes the motion states by `b` w and the posture by `a` w.
+    /// Components of `b` after `LAST` are zero. `along` computes row · b without the zeros of `b`. Returns γ and the
+    /// variance of the rest: the part that moves the posture independently of the motion.
     fn add_motion_noise<const LAST: usize>(
         &mut self,
         a: [f32; 3],
@@ -402,8 +399,8 @@ impl Covariance {
         (gamma, remaining)
     }
 
-    /// The same for noise that moves state `I` by `b` and state `K` > `I` by 1, when no other state
-    /// is correlated with these two.
+    /// As `add_motion_noise`, for noise that changes motion state `I` by `b` w and `K` > `I` by w, if no other motion
+    /// state is correlated with these two.
     fn add_pair_noise<const I: usize, const K: usize>(
         &mut self,
         b: f32,
@@ -428,9 +425,9 @@ impl Covariance {
         (gamma, remaining)
     }
 
-    /// Adds the noise of the motion model: jerk and yaw jerk (variances of the change of v̇ and φ̈,
-    /// while v and φ̇ change by `half_t` times as much), slip along and across the heading, whose
-    /// cosine and sine are given, and in heading.
+    /// Adds the noise of the motion model. `jerk` and `yaw_jerk` are the variances of the changes of v̇ and φ̈; v and
+    /// φ̇ change by `half_t` times as much. `along`, `across` and `heading` are variances of slip; `cos` and `sin`
+    /// are those of the heading.
     pub(super) fn add_model_noise(
         &mut self,
         half_t: f32,
@@ -468,7 +465,7 @@ impl Covariance {
         self.add_position_noise(&position);
     }
 
-    /// Takes in what a noise of the posture moves the heading by; the rest goes to `position`.
+    /// Adds the heading part of a posture noise; its position part goes to `position`.
     fn add_own_noise(
         &mut self,
         (mut a, mut variance): ([f32; 3], f32),
@@ -482,19 +479,19 @@ impl Covariance {
     fn add_position_noise(&mut self, noise: &PositionNoise) {
         let u = self.own[X][Y];
         let after = self.own[Y][Y] + noise.yy + f32::MIN_POSITIVE;
-        // The noise of x − u y, and its covariance with that of y.
+        // Covariance of the noise of x − u y with that of y.
         let mixed = noise.xy - u * noise.yy;
         let shift = mixed / after;
         let rest = noise.xx - u * (noise.xy + mixed) - mixed * shift;
         self.own[X][Y] = u + shift;
         self.own[Y][Y] = after;
-        // By rounding alone it could be below zero.
+        // Rounding can make this variance negative.
         if rest > 0.0 {
             self.own[X][X] += rest;
         }
     }
 
-    /// P + Q for a Q given by the factors of the whole matrix.
+    /// Adds a Q given by the factors of the whole matrix.
     #[inline(never)]
     pub(super) fn add(&mut self, q: &Mat<N, N>) {
         let posture = |j: usize| [q[X][j], q[Y][j], q[PHI][j]];
@@ -523,8 +520,8 @@ impl Covariance {
         self.find_coupling(0.0);
     }
 
-    /// Takes the given share of the posture's own covariance out and returns it: what remains of its
-    /// error when speeds and accelerations are known.
+    /// Takes out and returns the given share of the covariance of e: of the posture error that remains if speeds and
+    /// accelerations are known.
     pub(super) fn take_posture(&mut self, share: f32) -> Mat3 {
         let mut own = [[0.0; 3]; 3];
         for i in 0..3 {

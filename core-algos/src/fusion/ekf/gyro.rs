@@ -3,7 +3,7 @@
 use super::{AxleFilter, State, Verdict};
 
 impl AxleFilter {
-    /// Innovation of a yaw rate (rad/s, counter-clockwise positive), and whether it may be used.
+    /// Verdict on a yaw rate (rad/s, counter-clockwise positive), and its innovation.
     pub(super) fn judge_gyro(&self, state: &mut State, rate: Option<f32>) -> (Verdict, f32) {
         let Some(rate) = rate else {
             return (Verdict::Absent, 0.0);

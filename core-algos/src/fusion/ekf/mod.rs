@@ -6,19 +6,18 @@
 //! ds = v T + v̇ T²/2, dφ = φ̇ T + φ̈ T²/2, position advanced by ds along φ + dφ/2, φ += dφ,
 //! v += v̇ T, φ̇ += φ̈ T; P = A P Aᵀ + Q (eq. 17).
 //!
-//! Measurements (eq. 18), one file each, any of them absent at any step: [`wheels`], [`gyro`],
-//! [`accelerometer`], and a posture fix ([`fix`]); [`rates`] takes wheels and gyro together. Updates
-//! are scalar and sequential. The posture is kept in two floats; how the covariance is kept, and why
-//! the sensors of the axle cost no more than in a filter of four states, stands in [`factors`].
+//! Measurements (eq. 18), one file each, any of them absent at any step: [`wheels`], [`gyro`], [`accelerometer`], and
+//! a posture fix ([`fix`]); [`rates`] takes wheels and gyro together. Updates are scalar and sequential. The posture
+//! is kept in two floats. [`factors`] describes the covariance, and why an update costs no more than in a filter of
+//! four states.
 //!
-//! **Guards.** A measurement that is not finite is counted and ignored. With
-//! [`Config::innovation_gate`] set, one whose normalised innovation squared (NIS) exceeds it is
-//! counted and ignored too; after [`Config::gate_patience`] such rejections in a row the sensor is
-//! believed again, so that a filter that has lost its way is not locked out.
+//! **Guards.** A measurement that is not finite is counted and ignored. If [`Config::innovation_gate`] is set, a
+//! measurement whose normalised innovation squared (NIS) exceeds the gate is counted and ignored too. After
+//! [`Config::gate_patience`] such rejections in a row the next measurement is accepted, so that a diverged filter can
+//! recover.
 //!
-//! **Between axles.** [`State::take_increment`] closes an interval for the second tier: it hands out
-//! the odometric posture reached and the covariance gathered since the last call, and restarts the
-//! posture's covariance.
+//! **Between axles.** [`State::take_increment`] ends an interval for the second tier: it returns the odometric
+//! posture and takes the covariance added in this interval out of the filter.
 //!
 //! [`Config::build`] validates; after it nothing fails or panics.
 //!
@@ -78,29 +77,29 @@ pub const N: usize = 7;
 pub(super) const X: usize = 0;
 pub(super) const Y: usize = 1;
 pub(super) const PHI: usize = 2;
-/// The first of the motion states.
+/// Index of the first motion state.
 pub(super) const V: usize = 3;
 
-/// Steps in which every part of `Covariance::keep_up` comes up once, a part a step so that none
-/// takes much longer than another.
+/// Period of the covariance upkeep, steps. Each step runs one part of `Covariance::keep_up`, so that no step takes
+/// much longer than another.
 const UPKEEP_INTERVAL: u8 = 64;
-/// Share of the posture's own covariance that an increment hands out; the rest stays for the next
-/// one and keeps the matrix well conditioned.
+/// Share of the posture's own covariance that an increment takes out. The rest stays for the next increment and keeps
+/// the matrix well conditioned.
 const HANDED_OUT: f32 = 0.9375;
 
 /// Process noise ready to add.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Noise {
-    /// In factors.
+    /// Constant Q, factorised.
     Fixed(Mat<N, N>),
     Densities {
         /// Variance along, across, in heading, per metre.
         per_m: [f32; 3],
-        /// The same per step.
+        /// Variance along, across, in heading, per step.
         per_step: [f32; 3],
-        /// Variance of v̇'s change in a step: of a jerk that is constant over the step.
+        /// Variance of the change of v̇ in a step; the jerk is constant over the step.
         jerk: f32,
-        /// The same of φ̈.
+        /// Variance of the change of φ̈ in a step.
         yaw_jerk: f32,
     },
 }
@@ -119,7 +118,7 @@ pub struct AxleFilter {
     accelerometer_variance: f32,
     /// Inverse variances of left, right, gyro, accelerometer.
     information: [f32; 4],
-    /// A sum of squared innovations over variances of noise alone at which no gate can close.
+    /// Bound of the sum of squared innovations over noise variances; up to this sum no gate can reject.
     surely_accepted: f32,
     gate: Option<f32>,
     fix_gate: Option<f32>,
@@ -145,18 +144,18 @@ pub struct Measurements {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Verdict {
-    /// There was none.
+    /// No measurement.
     #[default]
     Absent,
-    /// It took part.
+    /// Used in the update.
     Used,
-    /// Refused: not a finite number (or, for a fix, a covariance that is not positive definite).
+    /// Rejected: not a finite number (or, for a fix, a covariance that is not positive definite).
     Invalid,
-    /// Refused: its innovation was improbably large.
+    /// Rejected: NIS above the gate.
     Gated,
 }
 
-/// Refusals of one sensor since the start.
+/// Rejected samples of one sensor since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Refusals {
     /// Samples that were not finite.
@@ -168,7 +167,7 @@ pub struct Refusals {
 }
 
 impl Refusals {
-    /// Verdict on a sample with this NIS.
+    /// Verdict on a sample with the given NIS.
     fn judge(&mut self, nis: impl FnOnce() -> f32, gate: Option<f32>, patience: u16) -> Verdict {
         if let Some(gate) = gate
             && !(nis() <= gate)
@@ -182,8 +181,8 @@ impl Refusals {
         Verdict::Used
     }
 
-    /// The same for a scalar measurement: its innovation, the variance of its noise, and, looked at
-    /// only if need be, that of its prediction.
+    /// Verdict on a scalar measurement. `noise` is the variance of its noise, `predicted` that of its prediction,
+    /// computed only if the noise alone does not decide.
     fn judge_scalar(
         &mut self,
         innovation: f32,
@@ -194,7 +193,7 @@ impl Refusals {
     ) -> Verdict {
         let square = innovation * innovation;
         let nis = || {
-            // With no doubt about the prediction the NIS would be larger.
+            // Upper bound of the NIS: that of an exact prediction.
             let most = square / noise;
             match gate {
                 Some(gate) if most <= gate => most,
@@ -204,7 +203,7 @@ impl Refusals {
         self.judge(nis, gate, patience)
     }
 
-    /// The verdict on a sample that is not a number.
+    /// Counts a sample that is not finite.
     fn refuse(&mut self) -> Verdict {
         self.invalid = self.invalid.saturating_add(1);
         Verdict::Invalid
@@ -224,7 +223,7 @@ pub struct Verdicts {
     pub accelerometer: Verdict,
 }
 
-/// Refusal counters of all sensors of an axle.
+/// Counters of rejected samples of all sensors of an axle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Left wheel.
@@ -239,21 +238,21 @@ pub struct Counters {
     pub fix: Refusals,
 }
 
-/// All that changes in an axle filter.
+/// State of an axle filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     posture: [TwoFloat; 3],
     /// v, φ̇, v̇, φ̈.
     motion: [f32; M],
     covariance: Covariance,
-    /// Step within that interval.
+    /// Step within the upkeep period.
     upkeep: u8,
-    /// Refusals so far.
+    /// Rejected samples so far.
     pub counters: Counters,
 }
 
 impl Default for State {
-    /// An axle at rest, in the odometric frame that begins where it stands: the origin is exact by definition.
+    /// An axle at rest at the origin of its odometric frame; this origin is exact by definition.
     fn default() -> Self {
         let start = Estimate::with_sigmas(Posture::ORIGIN, [1e-6; 3]);
         Self::at_rest(&start, [1e-3, 1e-3, 1e-2, 1e-2])
@@ -294,7 +293,7 @@ impl State {
         Posture::new(x, y, phi)
     }
 
-    /// Posture with all digits.
+    /// Posture in double precision.
     pub fn precise_posture(&self) -> [f64; 3] {
         self.posture.map(f64::from)
     }
@@ -309,7 +308,7 @@ impl State {
         [self.motion[ACCELERATION], self.motion[YAW_ACCELERATION]]
     }
 
-    /// The covariance.
+    /// Covariance of all states.
     pub fn covariance(&self) -> &Covariance {
         &self.covariance
     }
@@ -326,9 +325,9 @@ impl State {
             && self.covariance.is_finite()
     }
 
-    /// Moves the posture on.
+    /// Adds a displacement to the posture.
     fn advance(&mut self, mut by: [f32; 3]) {
-        // Once its gates let in what it does not believe, a filter may turn by more than once.
+        // After an accepted outlier the filter may turn by more than one turn per step.
         by[PHI] = wrap_angle(by[PHI]);
         for i in 0..3 {
             self.posture[i] = self.posture[i].advanced(by[i]);
@@ -343,7 +342,7 @@ impl State {
         }
     }
 
-    /// Takes in what measurements of the motion have shown of its error.
+    /// Corrects the motion states by `change` and the posture by its dependence on them.
     fn correct(&mut self, change: &[f32; M]) {
         self.advance(self.covariance.follow(change));
         for k in 0..M {
@@ -351,15 +350,13 @@ impl State {
         }
     }
 
-    /// Closes an interval for the second tier: the odometric posture, which runs on across intervals,
-    /// and the covariance gathered in this interval (errors along and across the heading, in heading).
+    /// Ends an interval for the second tier. Returns the odometric posture, which continues across intervals, and the
+    /// covariance added in this interval (errors along and across the heading, in heading).
     ///
-    /// The posture's error is the sum of a part that follows the errors of speed and acceleration,
-    /// which later measurements still resolve, and a part of its own, Pₚₚ − Pₚᵥ Pᵥᵥ⁻¹ Pᵥₚ. Only the
-    /// latter stays for good: it is what the interval adds, it is independent from interval to
-    /// interval, and it is taken out of the filter here. So the filter goes on smoothing across
-    /// intervals, the sum of all increments carries the whole uncertainty, and the covariance never
-    /// outgrows `f32`.
+    /// The posture's error has two parts. One follows the errors of speed and acceleration; later measurements still
+    /// reduce it. The other, Pₚₚ − Pₚᵥ Pᵥᵥ⁻¹ Pᵥₚ, is permanent and independent from interval to interval; it is taken
+    /// out of the filter here. So the filter goes on smoothing across intervals, the sum of all increments carries
+    /// the whole uncertainty, and the covariance stays in the range of `f32`.
     ///
     /// Meant for an axle without posture fixes: a fix moves the posture, not the odometry.
     pub fn take_increment(&mut self) -> Estimate {
@@ -385,13 +382,13 @@ impl AxleFilter {
         }
     }
 
-    /// Time update (eq. 17): moves the state on by one period.
+    /// Time update (eq. 17) by one period.
     pub fn predict(&self, state: &mut State) {
         let by = self.move_on(state);
         state.advance(by);
     }
 
-    /// The same but for the posture, whose displacement is returned.
+    /// Time update of all but the posture; returns the posture's displacement.
     #[inline(always)]
     fn move_on(&self, state: &mut State) -> [f32; 3] {
         let t = self.t;
@@ -420,7 +417,7 @@ impl AxleFilter {
         [dx, dy, dphi]
     }
 
-    /// + Q.
+    /// Adds the process noise Q.
     #[inline]
     fn add_noise(&self, p: &mut Covariance, [sin, cos]: [f32; 2], ds: f32) {
         match &self.noise {
@@ -439,7 +436,7 @@ impl AxleFilter {
         }
     }
 
-    /// Measurement update (eq. 18) by whatever is there.
+    /// Measurement update (eq. 18) by the measurements present.
     pub fn update(&self, state: &mut State, measurements: &Measurements) -> Verdicts {
         match self.update_all(state, measurements, [0.0; 3]) {
             Some(verdicts) => verdicts,
@@ -447,8 +444,8 @@ impl AxleFilter {
         }
     }
 
-    /// The update when all sensors are there and each is so near to its prediction that its gate
-    /// need not be looked at; moves the posture by `by` too. `None`, and nothing done, otherwise.
+    /// Update in the usual case: all sensors present, and innovations so small that no gate can reject. Also moves
+    /// the posture by `by`. Otherwise returns `None` and changes nothing.
     #[inline(always)]
     fn update_all(
         &self,
@@ -469,7 +466,7 @@ impl AxleFilter {
             + rates[1] * rates[1] * right
             + rates[2] * rates[2] * gyro
             + acceleration * acceleration * accelerometer;
-        // The NIS of each is below this sum, which is NaN or infinite if a sample is.
+        // No NIS exceeds this sum. The sum is NaN or infinite if a sample is.
         if !(surprise <= self.surely_accepted) {
             return None;
         }

@@ -1,8 +1,8 @@
 //! Joint use of the sensors that measure speed and yaw rate: both wheels and the gyro.
 //!
-//! Whatever is at hand is first reduced, by least squares with weights fixed at configuration, to two
-//! uncorrelated measurements: v, and φ̇ − c v; for wheels of equal noise c is 0 and both measure one
-//! state each. That saves an update when a gyro is fitted, and equals the batch update.
+//! Least squares, with weights fixed at configuration, first reduce the sensors present to two uncorrelated
+//! measurements: v and φ̇ − c v. For wheels of equal noise c is 0, and each measures one state. With a gyro this
+//! saves an update; the result equals the batch update.
 
 use super::factors::{ACCELERATION, Covariance, M, SPEED, YAW_ACCELERATION, YAW_RATE};
 use super::{AxleFilter, State, Verdict};
@@ -10,24 +10,24 @@ use super::{AxleFilter, State, Verdict};
 /// Least squares over a subset of (left, right, gyro) that determines both v and φ̇.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Reduction {
-    /// Innovation of v as a sum over the sensors, and its variance.
+    /// Weights of the sensors' innovations in the innovation of v; the noise variance of this v.
     speed_weights: [f32; 3],
     speed_variance: f32,
     /// c: covariance of φ̇ and v over the variance of v.
     coupling: f32,
-    /// Innovation of φ̇ − c v as a sum over the sensors, and its variance.
+    /// Weights of the sensors' innovations in the innovation of φ̇ − c v; its noise variance.
     yaw_weights: [f32; 3],
     yaw_variance: f32,
 }
 
 impl Reduction {
-    /// `information` is the inverse variance of left, right and gyro, 0 for one that is absent; at
-    /// least two are present.
+    /// `information` is the inverse variance of left, right and gyro, 0 for an absent sensor; at least two are
+    /// present.
     pub(super) fn new(half_track: f32, information: [f32; 3]) -> Self {
         let h = half_track;
         let [left, right, gyro] = information;
-        // Each pair of sensors determines v; its weight is its squared determinant times both
-        // informations (Binet and Cauchy), so that nothing is subtracted.
+        // Each pair of sensors determines v. Its weight is its squared determinant times both informations (Cauchy
+        // and Binet), so that no difference is formed.
         let wheels = 4.0 * h * h * left * right;
         let (with_left, with_right) = (left * gyro, right * gyro);
         let total = wheels + with_left + with_right;
@@ -45,13 +45,13 @@ impl Reduction {
         }
     }
 
-    /// True if the second of the two measurements sees v too.
+    /// True if the second measurement depends on v too (c ≠ 0).
     pub(super) fn couples(&self) -> bool {
         self.coupling != 0.0
     }
 
-    /// Change of the motion by the sensors' innovations and that of the acceleration, for
-    /// measurements and a covariance that do not tie (v, v̇) to (φ̇, φ̈).
+    /// Change of the motion states by the innovations of the sensors and of the acceleration, if neither the
+    /// measurements nor the covariance correlate (v, v̇) with (φ̇, φ̈).
     pub(super) fn change_by_pairs(
         &self,
         p: &mut Covariance,
@@ -137,7 +137,7 @@ impl AxleFilter {
         state.correct(&change);
     }
 
-    /// The same of the covariance alone; returns the change of the motion.
+    /// Updates the covariance by v, then by φ̇ − c v; returns the change of the motion states.
     pub(super) fn change_by_rates(
         state: &mut State,
         reduction: &Reduction,
@@ -147,7 +147,7 @@ impl AxleFilter {
         let yaw = weigh(&reduction.yaw_weights, innovations);
         let p = &mut state.covariance;
         let first = p.observe::<SPEED>(reduction.speed_variance);
-        // What the first update has explained of the second innovation.
+        // Part of the second innovation that the first update does not explain.
         let c = reduction.coupling;
         let yaw = yaw - (first[YAW_RATE] - c * first[SPEED]) * forward;
         let second = if c == 0.0 {

@@ -1,4 +1,4 @@
-//! The filter against a textbook one: f64, full matrices, one batch update per step.
+//! Compares the filter with a textbook filter: f64, full matrices, one batch update per step.
 
 use super::*;
 use crate::fusion::compound::Chain;
@@ -79,7 +79,7 @@ impl Reference {
         }
     }
 
-    /// One update by all measurements that are there; the rows of the others are zero.
+    /// One batch update by the measurements present; rows of absent measurements are zero.
     fn update(&mut self, z: &[Option<f64>; 4], fix: Option<[f64; 3]>) {
         let half = self.track / 2.0;
         let rows = [
@@ -126,7 +126,7 @@ impl Reference {
     }
 }
 
-/// The filter and the reference with the same numbers.
+/// Filter and reference with the same parameters and the same start.
 fn pair(
     period: f32,
     q: Mat<7, 7>,
@@ -232,7 +232,7 @@ const GOOD_ODOMETRY: Levels = Levels {
     fix: [2e-3, 2e-3, 2e-3],
 };
 
-/// 500 steps beside the reference; the worst errors on the way.
+/// Runs filter and reference for 500 steps; returns the largest errors.
 fn compare(levels: &Levels, seed: u64, period: f32, fix_every: usize, loss: f64) -> (f64, f64) {
     let mut random = Random::new(seed);
     let q = random_covariance(&mut random, levels.q, 0.4);
@@ -282,10 +282,10 @@ fn equals_the_textbook_filter() {
     }
 }
 
-/// The noise as densities, equal wheels: speed and turning are two filters, until a wheel is lost
-/// and ties them together, and some time after it is back.
+/// Noise as densities and wheels of equal noise: speed and yaw rate are two separate filters. A lost wheel couples
+/// them until some time after it returns.
 #[test]
-fn equals_the_textbook_filter_with_speed_and_turning_apart() {
+fn equals_the_textbook_filter_with_speed_and_yaw_rate_separate() {
     let noise = Densities {
         along_m_per_sqrt_m: 0.0,
         across_m_per_sqrt_m: 0.0,
@@ -326,7 +326,7 @@ fn equals_the_textbook_filter_with_speed_and_turning_apart() {
         let mut random = Random::new(23);
         let mut coupled = [0, 0];
         for step in 1..=2000 {
-            // Losses for a while only, so that the ties can fade.
+            // Losses end, so that the coupling can decay.
             let loss = if step < 300 { loss } else { 0.0 };
             let z = drive(&mut random, step as f64 * t, sigmas, loss);
             filter.step(&mut state, &z);
@@ -340,7 +340,7 @@ fn equals_the_textbook_filter_with_speed_and_turning_apart() {
             );
             coupled[usize::from(state.covariance().is_coupled())] += 1;
         }
-        // Both ways were taken, and the ties do fade.
+        // Coupled steps occur only with losses, and the coupling decays.
         assert_eq!(coupled[1] > 0, loss > 0.0);
         assert!(!state.covariance().is_coupled(), "{period} {loss}");
     }
@@ -378,7 +378,7 @@ fn positive_definite_over_a_million_steps_with_and_without_fixes() {
                 assert!(is_positive_definite(&state), "step {step}");
             }
             if !with_fixes && step % 100_000 == 99_999 {
-                // Nothing observes the heading: its variance must not stand still.
+                // Nothing observes the heading: its variance must grow.
                 let heading = state.covariance().posture()[PHI][PHI];
                 assert!(heading > last);
                 last = heading;
@@ -390,7 +390,7 @@ fn positive_definite_over_a_million_steps_with_and_without_fixes() {
 
 #[test]
 fn position_and_heading_keep_their_digits_over_a_million_steps() {
-    // Driven by its own motion model alone, on a circle: a slow arc of many turns.
+    // Motion model alone, on a circle of many turns.
     let filter = node_filter(false);
     let (v, omega) = (0.3f32, 0.41f32);
     let mut state = State::from_parts(
@@ -431,7 +431,7 @@ fn heading_wraps_in_state_and_innovation() {
 }
 
 #[test]
-fn nan_is_counted_and_changes_nothing() {
+fn sample_not_finite_is_counted_and_changes_nothing() {
     let filter = node_filter(true);
     let reference = start();
     for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
@@ -451,7 +451,7 @@ fn nan_is_counted_and_changes_nothing() {
 }
 
 #[test]
-fn gate_refuses_a_nis_beyond_it_or_not_a_number_until_patience_ends() {
+fn nis_above_the_gate_or_nan_is_rejected_until_patience_ends() {
     let mut refusals = Refusals::default();
     let nan = refusals.judge(|| f32::NAN, Some(20.0), 5);
     // An infinite square over an infinite variance.
@@ -477,7 +477,7 @@ fn gate_refuses_a_nis_beyond_it_or_not_a_number_until_patience_ends() {
         assert_eq!(refusals.judge(|| nis, gate, patience), verdict);
     }
     assert_eq!(refusals.gated, 5);
-    // A square of 9 over the noise 1 and the prediction's 8, or 3.
+    // NIS of 9/(8 + 1) and 9/(3 + 1): squared innovation over the variances of prediction and noise.
     for (predicted, gate, verdict) in [(8.0, 1.0, used), (3.0, 2.25, used), (3.0, 2.24, gated)] {
         let mut refusals = Refusals::default();
         let found = refusals.judge_scalar(-3.0, 1.0, || predicted, Some(gate), 5);
@@ -486,7 +486,7 @@ fn gate_refuses_a_nis_beyond_it_or_not_a_number_until_patience_ends() {
 }
 
 #[test]
-fn an_outlier_is_gated_and_a_sensor_that_insists_is_believed() {
+fn outlier_is_gated_and_a_persistent_deviation_is_accepted() {
     let filter = node_filter(true);
     let patience = usize::from(Config::default().gate_patience);
     for sensor in 0..4 {
@@ -512,14 +512,14 @@ fn an_outlier_is_gated_and_a_sensor_that_insists_is_believed() {
             assert_eq!(all, [Verdict::Used; 4]);
             own
         };
-        // What is refused changes nothing, and counts as its own sensor's.
+        // A rejected sample changes nothing but the counter of its own sensor.
         let mut plain = state;
         assert_eq!(verdict(filter.step(&mut state, &spike)), Verdict::Gated);
         filter.step(&mut plain, &without);
         let mut refused = state;
         refused.counters = plain.counters;
         assert_eq!(refused, plain);
-        // One believed sample in between clears the run; then patience runs out.
+        // One accepted sample clears the count of rejections in a row; then patience runs out.
         filter.step(&mut state, &rest);
         let verdicts: Vec<_> = (0..=patience)
             .map(|_| verdict(filter.step(&mut state, &spike)))
@@ -540,9 +540,9 @@ fn an_outlier_is_gated_and_a_sensor_that_insists_is_believed() {
     }
 }
 
-/// The gate lies a thousandth beside the NIS by `f64`.
+/// The gate lies 0.1 % above or below the NIS computed in `f64`.
 #[test]
-fn fix_is_gated_by_its_nis_of_the_lower_triangle() {
+fn fix_is_gated_by_the_nis_from_the_lower_triangle() {
     let mut random = Random::new(6);
     for _ in 0..20 {
         let mut noise = random_covariance(&mut random, [2e-3, 3e-3, 4e-3], 0.5);
@@ -573,7 +573,7 @@ fn fix_is_gated_by_its_nis_of_the_lower_triangle() {
             );
         }
     }
-    // An error beyond half a turn, or of the numbers' low parts.
+    // A displacement of more than half a turn wraps.
     let mut state = start();
     state.advance([1.0, 0.0, 0.0]);
     state.advance([3e-8, 0.0, 20.0]);
@@ -582,7 +582,7 @@ fn fix_is_gated_by_its_nis_of_the_lower_triangle() {
 }
 
 #[test]
-fn noise_of_a_fix_that_is_no_covariance_is_refused() {
+fn fix_noise_that_is_not_positive_definite_is_rejected() {
     assert!(Fix::new(&matrix::diagonal([1e-4; 3])).is_some());
     for k in 0..3 {
         for bad in [0.0, -1e-4, f32::INFINITY, f32::NAN] {
@@ -599,7 +599,7 @@ fn noise_of_a_fix_that_is_no_covariance_is_refused() {
 }
 
 #[test]
-fn shift_moves_the_position_alone() {
+fn shift_moves_the_position_and_nothing_else() {
     let mut state = State::from_parts([1.0, 2.0, 0.5, 0.1, 0.2, 0.3, 0.4], &[[0.0; 7]; 7]);
     let mut expected = state;
     state.shift([0.25, -0.5]);
@@ -609,7 +609,7 @@ fn shift_moves_the_position_alone() {
 }
 
 #[test]
-fn state_is_finite_if_all_of_it_is() {
+fn state_is_finite_only_if_every_part_is() {
     let bad = f32::NAN;
     assert!(start().is_finite());
     for k in 0..M {
@@ -628,8 +628,8 @@ fn state_is_finite_if_all_of_it_is() {
 }
 
 #[test]
-fn increments_carry_the_whole_drift() {
-    // One filter runs on, the other hands out increments every 10 ms, which are compounded here.
+fn compounded_increments_carry_the_whole_covariance() {
+    // One filter runs without interruption. The other gives increments every 10 ms, compounded here.
     let filter = node_filter(false);
     let (mut whole, mut parts) = (start(), start());
     let first = parts.take_increment();
@@ -644,7 +644,7 @@ fn increments_carry_the_whole_drift() {
             let increment = parts.take_increment();
             let delta = increment.posture.relative_to(last);
             last = increment.posture;
-            // End frame: turn the noise into the frame of departure.
+            // Turn the noise from the end frame into the start frame.
             let (s, c) = sin_cos(delta.phi);
             let turn = [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]];
             let noise = matrix::propagate(&turn, &increment.covariance);
@@ -656,7 +656,7 @@ fn increments_carry_the_whole_drift() {
     }
     let (p, q) = (whole.covariance().posture(), total.covariance);
     for i in 0..3 {
-        // The posture of both filters differs by far less than what they claim not to know.
+        // The postures of both filters differ by less than a tenth of their standard deviation.
         let d = whole.posture().minus(parts.posture())[i];
         assert!(d * d < 0.01 * p[i][i], "{i}: {d}");
         let ratio = q[i][i] / p[i][i];
@@ -721,11 +721,11 @@ fn configuration_is_checked() {
     }
 }
 
-/// Steering turns an axle from rest at 36 rad/s², the most that was seen in hours of driving. Neither wheels
-/// nor a gyro as noisy as the filter takes it for are taken for broken then (a sample or two are), nor at
-/// half as much again with the simulated gyro, which has a fifth of that noise; the heading does not lag.
+/// Steering accelerates an axle from rest at 36 rad/s², the largest value seen in hours of driving. At most two
+/// samples of wheels and gyro are gated, with gyro noise as configured. The same holds at 54 rad/s² with a fifth of
+/// that noise. The heading does not lag.
 #[test]
-fn hard_steering_is_believed() {
+fn hard_steering_gates_at_most_two_samples_and_the_heading_does_not_lag() {
     let run = |yaw_jerk_rad_s3_per_sqrt_hz: f32, acceleration: f64, noise: f64, seed: u64| {
         let config = Config {
             noise: Densities {
@@ -738,7 +738,7 @@ fn hard_steering_is_believed() {
         let start = Estimate::with_sigmas(Posture::ORIGIN, [1e-6; 3]);
         let mut state = State::at_rest(&start, [1e-3; 4]);
         let mut random = Random::new(seed);
-        // At rest, turning ever faster to 1 rad/s, and back.
+        // Yaw rate: from rest up to 1 rad/s and back.
         let rate = |t: f64| {
             let (up, down) = ((t - 0.5) * acceleration, (1.0 - t) * acceleration);
             up.min(down).clamp(0.0, 1.0)

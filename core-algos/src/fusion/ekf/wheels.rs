@@ -4,8 +4,8 @@
 use super::{AxleFilter, State, Verdict};
 
 impl AxleFilter {
-    /// Innovations of the wheel speeds (m/s), and whether each may be used. Each is judged against
-    /// the prediction, not against the other wheel.
+    /// Verdict and innovation of each wheel speed (m/s). Each speed is compared with the prediction, not with the
+    /// other wheel.
     pub(super) fn judge_wheels(
         &self,
         state: &mut State,

@@ -100,7 +100,7 @@ fn by(criterion: Criterion) -> Intersection {
     .unwrap()
 }
 
-/// One case against `f64`: weight, covariance and position.
+/// Compares weight, covariance and posture of one case with the `f64` reference.
 fn check(criterion: Criterion, a: &M, b: &M) -> Result<(), TestCaseError> {
     let (ea, eb) = (
         extended([1.0, -2.0, 3.0], a),
@@ -188,7 +188,7 @@ properties! {
 }
 
 #[test]
-fn a_dominating_input_is_taken_alone() {
+fn dominating_input_is_returned_unchanged() {
     let good = Estimate::with_sigmas(Posture::new(1.0, 2.0, 0.5), [0.01, 0.02, 0.005]);
     let bad = Estimate::with_sigmas(Posture::new(1.5, 2.5, 0.7), [0.1, 0.1, 0.1]);
     for criterion in [Criterion::Determinant, Criterion::Trace] {
@@ -214,7 +214,7 @@ fn bad_input_is_refused() {
         assert!(ci.fuse(&good, &bad).is_none());
         assert!(ci.fuse(&bad, &good).is_none());
     }
-    // Also where the other input is taken alone.
+    // Also if the other input would be kept alone.
     for (criterion, size) in [Criterion::Determinant, Criterion::Trace]
         .into_iter()
         .flat_map(|criterion| [0.01, 1.0, 100.0].map(|size| (criterion, size)))
@@ -237,7 +237,7 @@ fn bad_input_is_refused() {
 }
 
 #[test]
-fn headings_many_turns_apart_are_the_same_heading() {
+fn headings_apart_by_whole_turns_are_the_same_heading() {
     let ci = by(Criterion::Determinant);
     for (from, turns) in [(0.3, 5), (-1.2, -7), (3.1, 1), (-3.1, 0), (0.0, 40)] {
         let to = 0.3 + core::f64::consts::TAU * f64::from(turns);
@@ -283,10 +283,9 @@ fn upper_triangles_are_not_read() {
     }
 }
 
-/// Inputs whose best weight is an end to the bit, or lies beside it: −tr(B − A), or its like at the other end or of
-/// the weighted trace, is zero.
+/// Inputs whose best weight is exactly 0 or 1, or close to it: the criterion's slope there is zero, or nearly.
 #[test]
-fn weights_at_and_beside_the_ends_are_exact() {
+fn weights_at_or_near_zero_and_one_are_exact() {
     let identity = diagonal([1.0; 3]);
     let trace = Config {
         criterion: Criterion::Trace,
@@ -326,9 +325,9 @@ fn weights_at_and_beside_the_ends_are_exact() {
     }
 }
 
-/// Two variances of B are half of A's, the third is a million times A's and hardly weighs.
+/// Two variances of B are half of A's. The third is a million times A's and hardly counts in the weighted trace.
 #[test]
-fn a_small_weight_is_found_to_its_own_digits() {
+fn small_weight_is_found_to_relative_accuracy() {
     for heading_length_m in [1e-5f32, 1e-4, 1e-3] {
         let config = Config {
             criterion: Criterion::Trace,
@@ -362,7 +361,7 @@ fn matrices_that_are_not_positive_definite_have_no_factor() {
     }
 }
 
-/// From 1e-35 to 1e35 there is an answer; what `f32` cannot hold is refused.
+/// Variances from 1e-35 to 1e35.
 #[test]
 fn variances_of_any_size_are_fused() {
     for size in [1e-35f32, 1.0, 1e35] {

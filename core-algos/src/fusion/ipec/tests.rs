@@ -5,8 +5,8 @@ fn narrow(p: Pose) -> Posture {
     Posture::new(p[0] as f32, p[1] as f32, p[2] as f32)
 }
 
-/// A two-axle robot without slip, in f64: each axle moves along its own heading, the rear
-/// steered so that the distance stays as the front pulls it (a trailer whose axle steers too).
+/// Two-axle robot without slip, in `f64`. Each axle moves along its own heading; equal advances along the line keep
+/// the distance of the axles.
 struct Robot {
     axles: [Pose; 2],
 }
@@ -18,7 +18,7 @@ impl Robot {
         }
     }
 
-    /// Moves by `ds` with the headings turned by `turn`; the wheels' advance.
+    /// Moves by `ds` along the line and turns the headings by `turn`. Returns the advance of the wheels.
     fn step(&mut self, ds: f64, turn: [f64; 2]) -> [f64; 4] {
         let mut wheels = [0.0; 4];
         let line = (self.axles[0][1] - self.axles[1][1]).atan2(self.axles[0][0] - self.axles[1][0]);
@@ -40,13 +40,13 @@ impl Robot {
     }
 }
 
-/// Bends the robot to and fro while it drives.
+/// Heading changes of step `k`, which bend the robot left and right.
 fn turns(k: usize) -> [f64; 2] {
     let w = 0.004 * (k as f64 * 0.01).cos();
     [w, -w]
 }
 
-/// A step by advances of the wheels and the link that is seen.
+/// One step by the advances of the wheels and the measured relative posture.
 fn advance(ipec: &Ipec, state: &mut State, wheels: [f64; 4], link: Pose) {
     let wheels = wheels.map(|x| x as f32);
     ipec.step(state, &wheels, &narrow(link)).unwrap();
@@ -93,9 +93,8 @@ fn bumps_turn_the_odometry_but_not_the_corrected_heading() {
     assert!(error.abs() < 5e-3, "{error}");
 }
 
-/// Growth of the variance of the line's direction by first derivatives of that direction.
 #[test]
-fn variance_grows_by_the_derivatives_of_the_direction() {
+fn variance_growth_equals_first_order_propagation_to_the_direction() {
     let (baseline, ds) = (0.37, [1e-4, -2e-4]);
     let (sigma_ds, sigma_alpha, sigma_phi) = (1e-2, 100.0, 100.0);
     let config = Config {
@@ -106,7 +105,7 @@ fn variance_grows_by_the_derivatives_of_the_direction() {
     };
     let ipec = config.build().unwrap();
     for (alpha, phi) in [(2.6, 0.3), (-2.9, -0.5), (3.0, 1.2), (2.0, 0.9)] {
-        // Axle 1 heads against the measured direction of the line, axle 2 by `phi` further.
+        // Headings relative to the line: −`alpha` for axle 1, `phi` − `alpha` for axle 2.
         let direction = |[ds1, ds2, alpha, phi]: [f64; 4]| {
             let (first, second) = (-alpha, phi - alpha);
             let x = baseline + ds2 * second.cos() - ds1 * first.cos();
@@ -133,7 +132,7 @@ fn variance_grows_by_the_derivatives_of_the_direction() {
                 &narrow(r),
             )
             .unwrap();
-        // Both axles have slid along the line by half of what their distance lacked.
+        // Each axle has moved along the line by half the missing distance.
         let [p, q] = state.postures().map(<[f32; 3]>::from);
         assert!((f64::from(p[0] - q[0]).hypot(f64::from(p[1] - q[1])) - baseline).abs() < 1e-6);
         let gone = ds[1] * (phi - alpha).cos();
@@ -146,9 +145,9 @@ fn variance_grows_by_the_derivatives_of_the_direction() {
     }
 }
 
-/// Weighed form in `f64`: mean of the three directions by inverse variance.
+/// Reference in `f64`: mean of the three directions by inverse variance.
 #[test]
-fn weighed_form_is_the_mean_by_inverse_variance() {
+fn weigh_returns_the_mean_by_inverse_variance() {
     let mut random = Random::new(9);
     let config = Config {
         wheel_sigma_m: 0.0,
@@ -229,9 +228,9 @@ fn weighed_form_is_the_mean_by_inverse_variance() {
     );
 }
 
-/// Directions without any variance but the axles' own, which are powers of two, so that the bounds are exact.
+/// Only the axles' own headings have a variance. The variances are exact in binary, and so are the bounds.
 #[test]
-fn opinions_at_the_gate_take_part_and_axles_apart_by_it_contradict_alike() {
+fn heading_at_the_gate_is_used_and_two_headings_gated_alike_give_none() {
     let config = Config {
         wheel_sigma_m: 0.0,
         lateral_sigma_m: 0.0,
@@ -278,7 +277,7 @@ fn shortest_baseline_gives_a_direction() {
 }
 
 #[test]
-fn no_direction_leaves_odometry() {
+fn relative_posture_without_direction_leaves_plain_odometry() {
     let ipec = Config::default().build().unwrap();
     let start = State::new(Posture::new(0.37, 0.0, 0.0), Posture::ORIGIN);
     for r in [

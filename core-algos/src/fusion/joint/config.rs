@@ -9,15 +9,15 @@ use crate::fusion::constants::{
 use crate::math::trig::sqrt;
 
 declare! {
-    /// Parameters of the joint filter beside those of the tier around it.
+    /// Parameters of the joint filter.
     pub struct Config {
         /// Slip stiffness of the tyres over their load (C): rubber on a firm floor 10 to 40.
         pub slip_stiffness: f32 = 20.0, "": Range(1.0, 1e4);
         /// Friction coefficient of the tyres.
         pub friction: f32 = 0.7, "": Positive;
-        /// Standard deviation of the slip of all tyres, relative: what floor and rubber make of it.
+        /// Relative standard deviation of the slip common to all tyres, due to floor and rubber.
         pub slip_sigma: f32 = 0.5, "": NonNegative;
-        /// Standard deviation of the slip of each tyre beyond the common slip, relative.
+        /// Relative standard deviation of the slip of each tyre beyond the common slip.
         pub tyre_slip_sigma: f32 = 0.3, "": NonNegative;
         /// Standard deviation of an axle's heading drift: relative difference of its wheel radii
         /// over the track.
@@ -28,23 +28,23 @@ declare! {
         /// Standard deviation of the scale error of the headings that the wheels report: relative error
         /// of an axle's track.
         pub turn_scale_sigma: f32 = 1.25e-2, "": NonNegative;
-        /// Standard deviation of the way aside that an axle rolls, over its way ahead.
+        /// Standard deviation of an axle's lateral motion over its forward motion.
         pub side_slip_sigma: f32 = 3e-3, "": NonNegative;
-        /// Standard deviation of a gyro's bias when the robot sets off.
+        /// Standard deviation of a gyro's bias at the start of a drive.
         // Zeroed over 0.4 s at rest: 4.9e-5 rad/s/√Hz of noise leave 5.5e-5 rad/s.
         pub gyro_bias_sigma_rad_s: f32 = 6e-5, "rad/s": NonNegative;
         /// Random walk of a gyro's bias.
         pub gyro_bias_walk_rad_s_per_sqrt_s: f32 = 5e-5, "rad/s/√s": NonNegative;
         /// Standard deviation of a gyro's scale error.
         pub gyro_scale_sigma: f32 = 5e-3, "": NonNegative;
-        /// Standard deviation of a turn of the whole robot: what is left of lasting errors that the states do not
-        /// describe. Hours of driving show it.
+        /// Standard deviation of a constant turn of the whole robot: lasting errors that the states do not describe.
+        /// It shows in hours of driving.
         pub steady_turn_sigma_rad_per_m: f32 = 3e-4, "rad/m": NonNegative;
-        /// Time after which estimated constants of tyres, wheels and gains are uncertain again.
+        /// Time constant with which estimates of tyres, wheels and gains fade to their priors.
         pub constancy_s: f32 = 3600.0, "s": Positive;
-        /// Standard deviation of the way of a wheel that its encoder tells and the floor does not see, or the
-        /// other way round, because of the play of its gear: beam and odometry disagree by so much.
-        // Evenly spread over 5 mrad of a wheel of 73 mm.
+        /// Standard deviation of the difference between the travel of a wheel and that of its encoder due to
+        /// backlash. Beam and odometry disagree by as much.
+        // Uniform over 5 mrad of a wheel with a radius of 73 mm.
         pub play_sigma_m: f32 = 1.1e-4, "m": NonNegative;
         derived {
             /// Errors of the beam's posture by zeros and gains of the gauges.
@@ -52,7 +52,7 @@ declare! {
             pub beam: PostureSigmas = strip::Config::default().sigmas();
             /// Half the track (the paper's d).
             pub half_track_m: f32 = 0.162, "m": Positive;
-            /// Moment of the frame on an axle a radian of relative heading, EI/L.
+            /// Moment of the frame on an axle per radian of relative heading, EI/L.
             pub frame_moment_n_m: f32 = 0.833 / 0.37, "N m": Positive;
             /// Mass that the wheels of an axle carry.
             pub axle_mass_kg: f32 = 4.76, "kg": Positive;
@@ -61,7 +61,7 @@ declare! {
 }
 
 impl Config {
-    /// The ready form for one tick of `period_s`; an error names the parameter out of range.
+    /// Builds the filter for ticks of `period_s`; an error names the parameter out of range.
     pub fn build(&self, period_s: f32) -> Result<Joint, ConfigError> {
         self.check_ranges()?;
         let t = positive("period_s", period_s)?;
@@ -81,7 +81,7 @@ impl Config {
             sliding: 2.0 * half_track * self.friction * wheel_load / moment,
         };
         let compliance = tyres.compliance * tyres.compliance;
-        // Of two tyres an axle and two axles.
+        // Mean of an axle's two tyres, then mean or half the difference of two axles: a quarter of the variance.
         let of_tyres = 0.25 * variance!(tyre_slip_sigma);
         let mut prior = [0.0; constants::COUNT];
         let mut walk = [0.0; constants::COUNT];
@@ -109,7 +109,7 @@ impl Config {
         walk[GYRO_BIAS + 1] = walk[GYRO_BIAS];
         let play = variance!(play_sigma_m);
         let constancy_s = in_range("constancy_s", self.constancy_s, 10.0 * t, 1e7)?;
-        // What walks may have walked as long as the others stay what they are.
+        // A constant with a random walk may walk for the time constant of the other constants.
         let mut per_limit = [0.0; constants::COUNT];
         for (k, per_limit) in per_limit.iter_mut().enumerate() {
             let sigma = sqrt(prior[k] + walk[k] * (constancy_s / t));

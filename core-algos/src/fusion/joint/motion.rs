@@ -12,14 +12,14 @@ pub(super) struct IncrementError {
 }
 
 impl IncrementError {
-    /// The error that errors of the states make; few of the derivatives are not zero.
+    /// Error of the increment for given errors of the states, from the few nonzero derivatives.
     fn of<const AXLE: usize>(&self, states: &[f32; N]) -> [f32; 3] {
         let error = constants::error_by::<AXLE>(&self.by_constants, |k| states[(FIRST + k) % N]);
         core::array::from_fn(|i| error[i] + self.by_heading[i] * states[REL_PHI])
     }
 }
 
-/// The linear part of a tick's motion (F), but for the states that stay.
+/// Linear part of a tick's motion (F), without the rows of states that stay.
 pub(super) struct Motion {
     pub(super) front_error: IncrementError,
     pub(super) rear_error: IncrementError,
@@ -31,13 +31,14 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    /// Errors of the rear axle's and of the relative posture after it, from the errors of all states before.
+    /// Errors of the rear axle's posture and of the relative posture after the tick, from the errors of all states
+    /// before.
     pub(super) fn apply(&self, states: &[f32; N]) -> [f32; 6] {
         let front = self.front_error.of::<0>(states);
         let rear = self.rear_error.of::<1>(states);
         let [x, y, phi, ahead, aside, turned, ..] = *states;
         let mut moved = [0.0; 6];
-        // The last rows of all these matrices are those of a turn.
+        // The last row of each matrix is that of a rotation: it passes the heading error on.
         for i in 0..2 {
             moved[i] = along(&self.by_rear[i], &[x, y, phi]) + along(&self.turn_back[i], &rear);
             moved[REL + i] = along(&self.by_relative[i], &[ahead, aside, turned])
@@ -55,13 +56,13 @@ fn along(row: &[f32; 3], column: &[f32; 3]) -> f32 {
     row[0] * column[0] + row[1] * column[1] + row[2] * column[2]
 }
 
-/// Error of a posture `q` in a frame, by an error of the frame along its axes.
+/// Error of a posture `q` in a frame, due to an error of the frame along its own axes.
 pub(super) fn carried(error: &[f32; 3], q: Posture) -> [f32; 3] {
     let [x, y, phi] = *error;
     [x - q.y * phi, y + q.x * phi, phi]
 }
 
-/// A covariance along axes from which the frame's are turned back by an angle with this sine and cosine.
+/// Covariance rotated by the angle with this sine and cosine: R C Rᵀ.
 pub(super) fn turned(covariance: &Mat3, sin: f32, cos: f32) -> Mat3 {
     let [[xx, xy, xp], [_, yy, yp], [.., pp]] = *covariance;
     let (across, along) = (sin * sin, cos * cos);

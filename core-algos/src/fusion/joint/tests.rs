@@ -13,7 +13,7 @@ fn start() -> (Joint, State) {
 }
 
 #[test]
-fn start_gives_back_what_it_was_given() {
+fn start_returns_the_given_posture_and_covariance_of_o() {
     let (_, state) = start();
     let robot = state.estimates().robot;
     let off = robot.posture.minus(Posture::new(1.0, -0.5, 2.0));
@@ -23,9 +23,9 @@ fn start_gives_back_what_it_was_given() {
     assert!(error < 1e-4, "{error:e}");
 }
 
-/// The derivatives that are left out are zero, whatever the step.
+/// The derivatives that `error_by` leaves out are zero.
 #[test]
-fn an_increment_depends_on_no_column_that_is_left_out() {
+fn error_by_leaves_out_only_zero_derivatives() {
     for axle in 0..2 {
         let by = Step {
             axle,
@@ -70,14 +70,14 @@ fn moved(joint: &Joint, state: &State, k: usize, by: f32) -> State {
 }
 
 #[test]
-fn covariance_follows_the_linear_part_of_the_motion() {
+fn predicted_covariance_equals_propagation_by_central_differences() {
     let (joint, mut state) = start();
     state.constants = [
         5e-4, 1e-4, 1e-2, 2e-4, 3e-3, -4e-3, 2e-3, -1e-3, 3e-3, -2e-3, 2e-3, -3e-3, 0.02, 0.01,
         0.03, -0.02, 1e-3, 2e-3, -4e-3, 5e-3,
     ];
     let shares = [0.3, 0.8];
-    // Correlated covariance, as large steps and updates leave it.
+    // A large first step, so that the covariance has correlations.
     let front = Posture::new(0.05, 0.004, 0.03);
     let rear = Posture::new(0.06, -0.002, -0.04);
     let mut random = Random::new(1);
@@ -176,7 +176,7 @@ fn update_equals_the_batch_update_in_f64() {
         let outcome = joint.update(&mut state, &Estimate::new(seen, r), |_| true);
         assert_eq!(outcome.verdict, Verdict::Used);
 
-        // Each of the four wheels rolls a little more than its encoder tells.
+        // Each of the four wheels rolls further than its encoder by the backlash.
         let play = f64::from(Config::default().play_sigma_m);
         let d = f64::from(Config::default().half_track_m);
         let relative = prior.relative;
@@ -265,9 +265,9 @@ fn innovation_beyond_half_a_turn_wraps() {
     }
 }
 
-/// A constant that is learnt is a first-order process whose stationary variance is the prior.
+/// The fading of an estimated constant is a first-order process whose stationary variance is the prior.
 #[test]
-fn learnt_constants_fade_to_their_priors() {
+fn estimated_constants_fade_to_their_priors() {
     let (joint, mut state) = start();
     state.constants = [1e-3; constants::COUNT];
     for k in 0..constants::COUNT {
@@ -307,7 +307,7 @@ fn bad_measurement_changes_nothing() {
 }
 
 #[test]
-fn a_gyro_that_was_zeroed_is_unknown_again_and_nothing_else_is() {
+fn forgetting_a_gyro_bias_resets_that_bias_alone() {
     let (joint, mut state) = start();
     let moved = Estimate::with_sigmas(Posture::new(0.002, 0.0, 0.003), [1e-5; 3]);
     for _ in 0..300 {
@@ -346,8 +346,8 @@ const BODIES: [fn(&State) -> Estimate; 3] = [
     |state| state.estimates().robot,
 ];
 
-/// Drives forward and back with a constant shape, turned by `turn` more per metre. Also returns the rear axle's
-/// posture on a floor that moves by `by` per metre.
+/// Drives forward and back with a constant shape and an extra turn of `turn` per metre. Also returns the rear axle's
+/// true posture on a floor that displaces it by `by` per metre.
 fn drive([steady, floor_drift]: [f32; 2], turn: f32, by: [f32; 2]) -> (State, Posture) {
     let config = Config {
         steady_turn_sigma_rad_per_m: steady,
@@ -372,8 +372,8 @@ fn drive([steady, floor_drift]: [f32; 2], turn: f32, by: [f32; 2]) -> (State, Po
     (state, world)
 }
 
-/// `wider` has the covariance of `plain` and that of independent errors of a standard deviation with
-/// these derivatives.
+/// Asserts that `wider` has the covariance of `plain` plus that of independent errors with standard deviation `sigma`
+/// and these derivatives.
 fn assert_adds(plain: &Estimate, wider: &Estimate, sigma: f32, derivatives: &[[f32; 3]]) {
     for i in 0..3 {
         for k in 0..3 {
@@ -385,9 +385,9 @@ fn assert_adds(plain: &Estimate, wider: &Estimate, sigma: f32, derivatives: &[[f
     }
 }
 
-/// The derivative of the path by a turn of the robot as a whole per metre is found by driving it twice.
+/// Reference: derivative of the path by an extra turn per metre, from two drives.
 #[test]
-fn steady_turn_adds_what_a_turn_per_metre_does() {
+fn steady_turn_adds_the_covariance_of_a_turn_per_metre() {
     let sigma = 3e-4;
     let [plain, wider] = [0.0, sigma].map(|steady| drive([steady, 0.0], 0.0, [0.0; 2]).0);
     assert_eq!(plain.rear(), wider.rear());
@@ -401,9 +401,9 @@ fn steady_turn_adds_what_a_turn_per_metre_does() {
     }
 }
 
-/// The derivative of the path by a way per metre along the floor's axes is found by driving it twice.
+/// Reference: derivative of the path by a displacement per metre along the floor's axes, from two drives.
 #[test]
-fn floor_adds_what_a_way_per_metre_does() {
+fn floor_drift_adds_the_covariance_of_a_displacement_per_metre() {
     let sigma = 1e-2;
     let [(plain, _), (wider, still)] = [0.0, sigma].map(|floor| drive([0.0, floor], 0.0, [0.0; 2]));
     assert_eq!(plain.relative().covariance, wider.relative().covariance);
@@ -416,7 +416,8 @@ fn floor_adds_what_a_way_per_metre_does() {
     }
 }
 
-/// A robot on a circle, whose front odometry has errors of scale and heading and whose beam has a zero.
+/// Consistency of a robot on a circle whose front odometry has errors of scale and heading and whose beam has a zero
+/// error.
 fn doubt_of(scale: f32, turn_scale: f32, zero: f32) -> Option<Doubt> {
     let joint = Config::default().build(0.01).unwrap();
     let shape = Posture::new(0.36, 0.02, 0.2);
@@ -435,9 +436,9 @@ fn doubt_of(scale: f32, turn_scale: f32, zero: f32) -> Option<Doubt> {
     joint.doubt(&state)
 }
 
-/// Constants in units of the size from which on their sensor is inconsistent; pairs count by sum and difference over √2.
+/// Constants in units of their limit; pairs count by sum and difference over √2.
 #[test]
-fn largest_inconsistency_beyond_the_limit_names_the_part() {
+fn constant_furthest_beyond_its_limit_names_the_part() {
     let (mut joint, mut state) = start();
     joint.per_limit = [0.25; constants::COUNT];
     let mut doubt = |sizes: &[(usize, f32)]| {
@@ -488,9 +489,9 @@ fn largest_inconsistency_beyond_the_limit_names_the_part() {
     assert_eq!(doubt(&[(ZERO, 1.0f32.next_up())]), Some(Doubt::Gauges));
 }
 
-/// Every figure of the configuration by its definition.
+/// Compares every number of the filter with its definition.
 #[test]
-fn priors_walks_limits_and_tyres_are_those_of_the_configuration() {
+fn priors_walks_limits_and_tyres_follow_from_the_configuration() {
     let config = Config {
         beam: crate::beam::strip::PostureSigmas {
             zero_rad: 1e-3,
@@ -513,7 +514,7 @@ fn priors_walks_limits_and_tyres_are_those_of_the_configuration() {
         config.slip_stiffness,
     ]
     .map(f64::from);
-    // A moment of 1 N m presses each wheel with 1/2d N along, of which its load times C is the slip.
+    // A moment M presses on each wheel with a force of M/2d; its slip is this force over load times C.
     let load = 0.5 * 9.81 * mass;
     let compliance = moment / (2.0 * d) / (load * stiffness) / d;
     let sliding = f64::from(config.friction) * load * 2.0 * d / moment;
@@ -560,7 +561,7 @@ fn priors_walks_limits_and_tyres_are_those_of_the_configuration() {
 }
 
 #[test]
-fn the_sensor_that_the_others_contradict_is_named() {
+fn inconsistent_sensor_is_named() {
     assert_eq!(doubt_of(0.0, 0.0, 0.0), None);
     assert_eq!(doubt_of(0.003, 0.004, 0.003), None);
     assert_eq!(doubt_of(0.05, 0.0, 0.0), Some(Doubt::Wheels));
@@ -569,7 +570,7 @@ fn the_sensor_that_the_others_contradict_is_named() {
 }
 
 impl State {
-    /// Sets a constant as if it had been learnt.
+    /// Sets a constant as if estimated.
     pub(crate) fn set_constant(&mut self, constant: usize, value: f32) {
         self.constants[constant] = value;
     }

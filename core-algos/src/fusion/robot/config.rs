@@ -20,14 +20,14 @@ declare! {
 }
 
 declare! {
-    /// Slip of an axle that its wheels do not see, as random walks.
+    /// Slip of an axle that its wheels do not measure, as random walks.
     pub struct Slip {
         /// Slip along the heading.
         pub along_m_per_sqrt_m: f32 = 5e-4, "m/√m": NonNegative;
         /// Slip across the heading.
         pub across_m_per_sqrt_m: f32 = 2e-4, "m/√m": NonNegative;
-        /// Slip across the heading, per radian of relative heading: tyres slip under the side force of a turn, for
-        /// as long as it lasts to the same side.
+        /// Slip across the heading, per radian of relative heading: tyres slip under the side force as long as a turn
+        /// lasts.
         pub side_m_per_sqrt_m: f32 = 1e-3, "m/√m/rad": NonNegative;
         /// Slip in heading.
         pub heading_rad_per_sqrt_m: f32 = 2e-3, "rad/√m": NonNegative;
@@ -39,9 +39,9 @@ declare! {
         pub creep_per_sqrt_m: f32 = 5e-3, "rad/√m/rad": NonNegative;
         /// Slip in position, at any speed.
         pub position_m_per_sqrt_s: f32 = 1e-5, "m/√s": NonNegative;
-        /// Speed at which an axle slips under the load of the frame where no beam measures it; its
-        /// wheels then turn it at this speed over half the track. Constant throughout a drive.
-        // Up to 10 mm/s, where a tyre gives half of its friction, all alike probable.
+        /// Speed at which an axle slips under the load of the frame in a mode without the beam; in heading this speed
+        /// over half the track. Constant throughout a drive.
+        // Uniform up to 10 mm/s, where a tyre reaches half of its friction.
         pub load_speed_m_s: f32 = 5.8e-3, "m/s": NonNegative;
     }
 }
@@ -56,21 +56,21 @@ declare! {
         pub frame_sigmas: [f32; 3] = [1e-3, 1e-3, 4e-3], "m, m, rad": Positive;
         /// Slip added to each axle's increments.
         pub slip: Slip = Slip::default();
-        /// Largest accepted NIS of the beam's posture (three degrees of freedom). Without it, all are accepted.
+        /// Largest accepted normalised innovation squared (NIS) of the beam's posture, three degrees of freedom.
+        /// Without a value, every measurement is accepted.
         pub beam_gate: Option<f32> = Some(40.0), "": Positive;
-        /// Rejections of the beam in a row after which it is believed again.
+        /// Rejections of the beam in a row after which its next measurement is accepted.
         pub gate_patience: u16 = 50, "": Range(0.0, 65_535.0);
         /// Covariance intersection.
-        // The determinant looks at relative sizes and cannot tell which axle's large error
-        // shrinks. A heading error is worth the position error it makes over the next metre.
+        // Trace, because the determinant depends on relative sizes only and does not favour the axle whose large
+        // error shrinks. Length 1 m: a heading error counts as the position error it makes over the next metre.
         pub intersection: intersection::Config = intersection::Config {
             criterion: intersection::Criterion::Trace,
             heading_length_m: 1.0,
         };
         /// Internal posture error correction.
         pub ipec: ipec::Config = ipec::Config::default();
-        /// Joint filter. Its constant errors count in the other modes too, but for
-        /// those that are only taken into account.
+        /// Joint filter. The other modes use its constant errors too, except the steady turn of the whole robot.
         pub joint: joint::Config = joint::Config::default();
         derived {
             /// Time between two ticks.
@@ -80,7 +80,7 @@ declare! {
 }
 
 impl Config {
-    /// The ready form; an error names the parameter out of range.
+    /// Builds the second tier; an error names the parameter out of range.
     pub fn build(&self) -> Result<RobotFusion, ConfigError> {
         self.check_ranges()?;
         self.slip.check_ranges()?;
@@ -119,12 +119,12 @@ impl Config {
     }
 }
 
-/// Standard deviations of the constants that the axles' postures may owe something to: those of the joint filter. Only
-/// that filter takes the tyres' slip off: here all of it is unknown.
+/// Standard deviations of the constants for the modes without the joint filter: the priors of that filter, with the
+/// whole slip of the tyres added, because only the joint filter subtracts its modelled part.
 fn sigmas(joint: &joint::Joint, config: &joint::Config) -> [f32; constants::COUNT] {
     let mut own = joint.prior_sigmas();
-    // A bias that walks adds walk²·T³/3 to the heading's variance in a time T; so does a constant
-    // one of variance walk²·T/3.
+    // A bias walk adds walk²·T³/3 to the heading variance in a time T. A constant bias of variance walk²·T/3 adds the
+    // same.
     let walk = config.gyro_bias_walk_rad_s_per_sqrt_s;
     for bias in &mut own[constants::GYRO_BIAS..constants::GYRO_BIAS + 2] {
         *bias = sqrt(*bias * *bias + walk * walk * WALK_TIME_S / 3.0);

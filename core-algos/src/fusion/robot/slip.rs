@@ -9,7 +9,7 @@ use crate::math::RelativeHeading;
 pub(super) struct Slipping {
     /// Covariance along, across and in the heading reached.
     pub(super) estimate: Estimate,
-    /// Variance of the heading change with the constant drift as a random walk.
+    /// Variance of the heading change, with constant errors as random walks.
     pub(super) heading_variance: f32,
     pub(super) advance: f32,
     pub(super) ticks: f32,
@@ -17,7 +17,7 @@ pub(super) struct Slipping {
 }
 
 impl RobotFusion {
-    /// The increment with slip added; none is a stay.
+    /// The increment with slip added; a missing increment counts as no motion.
     pub(super) fn with_slip(
         &self,
         increment: Option<Increment>,

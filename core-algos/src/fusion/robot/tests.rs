@@ -39,7 +39,7 @@ fn rest() -> Increment {
     Increment::new(Posture::ORIGIN, [[0.0; 3]; 3])
 }
 
-/// Both axles moved alike.
+/// The same increment for both axles.
 fn inputs(moved: Increment, beam: Option<Estimate>) -> Inputs {
     Inputs {
         front: Some(moved),
@@ -48,9 +48,9 @@ fn inputs(moved: Increment, beam: Option<Estimate>) -> Inputs {
     }
 }
 
-/// Repairing the covariance ahead of the next tick gives every output of repairing it then.
+/// Conditioning the covariance ahead of a tick gives the same outputs as conditioning it in the tick.
 #[test]
-fn preparing_changes_nothing_but_when_it_is_done() {
+fn prepare_ahead_of_the_tick_leaves_every_output_the_same() {
     for mode in MODES {
         let fusion = fusion(mode);
         let mut late = start(&fusion, Posture::new(0.1, -0.2, 0.3));
@@ -93,7 +93,7 @@ fn straight_drive_arrives_in_every_mode() {
 }
 
 #[test]
-fn opposite_creep_is_seen_by_the_beam_and_shared_by_both_axles() {
+fn creep_measured_by_the_beam_is_shared_by_both_axles() {
     // A bent frame relaxes while the wheels stand still: both axles turn, O does not.
     let shape = |heading: f32| {
         let (sin, cos) = crate::math::trig::sin_cos(0.5 * heading);
@@ -120,7 +120,7 @@ fn opposite_creep_is_seen_by_the_beam_and_shared_by_both_axles() {
 }
 
 #[test]
-fn a_lost_message_only_delays() {
+fn lost_increment_is_covered_by_the_next_increment() {
     let turn =
         |k: u16| Posture::new(0.0, 0.0, 0.3).advance(0.0025 * f32::from(k), 0.002 * f32::from(k));
     let noise = matrix::diagonal([1e-10, 1e-11, 1e-9]);
@@ -181,7 +181,7 @@ fn joined_axles_claim_twice_the_independent_covariance() {
 }
 
 #[test]
-fn a_leaping_beam_is_gated_until_it_insists() {
+fn jump_of_the_beam_is_gated_until_patience_ends() {
     for mode in [Mode::Intersection, Mode::IntersectionIpec, Mode::Joint] {
         let config = Config {
             mode,
@@ -229,7 +229,7 @@ fn near(a: Posture, b: Pose, slack: f64) -> bool {
     (a[0] - b[0]).abs() < slack && (a[1] - b[1]).abs() < slack && wrap(a[2] - b[2]).abs() < slack
 }
 
-/// Every kind of slip has a share that no other hides.
+/// Slip parameters of which each has a visible effect.
 fn slipping(mode: Mode) -> Config {
     Config {
         mode,
@@ -249,7 +249,7 @@ fn slipping(mode: Mode) -> Config {
     }
 }
 
-/// Standard deviations of the constants where no filter learns them.
+/// Standard deviations of the constants in the modes that do not estimate them.
 fn unlearnt_sigmas(config: &Config) -> [f64; constants::COUNT] {
     let joint = config.joint.build(config.period_s).unwrap();
     let mut sigmas = joint.prior_sigmas().map(f64::from);
@@ -264,7 +264,7 @@ fn unlearnt_sigmas(config: &Config) -> [f64; constants::COUNT] {
 }
 
 #[test]
-fn slip_adds_its_variances_by_way_time_and_relative_heading() {
+fn slip_adds_variance_with_distance_time_and_relative_heading() {
     let config = slipping(Mode::Joint);
     let (fusion, sigmas) = (config.build().unwrap(), unlearnt_sigmas(&config));
     let given = random_covariance(&mut Random::new(3), [1e-4, 2e-4, 3e-4], 0.4);
@@ -333,17 +333,18 @@ fn covariance_by<const B: usize, D>(
 enum Disturbance {
     Robot(Pose),
     Frame(Pose),
-    /// Way of both axles over that of their wheels, along the axes of the floor.
+    /// Displacement of both axles by the floor per metre rolled, along the axes of the floor.
     Floor([f64; 2]),
-    /// Errors of every increment of front and rear, in the frame of departure.
+    /// Errors of every increment of front and rear, in the start frame of the increment.
     Steady([Pose; 2]),
-    /// Error of the increment of a step and axle, in the frame reached.
+    /// Error of the increment of a step and axle, in its end frame.
     Noise(usize, usize, Pose),
 }
 
-/// Odometry against the same drive in `f64` with each error by itself: start, noise, constants, load and floor.
+/// Compares odometry with the same drive in `f64`, disturbed by one error at a time: start, noise, constants, load,
+/// floor.
 #[test]
-fn odometry_claims_what_every_error_of_its_drive_adds() {
+fn odometry_covariance_is_the_sum_of_the_effects_of_all_errors() {
     const STEPS: usize = 8;
     let config = slipping(Mode::Odometry);
     let (fusion, sigmas) = (config.build().unwrap(), unlearnt_sigmas(&config));
@@ -456,7 +457,7 @@ fn tracks(random: &mut Random) -> [Track; 2] {
 }
 
 #[test]
-fn beam_is_judged_by_the_constants_it_shares_and_joins_values_before_the_update() {
+fn beam_nis_includes_constants_and_fusion_uses_values_before_the_update() {
     let open = |mode| Config {
         mode,
         beam_gate: None,
@@ -491,7 +492,7 @@ fn beam_is_judged_by_the_constants_it_shares_and_joins_values_before_the_update(
         };
         let by = [0, 1].map(derivative);
         let by_beam = constants::beam_by_constants(posture);
-        // True less estimated; the beam reads too much by what its constants add.
+        // True less estimated relative posture; the constants of the beam add to its reading.
         let owed = |i: usize, k: usize| -> f64 {
             let of_axles =
                 (0..6).map(|n| by[n / 3][i][n % 3] * f64::from(before[n / 3].constants[n % 3][k]));
@@ -538,7 +539,7 @@ fn beam_is_judged_by_the_constants_it_shares_and_joins_values_before_the_update(
         }
         assert!(output.ipec.is_none());
 
-        // Corrected headings leave nothing between the axles that the beam does not say.
+        // After IPEC the relative posture equals the beam's.
         let fusion = open(Mode::IntersectionIpec).build().unwrap();
         let mut after = before;
         let [f, r] = &mut after;
@@ -550,7 +551,7 @@ fn beam_is_judged_by_the_constants_it_shares_and_joins_values_before_the_update(
 }
 
 #[test]
-fn middle_follows_the_axle_that_is_known() {
+fn midpoint_follows_the_axle_with_the_small_covariance() {
     let fusion = fusion(Mode::Intersection);
     let of = |x, sigma| Track::random(Estimate::with_sigmas(Posture::new(x, 0.0, 0.0), [sigma; 3]));
     for sigmas in [[1e-4, 0.1], [0.1, 1e-4]] {
@@ -562,7 +563,7 @@ fn middle_follows_the_axle_that_is_known() {
             "{covariance:?}"
         );
     }
-    // Axles and beam without errors have no intersection: halfway, whatever the beam says.
+    // Zero covariances have no intersection: O is halfway, and the beam has no effect.
     let [front, rear] = [of(0.4, 0.0), of(0.0, 0.0)];
     let exact = Estimate::new(straight().posture, [[0.0; 3]; 3]);
     let middle = fusion.middle(&front, &rear, &exact).posture;
@@ -570,7 +571,7 @@ fn middle_follows_the_axle_that_is_known() {
 }
 
 #[test]
-fn motion_of_the_middle_is_that_by_odometry_alone() {
+fn reported_motion_of_o_is_by_odometry_alone() {
     let increments = [
         Posture::new(2e-3, 1e-4, 3e-3),
         Posture::new(2.2e-3, -1e-4, 2.5e-3),
@@ -654,7 +655,7 @@ fn robot_restarts_from_one_axle_and_the_beam() {
 }
 
 #[test]
-fn a_start_that_is_no_covariance_keeps_the_variances() {
+fn start_covariance_that_is_not_positive_definite_keeps_its_variances() {
     let fusion = fusion(Mode::Odometry);
     for variance in [0.0, -1e-9] {
         let known = matrix::diagonal([4e-6, variance, 1e-6]);
@@ -717,7 +718,7 @@ fn beam_is_accepted_up_to_the_gate_or_after_patience_and_counted() {
 }
 
 #[test]
-fn beam_or_increment_is_absent_unless_all_of_it_is_finite_and_the_beam_a_covariance() {
+fn increment_not_finite_counts_as_absent_and_unusable_beam_as_invalid() {
     let beams: [fn(&mut Estimate, f32); 3] = [
         |beam, bad| beam.posture.phi = bad,
         |beam, bad| beam.covariance[0][2] = bad,
@@ -767,7 +768,7 @@ fn beam_or_increment_is_absent_unless_all_of_it_is_finite_and_the_beam_a_covaria
 }
 
 #[test]
-fn joint_filter_walks_for_the_longer_increment_and_keeps_its_load_while_one_is_missing() {
+fn bias_walk_spans_the_longer_increment_and_loading_stays_while_one_is_missing() {
     let fusion = fusion(Mode::Joint);
     let fresh = start(&fusion, Posture::ORIGIN);
     let bias = constants::GYRO_BIAS;
@@ -797,7 +798,7 @@ fn joint_filter_walks_for_the_longer_increment_and_keeps_its_load_while_one_is_m
         let walked = walk * walk * 0.01 * f64::from(ticks);
         let error = variance(&state) - variance(&fresh) - walked;
         assert!(error.abs() < 1e-3 * walk * walk * 0.01, "{ticks} {error:e}");
-        // Turned alike or not at all, or by one axle alone.
+        // The relative heading changes only if exactly one axle has turned.
         let [before, after] = [fresh, state].map(|state| *state.joint().unwrap());
         let one_turned = front.is_some() != rear.is_some();
         assert_eq!(
@@ -819,7 +820,7 @@ fn joint_filter_walks_for_the_longer_increment_and_keeps_its_load_while_one_is_m
 }
 
 #[test]
-fn a_zeroed_gyro_loses_its_bias_and_no_other_does() {
+fn zeroed_gyro_loses_its_bias_estimate_and_the_other_keeps_it() {
     let fusion = fusion(Mode::Joint);
     for (front, rear) in [(None, None), (None, Some(true)), (Some(true), Some(false))]
         .into_iter()
@@ -854,7 +855,7 @@ fn a_zeroed_gyro_loses_its_bias_and_no_other_does() {
 }
 
 #[test]
-fn relative_heading_is_that_of_the_front_axle_within_half_a_turn() {
+fn relative_heading_is_front_minus_rear_wrapped() {
     for (front, rear, expected) in [(0.3, -0.4, 0.7), (3.0, -3.0, 6.0 - core::f32::consts::TAU)] {
         let at = |phi| Estimate::new(Posture::new(0.0, 0.0, phi), [[0.0; 3]; 3]);
         let output = Output {
@@ -877,7 +878,7 @@ fn configuration_is_checked() {
 }
 
 impl State {
-    /// Sets a constant of the joint filter as if it had been learnt.
+    /// Sets a constant of the joint filter as if estimated.
     pub(crate) fn set_constant(&mut self, constant: usize, value: f32) {
         let Tracks::Joint(joint) = &mut self.tracks else {
             panic!("no joint filter");

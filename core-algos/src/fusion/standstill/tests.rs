@@ -4,7 +4,7 @@ use crate::topology::Wheels;
 
 const PERIOD: f32 = 1e-3;
 
-/// Root mean square of the error of the bias over many robots, after `ticks` at rest.
+/// Bias error over many robots after `ticks` at rest: root mean square, and claimed standard deviation.
 fn remaining(ticks: usize) -> (f64, f64) {
     let zeroing = Config::GYRO.build(PERIOD).unwrap();
     let walk = f64::from(Config::GYRO.walk_per_sqrt_s) * f64::from(PERIOD).sqrt();
@@ -27,7 +27,7 @@ fn remaining(ticks: usize) -> (f64, f64) {
 }
 
 #[test]
-fn bias_is_found_as_well_as_claimed() {
+fn bias_error_equals_its_claimed_standard_deviation() {
     // White noise averaged over T has a bandwidth of 1/(2T); the walk adds little yet.
     let (rms, claimed) = remaining(400);
     let averaged = 4.9e-5 / (2.0f64 * 0.4).sqrt();
@@ -40,7 +40,7 @@ fn bias_is_found_as_well_as_claimed() {
     assert!((rms / claimed - 1.0).abs() < 0.15, "{rms} {claimed}");
 }
 
-/// Bias that has seen 0.01 u at rest for a second.
+/// Bias after one second at rest with readings of 0.01, in the sensor's unit.
 fn seen(zeroing: &Zeroing) -> Bias {
     let mut bias = Bias::default();
     for _ in 0..1000 {
@@ -95,7 +95,7 @@ fn bias_follows_readings_at_rest_within_the_limit_until_one_is_beyond() {
 }
 
 #[test]
-fn reading_is_withheld_from_the_largest_sigma_on_but_for_a_bias_never_seen() {
+fn reading_is_withheld_above_the_largest_sigma_unless_the_bias_was_never_measured() {
     let still = Config {
         walk_per_sqrt_s: 0.0,
         ..Config::ACCELEROMETER
@@ -119,7 +119,7 @@ fn reading_is_withheld_from_the_largest_sigma_on_but_for_a_bias_never_seen() {
             assert_eq!(found.map(f32::to_bits), expected.map(f32::to_bits));
         }
     }
-    // The variance ends at that of an unknown bias, (0.5/√3)².
+    // The variance stops growing at that of an unknown bias, (0.5/√3)².
     let fast = Config {
         walk_per_sqrt_s: 1.0,
         largest_sigma: 0.29,
@@ -140,12 +140,12 @@ fn reading_is_withheld_from_the_largest_sigma_on_but_for_a_bias_never_seen() {
 }
 
 #[test]
-fn a_bias_seen_too_long_ago_withholds_the_reading_until_it_is_seen_again() {
+fn bias_measured_too_long_ago_withholds_readings_until_it_is_measured_again() {
     let config = Config::ACCELEROMETER;
     let zeroing = config.build(PERIOD).unwrap();
     let mut bias = Bias::default();
     for _ in 0..10_000 {
-        // Never seen: it counts as none, as it does after the calibration.
+        // Bias never measured: taken as 0, as after calibration.
         assert_eq!(zeroing.step(&mut bias, false, Some(0.2)), Some(0.2));
     }
     for _ in 0..1000 {
@@ -162,7 +162,7 @@ fn a_bias_seen_too_long_ago_withholds_the_reading_until_it_is_seen_again() {
     }
     let ratio = f64::from(ticks) * 1e-3 / known_s;
     assert!((ratio - 1.0).abs() < 0.01, "{ticks}");
-    // Damage is not withheld but handed on, to be counted.
+    // A reading that is not finite is passed on, to be counted.
     let damaged = zeroing.step(&mut bias, false, Some(f32::NAN));
     assert!(damaged.is_some_and(f32::is_nan));
     assert!(zeroing.step(&mut bias, true, Some(0.1)).is_some());
@@ -192,7 +192,8 @@ fn step(detector: &mut RestDetector, (counts, motors_on, gyro): Inputs, times: &
     detector.step(counts.into(), motors_on, gyro, times)
 }
 
-/// A detector after 20 ticks of rest, which it reports from the fourth on: the first has nothing to compare with.
+/// Detector after 20 ticks of rest. It reports rest from the fourth tick on, because the first tick has no earlier
+/// counts.
 fn rested(times: &RestTimes) -> RestDetector {
     let mut detector = RestDetector::default();
     for tick in 1..=20 {
@@ -264,7 +265,7 @@ fn rest_does_not_return_while_the_disturbance_lasts() {
 }
 
 #[test]
-fn spread_of_the_gyro_is_that_of_the_whole_rest() {
+fn gyro_spread_covers_the_whole_rest() {
     for sign in [1.0, -1.0] {
         let mut detector = rested(&TIMES);
         for (reading, expected) in [
@@ -272,7 +273,7 @@ fn spread_of_the_gyro_is_that_of_the_whole_rest() {
             (0.01, BOTH),
             (0.0, BOTH),
             (0.0101, WHEELS),
-            // Rest from here on.
+            // A new rest begins here.
             (0.02, WHEELS),
             (0.029, WHEELS),
             (0.021, BOTH),
@@ -283,7 +284,7 @@ fn spread_of_the_gyro_is_that_of_the_whole_rest() {
             assert_eq!(step(&mut detector, inputs, &TIMES), expected, "{reading}");
         }
     }
-    // A gyro whose first reading comes in the middle of a rest is compared with nothing before it.
+    // The first reading of a gyro within a rest is compared with no earlier reading.
     let mut detector = rested(&TIMES);
     step(&mut detector, ([LEFT, RIGHT], true, Some(9.0)), &TIMES);
     for (ticks, gyro) in [(20, None), (1, Some(5.0)), (1, None), (1, Some(5.005))] {
@@ -309,7 +310,7 @@ fn longest_hold_is_reached_and_kept() {
 }
 
 #[test]
-fn a_frame_that_swings_is_not_at_rest_whatever_the_encoders_say() {
+fn swinging_frame_is_not_at_rest_despite_constant_counts() {
     let settled = |amplitude: f64, periods: i32| {
         let mut detector = RestDetector::default();
         let mut longest = 0;
@@ -328,7 +329,7 @@ fn a_frame_that_swings_is_not_at_rest_whatever_the_encoders_say() {
         }
         longest
     };
-    // At its turning points it rests by the encoders for a tenth of a second.
+    // At the turning points the counts stay the same for 0.1 s.
     assert_eq!(settled(0.03, 20), 0);
     assert!(settled(1e-5, 20) > 17_000);
 }

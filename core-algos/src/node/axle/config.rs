@@ -60,33 +60,33 @@ declare! {
 }
 
 declare! {
-    /// Bounds of what a sound axle does; each counts only after the time of its condition.
+    /// Limits that a sound axle keeps; each counts only after the time of its condition.
     pub struct Limits {
         /// Distance from the reference.
         pub tracking_m: f32 = 0.08, "m": Positive;
         /// Difference in heading from the reference.
         pub tracking_rad: f32 = 0.35, "rad": Positive;
-        /// Share of the largest torque from which a wheel that stands still is blocked.
+        /// Share of the largest torque from which a wheel at standstill counts as blocked.
         pub stall_share: f32 = 0.6, "": Range(0.1, 1.0);
-        /// Speed below which a wheel stands still.
+        /// Speed up to which a wheel counts as still.
         pub stall_rad_s: f32 = 0.2, "rad/s": Positive;
         /// Difference of the yaw rates by the wheels and by the gyro.
         pub slip_rad_s: f32 = 0.8, "rad/s": Positive;
         derived {
-            /// Speed of a wheel over ground beyond which a reference is not taken.
+            /// Largest wheel speed over ground of an accepted reference.
             pub wheel_speed_m_s: f32 = 0.5, "m/s": Positive;
         }
     }
 }
 
 impl Limits {
-    /// True if an error of the posture is within so many times what a sound axle has.
+    /// True if a posture error is within `times` the tracking limits.
     pub(super) fn near(&self, error: Posture, times: f32) -> bool {
         let (way, turn) = (times * self.tracking_m, times * self.tracking_rad);
         error.x.abs() <= way && error.y.abs() <= way && error.phi.abs() <= turn
     }
 
-    /// True if a motion is one that this robot can be asked for.
+    /// True if a motion keeps both wheels within the speed limit.
     pub(super) fn allow(&self, twist: Twist, half_track: f32) -> bool {
         twist.v.abs() + half_track * twist.omega.abs() <= self.wheel_speed_m_s
     }
@@ -102,7 +102,7 @@ pub struct FrameProperties {
 }
 
 impl Config {
-    /// The node of one axle; the error names the parameter that is wrong.
+    /// Builds the node of one axle; the error names the parameter that is wrong.
     pub fn build(
         &self,
         axle: AxleId,

@@ -1,27 +1,27 @@
-//! Play of the gears: when the torque of a wheel reverses, its gear crosses the gap, and the encoder tells a way that the
-//! floor does not see.
+//! Backlash of the gears: when the torque of a wheel reverses, its gear crosses a gap, and the encoder counts motion
+//! that the wheel does not make.
 //!
-//! Between two reversals the gap lies on one flank and the encoder tells the truth. So the error is no noise of every
+//! Between two reversals the gear stays on one flank and the encoder is exact. So the error is no noise of every
 //! tick: its variance is added where the commanded torque reverses.
 
 use crate::math::matrix::Mat3;
 use crate::time::TICK;
 
-/// Way at the rim of a wheel that the gap is worth, one standard deviation, m: 0.24° of a wheel of 73 mm.
+/// Gap at the rim of a wheel, one standard deviation, m: 0.24° of a wheel with a radius of 73 mm.
 const GAP_M: f32 = 3e-4;
 /// Torque above which a flank is pushed, N m, after a low-pass of 3 ms.
 const PUSH_NM: f32 = 0.01;
 const LAG_GAIN: f32 = TICK as f32 / 3e3;
-/// Share of the gap that is crossed in a tick: 30 ms for all of it.
+/// Share of the gap that is crossed in a tick: 30 ms for the whole gap.
 const CROSSED: f32 = TICK as f32 / 30e3;
 
 /// The gap of one gear.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Play {
     torque: f32,
-    /// Place in the gap: from -0.5, the flank that drives backward, to 0.5, and 0 for one that is not known.
+    /// Position in the gap, from -0.5 (the flank that drives backward) to 0.5; 0 if unknown.
     flank: f32,
-    /// Way in the gap since the variance was taken, as a share of it.
+    /// Distance crossed in the gap since the variance was taken, as a share of the gap.
     crossed: f32,
 }
 
@@ -36,14 +36,14 @@ impl Play {
         }
     }
 
-    /// Variance of the way that the wheel's encoder told since the last call, m².
+    /// Variance of the encoder's travel due to backlash since the last call, m².
     pub(super) fn take_variance(&mut self) -> f32 {
         GAP_M * GAP_M * core::mem::take(&mut self.crossed)
     }
 }
 
-/// Adds the variances of the ways of left and right wheel (m²) to the covariance of an axle's increment. The wheels have
-/// this share of its heading; the rest is a gyro's.
+/// Adds the variances of the travel of left and right wheel (m²) to the covariance of an axle's increment.
+/// `share` of the heading comes from the wheels, the rest from a gyro.
 pub(super) fn add(
     mut covariance: Mat3,
     [left, right]: [f32; 2],
@@ -70,7 +70,7 @@ mod tests {
             (0..ticks).for_each(|_| play.step(torque));
             play.take_variance() / (GAP_M * GAP_M)
         };
-        // From the middle to a flank, which is not known at the start.
+        // From the middle to a flank: the position is unknown at the start.
         assert!((run(0.1, 60) - 0.5).abs() < 1e-5);
         assert_eq!(run(0.4, 500), 0.0);
         assert_eq!(run(0.0, 500), 0.0);
@@ -79,13 +79,13 @@ mod tests {
         assert_eq!(run(0.005, 500), 0.0);
     }
 
-    /// Draws ways of both wheels and adds up what an axle makes of them.
+    /// Reference: sum over both wheels of the effect of each wheel's error on advance and heading.
     #[test]
-    fn covariance_is_that_of_the_ways_of_both_wheels() {
+    fn added_covariance_is_that_of_independent_errors_of_both_wheels() {
         let (half_track, share, ways) = (0.162, 0.7, [2e-4f32, 5e-4]);
         let mut sums = [0.0f32; 3];
         for (k, way) in ways.into_iter().enumerate() {
-            // Errors of the two wheels are independent: the sum over each wheel's alone.
+            // Errors of the two wheels are independent.
             let (left, right) = if k == 0 { (way, 0.0) } else { (0.0, way) };
             let (ahead, turned) = (
                 0.5 * (left + right),

@@ -51,7 +51,7 @@ fn reference(node: &mut AxleNode, now: Micros, v: f32, posture: Posture) {
     }
 }
 
-/// The time of a tick; if an epoch begins with it, the node gets its reference.
+/// Time of a tick; a tick that begins an epoch gives the node its reference.
 fn referred(node: &mut AxleNode, tick: u64, v: f32, posture: Posture) -> Micros {
     let now = tick * TICK;
     if is_epoch_start(now) {
@@ -74,7 +74,7 @@ fn operating(node: &AxleNode) -> OperatingState {
 }
 
 #[test]
-fn references_of_the_other_axle_are_passed_over() {
+fn references_of_the_other_axle_are_ignored() {
     let mut node = node(AxleId(0));
     let (before, axle) = (*node.state(), AxleId(1));
     let motion = Message::ReferenceMotion {
@@ -111,10 +111,10 @@ fn odometry_follows_an_arc() {
     }
 }
 
-/// 40 m are four spans of the bus. What the lead node adds up is what the axle has gone, and a
-/// reference a centimetre ahead is a centimetre ahead, across the ends of the span as well.
+/// 40 m are four spans of positions on the bus. The sum of the reported motion is the distance driven, and a
+/// reference 1 cm ahead stays 1 cm ahead, also across the ends of a span.
 #[test]
-fn a_long_way_is_counted_to_ten_micrometres_and_driven_on() {
+fn long_drive_is_reported_to_ten_micrometres_across_position_spans() {
     use crate::bus::{decode, encode, field::wrap_position};
     let (mut node, mut outbox) = (node(AxleId(1)), Outbox::new());
     let (mut sum, mut last, mut spans, mut own) = (0.0f64, 0.0, 0, 0.0f64);
@@ -164,7 +164,7 @@ fn reports_once_an_epoch() {
 }
 
 #[test]
-fn a_reference_that_cannot_be_meant_moves_nothing() {
+fn implausible_reference_is_ignored_or_gives_zero_torque() {
     let samples = still();
     let far = Posture::new(0.5, 0.0, 0.0);
     for (v, posture) in [
@@ -181,7 +181,7 @@ fn a_reference_that_cannot_be_meant_moves_nothing() {
         let after = step(&mut node, 31 * TICK, &samples);
         match posture == far {
             true => assert_eq!(after.torque_nm, Wheels::both(0.0)),
-            // The one before it still holds.
+            // The previous reference is still in use.
             false => assert!(after.active && after.torque_nm.left < 2.0, "{after:?}"),
         }
         reference(&mut node, 40 * TICK, 0.1, Posture::ORIGIN);
@@ -198,8 +198,7 @@ fn drives_toward_its_reference_and_stops_without_one() {
     reference(&mut node, 20 * TICK, 0.1, Posture::ORIGIN);
     let output = step(&mut node, 21 * TICK, &samples);
     assert!(output.active && output.torque_nm.left > 0.0 && output.torque_nm.right > 0.0);
-    // 60 ms after the epoch of the last reference it brakes by itself, and stays off. The other axle
-    // is well throughout.
+    // The axle brakes 60 ms after the epoch of the last reference, and stays off. The other axle is sound throughout.
     let well = beat(Node::axle(1), 50 * TICK, OperatingState::Active, 0);
     node.receive(50 * TICK, &well);
     assert!(step(&mut node, 20 * TICK + 60_000, &samples).active);
@@ -273,7 +272,7 @@ fn load_measured_by_the_beam_holds_for_its_timeout() {
     }
 }
 
-/// Each sensor's refusal counts once, until it is reported.
+/// Each refused measurement counts once, until the count is reported.
 #[test]
 fn refused_measurements_are_counted() {
     let mut settled = node(AxleId(0));
@@ -310,7 +309,7 @@ fn refused_measurements_are_counted() {
         step(&mut reported, tick * TICK, &still());
     });
     assert_eq!(reported.state.refused, 0, "reported at 60 ms");
-    // A wheel that is too fast for its filter, and one whose count jumps.
+    // A wheel that is too fast for its filter, and a wheel whose count jumps.
     for side in 0..2 {
         let mut seen = [false; 2];
         for counts in (0..4000).step_by(20) {
@@ -326,7 +325,7 @@ fn refused_measurements_are_counted() {
 }
 
 #[test]
-fn stop_bounds_torque_by_the_share_that_is_held() {
+fn stop_bounds_torque_by_a_share_of_the_held_torque() {
     let ramp = node(AxleId(0)).ramp;
     let mut stop = Stop {
         ramp: ramp.begin(Posture::ORIGIN, 0.0, Steering::STRAIGHT, 0.37),
@@ -339,7 +338,7 @@ fn stop_bounds_torque_by_the_share_that_is_held() {
         stop.let_go(&mut torque_nm);
         assert_eq!(torque_nm.list(), expected);
     }
-    // Of both wheels the one that pushes harder counts, then and now.
+    // The wheel with the larger torque counts, at the start of the release and now.
     stop.hold = 1.0;
     stop.let_go(&mut [0.5, -4.0].into());
     stop.hold = 0.5;
@@ -350,8 +349,8 @@ fn stop_bounds_torque_by_the_share_that_is_held() {
     }
 }
 
-/// Frames of one curvature pull a middle axle both ways; those of opposite curvature add up. The wrench of a frame that is
-/// not at the axle does not count.
+/// On a middle axle the moments of two frames with the same bend cancel; those of opposite bends add up. A frame that
+/// is not at the axle does not count.
 #[test]
 fn load_of_a_middle_axle_is_that_of_both_frames() {
     let robot = Topology::new(4).unwrap();
@@ -393,7 +392,7 @@ fn load_of_a_middle_axle_is_that_of_both_frames() {
         let found = moment(bends);
         assert!((found - expected).abs() < 1e-5, "{found} {expected}");
     }
-    // A middle axle waits for every other axle.
+    // A middle axle needs the heartbeat of every other axle.
     let mut node = Config::default().build(AxleId(1), robot, FRAME).unwrap();
     let lost = |node: &AxleNode| {
         let conditions = node.watch(EPOCH, &Samples::default());
@@ -430,7 +429,7 @@ fn reference_twist_and_load_follow_from_mechanics() {
     near(moments[0] + moments[1], 0.0);
 }
 
-/// A stop goes v²/(2a) of the midpoint, on an axle over cos ψ.
+/// The midpoint stops over v²/(2a), an axle over this distance divided by cos ψ.
 #[test]
 fn a_stop_brakes_on_the_path_of_a_bent_frame() {
     let mut node = node(AxleId(0));
@@ -454,7 +453,7 @@ fn a_stop_brakes_on_the_path_of_a_bent_frame() {
 
 /// The axle is near an end of the span in both directions, its reference beyond.
 #[test]
-fn a_reference_across_the_end_of_the_span_is_near() {
+fn reference_across_the_end_of_the_position_span_is_near() {
     let mut node = node(AxleId(0));
     node.state.filter.shift([5.24, -5.24]);
     let reference = AxleReference {
@@ -465,9 +464,9 @@ fn a_reference_across_the_end_of_the_span_is_near() {
     assert!((error.x.abs() - 0.01).abs() < 1e-4 && (error.y / error.x + 2.0).abs() < 1e-2);
 }
 
-/// Half of the gap of 0.3 mm is crossed on one wheel; a gyro knows the heading without it.
+/// One wheel crosses half of its gap of 0.3 mm; the heading of a gyro is not affected.
 #[test]
-fn play_of_the_gears_counts_in_the_heading_that_the_wheels_tell() {
+fn backlash_counts_in_the_share_of_the_heading_by_the_wheels() {
     let variance = |gyro_samples, ticks| {
         let mut node = node(AxleId(0));
         (0..ticks).for_each(|_| node.state.play[0].step(0.1));
@@ -492,9 +491,9 @@ fn lead(node: &mut AxleNode, now: Micros, mode: LeadMode) {
     node.receive(now, &lead_status(now, mode, 0.0));
 }
 
-/// A lead node that wants nothing more is no fault: the axle brakes, lets go and is idle.
+/// If the lead node becomes idle, the axle brakes, is released and becomes idle, without a fault.
 #[test]
-fn a_dismissed_axle_comes_to_rest_without_a_fault() {
+fn released_axle_comes_to_rest_without_a_fault() {
     let mut node = node(AxleId(0));
     let samples = still();
     let mut braked = 0;
@@ -515,7 +514,7 @@ fn a_dismissed_axle_comes_to_rest_without_a_fault() {
     assert_eq!(operating(&node), OperatingState::Idle);
 }
 
-/// A board that comes up in the middle of a drive is not to join in.
+/// A board that starts during a drive must not join the drive.
 #[test]
 fn an_axle_that_starts_while_the_robot_drives_waits_for_it_to_stop() {
     for pause in [LeadMode::Idle, LeadMode::Clear] {
@@ -538,7 +537,7 @@ fn each_stop_has_its_whole_ramp() {
     let mut node = node(AxleId(0));
     let mut tick = 20;
     let mut stops = [0; 2];
-    // The first is asked for, the second comes from a condition.
+    // The first stop is requested, the second comes from a condition.
     for (braked, pressed) in stops.iter_mut().zip([false, true]) {
         let end = tick + 1500;
         while tick < end {
@@ -565,7 +564,7 @@ fn each_stop_has_its_whole_ramp() {
 
 /// 0.5 m/s at the faster wheel, 0.162 m from the middle.
 #[test]
-fn references_beyond_the_speed_of_a_wheel_are_not_taken() {
+fn references_beyond_the_wheel_speed_limit_are_rejected() {
     let limits = Limits::default();
     for (v, omega, allowed) in [
         (0.5, 0.0, true),
@@ -581,7 +580,7 @@ fn references_beyond_the_speed_of_a_wheel_are_not_taken() {
         let found = limits.allow(Twist::new(v, omega), 0.162);
         assert_eq!(found, allowed, "{v} {omega}");
     }
-    // 0.1 s of rest, 60 s after the motors, in ticks; a stop has to end within 2 s.
+    // Rest times in ticks: 0.1 s, and 60 s after the motors. A stop must end within 2 s.
     let node = node(AxleId(0));
     assert_eq!((node.rest.hold, node.rest.settle / 10), (100, 5_999));
     let mut config = Config::default();
@@ -595,7 +594,7 @@ fn references_beyond_the_speed_of_a_wheel_are_not_taken() {
     );
 }
 
-/// Every reason to stop, from outside and from the samples, each from driving.
+/// Causes in the samples and in the reference, each while driving.
 #[test]
 fn stops_for_every_reason_and_drives_again_once_cleared() {
     let by_driver = |condition| {
@@ -693,7 +692,7 @@ fn halves_of_different_epochs_make_no_reference() {
 }
 
 #[test]
-fn nan_in_gives_zero_torque() {
+fn nan_reference_gives_zero_torque_and_nan_samples_keep_odometry_finite() {
     let mut node = node(AxleId(0));
     reference(&mut node, 0, f32::NAN, Posture::ORIGIN);
     let output = step(&mut node, TICK, &Samples::default());
@@ -719,7 +718,7 @@ fn nan_in_gives_zero_torque() {
 }
 
 #[test]
-fn a_turn_that_quickens_is_told_without_the_delay_of_the_gyro() {
+fn accelerating_turn_is_estimated_without_the_delay_of_the_gyro() {
     const QUICKENS_RAD_S2: f64 = 1.0;
     let mut node = node(AxleId(1));
     let config = Config::default();

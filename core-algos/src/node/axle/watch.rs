@@ -2,31 +2,31 @@
 //!
 //! # Requirements
 //!
-//! A condition counts after its time in [`crate::safety::condition`] and ends when its cause does. *Driving* is the state
-//! *active*, *powered* any with motors on. Each side of the axle by itself is enough.
+//! A condition counts after its time in [`crate::safety::condition`] and ends when its cause does. *Driving* is the
+//! state *active*, *powered* any state with motors on. Each side of the axle by itself is enough.
 //!
 //! | cause | condition | beyond | while | reason |
 //! |---|---|---|---|---|
-//! | lead node's mode or own reference too old, not dismissed | `CommandTimeout` | 60 ms | driving | nobody steers |
+//! | lead node's mode or this axle's reference too old, axle not released | `CommandTimeout` | 60 ms | driving | nobody steers |
 //! | reference late | `MessageLost` | 30 ms | driving | three epochs are enough for node and bus |
-//! | other axle's heartbeat too old | `NeighbourLost` | 50 ms | always | the other may be off |
+//! | other axle's heartbeat too old | `NeighbourLost` | 50 ms | always | the other axle may be off |
 //! | other axle or lead node stops for a reason | `NeighbourFault` | at once | powered | axles stop together |
 //! | output or estimate not finite | `NotANumber` | at once | always | control cannot be trusted |
-//! | encoder missing, or counts that jump | `EncoderFault` | at once | always | the wheel may run away unseen |
+//! | encoder missing, or counts that jump | `EncoderFault` | at once | always | the wheel may run away undetected |
 //! | far from the reference | `TrackingLost` | 0.08 m, 0.35 rad | driving | something holds or pushes the axle |
-//! | twice as far from the ramp of a stop | `StopNotFollowed` | 0.16 m, 0.7 rad | stop, until the frame is let go | a motor stays on |
-//! | a wheel that turns | `StopNotFollowed` | 5 rad/s | stop, once the frame is let go | as above |
-//! | a wheel that stands at most of the torque | `MotorStall` | from 0.6 of the torque, up to 0.2 rad/s | always | blocked |
-//! | yaw rate of the gyro against that of the wheels | `WheelSlip` | 0.8 rad/s | always | a lifted wheel |
+//! | twice as far from the ramp of a stop | `StopNotFollowed` | 0.16 m, 0.7 rad | stop, before the release | a motor stays on |
+//! | a wheel that turns | `StopNotFollowed` | 5 rad/s | stop, during the release | a motor stays on |
+//! | a wheel at standstill under high torque | `MotorStall` | from 0.6 of the torque, up to 0.2 rad/s | always | blocked |
+//! | difference of the yaw rates by gyro and wheels | `WheelSlip` | 0.8 rad/s | always | a lifted wheel |
 //! | a measurement refused since the last report | `MeasurementRefused` | at once | always | reported to the user |
 //! | torque limited | `TorqueLimited` | at once | always | reported to the user |
 //!
-//! Requests, by the mode of the lead node that is no older than 60 ms; none before the first mode:
+//! Requests by the lead node's mode, if no older than 60 ms; no request before the first mode:
 //!
 //! | state | mode | request |
 //! |---|---|---|
 //! | *boot* | any | `Ready` |
-//! | *idle* | active or hold, with a reference, after a mode that did not drive | `Arm` |
+//! | *idle* | active or hold, with a reference, after a mode without driving | `Arm` |
 //! | *armed* | active or hold | `Start` |
 //! | *armed* | any other, or none | `Disarm` |
 //! | *active* | idle or clear | `Disarm` |
@@ -70,7 +70,7 @@ impl AxleNode {
         let active = operating == OperatingState::Active;
         let astray =
             |times: f32| state.output.active && !self.limits.near(state.output.error, times);
-        // An axle that is let go is not to stay, but it is not to be driven either.
+        // A released axle may move, but must not be driven.
         let runs = |wheel: &wheel_observer::State| !(wheel.speed_rad_s.abs() <= LET_GO_RAD_S);
         let unstopped = operating == OperatingState::SafeStop
             && state
@@ -96,7 +96,7 @@ impl AxleNode {
         let late = state
             .reference
             .is_none_or(|reference| reference.age(now) > LATE);
-        // A lead node that lets the axle go sends no more references, and that is no fault.
+        // A lead node that releases the axle sends no more references; this is no fault.
         let dismissed = state
             .mode
             .is_some_and(|mode| matches!(mode.value, LeadMode::Idle | LeadMode::Clear));

@@ -18,8 +18,8 @@ declare! {
     pub struct Config {
         /// Age of an axle's report after which the motors are switched off.
         pub report_timeout_s: f32 = layout::timeout_s(layout::id::AXLE_POSTURE), "s": Range(0.02, 1.0);
-        /// Longest time that the motors hold the robot where it is, before a drive or after it; then
-        /// they are let go until the next command.
+        /// Longest time for which the motors hold the robot in place, before or after a drive; then they are switched
+        /// off until the next command.
         pub hold_s: f32 = 60.0, "s": Range(0.1, 3600.0);
         /// Second tier of fusion.
         pub fusion: robot::Config = robot::Config::default();
@@ -41,7 +41,7 @@ declare! {
 }
 
 declare! {
-    /// Bounds of what a sound robot does; each counts only after the time of its condition.
+    /// Limits that a sound robot keeps; each counts only after the time of its condition.
     pub struct Limits {
         /// Steering angle of the frame |ψ|.
         pub bend_rad: f32 = 0.7, "rad": Range(0.05, 1.5);
@@ -50,7 +50,7 @@ declare! {
         /// Moment of the frame on an axle.
         pub moment_n_m: f32 = 6.0, "N m": Positive;
         /// Standard deviation of the position of O beyond which the estimate counts as vague.
-        // What a floor may make of 300 m.
+        // A floor drift of 1.5 % over 300 m is 4.5 m.
         pub position_sigma_m: f32 = 5.0, "m": Positive;
         /// Standard deviation of the heading of O beyond which the estimate counts as vague.
         pub heading_sigma_rad: f32 = 0.5, "rad": Positive;
@@ -66,7 +66,7 @@ impl Limits {
             && wrench.moment_end.abs() <= self.moment_n_m)
     }
 
-    /// True if an estimate says little of where the robot is.
+    /// True if a standard deviation of an estimate exceeds its limit, or for NaN.
     pub(super) fn is_vague(&self, robot: &Estimate) -> bool {
         let p = &robot.covariance;
         let position = self.position_sigma_m * self.position_sigma_m;
@@ -76,7 +76,7 @@ impl Limits {
 }
 
 impl Config {
-    /// The algorithms of the node; the error names the parameter that is wrong.
+    /// Builds the algorithms of the node; the error names the parameter that is wrong.
     pub fn build(&self) -> Result<Algorithms, ConfigError> {
         self.check_ranges()?;
         self.limits.check_ranges()?;
@@ -97,7 +97,7 @@ impl Config {
     }
 }
 
-/// The algorithms of a lead node, ready to run: all that does not change.
+/// The algorithms of a lead node, without its state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Algorithms {
     pub(super) report_timeout: Micros,

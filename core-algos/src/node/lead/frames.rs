@@ -1,19 +1,20 @@
 //! The frames `odom` and `map` (REP 105).
 //!
-//! Goals, paths and claims are in `map`, the frame of the fused estimate. That jumps: the filter learns constants of the
-//! robot late, and with each the way that lies behind moves. A controller that followed would swerve.
-//! It drives by `odom`: moved by odometry, corrected as it is by what was learnt, and drawn towards `map` by a
-//! bounded share of the way. At rest nothing swerves, and `odom` is `map`.
+//! Goals, paths and uncertainties are in `map`, the frame of the fused estimate. The estimate in `map` jumps: the
+//! filter learns constants of the robot late, and each of them shifts the whole path driven so far. A controller that
+//! followed would swerve. The controller therefore drives by `odom`, which moves by the corrected odometry and is
+//! drawn towards `map` by a bounded share of the distance. At rest `odom` is `map`.
 
 use crate::math::Posture;
 use crate::math::trig::{clamp, sin_cos, sqrt, wrap_angle};
 
-/// Most that `odom` is drawn towards `map` on the move: m and rad over a metre.
+/// Largest correction of `odom` towards `map` per metre driven: m and rad.
 const DRAWN_M_PER_M: f32 = 0.02;
 const DRAWN_RAD_PER_M: f32 = 0.02;
 
-/// The next posture of O in `odom`, from the `last` one (`None` at the start), the motion by odometry along the axes of
-/// `map`, in which O had that heading before, and the estimate in `map`. `moving` is false for a robot at rest.
+/// Next posture of O in `odom`. `last` is the posture before (`None` at the start). `heading` and `moved` are the
+/// heading of O before the motion and the motion by odometry, along the axes of `map`; `map` is the estimate.
+/// `moving` is false for a robot at rest.
 pub(super) fn step(
     last: Option<Posture>,
     (heading, moved): (f32, Posture),
@@ -45,7 +46,7 @@ pub(super) fn step(
 mod tests {
     use super::*;
 
-    /// A way long enough for the whole difference draws it, and no more.
+    /// A distance long enough for the whole difference removes it, and no more.
     #[test]
     fn odom_never_goes_beyond_map() {
         let last = Posture::new(0.0, 0.0, 0.0);
@@ -54,14 +55,14 @@ mod tests {
             let odom = step(Some(last), (0.0, Posture::new(way, 0.0, 0.0)), map, true);
             assert!(odom.distance(map) < 1e-5 * way, "{odom:?} {map:?}");
         }
-        // Nothing moved, and nothing to draw.
+        // No motion and no difference.
         let still = step(Some(last), (0.0, Posture::ORIGIN), last, true);
         assert_eq!(still, last);
     }
 
-    /// 10 cm ahead an epoch in both frames; `map` jumps once.
+    /// 10 cm ahead per epoch in both frames; `map` jumps once.
     #[test]
-    fn a_jump_of_map_reaches_odom_by_a_share_of_the_way_and_whole_at_rest() {
+    fn jump_of_map_reaches_odom_gradually_on_the_move_and_at_once_at_rest() {
         let ahead = Posture::new(0.1, 0.0, 0.0);
         let moved = |map: Posture| {
             let [x, y, phi] = map.compose(ahead).minus(map);

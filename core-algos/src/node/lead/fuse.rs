@@ -1,4 +1,4 @@
-//! Reports of the other nodes, and the estimates of the latest epoch of which all axles have reported.
+//! Reports of the other nodes, and the estimates at the latest epoch that all axles have reported.
 
 use super::pair::{Fused, Pair, neighbours};
 use super::track::{AxleReport, AxleTrack, EPOCHS, SETTLING};
@@ -9,7 +9,7 @@ use crate::math::Twist;
 use crate::time::{EPOCH, Micros, Stamped, epoch_start, sequence, share_of_epoch};
 use crate::topology::{AxleId, FrameId};
 
-/// Time that is waited for the beam to find a restarted axle by.
+/// Longest wait for a measurement of the beam that locates a restarted axle.
 const REJOIN_PATIENCE: Micros = 500_000;
 
 impl LeadNode {
@@ -95,7 +95,8 @@ impl LeadNode {
         }
     }
 
-    /// Brings the estimates to the present epoch; `None` while reports are missing.
+    /// Advances the estimates to the latest epoch that all axles have reported; `None` while reports are missing or a
+    /// restarted axle settles.
     pub(super) fn fuse(&mut self, now: Micros) -> Option<Fused> {
         let Self { with, state, .. } = self;
         if state.pairs.iter().any(|pair| pair.fusion.is_none()) {
@@ -132,17 +133,17 @@ impl LeadNode {
 }
 
 impl State {
-    /// Reports of an axle; `None` of one that the robot does not have.
+    /// Reports of an axle; `None` for an axle that the robot does not have.
     fn report(&mut self, axle: AxleId) -> Option<&mut AxleReport> {
         Some(&mut self.tracks.get_mut(axle.index())?.report)
     }
 
-    /// The pair with a frame between its axles; `None` of one that the robot does not have.
+    /// The pair with a frame between its axles; `None` for a frame that the robot does not have.
     fn pair(&mut self, frame: FrameId) -> Option<&mut Pair> {
         self.pairs.get_mut(frame.index())
     }
 
-    /// The latest epoch of which all axles have reported.
+    /// The latest epoch that all axles have reported.
     fn latest_epoch(&self, now: Micros) -> Micros {
         let epoch = epoch_start(now, sequence(now));
         let mut latest = (0..EPOCHS as Micros).map(|age| epoch.saturating_sub(age * EPOCH));

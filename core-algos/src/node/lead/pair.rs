@@ -1,7 +1,7 @@
 //! A pair of neighbouring axles and the frame between them: measurements of the frame, and the estimate of the pair.
 //!
-//! Frame i joins axles i and i + 1. The pattern `[pair]` marks code that needs a decision for several pairs, such as the
-//! robot's posture; it compiles for one pair only.
+//! Frame i joins axles i and i + 1. The pattern `[pair]` marks code that needs a decision for several pairs, such as
+//! the robot's posture; it compiles for one pair only.
 
 use super::track::{Advance, AxleTrack, Recent};
 use super::{AXLES, NIS_MOST, NIS_SHARE, PAIRS};
@@ -16,7 +16,7 @@ use crate::time::{EPOCH, Micros, Stamped};
 /// Age in epochs up to which a measurement of the frame is used.
 const BEAM_EPOCHS: Micros = 3;
 
-/// The two axles of a pair, front first, from a list of all.
+/// The two axles of a pair, front first, from a list of all axles.
 pub(super) const fn neighbours<T>(axles: &[T; AXLES], pair: usize) -> [&T; 2] {
     [&axles[pair], &axles[pair + 1]]
 }
@@ -24,9 +24,9 @@ pub(super) const fn neighbours<T>(axles: &[T; AXLES], pair: usize) -> [&T; 2] {
 /// State of one pair.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Pair {
-    /// Latest posture of the frame's tip from its root.
+    /// Latest posture of the frame's tip, as seen from its root.
     pub(super) posture: Option<Stamped<Posture>>,
-    /// Latest covariance, maybe of another epoch.
+    /// Latest covariance, possibly of another epoch.
     pub(super) uncertainty: Option<Stamped<Mat3>>,
     /// Measurements of the frame, by their epochs.
     pub(super) measured: Recent<Estimate>,
@@ -34,14 +34,14 @@ pub(super) struct Pair {
     pub(super) used: Option<Stamped<Micros>>,
     /// Estimate of both axles; `None` before the start.
     pub(super) fusion: Option<robot::State>,
-    /// Squared normalised innovation of the frame's measurements, its running mean.
+    /// Running mean of the normalised innovation squared (NIS) of the frame's measurements.
     pub(super) nis: f32,
     /// Latest wrench of the frame.
     pub(super) wrench: Option<Stamped<Wrench>>,
 }
 
 impl Pair {
-    /// Posture and covariance of one epoch make a measurement.
+    /// Combines posture and covariance of one epoch into a measurement.
     pub(super) fn complete(&mut self) {
         if let (Some(posture), Some(covariance)) = (self.posture, self.uncertainty)
             && posture.time == covariance.time
@@ -51,15 +51,14 @@ impl Pair {
         }
     }
 
-    /// The latest measurement of the frame up to an epoch that was not used, with its own epoch. The odometry since
-    /// carries it to that epoch.
+    /// The latest unused measurement of the frame, with its own epoch, advanced by odometry to `epoch`.
     pub(super) fn measurement(
         &self,
         epoch: Micros,
         axles: [&AxleTrack; 2],
     ) -> Option<Stamped<Estimate>> {
         let used = self.used.map_or(0, |used| used.time);
-        // As a rule it is of that epoch, and the copies below are spared.
+        // Usual case: a measurement of this epoch, without the copies below.
         if let (Some(measured), true) = (self.measured.at(epoch), epoch > used) {
             return Some(Stamped::new(measured, epoch));
         }
@@ -77,8 +76,8 @@ impl Pair {
         Some(Stamped::new(Estimate::new(posture, covariance), time))
     }
 
-    /// Advances the estimate by the motion of the axles and a measurement of the frame. `restarted` is true for an axle
-    /// whose odometry began anew.
+    /// Advances the estimate by the motion of the axles and a measurement of the frame. `restarted` is true for an
+    /// axle whose odometry restarted.
     pub(super) fn step(
         &mut self,
         with: &RobotFusion,
@@ -142,7 +141,7 @@ impl Fused {
         })
     }
 
-    /// True if a filter refused the measurement of its frame.
+    /// True if a filter rejected the measurement of its frame.
     pub(super) fn is_refused(&self) -> bool {
         let mut pairs = self.pairs.iter();
         pairs.any(|pair| pair.beam.verdict == Verdict::Gated)

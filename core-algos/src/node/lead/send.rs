@@ -11,7 +11,7 @@ use crate::safety::{Permit, supervisor};
 use crate::time::{Micros, epoch_start, seconds, sequence};
 
 impl LeadNode {
-    /// A step without a drive: the motion comes to rest, and the status is sent.
+    /// A step without a permit to drive: the motion comes to rest, and the status is sent.
     pub(super) fn idle(
         &mut self,
         now: Micros,
@@ -67,9 +67,9 @@ impl LeadNode {
             let Some(odometry) = track.odometry else {
                 continue;
             };
-            // The same posture relative to the axle, in the axle's own odometric frame.
+            // The reference relative to the estimated axle, applied in the axle's own odometric frame.
             let mut relative = reference.posture.relative_to(estimate);
-            // The estimate is of the latest epoch of which the axles have told.
+            // The estimate is of the latest epoch that all axles have reported.
             let age = epoch.saturating_sub(odometry.time);
             if age > 0 {
                 let Twist { v, omega } = reference.twist;
@@ -91,8 +91,7 @@ impl LeadNode {
         }
     }
 
-    /// Without power the frame leaves the commanded steering angle: the next drive begins with the
-    /// estimated one.
+    /// Without power the frame leaves the commanded steering angle: the next drive begins with the estimated angle.
     fn settle(&mut self, fused: &Fused) {
         let [pair] = &fused.pairs;
         let steering = pair.relative_heading().steering();

@@ -4,7 +4,7 @@ use crate::control::regulator::Tolerance;
 use crate::fusion::Estimate;
 use crate::math::Posture;
 
-/// Posture of the robot at its start, and the floor there.
+/// Start posture of the robot with its uncertainty, and the drift of the floor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Place {
@@ -12,7 +12,7 @@ pub struct Place {
     pub center: Estimate,
     /// Front axle in the rear axle's frame.
     pub relative: Estimate,
-    /// Standard deviation of the way that the floor takes the robot, over the way it rolls, along each of its axes.
+    /// Displacement of the robot by the floor per metre rolled, standard deviation along each of the floor's axes.
     pub floor_drift: f32,
 }
 
@@ -22,7 +22,8 @@ const FARTHEST_M: f32 = 1e5;
 const WIDEST: f32 = 1e3;
 
 impl Place {
-    /// True if an estimate can begin there: every number is finite and within its range, and no variance is negative.
+    /// True if an estimate can start from this place: every number is finite and within its range, and no variance is
+    /// negative.
     pub fn is_sound(&self) -> bool {
         let near = |estimate: &Estimate| {
             let Posture { x, y, phi } = estimate.posture;
@@ -49,7 +50,7 @@ pub enum Task {
     Idle,
     /// Brake and hold.
     Stop,
-    /// Motors off, and forget latched faults whose causes are gone.
+    /// Motors off; clear latched faults whose causes are gone.
     Clear,
     /// Bring the midpoint to a posture and to rest.
     Regulate {
@@ -58,8 +59,8 @@ pub enum Task {
         /// Its tolerance.
         within: Tolerance,
     },
-    /// Follow the path in the node's buffer from its beginning (see [`LeadNode::path_task`](super::LeadNode::path_task)), and
-    /// rest at its end.
+    /// Follow the path in the node's buffer from its beginning (see
+    /// [`LeadNode::path_task`](super::LeadNode::path_task)), and rest at its end.
     Follow {
         /// Tolerance of the end.
         within: Tolerance,
@@ -69,11 +70,12 @@ pub enum Task {
         /// Tolerance of the end.
         within: Tolerance,
     },
-    /// Drive with this speed and curvature. The robot stops if the task is not given again within [`DEAD_MAN`](super::DEAD_MAN).
+    /// Drive with this speed and curvature. The robot stops if the task is not given again within
+    /// [`DEAD_MAN`](super::DEAD_MAN).
     Drive {
         /// Speed of O, m/s.
         speed_m_s: f32,
-        /// Curvature of its path, 1/m.
+        /// Curvature of the path of O, 1/m.
         curvature: f32,
     },
 }
@@ -98,7 +100,7 @@ impl Task {
         matches!(self, Self::Follow { .. } | Self::Track { .. })
     }
 
-    /// Tolerance of the task; that of others is the default.
+    /// Tolerance of the task; the default for tasks without a tolerance.
     pub fn within(&self) -> Tolerance {
         match *self {
             Self::Regulate { within, .. } | Self::Follow { within } | Self::Track { within } => {
@@ -117,7 +119,7 @@ impl Task {
     }
 }
 
-/// Activity of the robot, as its button sees it.
+/// Activity of the robot, for its button.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activity {
     /// Stopped by a fault that [`Task::Clear`] has to clear.

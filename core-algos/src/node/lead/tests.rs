@@ -64,7 +64,7 @@ fn node_of(config: &RobotConfig) -> LeadNode {
 }
 
 #[test]
-fn odometry_that_begins_anew_is_no_motion() {
+fn restart_of_an_axle_is_not_taken_for_motion() {
     let mut node = node();
     let at = |x: f32| Posture::new(x, 0.0, 0.0);
     for number in 0..100 {
@@ -77,7 +77,7 @@ fn odometry_that_begins_anew_is_no_motion() {
     for number in 130..200 {
         let axles = [(front, number as u8), (at(0.0), number as u8 - 130)];
         let output = epoch(&mut node, number, axles);
-        // Until its filter has settled and the beam has had its time, nothing is assumed.
+        // No estimate until the axle's filter has settled and the wait for the beam is over.
         assert_eq!(output.fused == robot::Output::default(), number < 180);
         last = output;
     }
@@ -86,7 +86,7 @@ fn odometry_that_begins_anew_is_no_motion() {
     assert!((rear.x - 0.015).abs() < 5e-3, "{rear:?}");
     let sigma = |estimate: &Estimate| estimate.covariance[2][2].max(0.0);
     assert!(sigma(&last.fused.rear) > 100.0 * sigma(&last.fused.front));
-    // Afterwards it moves as it says.
+    // Afterwards the axle moves by its reports.
     let axles = [(at(0.21), 200), (at(0.01), 70)];
     let output = epoch(&mut node, 200, axles);
     assert!((output.fused.rear.posture.x - rear.x - 0.01).abs() < 1e-4);
@@ -219,7 +219,7 @@ fn wrench_and_speed_are_those_last_received() {
 }
 
 #[test]
-fn posture_and_motion_of_an_axle_arrive_in_either_order() {
+fn posture_and_motion_in_either_order_give_an_estimate() {
     for swapped in [false, true] {
         let mut node = node();
         for axle in [AxleId(0), AxleId(1)] {
@@ -236,7 +236,7 @@ fn posture_and_motion_of_an_axle_arrive_in_either_order() {
 }
 
 #[test]
-fn the_covariance_of_an_axle_counts_once_an_epoch() {
+fn covariance_of_an_axle_counts_once_per_epoch() {
     let mut node = node();
     let covariance = diagonal([1e-9, 2e-9, 3e-9]);
     epoch(&mut node, 1, [(Posture::ORIGIN, 1); 2]);
@@ -268,7 +268,7 @@ fn the_covariance_of_an_axle_counts_once_an_epoch() {
 }
 
 #[test]
-fn a_measurement_of_the_frame_is_used_once() {
+fn measurement_of_the_frame_is_used_once() {
     let mut node = node();
     for number in 1..=3 {
         for message in beam(number * EPOCH, Posture::new(0.37, 0.0, 0.0)) {
@@ -285,7 +285,7 @@ fn a_measurement_of_the_frame_is_used_once() {
 }
 
 #[test]
-fn a_long_silence_of_the_bus_is_no_restart() {
+fn long_silence_of_the_bus_is_not_taken_for_a_restart() {
     let mut node = node();
     let at = |x: f32| Posture::new(x, 0.0, 0.0);
     epoch(&mut node, 0, [(at(0.0), 0); 2]);
@@ -295,13 +295,13 @@ fn a_long_silence_of_the_bus_is_no_restart() {
     assert!((moved - 0.25).abs() < 1e-4, "{moved}");
 }
 
-/// A learnt gyro bias is forgotten when the axle zeroes its gyro, and only then.
+/// The bias estimate of a gyro is reset when the axle zeroes this gyro, and only then.
 #[test]
-fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
+fn zeroing_a_gyro_resets_its_bias_estimate_alone() {
     use crate::fusion::constants::GYRO_BIAS;
     let mut node = node();
     let rate = 4e-4;
-    // The frame stays straight, and the front gyro says that its axle turns.
+    // The frame stays straight, but the front gyro measures a turn of its axle.
     let mut known = |number: u64, zeroed: [bool; 2]| {
         let now = number * EPOCH;
         let sequence = sequence(now);
@@ -336,9 +336,9 @@ fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
     for number in 1..1000 {
         before = known(number, [false; 2]);
     }
-    // An axle that turned would have moved aside.
+    // A true turn would have moved the axle aside, so the reading is bias.
     assert!((before[0].0 / rate + 1.0).abs() < 0.1, "{before:?}");
-    // Had nothing been learnt, the biases would have walked for 10 s.
+    // Without learning, the standard deviation would be that of a walk over 10 s.
     let walked = crate::fusion::joint::Config::default().gyro_bias_walk_rad_s_per_sqrt_s;
     let unknown = (prior[0] * prior[0] + 10.0 * walked * walked).sqrt();
     let learnt = before.iter().all(|(_, sigma)| *sigma < 0.6 * unknown);
@@ -350,9 +350,9 @@ fn an_axle_that_zeroes_its_gyro_has_the_filter_forget_its_bias() {
     assert!((0.0..NIS_LIMIT).contains(&node.state.pairs[0].nis));
 }
 
-/// Up to 100 km and 1 km of standard deviation, and a floor that takes the robot no farther than it rolls.
+/// Limits: coordinates of 100 km, standard deviations of 1 km, a floor drift of 1.
 #[test]
-fn place_within_its_ranges_is_sound() {
+fn start_place_is_sound_within_its_ranges() {
     let sound = RobotConfig::default().put_down(Posture::ORIGIN, &Default::default());
     assert!(sound.is_sound());
     for relative in [false, true] {
@@ -416,9 +416,9 @@ fn place_within_its_ranges_is_sound() {
     }
 }
 
-/// The estimate is of the latest epoch that all axles have reported.
+/// The estimate is at the latest epoch that all axles have reported.
 #[test]
-fn an_axle_that_is_late_by_an_epoch_holds_the_estimate_back() {
+fn estimate_waits_for_an_axle_that_is_late_by_an_epoch() {
     for late in [AxleId(0), AxleId(1)] {
         let mut node = node();
         for number in 1..=5 {
@@ -461,7 +461,7 @@ fn reports_older_than_the_timeout_give_no_estimate() {
     assert!(node.fuse(last + 1).is_none());
 }
 
-/// A stop or a drive without orders is done at less than 4 mm/s.
+/// A stop, or a drive without commands, is done at less than 4 mm/s.
 #[test]
 fn a_stop_is_done_below_the_speed_of_rest() {
     let by_hand = Task::Drive {
@@ -485,7 +485,7 @@ fn a_stop_is_done_below_the_speed_of_rest() {
     }
 }
 
-/// In either order.
+/// Messages in either order.
 #[test]
 fn posture_and_covariance_of_one_epoch_make_a_measurement() {
     let posture = Posture::new(0.37, 0.0, 0.1);
@@ -509,7 +509,7 @@ fn posture_and_covariance_of_one_epoch_make_a_measurement() {
 }
 
 #[test]
-fn fault_of_either_axle_or_of_the_lead_node_is_one_of_the_robot() {
+fn fault_of_an_axle_or_the_lead_node_makes_the_robot_faulted() {
     for sender in [Node::axle(0), Node::axle(1), Node::beam(0)] {
         let mut node = node();
         let reason = Condition::SupplyLow.code();
@@ -522,9 +522,9 @@ fn fault_of_either_axle_or_of_the_lead_node_is_one_of_the_robot() {
     assert_eq!(node.activity(0), Activity::Faulted);
 }
 
-/// Without a drive the axles hear that they are let go, and with which motion.
+/// Without a drive the status releases the axles and contains the commanded motion.
 #[test]
-fn a_lead_node_that_does_not_drive_says_so_each_epoch() {
+fn lead_node_without_a_drive_sends_its_status_each_epoch() {
     for (task, expected) in [(Task::Idle, LeadMode::Idle), (Task::Clear, LeadMode::Clear)] {
         let mut node = node();
         node.command(task);
@@ -537,7 +537,7 @@ fn a_lead_node_that_does_not_drive_says_so_each_epoch() {
             } => Some((mode, velocity_m_s)),
             _ => None,
         });
-        // It brakes for an epoch of 10 ms.
+        // The governor brakes for an epoch of 10 ms.
         let mut braked = node.state.governor;
         braked.motion.v = 0.1;
         node.with.governor.stop(&mut braked);
@@ -547,10 +547,11 @@ fn a_lead_node_that_does_not_drive_says_so_each_epoch() {
     }
 }
 
-/// Without power the frame straightens: the next drive begins with the bend that it has.
+/// Without power the frame straightens: the next drive begins with its estimated bend.
 #[test]
 fn a_drive_begins_with_the_bend_of_the_frame() {
-    // The frame is bent by twice 0.1 rad; a difference of up to 0.05 rad is one of the estimate.
+    // The relative heading is 0.2 rad, a steering of 0.1 rad. Up to 0.05 rad of difference count as error of the
+    // estimate.
     let config = RobotConfig::default();
     let mut place = config.put_down(Posture::ORIGIN, &Default::default());
     place.relative.posture.phi = 0.2;
@@ -595,9 +596,9 @@ fn goal_with_a_wide_95_percent_error_is_uncertain() {
     }
 }
 
-/// 25 N, 6 N m, 5 m and 0.5 rad.
+/// Limits: 25 N, 6 N m, 5 m and 0.5 rad.
 #[test]
-fn wrench_and_uncertainty_beyond_their_limits_are_noticed() {
+fn wrench_and_uncertainty_beyond_their_limits_are_detected() {
     let limits = Limits::default();
     let wrench = |[force_x, force_y, moment_root, moment_end]: [f32; 4]| Wrench {
         force_x,
@@ -622,7 +623,7 @@ fn wrench_and_uncertainty_beyond_their_limits_are_noticed() {
 }
 
 #[test]
-fn beam_posture_without_gauges_is_passed_over() {
+fn beam_posture_without_gauges_is_ignored() {
     let mut node = node();
     let before = node.clone();
     let sequence = sequence(EPOCH);

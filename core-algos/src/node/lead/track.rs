@@ -1,4 +1,4 @@
-//! Reports of one axle, paired to odometric increments.
+//! Reports of one axle, combined into odometric increments.
 
 use super::RESTART_SIGMAS;
 use crate::bus::field::wrap_position;
@@ -7,38 +7,36 @@ use crate::math::matrix::{Mat3, diagonal, scale};
 use crate::math::{Posture, Twist};
 use crate::time::{EPOCH, Micros, Stamped};
 
-/// Time after which the filter of an axle that was restarted on the move, and takes itself to be at
-/// rest, has settled.
+/// Settling time of the filter of an axle that restarts on the move: the filter starts at rest.
 pub(super) const SETTLING: Micros = 100_000;
 
 /// The latest report of one axle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct AxleReport {
-    /// Latest posture and time since the start, maybe not of one epoch.
+    /// Latest posture and latest uptime, possibly of different epochs.
     pub(super) posture: Option<Stamped<Posture>>,
     pub(super) uptime: Option<Stamped<Micros>>,
-    /// Latest posture whose time since the start is known: a posture alone does not tell whether
-    /// it is still one of the same odometric frame.
+    /// Latest posture with the uptime of its epoch. Only the uptime shows if the odometric frame is still the same.
     pub(super) whole: Option<(Stamped<Posture>, Micros)>,
-    /// These of the latest epochs.
+    /// Postures with uptimes of the latest epochs.
     pub(super) past: Recent<(Posture, Micros)>,
     pub(super) uncertainty: Option<Stamped<Mat3>>,
     /// Latest speed and yaw rate.
     pub(super) twist: Twist,
-    /// Share of the axle's ticks in which its gyro took part.
+    /// Share of the axle's ticks in which its gyro was used.
     pub(super) gyro_share: f32,
     pub(super) gyro_zeroed: bool,
 }
 
 impl AxleReport {
-    /// Posture and time since the start of one epoch make a whole report.
+    /// Combines posture and uptime of one epoch into a whole report.
     pub(super) fn complete(&mut self) {
         if let (Some(posture), Some(uptime)) = (self.posture, self.uptime)
             && posture.time == uptime.time
         {
             let last = self.whole.map_or(0, |(last, _)| last.time);
             if uptime.value < posture.time.saturating_sub(last) {
-                // What came before is of another odometric frame.
+                // Earlier postures are in another odometric frame.
                 self.past = Recent::default();
             }
             self.whole = Some((posture, uptime.value));
@@ -62,7 +60,7 @@ impl<T> Default for Recent<T> {
 }
 
 impl<T: Copy> Recent<T> {
-    /// Takes in the value of an epoch.
+    /// Stores the value of an epoch.
     pub(super) fn put(&mut self, value: Stamped<T>) {
         self.0[Self::place(value.time)] = Some(value);
     }
@@ -82,16 +80,16 @@ impl<T: Copy> Recent<T> {
 /// Motion of an axle since the last step of the lead node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Advance {
-    /// Nothing new came, or nothing to compare it with.
+    /// No new report, or no earlier report to compare with.
     Unknown,
-    /// By its odometry.
+    /// Motion by odometry.
     Moved(Increment),
-    /// Its odometry began anew on the way, which took this many epochs.
+    /// The odometry restarted within this number of epochs.
     Restarted { ticks: u16 },
 }
 
 impl Advance {
-    /// The motion; that of an axle that was restarted is the `other`'s, give or take the frame.
+    /// The increment. A restarted axle gets that of the `other` axle, with the uncertainty of the frame.
     pub(super) fn increment(&self, other: &Self) -> Option<Increment> {
         match (self, other) {
             (Self::Unknown, _) => None,
@@ -110,7 +108,7 @@ impl Advance {
     }
 }
 
-/// One odometric posture as seen from another. Positions repeat after a span of the bus, so only their wrapped
+/// Posture `after` in the frame of `before`. Positions repeat after a span of the bus, so only their wrapped
 /// difference counts.
 fn between(before: Posture, after: Posture) -> Posture {
     let moved = Posture::new(
@@ -121,30 +119,30 @@ fn between(before: Posture, after: Posture) -> Posture {
     moved.relative_to(Posture::new(0.0, 0.0, before.phi))
 }
 
-/// One axle as the lead node knows it.
+/// State of one axle in the lead node.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct AxleTrack {
     pub(super) report: AxleReport,
-    /// Odometric posture up to which the fused estimate goes.
+    /// Odometric posture at the epoch of the fused estimate.
     pub(super) odometry: Option<Stamped<Posture>>,
 }
 
 impl AxleTrack {
-    /// Time since the axle was started, if that was after the last step. After a silence longer than
-    /// the time it can tell, it may have been.
+    /// Uptime of the axle, if the axle started after the last step. After a silence longer than the largest uptime of
+    /// a report, a restart is assumed.
     pub(super) fn restarted(&self) -> Option<Micros> {
         let (latest, uptime) = self.report.whole?;
         (uptime < latest.time.saturating_sub(self.odometry?.time)).then_some(uptime)
     }
 
-    /// The motion from one epoch to another, as its odometry tells it.
+    /// Motion between two epochs by odometry.
     pub(super) fn moved(&self, from: Micros, to: Micros) -> Option<Posture> {
         let past = &self.report.past;
         let ((before, _), (after, _)) = (past.at(from)?, past.at(to)?);
         Some(between(before, after))
     }
 
-    /// The motion since the last step up to an epoch, however many it spans.
+    /// Motion since the last step up to the epoch `to`, over any number of epochs.
     pub(super) fn advance(&mut self, to: Micros) -> Advance {
         let Some((posture, uptime)) = self.report.past.at(to) else {
             return Advance::Unknown;
@@ -163,7 +161,7 @@ impl AxleTrack {
         if uptime < span {
             return Advance::Restarted { ticks };
         }
-        // The tier adds slip of its own, so a covariance that never came leaves some.
+        // The second tier adds slip, so the covariance is not zero even if none was reported.
         let covariance = self.report.uncertainty.map_or([[0.0; 3]; 3], |u| u.value);
         Advance::Moved(Increment {
             posture: between(last.value, latest.value),

@@ -2,25 +2,25 @@
 //!
 //! # Requirements
 //!
-//! A condition counts after its time in [`crate::safety::condition`] and ends when its cause does. *Powered* is any state
-//! with motors on. Each axle and each pair by itself is enough.
+//! A condition counts after its time in [`crate::safety::condition`] and ends when its cause does. *Powered* is any
+//! state with motors on. Each axle and each pair by itself is enough.
 //!
 //! | cause | condition | beyond | while | reason |
 //! |---|---|---|---|---|
 //! | an axle's heartbeat too old | `NeighbourLost` | 50 ms | always | the axle may be off |
-//! | no estimate, for an axle's reports are too old | `NeighbourLost` | 50 ms | powered | nothing to drive by |
+//! | no estimate, as an axle's reports are too old or the axle has just restarted | `NeighbourLost` | 50 ms, at once | powered | nothing to drive by |
 //! | an axle stops for a reason | `NeighbourFault` | at once | powered | axles stop together |
 //! | an axle that does not arm | `NeighbourFault` | 300 ms after arming | powered | it would be dragged along |
 //! | an axle's posture late | `MessageLost` | 20 ms | powered | two epochs are enough for the bus |
 //! | no posture of the beam was used | `BeamLost` | 100 ms | a fusion that uses the beam | the estimate gets worse |
-//! | bend of the frame, by the beam or, without it, by the estimate | `FrameBent` | steering of 0.7 rad | always | the strip yields |
+//! | bend of the frame by the beam or, without the beam, by the estimate | `FrameBent` | steering of 0.7 rad | always | the strip yields |
 //! | wrench of a frame that is bent by more than 0.05 rad | `WrenchHigh` | 25 N, 6 N m | a wrench no older than 50 ms | a blocked wheel |
 //! | estimate not finite | `NotANumber` | at once | always | control cannot be trusted |
 //! | posture of the beam refused | `EstimateInconsistent` | at once | *active* | wheels or gauges are wrong |
 //! | estimate too uncertain | `EstimateVague` | 5 m, 0.5 rad | always | reported to the user |
-//! | task done, but ellipse or a sensor in doubt | `ReachedUncertain` | tolerance of the task | done | the goal may be missed |
+//! | task done, but the 95 % ellipse too large or a sensor inconsistent | `ReachedUncertain` | tolerance of the task | done | the goal may be missed |
 //! | constants far from their calibration | `WheelsInconsistent`, `GaugesInconsistent`, `GyrosInconsistent` | see [`Doubt`] | always | reported to the user |
-//! | mean innovation of the beam | `BeamInconsistent` | 3.0 | always | reported to the user |
+//! | running mean of the beam's NIS | `BeamInconsistent` | 3.0 | always | reported to the user |
 //! | no speed command, or host lost | `CommanderSilent` | 200 ms, at once | driven by hand; always | nobody steers |
 //! | task without success | `GaveUp`, `NoProgress` | at once | until the next task | the user decides |
 //! | far from path or trajectory | `PathLost` | largest deviation | on a path | the robot drives elsewhere |
@@ -49,7 +49,7 @@ use crate::safety::{Condition, Conditions, OperatingState, Permit, StateRequest}
 use crate::time::Micros;
 use crate::topology::Node;
 
-/// Relative heading up to which the strip shows no force.
+/// Relative heading up to which the wrench of the strip is not used.
 const STRAIGHT: RelativeHeading = RelativeHeading(0.05);
 
 /// Conditions of a pair whose estimate may be wrong.
@@ -60,7 +60,7 @@ const DOUBTS: Conditions = Conditions::NONE
     .with(Condition::BeamInconsistent, true);
 
 impl LeadNode {
-    /// The host that commands is lost: a robot that drives stops, and its task is not done.
+    /// Handles the loss of the commanding host: a robot that drives stops, and its task is not done.
     pub fn lose_commander(&mut self) {
         if !matches!(self.state.task, Task::Idle | Task::Stop | Task::Clear)
             && !self.state.is_over()
@@ -90,7 +90,7 @@ impl LeadNode {
         }
     }
 
-    /// True if the axles are at rest and the beam agrees with them.
+    /// True if the axles are at rest and no measurement of the beam was rejected.
     fn still(&self, fused: Option<&Fused>) -> bool {
         let at_rest = |track: &AxleTrack| {
             let Twist { v, omega } = track.report.twist;
@@ -99,8 +99,8 @@ impl LeadNode {
         self.state.tracks.iter().all(at_rest) && fused.is_some_and(|fused| !fused.is_refused())
     }
 
-    /// True if the 95 % ellipse around an estimate lies within the tolerance of the goal or target. Beyond the range of the
-    /// linearised filter no covariance shows that.
+    /// True if the 95 % ellipse around an estimate lies within the tolerance of the goal or target. False for a vague
+    /// estimate, which is beyond the range of the linearised filter.
     fn is_certain(&self, robot: &Estimate) -> bool {
         let state = &self.state;
         let [position, heading] = robot.half_axes_95();
@@ -161,13 +161,13 @@ impl LeadNode {
     fn watch_pair(&self, now: Micros, pair: &Pair, fused: Option<&robot::Output>) -> Conditions {
         let fresh = |time: Micros| now.saturating_sub(time) <= self.with.report_timeout;
         let beam = pair.posture.filter(|posture| fresh(posture.time));
-        // The beam's measurement counts most; without it, the estimates of the axles.
+        // The beam's measurement first; without one, the estimates of the axles.
         let heading = beam
             .map(|posture| RelativeHeading(posture.value.phi))
             .or(fused.map(robot::Output::relative_heading));
-        // The fit of a straight strip has a second minimum, buckled, which zeros that drift may lead to.
+        // The fit of a straight strip has a second minimum, buckled, to which drift of the gauges' zeros may lead.
         let curved = heading.is_some_and(|heading| !(heading.0.abs() <= STRAIGHT.0));
-        // One that comes too late is as good as none.
+        // A measurement too late to be used counts as missing.
         let missed = match pair.fusion {
             None => beam.is_none(),
             Some(_) => pair

@@ -27,7 +27,7 @@ fn push(state: &mut State, points: core::ops::RangeInclusive<u16>) {
     }
 }
 
-/// Pushes a point of a trajectory of 0.1 m/s, one each 50 ms, with this speed.
+/// Pushes point `number` of a trajectory along x at 0.1 m/s, one point per 50 ms, with the stated speed `v`.
 fn push_in_time(state: &mut State, number: u16, v: f32) {
     let time_s = f32::from(number) * 0.05;
     let point = on_line(0.1 * time_s);
@@ -97,7 +97,7 @@ fn robot_waits_where_the_stream_breaks_off_and_ends_where_the_path_does() {
     let (x, ended) = drive(&mut state, 1500);
     assert!((x - 1.5).abs() < 1e-3 && ended.done, "{x} {ended:?}");
     assert_eq!(ended.wish, None);
-    // Being pushed does not make it start again.
+    // A robot that is pushed away does not start again.
     let pushed = task.follow(
         &mut state,
         Posture::new(1.3, 0.0, 0.0),
@@ -108,7 +108,7 @@ fn robot_waits_where_the_stream_breaks_off_and_ends_where_the_path_does() {
 }
 
 #[test]
-fn loop_begins_at_its_beginning() {
+fn loop_starts_at_its_first_point() {
     // A circle of 0.3 m radius: its last points are as near to the robot as its first ones.
     let (task, mut state) = (task(), State::default());
     let count = 189;
@@ -135,12 +135,12 @@ fn nothing_moves_without_points() {
     assert_eq!(step, Step::default());
     let step = task.track(&mut state, 10_000, Posture::ORIGIN, &WITHIN, &moving(0.1));
     assert_eq!(step, Step::default());
-    // And time has not begun to run.
+    // The time of the trajectory has not begun.
     assert_eq!(state.start, None);
 }
 
 #[test]
-fn a_trajectory_given_again_goes_on_where_it_was_left() {
+fn trajectory_given_again_continues_where_it_stopped() {
     let (task, mut state) = (task(), State::default());
     for i in 0..100 {
         push_in_time(&mut state, i, 0.1);
@@ -202,13 +202,14 @@ fn trajectory_begins_with_its_first_epoch_and_ends_at_rest() {
     assert!(last.done && last.wish.is_none());
 }
 
-/// Epochs until the task asks for no motion and until it reports a robot that is held at `at`, of 400.
+/// Epochs, of 400, until the task requests no motion, and until it reports a robot that does not move, for a robot
+/// held at `at`.
 fn held(at: Posture) -> (usize, usize) {
     let (task, mut state) = (task(), State::default());
     push(&mut state, 0..=100);
     state.finish_path();
     state.restart();
-    // The way to there.
+    // The drive to `at`.
     for number in 0..=100u8 {
         let share = f32::from(number) * 0.01;
         let posture = Posture::new(share * at.x, share * at.y, share * at.phi);
@@ -278,7 +279,7 @@ fn robot_half_a_metre_from_path_or_trajectory_is_lost_until_the_task_is_given_ag
     }
 }
 
-/// Held at its start, a robot on a loop is as near to the end as it can be, and has not driven.
+/// A robot held at the start of a loop is also at its end, but has not driven.
 #[test]
 fn robot_held_at_the_start_of_a_loop_is_stuck() {
     let (task, mut state) = (task(), State::default());
@@ -302,7 +303,7 @@ fn robot_held_at_the_start_of_a_loop_is_stuck() {
 
 /// A trajectory may stand still on its way; when it is over, the robot is to reach its end.
 #[test]
-fn trajectory_with_a_rest_is_no_lack_of_progress() {
+fn trajectory_at_rest_is_not_reported_as_stuck() {
     let (task, mut state) = (task(), State::default());
     for number in 0..100u16 {
         let point = TrajectoryPoint {
@@ -321,9 +322,9 @@ fn trajectory_with_a_rest_is_no_lack_of_progress() {
     }
 }
 
-/// Points after one that was driven to its end begin a new path or trajectory.
+/// Points pushed after the end was reached begin a new path or trajectory.
 #[test]
-fn points_pushed_to_a_task_that_rests_begin_anew() {
+fn points_pushed_after_the_end_begin_a_new_course() {
     let mut filled = State::default();
     push(&mut filled, 0..=9);
     (0..5).for_each(|number| push_in_time(&mut filled, number, 0.1));
@@ -346,7 +347,6 @@ fn points_pushed_to_a_task_that_rests_begin_anew() {
     }
 }
 
-/// At the end of the course, once both wish and motion have faded.
 #[test]
 fn robot_rests_when_wish_and_motion_have_faded() {
     let task = task();

@@ -40,7 +40,7 @@ impl Board {
     }
 }
 
-/// The front board's message, on the bus and off.
+/// Sends the message of the front board, if one is due, over the bus to the rear board.
 fn exchange(front: &mut Board, rear: &mut Board, sent: &mut Option<Micros>, random: &mut Random) {
     let Some((now, time)) = front.ran else {
         return;
@@ -54,7 +54,7 @@ fn exchange(front: &mut Board, rear: &mut Board, sent: &mut Option<Micros>, rand
     rear.ticks.receive(arrived, &message);
 }
 
-/// Runs both boards for some seconds of true time; counts of rear steps (wait, run, restart).
+/// Runs both boards up to a true time, µs. Returns the number of rear steps: wait, run, restart.
 fn run(front: &mut Board, rear: &mut Board, until: f64, talk: bool) -> [u32; 3] {
     let (mut random, mut sent, mut counts) = (Random::new(8), None, [0; 3]);
     while front.next < until || rear.next < until {
@@ -104,13 +104,13 @@ fn without_the_front_board_the_others_stop_running() {
     run(&mut front, &mut rear, 10e6, true);
     assert!(rear.ticks.in_step());
     let counts = run(&mut front, &mut rear, 12e6, false);
-    // The time is given up after a second.
+    // The common time is lost after a second.
     assert!((950..=1050).contains(&counts[0]), "{counts:?}");
     assert_eq!((counts[2], rear.ticks.in_step()), (0, false));
 }
 
 #[test]
-fn a_front_board_that_restarts_makes_the_others_begin_anew_once() {
+fn restarted_front_board_restarts_the_others_once() {
     let mut front = Board::new(TickSync::leading(), 0.0, 0.0, 0.0);
     let mut rear = Board::new(TickSync::following(), 1e6, 3e-5, 200.0);
     run(&mut front, &mut rear, 10e6, true);
@@ -149,14 +149,14 @@ fn sync(epoch: u32, last_delay_us: Option<u16>) -> Message {
 }
 
 #[test]
-fn delays_are_those_of_the_epoch_before() {
+fn sent_delay_is_that_of_the_epoch_before() {
     let mut ticks = TickSync::leading();
     let sync = |epoch, last_delay_us| Some(sync(epoch, last_delay_us));
     assert_eq!(ticks.sync(10_000, None), sync(1, None));
     assert_eq!(ticks.sync(11_000, None), None);
     assert_eq!(ticks.sync(20_000, Some(10_130)), sync(2, Some(130)));
     assert_eq!(ticks.sync(30_000, None), sync(3, None));
-    // An epoch was left out, a stamp is from before the epoch.
+    // A skipped epoch, and a stamp from before the epoch.
     assert_eq!(ticks.sync(50_000, Some(30_100)), sync(5, None));
     assert_eq!(ticks.sync(60_000, Some(49_000)), sync(6, None));
     assert_eq!(TickSync::following().sync(10_000, None), None);
@@ -164,7 +164,7 @@ fn delays_are_those_of_the_epoch_before() {
 
 /// A clock that approaches the common time with a jitter around the bound misses no tick on its way.
 #[test]
-fn a_board_that_gets_in_step_misses_no_tick() {
+fn board_coming_into_step_misses_no_tick() {
     let mut ticks = TickSync::following();
     // Common time is local time; ticks are late by an error that falls from 0.2 ms, with jitter.
     let mut random = Random::new(5);
@@ -181,7 +181,7 @@ fn a_board_that_gets_in_step_misses_no_tick() {
     assert_eq!(ticks.missed(), 0);
 }
 
-/// Up to 5 ms between two ticks are passed over and told; more is a restart, and so is a step back.
+/// Up to 5 ms between two ticks are passed over and reported. A longer gap or a step back is a restart.
 #[test]
 fn missed_ticks_are_passed_over_up_to_5_ms() {
     let late = Conditions::only(Condition::TickLate).with(Condition::TickOverrun, true);
@@ -214,9 +214,8 @@ fn missed_ticks_are_passed_over_up_to_5_ms() {
     }
 }
 
-/// The delay of the message before, if that left within its epoch.
 #[test]
-fn a_delay_of_a_whole_epoch_is_not_told() {
+fn delay_of_a_whole_epoch_is_not_sent() {
     for (delay, told) in [(9_999, Some(9_999)), (10_000, None)] {
         let mut ticks = TickSync::leading();
         ticks.step(0);

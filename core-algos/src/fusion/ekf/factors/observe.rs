@@ -58,7 +58,7 @@ impl Covariance {
         })
     }
 
-    /// The same for a measurement of the motion state `STATE`.
+    /// Update by a measurement of the motion state `STATE`. Returns the gain.
     pub(in crate::fusion::ekf) fn observe<const STATE: usize>(
         &mut self,
         variance: f32,
@@ -68,8 +68,8 @@ impl Covariance {
         })
     }
 
-    /// The same when no other state than `K` > `I` is correlated with the one measured, `I`. Returns
-    /// the gains of these two.
+    /// Update by a measurement of motion state `I`, if only `K` > `I` is correlated with it. Returns the gains of
+    /// both.
     pub(in crate::fusion::ekf) fn observe_first<const I: usize, const K: usize>(
         &mut self,
         variance: f32,
@@ -89,7 +89,8 @@ impl Covariance {
         gain
     }
 
-    /// The same for a measurement of `K`.
+    /// Update by a measurement of motion state `K`, if only `I` < `K` is correlated with it. Returns the gains of
+    /// both.
     pub(in crate::fusion::ekf) fn observe_second<const I: usize, const K: usize>(
         &mut self,
         variance: f32,

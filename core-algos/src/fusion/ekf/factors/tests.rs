@@ -4,7 +4,7 @@ use crate::math::matrix::diagonal;
 
 const SIGMAS: [f32; N] = [0.02, 0.03, 0.04, 0.5, 1.0, 3.0, 2.0];
 
-/// Each entry against its expected value, as a share of the standard deviations.
+/// Compares each entry with its expected value, relative to the standard deviations.
 fn assert_near(found: &Covariance, expected: &Matrix<N, N>, slack: f64) {
     for (i, j) in (0..N * N).map(|k| (k / N, k % N)) {
         let scale = (expected[i][i] * expected[j][j]).sqrt();
@@ -18,7 +18,7 @@ fn assert_near(found: &Covariance, expected: &Matrix<N, N>, slack: f64) {
 }
 
 #[test]
-fn variance_grown_without_bound_is_scaled_back_with_its_correlations() {
+fn variance_above_the_limit_is_scaled_back_by_its_upkeep_part_alone() {
     for state in 0..N {
         for part in 0..UPKEEP {
             let mut sigmas = SIGMAS;
@@ -43,14 +43,14 @@ fn variance_grown_without_bound_is_scaled_back_with_its_correlations() {
     }
 }
 
-/// One part more than there are.
+/// One more than the number of parts.
 const UPKEEP: usize = N + 2;
 
-/// Pairs of motion states that are not a speed and its own derivative.
+/// Motion states of different pairs, by index in the whole state.
 const TIES: [[usize; 2]; 4] = [[3, 4], [3, 6], [4, 5], [5, 6]];
 
 #[test]
-fn ties_fade_below_a_millionth_when_they_are_looked_at() {
+fn coupling_below_a_millionth_is_removed_by_its_upkeep_part() {
     for ([i, j], (correlation, stays)) in TIES
         .into_iter()
         .flat_map(|tie| [1e-3f32, 2e-6, 5e-7, 1e-9].map(|c| (tie, (c, c > 1e-6))))
@@ -78,7 +78,7 @@ fn ties_fade_below_a_millionth_when_they_are_looked_at() {
 }
 
 #[test]
-fn states_without_a_finite_variance_get_none_and_the_others_keep_theirs() {
+fn states_without_a_finite_positive_variance_get_zero_and_others_keep_theirs() {
     for (state, bad) in
         (0..N).flat_map(|k| [0.0, -1.0, f32::INFINITY, f32::NAN].map(|bad| (k, bad)))
     {
@@ -109,9 +109,9 @@ fn covariance_is_finite_if_every_part_is() {
     }
 }
 
-/// Noise of one direction leaves nothing across it, which rounding must not take below zero.
+/// Noise along one direction has no variance across it; rounding must not make that variance negative.
 #[test]
-fn no_variance_goes_below_zero() {
+fn position_noise_along_one_line_makes_no_pivot_negative() {
     for k in 0..200u8 {
         let (sin, cos) = crate::math::trig::sin_cos(0.03 * f32::from(k));
         let mut covariance = Covariance::ZERO;

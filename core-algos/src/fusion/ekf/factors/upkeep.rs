@@ -4,9 +4,8 @@ use super::{Covariance, M, MAX_VARIANCE};
 use crate::fusion::ekf::N;
 
 impl Covariance {
-    /// One part of the upkeep, of which each is due now and then: parts 0 to 6 scale the variance
-    /// of a state back if it has grown without bound, correlations kept; part 7 looks whether what
-    /// ties the pairs has become negligible. Others do nothing.
+    /// One part of the upkeep, to be called in turn. Parts 0 to 6 scale a state's variance back to the limit and keep
+    /// its correlations. Part 7 removes a negligible coupling of the two pairs. Other parts do nothing.
     pub(in crate::fusion::ekf) fn keep_up(&mut self, part: usize) {
         if part < N {
             let variance = self.variance(part);

@@ -57,7 +57,7 @@ impl Watched {
     }
 }
 
-/// A node that drives: all is well.
+/// A node that drives without conditions.
 fn driving() -> Watched {
     in_state(AxleId(0), OperatingState::Active)
 }
@@ -84,8 +84,8 @@ fn in_state(axle: AxleId, state: OperatingState) -> Watched {
     watched
 }
 
-/// Rows of the table while the axle drives: 60, 30 and 50 ms, 0.08 m and 0.35 rad, 0.6 of the torque at 0.2 rad/s, and
-/// 0.8 rad/s less what pushed wheels turn.
+/// Rows of the requirements table while the axle drives. Limits: 60, 30 and 50 ms; 0.08 m and 0.35 rad; 0.6 of the
+/// torque at 0.2 rad/s; 0.8 rad/s, less the yaw rate of the pushed wheels.
 const WHILE_DRIVING: &[Cause<Watched>] = {
     use Condition::{
         CommandTimeout, EncoderFault, MeasurementRefused, MessageLost, MotorStall, NeighbourFault,
@@ -220,7 +220,7 @@ fn a_reference_beyond_its_timeout_is_late_as_well() {
         let mut watched = driving();
         spoil(&mut watched);
         assert_eq!(watched.conditions(), expected);
-        // A lead node that lets the axle go sends none.
+        // A lead node that releases the axle sends no references.
         for mode in [LeadMode::Idle, LeadMode::Clear] {
             watched.mode(mode, 0);
             let late = Conditions::only(Condition::MessageLost);
@@ -233,7 +233,7 @@ fn a_reference_beyond_its_timeout_is_late_as_well() {
 
 /// Each axle watches the other one and not itself.
 #[test]
-fn the_neighbour_is_the_other_axle() {
+fn neighbour_conditions_come_from_the_other_axle() {
     for (axle, own, other) in [
         (AxleId(0), Node::axle(0), Node::axle(1)),
         (AxleId(1), Node::axle(1), Node::axle(0)),
@@ -257,7 +257,7 @@ fn the_neighbour_is_the_other_axle() {
 
 /// Conditions of driving occur in the state *active* only, conditions of power in each state with motors on.
 #[test]
-fn conditions_of_driving_and_of_power_hold_in_their_states_alone() {
+fn driving_and_powered_conditions_occur_in_their_states_alone() {
     use OperatingState::{Active, Armed, Boot, Fault, Idle, SafeStop};
     for state in OperatingState::ALL {
         let found = |spoil: fn(&mut Watched), condition| {
@@ -294,9 +294,9 @@ fn conditions_of_driving_and_of_power_hold_in_their_states_alone() {
     }
 }
 
-/// A stop that is followed to 0.16 m and 0.7 rad, and wheels that turn with up to 5 rad/s once the frame is let go.
+/// Limits: 0.16 m and 0.7 rad from the ramp, and wheels at 5 rad/s during the release.
 #[test]
-fn a_stop_that_is_not_followed_is_noticed_while_it_lasts() {
+fn stop_that_is_not_followed_is_reported_during_the_stop() {
     let stopping = |hold: f32, spoil: &dyn Fn(&mut Watched)| {
         let mut watched = in_state(AxleId(1), OperatingState::SafeStop);
         let ramp = watched.node.ramp;
@@ -343,9 +343,10 @@ fn a_stop_that_is_not_followed_is_noticed_while_it_lasts() {
     }
 }
 
-/// Wheels at 1 and 2 rad/s of 0.073 m, 0.324 m apart: a gyro reads their difference times the radius over the track.
+/// Wheels with a radius of 0.073 m at 1 and 2 rad/s, 0.324 m apart: their yaw rate is the difference times radius
+/// over track.
 #[test]
-fn slip_is_the_yaw_rate_that_the_wheels_do_not_explain() {
+fn slip_is_the_difference_of_the_yaw_rates_by_gyro_and_wheels() {
     let mut watched = driving();
     watched.samples.gyro_rad_s = Some(0.8);
     assert_eq!(watched.conditions(), Conditions::NONE);
@@ -359,7 +360,7 @@ fn slip_is_the_yaw_rate_that_the_wheels_do_not_explain() {
 
 /// Every state, mode, age of the mode, pause and reference.
 #[test]
-fn requests_are_those_of_the_table() {
+fn requests_match_the_table() {
     use LeadMode::{Active, Clear, Hold, Idle};
     let modes = [None, Some(Idle), Some(Active), Some(Hold), Some(Clear)];
     let mut tried = 0;

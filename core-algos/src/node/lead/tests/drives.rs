@@ -111,7 +111,7 @@ impl World {
         distance(other.node.state.odom.unwrap(), map) > 9e-3
     }
 
-    /// Steps until the task is done, s.
+    /// Steps until the task is done; returns the time, s.
     fn run(&mut self, mut each: impl FnMut(&mut Self, &Output)) -> f32 {
         for epochs in 1..6000 {
             let output = self.step();
@@ -124,7 +124,7 @@ impl World {
         panic!("not done: {:?}", self.center());
     }
 
-    /// Epochs of the next 7000 in a state.
+    /// Number of epochs in a state among the next 7000.
     fn epochs(&self, state: OperatingState) -> usize {
         let mut other = self.clone();
         let states = (0..7000).map(|_| other.step().supervision.state);
@@ -145,9 +145,9 @@ fn on_circle(s: f32) -> PathPoint {
     }
 }
 
-/// Held there for as long as it may be, it is let go, until the next command.
+/// At the goal the motors hold the robot for the longest allowed time, then release it until the next command.
 #[test]
-fn the_robot_comes_to_a_goal_aside_and_behind() {
+fn robot_reaches_a_goal_aside_and_behind_and_is_released_after_the_hold() {
     let goal = Posture::new(-0.6, 0.4, 0.3);
     let mut world = World::new(Task::regulate(goal));
     assert_eq!(world.node.latest_goal(), Some(goal));
@@ -185,7 +185,7 @@ fn the_robot_comes_to_a_goal_aside_and_behind() {
     assert_eq!(world.node, new);
 }
 
-/// It stops and holds as on a command, but its task is not done.
+/// The robot stops and holds as on a command, but its task is not done.
 #[test]
 fn a_robot_whose_commander_is_lost_stops_and_is_not_done() {
     for lost in [false, true] {
@@ -222,7 +222,7 @@ fn the_robot_follows_a_circle_and_rests_at_its_end() {
     let mut stopped = world.node.clone();
     stopped.command(Task::Stop);
     assert_eq!(stopped.path_task().path_room(), path_task::PATH_POINTS);
-    // It goes on after its faults were cleared.
+    // The path stays after faults were cleared.
     let room = world.node.path_task().path_room();
     world.node.command(Task::Clear);
     assert_eq!(world.node.path_task().path_room(), room);
@@ -238,14 +238,14 @@ fn the_robot_follows_a_circle_and_rests_at_its_end() {
     assert!((6.0..9.0).contains(&duration), "{duration}");
     let at = world.center();
     assert!(distance(at, on_circle(1.2).posture) < 3e-3, "{at:?}");
-    // Pushed, it does not drive again, until the path is given anew.
+    // At the end `odom` follows `map` again, and a new task clears the path.
     assert!(world.step().done && !world.keeps_odom());
     world.node.command(Task::regulate(at));
     assert_eq!(world.node.path_task().path_room(), path_task::PATH_POINTS);
 }
 
 impl World {
-    /// At rest at the origin with a path of 0.6 m on the circle, and the order to follow it.
+    /// At rest at the origin with a path of 0.6 m on the circle, and the command to follow it.
     fn on_path() -> Self {
         let mut world = Self::new(Task::Idle);
         for number in 0..=60 {
@@ -294,7 +294,7 @@ fn blocked_robot_makes_no_progress_within_three_seconds_and_releases_its_motors(
         assert_eq!(world.node.activity(world.number * EPOCH), Activity::Resting);
         let held = world.epochs(OperatingState::Armed);
         assert!((5_900..=6_001).contains(&held), "{held}");
-        // The same task is tried again.
+        // The same task succeeds without the obstacle.
         let task = world.node.state.task;
         world.node.command(task);
         assert!(world.run(|_, _| ()) > 1.0);
@@ -327,7 +327,7 @@ fn robot_that_leaves_its_path_stops_with_a_fault() {
 }
 
 #[test]
-fn without_the_beam_the_robot_drives_as_far_as_it_may() {
+fn robot_without_the_beam_stops_after_the_degraded_distance() {
     let mut config = RobotConfig::default();
     config.lead.supervisor.degraded_distance_m = 0.2;
     let task = Task::regulate(Posture::new(2.0, 0.0, 0.0));
@@ -353,9 +353,9 @@ fn without_the_beam_the_robot_drives_as_far_as_it_may() {
     assert!((0.2..0.25).contains(&way), "{way}");
 }
 
-/// Without reports of an epoch the references go on from the odometry before it.
+/// Without reports of an epoch the references continue from the odometry before.
 #[test]
-fn references_go_on_through_an_epoch_without_reports() {
+fn references_continue_through_an_epoch_without_reports() {
     let mut world = World::new(Task::regulate(Posture::new(2.0, 0.3, 0.0)));
     for _ in 0..300 {
         world.step();
@@ -378,9 +378,9 @@ fn references_go_on_through_an_epoch_without_reports() {
     }
 }
 
-/// 30 ms is the latest that counts.
+/// A posture of the beam counts up to 30 ms late.
 #[test]
-fn a_late_beam_is_carried_on_by_the_odometry() {
+fn late_posture_of_the_beam_is_advanced_by_odometry() {
     for late in [0, 1, 3, 4] {
         let mut world = World::new(Task::regulate(Posture::new(0.6, 0.3, 0.0)));
         world.late = late;
@@ -427,9 +427,10 @@ fn the_robot_is_on_its_trajectory_at_every_time() {
     assert!(distance(world.center(), on_circle(0.5).posture) < 3e-3);
 }
 
-/// Curvature -0.8 1/m backwards. Without orders it brakes after 200 ms; the governor stops by 0.8 m/s², over v²/2a.
+/// Curvature -0.8 1/m backwards. Without commands the robot brakes after 200 ms; the governor decelerates by 0.8
+/// m/s², over v²/2a.
 #[test]
-fn the_robot_drives_as_ordered_and_stops_on_its_way() {
+fn driven_robot_follows_its_commands_and_stops_without_them() {
     let order = Task::Drive {
         speed_m_s: -0.15,
         curvature: -0.8,
@@ -474,13 +475,13 @@ fn the_robot_drives_as_ordered_and_stops_on_its_way() {
     (0..50).for_each(|_| assert_eq!(world.step().mode, LeadMode::Hold));
     assert!(distance(world.center(), after) < 1e-3);
     drive(&mut world, 300);
-    // Dismissed, it has 0.15 s for the stop, 0.1 s to rest and 0.75 s to release.
+    // After `Task::Idle`: 0.15 s for the stop, 0.1 s to rest and 0.75 s to release.
     world.node.command(Task::Idle);
     assert!((99..=102).contains(&world.epochs(OperatingState::SafeStop)));
 }
 
 impl LeadNode {
-    /// A bent beam at `time` that pulls, N.
+    /// Sets a frame bent by `bend` that pulls with a force in N, both measured at `time`.
     fn pull(&mut self, time: Micros, bend: f32, force_x: f32) {
         self.state.pairs[0].posture = Some(Stamped::new(Posture::new(0.37, 0.0, bend), time));
         let wrench = Wrench {

@@ -40,7 +40,7 @@ impl Watched {
         self.node.state.peers.receive(time, &message);
     }
 
-    /// The axle says this state so long after the lead node was armed, µs.
+    /// Heartbeat of an axle in this state, `armed` µs after the lead node was armed.
     fn rests(&mut self, node: Node, state: OperatingState, armed: Micros) {
         self.heard(node, 0, state, 0);
         self.node.state.armed = armed;
@@ -83,7 +83,7 @@ fn in_state(state: OperatingState) -> Watched {
     with_mode(state, Mode::Joint)
 }
 
-/// A robot with a task to go to, in this state: all is well. Its frame is bent by 0.2 rad.
+/// A robot in this state, with a goal and without conditions. Its relative heading is 0.2 rad.
 fn with_mode(state: OperatingState, mode: Mode) -> Watched {
     let mut config = RobotConfig::default();
     config.lead.fusion.mode = mode;
@@ -117,7 +117,7 @@ fn with_mode(state: OperatingState, mode: Mode) -> Watched {
     watched
 }
 
-/// Rows of heartbeats: one axle is silent, the other one stops or does not arm.
+/// Causes from heartbeats: one axle is silent, the other one stops or does not arm.
 const HEARTBEATS: [[Cause<Watched>; 3]; 2] = {
     use OperatingState::{Active, Fault, Idle, SafeStop};
     const LOST: &[Condition] = &[Condition::NeighbourLost];
@@ -160,7 +160,7 @@ const HEARTBEATS: [[Cause<Watched>; 3]; 2] = {
     ]
 };
 
-/// Rows of the table while the robot drives.
+/// Rows of the requirements table while the robot drives.
 const WHILE_DRIVING: &[Cause<Watched>] = {
     use Condition::{
         BeamInconsistent, BeamLost, CommanderSilent, EstimateInconsistent, EstimateVague,
@@ -227,7 +227,7 @@ const WHILE_DRIVING: &[Cause<Watched>] = {
             |w| w.node.state.lost = true,
             |w| w.node.state.lost = false,
         ),
-        // Parts in doubt exclude each other, and so do the reasons of a failure.
+        // Only one inconsistent part and one reason of a failure are reported at a time.
         (
             &[GaveUp],
             |w| w.node.state.failed = Some(GaveUp),
@@ -246,7 +246,7 @@ fn each_cause_brings_its_condition_alone_and_among_all_others() {
 }
 
 #[test]
-fn one_reason_of_a_failure_and_one_part_in_doubt_are_told() {
+fn each_failure_reason_and_inconsistent_part_has_its_condition() {
     let parts = [
         (SCALE, Condition::WheelsInconsistent),
         (ZERO, Condition::GaugesInconsistent),
@@ -264,9 +264,9 @@ fn one_reason_of_a_failure_and_one_part_in_doubt_are_told() {
     }
 }
 
-/// Which conditions a cause brings in each state.
+/// Conditions of each cause in every state.
 #[test]
-fn conditions_of_power_and_of_driving_hold_in_their_states_alone() {
+fn powered_and_driving_conditions_occur_in_their_states_alone() {
     use OperatingState::{Active, Armed, Fault, SafeStop};
     for state in OperatingState::ALL {
         let found = |spoil: fn(&mut Watched), condition| {
@@ -293,9 +293,9 @@ fn conditions_of_power_and_of_driving_hold_in_their_states_alone() {
     }
 }
 
-/// An axle arms within 300 ms of the lead node, which counts while it is armed or drives.
+/// The lead node counts the time in which the axles have to arm while it is armed or active.
 #[test]
-fn the_time_of_arming_runs_while_the_motors_are_to_be_on() {
+fn arming_time_runs_while_armed_or_active() {
     let mut node = in_state(OperatingState::Armed).node;
     for (state, armed, held) in [
         (OperatingState::Armed, 10_000, 10_000),
@@ -313,7 +313,7 @@ fn the_time_of_arming_runs_while_the_motors_are_to_be_on() {
             "{state:?}"
         );
     }
-    // A robot that is held for more than 60 s is let go.
+    // A robot that is held for more than 60 s is released.
     for epochs in 1..=6001 {
         assert!(!node.state.released, "{epochs}");
         node.hold(OperatingState::Armed);
@@ -321,9 +321,10 @@ fn the_time_of_arming_runs_while_the_motors_are_to_be_on() {
     assert!(node.state.released);
 }
 
-/// Without the joint filter the age of the beam's posture counts, and a robot without gauges has none to miss.
+/// Before the start of the fusion the age of the beam's posture counts. A fusion without the beam never loses the
+/// beam.
 #[test]
-fn a_beam_is_missed_only_by_a_fusion_that_uses_it() {
+fn beam_is_lost_only_for_a_fusion_that_uses_it() {
     let lost = Condition::BeamLost;
     for (mode, uses) in [
         (Mode::Joint, true),
@@ -345,9 +346,9 @@ fn a_beam_is_missed_only_by_a_fusion_that_uses_it() {
     }
 }
 
-/// By the beam if its posture is fresh, else by the estimate; a straight frame shows no wrench.
+/// The beam counts if its posture is fresh, else the estimate; a straight frame shows no wrench.
 #[test]
-fn bend_and_wrench_are_judged_by_the_beam_before_the_estimate() {
+fn bend_is_by_beam_or_estimate_and_wrench_counts_on_a_bent_frame() {
     for (by_beam, by_axles, bent) in [
         (Some(0.2), 1.5, false),
         (Some(1.5), 0.2, true),
@@ -384,9 +385,9 @@ fn bend_and_wrench_are_judged_by_the_beam_before_the_estimate() {
     assert!(!unknown.conditions().contains(Condition::WrenchHigh));
 }
 
-/// Each of three doubts alone, and only at the end of a task.
+/// Each of three causes alone, and only at the end of a task.
 #[test]
-fn an_end_in_doubt_is_uncertain() {
+fn end_with_inconsistency_or_wide_covariance_is_uncertain() {
     let doubts: [fn(&mut Watched); 3] = [
         |w| w.learnt(ZERO, 1.0),
         |w| w.pair().nis = 3.1,
@@ -407,9 +408,9 @@ fn an_end_in_doubt_is_uncertain() {
     assert!(!vague.conditions().contains(Condition::ReachedUncertain));
 }
 
-/// 200 ms after the latest speed, whatever the task of others.
+/// 200 ms after the latest speed command; other tasks have no such limit.
 #[test]
-fn a_robot_driven_by_hand_misses_its_commander_after_200_ms() {
+fn drive_without_commands_for_200_ms_reports_commander_silent() {
     let by_hand = Task::Drive {
         speed_m_s: 0.1,
         curvature: 0.0,
@@ -429,9 +430,9 @@ fn a_robot_driven_by_hand_misses_its_commander_after_200_ms() {
     }
 }
 
-/// Every state with each task, a task that is over, and a robot that was held for too long.
+/// Every state with each task, a finished or failed task, and a robot that was held for too long.
 #[test]
-fn requests_are_those_of_the_table() {
+fn requests_match_the_table() {
     use OperatingState::{Active, Armed, Boot, Fault, Idle, SafeStop};
     let goto = Task::regulate(Posture::ORIGIN);
     let tasks = [
@@ -479,7 +480,7 @@ fn requests_are_those_of_the_table() {
     assert_eq!(tried, 6 * 6 * 5);
 }
 
-/// Both axles at rest, in speed and in yaw rate, and a beam that is not refused.
+/// Both axles at rest, in speed and in yaw rate, and no rejected measurement of the beam.
 #[test]
 fn the_robot_starts_once_both_axles_rest_and_the_beam_agrees() {
     let starts = |spoil: &dyn Fn(&mut Watched)| {
@@ -521,7 +522,7 @@ fn the_robot_starts_once_both_axles_rest_and_the_beam_agrees() {
     assert!(!starts(&|w| w.fused = None));
 }
 
-/// A task that a host gave ends with the host; whatever stops or rests stays as it is.
+/// A task that moves the robot becomes a stop when its host is lost; other tasks stay.
 #[test]
 fn a_lost_commander_stops_tasks_that_move_the_robot() {
     let goto = Task::regulate(Posture::ORIGIN);
