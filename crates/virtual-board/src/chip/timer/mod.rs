@@ -344,7 +344,8 @@ impl Timer {
         }
     }
 
-    /// At an overflow, sets the flags of channels whose compare value exceeds the reload value.
+    /// Sets the flags of channels whose compare value exceeds the reload value. A centre-aligned count does so only at
+    /// the overflow.
     fn compare_beyond(&mut self, turn: Turn, shared: &mut Shared) {
         if self.counter.centred && turn == Turn::Underflow {
             return;
