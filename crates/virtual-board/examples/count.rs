@@ -3,9 +3,6 @@
 //!
 //! A read of SysTick returns a count that advances by [`MILLITICKS`] thousandths of a tick for each instruction, or for
 //! each cycle. The memory has no wait states.
-//!
-//! A read of the SysTick gives [`MILLITICKS`] thousandths of a tick with each instruction, or with each cycle. The
-//! memory has no wait states.
 
 mod flat;
 

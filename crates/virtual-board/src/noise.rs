@@ -5,10 +5,6 @@
 /// A normal number is the sum of twelve uniform numbers minus its mean (Irwin–Hall). Variance: 1, except for rounding
 /// to 16 bits. Range: six standard deviations. Excess kurtosis: −0.1. No transcendental function is needed, so the
 /// numbers are bit-identical on all machines.
-///
-/// A normal number is the sum of twelve uniform ones less its mean (Irwin–Hall): variance 1 but for
-/// the rounding to 16 bits, nothing beyond six standard deviations, excess kurtosis −0.1. It needs no
-/// transcendental function, so it is the same to the bit on every machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Noise {
     state: u64,

@@ -90,10 +90,6 @@ impl Workers {
     /// # Panics
     ///
     /// If a worker has panicked, with the same payload.
-    ///
-    /// # Panics
-    ///
-    /// If a worker has panicked, with what it said.
     pub fn take(&mut self, boards: &mut Vec<Box<Board>>) {
         let slots = self.shared.boards.iter();
         boards.extend(slots.filter_map(|slot| lock(slot).board.take()));

@@ -4,11 +4,6 @@
 //! before the end of the word, when the word enters the receive buffer.
 //!
 //! Not modelled: polarity and phase of the clock, which the devices ignore.
-//!
-//! A word is shifted while the next waits in the transmit buffer. Its last bit is sampled half a clock
-//! before its end: that is when it is in the receive buffer.
-//!
-//! Not modelled: polarity and phase of the clock, which devices do not see.
 
 use super::Peripheral;
 use super::effect::Effect;

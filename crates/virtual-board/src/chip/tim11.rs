@@ -6,12 +6,6 @@
 //!
 //! Not modelled: compare and PWM, interrupts, one-pulse mode, inputs at pins. Enabling compare or an interrupt is a
 //! finding.
-//!
-//! Source: reference manual RM0090, chapter 19 (TI1_RMP: 19.5.11). Its one use here is the measurement of the
-//! crystal against the clock that drives the timer: the counter runs, and each first, second, fourth or eighth
-//! rising edge of HSE_RTC stores its count.
-//!
-//! Not modelled: compare and PWM, interrupts, one-pulse mode, the inputs at pins; switching one on is a finding.
 
 use super::Peripheral;
 use super::register::{Register, narrow};

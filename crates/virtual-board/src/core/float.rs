@@ -3,9 +3,6 @@
 //! Each operation takes operands as bits and the status register, returns bits and adds the cumulative exception flags.
 //! All rounding modes, flush to zero, default NaN and NaN propagation are implemented. Results are exact.
 //!
-//! Every operation takes bits and the status register, gives bits and adds the cumulative exception
-//! flags: all rounding modes, flush to zero, default NaN, propagation of NaN. Results are exact.
-//!
 //! Each operation has a fast and an exact version. The fast version uses the host's arithmetic if the result is certain
 //! to be the same: rounding to nearest, no flush to zero, no default NaN, inexact flag already set, and a result that
 //! is an exact zero or far enough from zero and infinity that no other flag can be set. The exact version uses

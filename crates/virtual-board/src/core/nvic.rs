@@ -2,9 +2,6 @@
 //!
 //! Exceptions are numbered as in IPSR: 1 (reset) to 15 (SysTick), interrupt lines from 16 on. In a set of exceptions,
 //! exception n is bit n.
-//!
-//! Exceptions are numbered as in IPSR: 1 reset to 15 SysTick, 16 and on the interrupt lines. Sets of
-//! them have exception n at bit n.
 
 use crate::time::Cycles;
 

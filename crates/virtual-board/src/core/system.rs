@@ -77,10 +77,6 @@ pub struct BusError;
 ///
 /// Accesses are aligned to their width: the core splits unaligned ones. `cycle` is the clock of the core; an access
 /// adds its time beyond the core's own (wait states, bus, busy flash).
-///
-/// Accesses come aligned to their width: the core splits what is not. `cycle` is the core's clock;
-/// what an access takes beyond the core's own time (wait states, the bus, a flash that is busy) is
-/// added to it.
 pub trait System {
     /// Halfword of program, for decoding; no side effects, takes no time.
     fn fetch(&mut self, address: u32) -> Result<u16, BusError>;

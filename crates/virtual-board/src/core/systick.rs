@@ -1,8 +1,6 @@
 //! SysTick timer: counts down, sets its exception pending at 0, and reloads one tick later.
 //!
 //! The counter is not stepped: its value is computed from the cycle.
-//!
-//! The counter is not stepped: its value follows from the cycle.
 
 use crate::time::{Cycles, NEVER};
 

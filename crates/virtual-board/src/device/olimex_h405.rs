@@ -2,9 +2,6 @@
 //!
 //! Sources: board files in NuttX (`boards/arm/stm32/olimex-stm32-h405`), ChibiOS (`os/hal/boards/OLIMEX_STM32_H405`)
 //! and Zephyr (`boards/arm/olimex_stm32_h405`); for USB_P, those of the robot phobos.
-//!
-//! Sources: the board's files in NuttX (`boards/arm/stm32/olimex-stm32-h405`), ChibiOS
-//! (`os/hal/boards/OLIMEX_STM32_H405`), Zephyr (`boards/arm/olimex_stm32_h405`) and, for USB_P, of the robot phobos.
 
 use crate::chip::{Net, Pin, Usable};
 

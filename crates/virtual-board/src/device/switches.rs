@@ -8,9 +8,6 @@ use std::collections::VecDeque;
 ///
 /// After closing or opening, the contact changes randomly for up to the bounce time, the largest bounce in the data
 /// sheet (5 ms for a tactile switch).
-///
-/// It closes and opens with bounce: for up to the bounce time it makes and breaks at random, as the
-/// data sheets of small switches state as their largest bounce (5 ms for a tactile switch).
 #[derive(Clone, Debug)]
 pub struct Contact {
     closed: bool,

@@ -2,10 +2,6 @@
 //!
 //! [`Image::parse`] checks everything that execution relies on; an error names the field, its value and the allowed
 //! values. Symbols and debug information are optional: without them, functions or source lines are unknown.
-//!
-//! [`Image::parse`] checks everything that running it relies on; what is wrong is told with the field,
-//! its value and what is allowed. Symbols and debug information may be missing: then functions or
-//! source lines are not known.
 
 mod lines;
 

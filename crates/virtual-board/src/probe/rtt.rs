@@ -4,11 +4,6 @@
 //! up and down channels and the channels. A channel has six words: name, buffer, size, write offset (target), read
 //! offset (host), flags. The flags select the target's behaviour when the buffer is full. A host may set them
 //! ([`Rtt::set_blocking`]) and may fail to reset them.
-//!
-//! After SEGGER UM08001, "Real Time Transfer". The control block begins with `SEGGER RTT`, then the
-//! numbers of up and down channels, then the channels of six words each: name, buffer, size, write
-//! offset (the target's), read offset (the host's), flags. What the target does when the ring is full
-//! is its own matter, by the flags, which a host may set ([`Rtt::set_blocking`]) and may forget to set back.
 
 /// First bytes of the control block.
 const IDENTITY: &[u8; 16] = b"SEGGER RTT\0\0\0\0\0\0";

@@ -3,11 +3,6 @@
 //! While one node transmits and all others receive the same bits without error, the protocol has no event before the
 //! end of the checksum. Only the sample times of each node and its synchronization to edges remain; they are computed
 //! as in single steps. If any condition does not hold, the wire takes single steps; the result is the same.
-//!
-//! While one node sends and all others receive the same without error, nothing of the protocol can
-//! happen before the checksum's end: bits are only handed on. What is left is when each node samples
-//! and which edges it follows, which is computed as in the single steps. Where any condition does not
-//! hold, the wire takes single steps; the outcome is the same.
 
 use super::bus::Wire;
 use crate::time::Time;

@@ -11,18 +11,6 @@
 //! spread spectrum, trimming of the internal oscillator; enabling one is a finding. Clock enables for sleep mode are
 //! stored without effect. A peripheral works from the cycle after its clock was enabled; the chip needs two cycles
 //! (errata sheet, 2.1.13).
-//!
-//! Source: reference manual RM0090, chapter 7 (STM32F405). Start-up times are typical ones of the data
-//! sheet; ready flags come after them. A clock beyond its limit is a finding when it is switched.
-//!
-//! A crystal that fails while clock security is off leaves the core without a clock if the core ran on
-//! it: the manual does not say at which frequency the PLL goes on. Then everything that the core's
-//! clock drives stands still, outputs stay as they are, and only the watchdog goes on.
-//!
-//! Not modelled: clock outputs MCO, PLLI2S, a clock instead of the crystal (HSEBYP), the low-speed
-//! crystal, spread spectrum, trimming of the internal oscillator; switching one of them on is a finding.
-//! Enables for sleep are kept and do nothing. A peripheral can be used in the cycle after its clock was
-//! switched on, where the chip needs two (errata sheet, 2.1.13).
 
 mod tree;
 

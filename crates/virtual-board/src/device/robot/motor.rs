@@ -7,8 +7,6 @@ characteristics! {
     /// Constants of a motor, referred to the wheel.
     ///
     /// Default: a 12 V gear motor with 2.5 N m stall torque and 20 rad/s no-load speed.
-    ///
-    /// Default: A 12 V gear motor of 2.5 N m at standstill and 20 rad/s without load.
     pub struct MotorConfig {
         /// Resistance of winding, brushes and leads, Ω.
         pub resistance_ohm: f64 = 2.88;
