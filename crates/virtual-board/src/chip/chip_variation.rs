@@ -4,7 +4,7 @@ use super::transfer;
 use crate::time::Time;
 
 characteristics! {
-    /// Properties that differ from chip to chip, with the crystal; typical by default.
+    /// Properties of a chip and its crystal; typical by default.
     pub struct ChipVariation {
         /// Frequency of the crystal, Hz.
         pub crystal_hz: u64 = 8_000_000;

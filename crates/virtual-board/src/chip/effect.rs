@@ -56,7 +56,7 @@ pub(crate) enum Effect {
     Frequency(u64),
     /// The clock security system detected a failure of the crystal.
     ClockFailure,
-    /// The voltage detector compared the supply with its threshold.
+    /// The voltage detector sets its output.
     VoltageDetector {
         /// True if the supply is low.
         low: bool,

@@ -227,7 +227,7 @@ impl Gpio {
         !self.is_analogue(pin) && drives == (Drive::Open, Drive::Open)
     }
 
-    /// Notes that the program or a peripheral reads a floating pin.
+    /// Notes a floating pin that is read.
     pub fn judge(&self, pin: Pin, shared: &mut Shared) {
         if self.floats(pin) {
             shared.note(Kind::Pin, format!("{pin} floats and is listened to"));

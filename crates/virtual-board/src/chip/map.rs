@@ -200,7 +200,6 @@ impl Unit {
         Some(place.unit)
     }
 
-    /// Interrupt lines of the peripheral.
     pub fn interrupts(self) -> &'static [Interrupt] {
         use Interrupt::*;
         match self {
@@ -219,7 +218,6 @@ impl Unit {
         }
     }
 
-    /// Signals that the peripheral drives.
     pub fn outputs(self) -> &'static [Signal] {
         use Signal::*;
         match self {
@@ -233,7 +231,6 @@ impl Unit {
         }
     }
 
-    /// Input signals of the peripheral.
     pub fn inputs(self) -> &'static [Signal] {
         use Signal::*;
         match self {

@@ -387,7 +387,7 @@ impl Chip {
         self.refresh();
     }
 
-    /// Forwards a new pin level to the timer whose input the pin is.
+    /// Forwards a new pin level to the timer with this pin as its input.
     fn level(&mut self, pin: Pin, level: bool) {
         let (units, shared) = (&mut self.units, &mut self.shared);
         if let Some(signal) = units.gpio.signal_at(pin)

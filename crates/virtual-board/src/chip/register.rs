@@ -10,7 +10,7 @@ pub(crate) struct Register {
     pub bits: u32,
     /// Reserved bits whose reset value is one.
     pub ones: u32,
-    /// True if half-word and byte accesses are allowed.
+    /// True if halfword and byte accesses are allowed.
     pub narrow: bool,
 }
 
@@ -37,7 +37,7 @@ pub(crate) const fn word(offset: u32, name: &'static str, bits: u32) -> Register
     }
 }
 
-/// Register that also allows half-word and byte access.
+/// Register that also allows halfword and byte access.
 pub(crate) const fn narrow(offset: u32, name: &'static str, bits: u32) -> Register {
     Register {
         offset,

@@ -27,7 +27,6 @@ pub(crate) struct Shared {
     pub now: Cycles,
     /// Address of the instruction that makes the access; during an event, of the latest instruction with an access.
     pub pc: u32,
-    /// Present clocks.
     pub clocks: Clocks,
     /// Conversion between cycles and time.
     pub base: Timebase,
@@ -35,7 +34,6 @@ pub(crate) struct Shared {
     pub lines: u128,
     /// See [`crate::core::System::limit`].
     pub limit: Cycles,
-    /// Findings so far.
     pub findings: Findings,
     circuit: Box<dyn Circuit>,
     sample: Option<Sample>,
@@ -76,7 +74,6 @@ impl Shared {
         }
     }
 
-    /// Present time.
     pub fn time(&self) -> Time {
         self.base.time_of(self.now)
     }
@@ -111,7 +108,6 @@ impl Shared {
         });
     }
 
-    /// Cancels the pending sample.
     pub fn cancel_sample(&mut self) {
         self.sample = None;
     }

@@ -77,7 +77,6 @@ impl Shared {
         due <= end
     }
 
-    /// Kinds of the findings.
     pub fn kinds(&self) -> Vec<Kind> {
         self.findings
             .list()

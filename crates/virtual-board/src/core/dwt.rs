@@ -4,7 +4,7 @@
 use crate::time::Cycles;
 
 const CYCCNTENA: u32 = 1;
-/// Number of comparators: four.
+/// NUMCOMP: four comparators.
 const CONTROL: u32 = 0x4000_0000;
 
 #[derive(Clone, Debug, Default)]

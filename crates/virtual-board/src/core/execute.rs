@@ -7,14 +7,12 @@ use super::instruction::{Dsp, Insn, Op, Shift, Special};
 use super::timing::REFILL_REGISTER;
 use super::{Core, System, Transfer, Width};
 
-/// A halfword access.
 #[inline(always)]
 const fn half(address: u32, pc: u32) -> Transfer {
     let width = Width::Half;
     Transfer { address, width, pc }
 }
 
-/// A byte access.
 #[inline(always)]
 const fn byte(address: u32, pc: u32) -> Transfer {
     let width = Width::Byte;
@@ -29,7 +27,6 @@ impl Insn {
 }
 
 impl Core {
-    /// Value of a register.
     #[inline(always)]
     pub(super) fn reg(&self, number: u8) -> u32 {
         self.r[usize::from(number & 15)]

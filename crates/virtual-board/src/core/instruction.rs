@@ -355,7 +355,6 @@ impl Insn {
         }
     }
 
-    /// Sets the constant.
     pub(super) const fn with_imm(mut self, imm: u32) -> Self {
         self.imm = imm;
         self

@@ -142,7 +142,7 @@ pub struct Core {
     s: [u32; 32],
     /// Cycle until which the floating-point unit is busy with a division.
     fp_busy: Cycles,
-    /// Decoded instructions in flash, by half-word.
+    /// Decoded instructions in flash, by halfword.
     decoded: Vec<Insn>,
     /// Decoded instructions outside of flash.
     cached: Vec<Cached>,

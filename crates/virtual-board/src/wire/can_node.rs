@@ -5,7 +5,6 @@ use super::node::Settings;
 use super::timing::{BitClock, BitTiming};
 use crate::time::Time;
 
-/// A node on the bus.
 #[derive(Clone)]
 pub(super) struct CanNode {
     pub controller: Controller,

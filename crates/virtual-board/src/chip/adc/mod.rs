@@ -45,7 +45,7 @@ const LATENCY: [u64; 2] = [2, 3];
 /// Clocks of a conversion after sampling: one for each bit.
 const CONVERTING: u64 = 12;
 
-/// Number of conversions.
+/// Counts of conversions and overruns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Conversions of the regular group.
@@ -233,7 +233,6 @@ impl Adc {
         register & 31
     }
 
-    /// Length of a sequence.
     fn length(&self, injected: bool) -> u32 {
         match (self.cr1() & SCAN, injected) {
             (0, _) => 1,

@@ -26,7 +26,6 @@ impl Mailbox {
         self.words[0] & TXRQ != 0
     }
 
-    /// Frame in the mailbox.
     pub fn frame(&self) -> Frame {
         let [id, control, low, high] = self.words;
         let data = (u64::from(high) << 32 | u64::from(low)).to_le_bytes();

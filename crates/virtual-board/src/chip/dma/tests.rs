@@ -3,7 +3,7 @@ use crate::chip::testing::shared;
 
 const PERIPHERAL: u32 = 0x4001_204c;
 const FIRST: u32 = 0x2000_0100;
-/// Widths of peripheral and memory: half-words.
+/// Widths of peripheral and memory: halfwords.
 const HALVES: u32 = 1 << 11 | 1 << 13;
 
 // Registers of stream 0.

@@ -33,7 +33,7 @@ pub(super) fn sector(number: u32) -> Option<(usize, usize)> {
     Some((first, first + length - 1))
 }
 
-/// Typical time to program a byte, half-word or word.
+/// Typical time to program a byte, halfword or word.
 pub(super) const PROGRAM: Time = Time::from_micros(16);
 
 const fn millis(millis: u64) -> Time {

@@ -101,7 +101,6 @@ pub(crate) struct Flash {
     operation: Option<Operation>,
     busy_until: Time,
     changed: Option<(u32, u32)>,
-    /// All operations begun so far.
     begun: Vec<FlashOperation>,
     /// Number of operations interrupted by a reset.
     cuts: u64,
@@ -142,7 +141,6 @@ impl Flash {
         &self.begun
     }
 
-    /// Content of the main memory.
     pub fn bytes_mut(&mut self) -> &mut Vec<u8> {
         self.change(0, LENGTH - 1);
         &mut self.bytes

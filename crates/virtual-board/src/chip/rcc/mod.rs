@@ -1,7 +1,7 @@
 //! Reset and clock control: oscillators, PLL, clocks of buses and peripherals, reset causes.
 //!
 //! Source: reference manual RM0090, chapter 7 (STM32F405). Start-up times are the typical values of the data sheet;
-//! ready flags are set after them. A clock beyond its limit is a finding at the switch.
+//! ready flags are set after them. A clock beyond its limit is a finding when the program sets it.
 //!
 //! If the crystal fails while clock security is off and the core runs on the crystal, the core has no clock, because
 //! the manual does not specify the frequency of the PLL. Everything driven by the core clock then stops, outputs keep
@@ -9,8 +9,8 @@
 //!
 //! Not modelled: clock outputs MCO, PLLI2S, an external clock instead of the crystal (HSEBYP), the low-speed crystal,
 //! spread spectrum, trimming of the internal oscillator; enabling one is a finding. Clock enables for sleep mode are
-//! stored without effect. A peripheral works from the cycle after its clock was enabled; the chip needs two cycles
-//! (errata sheet, 2.1.13).
+//! stored without effect. A peripheral works from the cycle after its clock was enabled; the chip needs at least two
+//! cycles (errata sheet, 2.1.13), so an earlier access is a finding (see `enabled.rs`).
 
 mod tree;
 

@@ -15,7 +15,7 @@ const APB1ENR: u32 = RCC + 0x40;
 const APB2ENR: u32 = RCC + 0x44;
 const APB2RSTR: u32 = RCC + 0x24;
 
-/// Control of a stream: half-words, circular, interrupts at half and full transfer.
+/// Control of a stream: halfwords, circular, interrupts at half and full transfer.
 const RING: u32 = 1 << 13 | 1 << 11 | 1 << 10 | 1 << 8 | 1 << 4 | 1 << 3;
 
 /// Duration of a cycle, ps.
@@ -72,7 +72,7 @@ impl Bench {
         late.map(|(at, drive)| (at - since, drive)).collect()
     }
 
-    /// Sets up scans of the six channels PA0 to PA5, every 1000 cycles, into a circular buffer of 24 half-words.
+    /// Sets up scans of the six channels PA0 to PA5, every 1000 cycles, into a circular buffer of 24 halfwords.
     fn scans(&mut self) {
         self.write_all(&[
             (AHB1ENR, 1 | 1 << 22),
