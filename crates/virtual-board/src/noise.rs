@@ -1,6 +1,6 @@
 //! Random numbers of one device.
 
-/// A small generator (SplitMix64; Steele, Lea and Flood 2014), with normal numbers derived from it.
+/// A small random number generator (SplitMix64; Steele, Lea and Flood 2014), with normal numbers derived from it.
 ///
 /// A normal number is the sum of twelve uniform numbers minus its mean (Irwin–Hall). Variance: 1, except for rounding
 /// to 16 bits. Range: six standard deviations. Excess kurtosis: −0.1. No transcendental function is needed, so the

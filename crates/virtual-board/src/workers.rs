@@ -89,7 +89,7 @@ impl Workers {
     ///
     /// # Panics
     ///
-    /// If a worker has panicked, with the same payload.
+    /// Panics with the worker's payload if a worker has panicked.
     pub fn take(&mut self, boards: &mut Vec<Box<Board>>) {
         let slots = self.shared.boards.iter();
         boards.extend(slots.filter_map(|slot| lock(slot).board.take()));
@@ -103,8 +103,8 @@ impl Workers {
         }
     }
 
-    /// Runs all boards to `until` and passes them, in their order, to `then`. Returns its result; `None` if a worker
-    /// panicked.
+    /// Runs all boards to `until` and passes them, in their order, to `then`. Returns the result of `then`; `None` if a
+    /// worker panicked.
     pub fn run<T>(&self, until: Time, then: impl FnOnce(&mut [&mut Board]) -> T) -> Option<T> {
         let shared = &*self.shared;
         shared.until.store(until.0, Ordering::Relaxed);

@@ -32,7 +32,6 @@ pub(crate) enum Kind {
 pub(crate) enum Effect {
     /// TRGO of a timer, which can start conversions, changed its level.
     Trigger {
-        /// The timer.
         timer: Kind,
         /// True for a rising edge.
         rises: bool,
@@ -45,9 +44,8 @@ pub(crate) enum Effect {
     Output(Signal, Drive),
     /// The level of a pin changed.
     Level {
-        /// The pin.
         pin: Pin,
-        /// True if it is high.
+        /// The new level.
         high: bool,
     },
     /// The chip changes how it drives a pin.
@@ -67,7 +65,6 @@ pub(crate) enum Effect {
     ResetUnit {
         /// Offset of the enable register.
         register: u32,
-        /// The bit.
         bit: u32,
     },
     /// The chip is reset.

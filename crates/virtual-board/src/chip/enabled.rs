@@ -25,7 +25,7 @@ impl Enabled {
         self.0.clear();
     }
 
-    /// Cycles since the clock of this bit was enabled, if too few; returned once for each time it is enabled.
+    /// Cycles since the clock of this bit was enabled, if too few. Only the first access after enabling is reported.
     pub fn is_early(&mut self, (register, bit): (u32, u32), now: Cycles) -> Option<Cycles> {
         self.0.retain(|(.., at)| now < at + MARGIN);
         let place = self

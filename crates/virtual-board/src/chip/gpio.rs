@@ -30,7 +30,6 @@ const REGISTERS: &[Register] = &[
 
 const PINS: usize = PORTS * 16;
 
-/// Registers of a port.
 #[derive(Clone, Copy, Debug, Default)]
 struct Port {
     mode: u32,
@@ -205,7 +204,6 @@ impl Gpio {
         (at != NOWHERE).then(|| Pin::at(at))
     }
 
-    /// True if the pin is in analogue mode.
     pub fn is_analogue(&self, pin: Pin) -> bool {
         self.ports[pin.port()].mode_of(pin.number()) == ANALOGUE
     }

@@ -38,14 +38,14 @@ const CC1OF: u32 = 1 << 9;
 /// OR: the input is the crystal, divided for the real-time clock.
 const HSE_RTC: u32 = 2;
 
-/// The timer.
 #[derive(Clone)]
 pub(crate) struct Tim11 {
     registers: [u32; 0x54 / 4],
     /// Cycle at which the counter was zero.
     zero: Cycles,
-    /// Time at which capturing began; `read`: number of captures up to the latest one that was read.
+    /// Time at which capturing began.
     since: Time,
+    /// Number of captures up to the latest capture that the program has read.
     read: u64,
 }
 

@@ -57,7 +57,6 @@ impl Slow {
     }
 }
 
-/// The independent watchdog.
 #[derive(Clone)]
 pub(crate) struct Watchdog {
     prescaler: Slow,

@@ -95,8 +95,8 @@ impl Core {
         Ok(entry.insn)
     }
 
-    /// Discards the decoded instructions of these addresses and of a few before them, which may extend into the range
-    /// or whose cycles may depend on it.
+    /// Discards the decoded instructions of these addresses. A few instructions before them are also discarded: they
+    /// may extend into the range, or their cycles may depend on it.
     pub(super) fn forget_code(&mut self, first: u32, last: u32) {
         let index = |address: u32| (address.saturating_sub(FLASH) >> 1) as usize;
         let end = (index(last) + 1).min(self.decoded.len());

@@ -172,7 +172,7 @@ impl Nvic {
         (set >> exception::FIRST_LINE >> (32 * index)) as u32
     }
 
-    /// Set of exceptions from a word of such an array.
+    /// Set of exceptions from a word of a register array.
     pub(super) fn set_of(value: u32, index: u32) -> u128 {
         if index > 2 {
             return 0;

@@ -51,7 +51,7 @@ impl Default for Profile {
 }
 
 impl Profile {
-    /// Instructions in flash with their cycles, by address; only those with cycles.
+    /// Instructions in flash that took cycles, by address, with their cycles.
     pub fn instructions(&self) -> impl Iterator<Item = (u32, Cycles)> {
         let addresses = (FLASH..).step_by(2);
         addresses
@@ -59,8 +59,8 @@ impl Profile {
             .filter(|&(_, cycles)| cycles != 0)
     }
 
-    /// Cycles of instructions outside of flash, and of the first fetch of an instruction in flash, when it is not yet
-    /// known whether its condition holds.
+    /// Cycles of instructions outside of flash, and of the first fetch of each instruction in flash. At the first fetch
+    /// the instruction's condition is not yet evaluated.
     pub fn elsewhere(&self) -> Cycles {
         self.elsewhere
     }

@@ -176,7 +176,7 @@ impl Core {
                 }
                 break Some(Trap::Undecoded);
             }
-            // After decoding, so that the breakpoint of an instruction is checked only once.
+            // The breakpoint is checked after decoding, so only once for each instruction.
             if PROBE && !self.debug.step && self.debug.stops_at(pc) {
                 self.stop = Some(Stop::Breakpoint(pc));
                 break None;

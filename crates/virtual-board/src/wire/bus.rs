@@ -67,7 +67,7 @@ pub struct Record {
 /// - Exact: starts of frames, the winner of arbitration, ends of transmission and reception.
 /// - Delivered up to a quantum late, with the exact time: starts of frames, lost arbitrations, errors in the first
 ///   quantum of a frame, the end of waiting for eleven recessive bits. The wire itself is exact.
-/// - Effective up to a quantum late while a frame is on the bus: a reset or a new mode of a node, and a fault injected
+/// - Effective up to a quantum late while a frame is on the bus: a reset or mode change of a node, and a fault injected
 ///   for the present. So a node that was reset in the middle of a frame may still acknowledge the frame.
 /// - A mailbox aborted in the quantum in which its transmission would have begun does not begin.
 #[derive(Clone)]
@@ -129,8 +129,7 @@ impl Wire {
             .unwrap_or_default()
     }
 
-    /// Injects a fault at this time, or at the present time of the wire if later, which is up to a quantum ahead of the
-    /// boards.
+    /// Injects a fault at `at`, but not before the wire's present time, which is up to a quantum ahead of the boards.
     pub fn inject(&mut self, at: Time, fault: Fault) {
         let at = at.max(self.now);
         let place = self.faults.partition_point(|&(time, _)| time <= at);

@@ -49,7 +49,6 @@ impl Receiver {
         self.count
     }
 
-    /// Frame as received.
     pub fn frame(&self) -> Frame {
         let id = if self.extended {
             Id::Extended(self.identifier)

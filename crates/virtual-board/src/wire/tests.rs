@@ -118,7 +118,7 @@ fn frame_takes_its_bits_and_arrives_at_all_nodes() {
         let What::Sent { start, .. } = sent.what else {
             panic!();
         };
-        // From the sample point of the first bit to that of the last.
+        // The time from the sample point of the first bit to the sample point of the last.
         let bits = frame.bits().length() as u64;
         // The acknowledgement is late by twice the delay; the sender synchronizes by its jump width, a seventh of a
         // bit.
@@ -252,7 +252,7 @@ fn receiver_that_alone_detects_an_error_counts_nine() {
     bench.run(micros(600));
     let errors = bench.events(2, |w| matches!(w, What::Error(_) | What::Counted));
     let counts: Vec<_> = errors.iter().map(|e| (e.what, e.rec)).collect();
-    // The node's own flag counts 1. The dominant bit behind it, from the other nodes' flags, counts 8.
+    // The detected error counts 1. The dominant bit after the node's own flag, from the other nodes' flags, counts 8.
     let own = (What::Error(ErrorKind::Stuff), 1);
     assert_eq!(counts, [own, (What::Counted, 9)]);
     assert_eq!(bench.wire.statistics(0).sent, 1);

@@ -65,7 +65,6 @@ struct Conversion {
     sampled: Cycles,
 }
 
-/// The converter.
 #[derive(Clone)]
 pub(crate) struct Adc {
     /// Registers that only store the written value, by offset / 4.
@@ -79,7 +78,7 @@ pub(crate) struct Adc {
     conversion: Option<Conversion>,
     /// Core cycles in one clock of the converter when the conversion began.
     clock: u64,
-    /// The latest result of the regular group was not read yet.
+    /// The program has not yet read the latest result of the regular group.
     unread: bool,
     /// DMA requests have stopped: the block ended without DDS, or an overrun occurred.
     silent: bool,
@@ -167,7 +166,7 @@ impl Adc {
         }
     }
 
-    /// Stops the conversion; returns the cycles left of it and of its sampling.
+    /// Stops the conversion. Returns the remaining cycles until its end and until its sampling point.
     fn left(&self, shared: &mut Shared) -> [Cycles; 2] {
         let (now, due) = (shared.now, shared.due(Unit::Adc));
         let sampled = self.conversion.map_or(0, |c| c.sampled);
@@ -178,7 +177,7 @@ impl Adc {
         [due, sampled].map(|at| at.saturating_sub(now))
     }
 
-    /// Resumes a conversion with these cycles left.
+    /// Resumes a conversion with these remaining cycles.
     fn go_on(&mut self, [end, sampled]: [Cycles; 2], shared: &mut Shared) {
         let now = shared.now;
         let Some(conversion) = &mut self.conversion else {

@@ -50,7 +50,6 @@ enum Mode {
     Normal,
 }
 
-/// The controller.
 #[derive(Clone, Default)]
 pub(crate) struct Can {
     mcr: u32,

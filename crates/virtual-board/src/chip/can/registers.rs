@@ -75,7 +75,6 @@ macro_rules! registers {
     };
 }
 
-/// All registers.
 pub(super) const REGISTERS: [Register; 89] = registers!(
     outgoing: 0 1 2;
     incoming: 0 1;

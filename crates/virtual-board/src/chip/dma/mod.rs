@@ -63,7 +63,6 @@ fn shift(stream: usize) -> u32 {
     [0, 6, 16, 22][stream % 4]
 }
 
-/// A controller.
 #[derive(Clone)]
 pub(crate) struct Dma {
     controller: Controller,

@@ -29,7 +29,7 @@ struct Cache<const N: usize> {
     uses: Box<[u8; REMEMBERED]>,
     /// Number of uses in the log.
     used: usize,
-    /// Index into the log; no earlier use is the latest of its entry.
+    /// Index into the log: the latest use of each entry is here or later.
     oldest: usize,
     /// Index of the latest use of each entry.
     latest: [u16; N],

@@ -7,7 +7,6 @@ use crate::time::Time;
 pub(super) const LENGTH: usize = 1 << 20;
 /// First address of the main memory.
 pub(super) const BASE: u32 = super::super::FLASH;
-/// Number of sectors.
 pub(super) const SECTORS: u32 = 12;
 
 /// Offset in the main memory of an address.
@@ -68,7 +67,6 @@ impl Parallelism {
         }
     }
 
-    /// Time to erase a sector.
     pub fn sector(self, number: u32) -> Time {
         let size = match number {
             0..=3 => 0,

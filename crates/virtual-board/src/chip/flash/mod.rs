@@ -146,7 +146,6 @@ impl Flash {
         &mut self.bytes
     }
 
-    /// Configured wait states.
     pub fn wait_states(&self) -> u64 {
         self.accelerator.wait_states
     }
@@ -233,7 +232,6 @@ impl Flash {
         self.line(shared);
     }
 
-    /// Clears bits.
     fn clear(&mut self, place: usize, width: Width, bits: u32) {
         let value = super::bus::get(&self.bytes, place, width) & !bits;
         super::bus::put(&mut self.bytes, place, width, value);

@@ -93,7 +93,6 @@ impl Counter {
         self.leg.is_some()
     }
 
-    /// Value of the counter.
     pub fn value(&self, now: Cycles) -> u32 {
         let Some(leg) = &self.leg else {
             return self.value;
@@ -220,7 +219,7 @@ impl Counter {
         (steps < leg.length).then(|| leg.start + steps * self.step)
     }
 
-    /// Skips as many identical stretches of `legs` legs as have passed by `now`.
+    /// Skips the whole stretches of `legs` count-up or count-down legs that have passed by `now`.
     pub fn skip(&mut self, legs: u64, now: Cycles) {
         if let Some(leg) = &mut self.leg {
             let length = u64::from(self.reload) + u64::from(!self.centred);

@@ -22,7 +22,6 @@ const FILTERS: [(u64, u64); 16] = [
     (32, 8),
 ];
 
-/// Settings of a filter.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Filter {
     /// Core cycles between samples.
@@ -130,11 +129,11 @@ mod tests {
         let filter = Filter::of(15, 2, 2);
         let mut input = Input::default();
         input.change(true, filter, 1000);
-        // The old level returns between the samples at 1088 and 1152.
+        // The input returns to its old level between the samples at 1088 and 1152.
         input.change(false, filter, 1090);
         input.change(true, filter, 1150);
         assert_eq!(input.due, Some(1472));
-        // The old level returns at the sample at 1152: the filter restarts.
+        // The sample at 1152 has the old level: the filter restarts.
         input.change(false, filter, 1151);
         input.change(true, filter, 1153);
         assert_eq!(input.due, Some(1216 + 448));

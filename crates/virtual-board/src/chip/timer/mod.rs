@@ -344,7 +344,7 @@ impl Timer {
         }
     }
 
-    /// Sets the flags of channels whose compare value exceeds the reload value. A centre-aligned count does so only at
+    /// Sets the flags of channels whose compare value exceeds the reload value; with centre-aligned counting only at
     /// the overflow.
     fn compare_beyond(&mut self, turn: Turn, shared: &mut Shared) {
         if self.counter.centred && turn == Turn::Underflow {

@@ -72,7 +72,7 @@ fn profile_adds_up_to_the_cycles_of_the_run() {
     .handler(16, &first)
     .registers(&[(1, 1), (2, ISPR0)]);
     machine.set_private(ISER0, 1);
-    // Lower priority than that of the interrupt line.
+    // The priority of the supervisor call is lower than that of the interrupt line.
     machine.set_private(0xe000_ed1c, 0x8000_0000);
     machine.core.set_profiling(true);
     let begin = machine.core.cycles();

@@ -166,7 +166,7 @@ fn late_arrival_is_taken_first_on_the_same_frame() {
     machine.chip.schedule = lines.map(|(at, lines)| (begin + at, lines)).into();
     assert_eq!(machine.run_to_breakpoint(), 17);
     assert_eq!(machine.chip.log(), [1, 2]);
-    // Tail-chained on the same frame.
+    // The second exception is tail-chained: it uses the same stack frame.
     assert_eq!(machine.r(5), machine.r(13));
 }
 

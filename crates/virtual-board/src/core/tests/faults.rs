@@ -139,7 +139,7 @@ fn fault_in_the_hard_fault_handler_locks_up_until_reset() {
 #[test]
 fn invalid_stack_causes_a_stacking_fault() {
     let mut machine = enabled(&[0xdf00]);
-    // Lower priority than that of the bus fault.
+    // The priority of the supervisor call is lower than that of the bus fault.
     machine.set_private(0xe000_ed1c, 0x8000_0000);
     machine.core.set_register(13, 0x2000_0010);
     let stop = machine.run();
@@ -173,7 +173,7 @@ fn fault_handler_is_entered_although_its_frame_cannot_be_stacked() {
     assert_eq!(machine.private(CFSR), 1 << 1 | 1 << 7 | 1 << 4);
     assert_eq!(machine.private(MMFAR), LOG + 0x104);
     assert_eq!(machine.private(HFSR), 0);
-    // Neither bus nor memory fault is enabled: one hard fault covers them all.
+    // Neither bus nor memory fault is enabled: a single hard fault reports both.
     let mut machine = Machine::new(&[0x6001]).register(0, 0x6000_0000);
     machine.core.set_register(13, 0x2000_0010);
     machine.ends_in(HARD, &[(CFSR, 1 << 9 | 1 << 15 | 1 << 12), (HFSR, 1 << 30)]);

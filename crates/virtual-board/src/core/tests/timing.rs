@@ -88,7 +88,7 @@ fn square_root_takes_14_cycles() {
 
 #[test]
 fn fp_division_runs_in_parallel_with_integer_instructions() {
-    // vdiv.f32 s0, s1, s2, then 20 nops: no wait. Followed by vmov s3, s0 instead: that waits.
+    // `vdiv.f32 s0, s1, s2` and 20 nops: no wait. `vdiv.f32` and `vmov s3, s0`: the move waits for the result.
     let mut alone = vec![0xee80, 0x0a81];
     alone.extend([0xbf00; 20]);
     assert_eq!(cycles(&alone), 21);

@@ -33,7 +33,6 @@ struct Pending {
     aborted: bool,
 }
 
-/// State of a controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum State {
     /// Not on the bus.
@@ -257,7 +256,6 @@ impl Controller {
         });
     }
 
-    /// Cancels a mailbox.
     pub fn abort(&mut self, mailbox: u8) {
         let before = self.pending.len();
         self.pending.retain(|p| p.mailbox != mailbox);

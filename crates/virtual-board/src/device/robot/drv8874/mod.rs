@@ -304,7 +304,7 @@ impl Drv8874 {
         self.integrate(to);
     }
 
-    /// Voltage, V, and resistance, Ω, of an output; `flow` is the sign of the current out of it.
+    /// Voltage, V, and resistance, Ω, of an output; `flow` is the sign of the current that flows out.
     fn output(&self, leg: usize, flow: f64) -> (f64, f64) {
         let DriverConfig {
             on_ohm, diode_v, ..

@@ -26,7 +26,6 @@ use registers::*;
 
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.80665;
-/// Duration of a reset.
 const RESET_TIME: Time = Time::from_micros(1000);
 /// Time after gyroscope or accelerometer are switched on in which no register may be written.
 const QUIET_TIME: Time = Time::from_micros(200);

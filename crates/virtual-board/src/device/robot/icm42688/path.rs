@@ -48,7 +48,6 @@ pub(super) struct Adaptive {
 /// Fraction of the threshold below which the range changes back (assumed).
 const HYSTERESIS: f64 = 0.9;
 
-/// A signal path.
 #[derive(Clone, Debug)]
 pub(super) struct Path {
     adaptive: Option<Adaptive>,
