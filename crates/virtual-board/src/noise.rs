@@ -35,7 +35,7 @@ impl Noise {
     /// Normal, mean 0, variance 1.
     pub fn normal(&mut self) -> f64 {
         const LOW: u64 = 0x0000_ffff_0000_ffff;
-        // Two sums of twelve 16-bit numbers in total, in the halves of a 64-bit word; neither overflows 32 bits.
+        // The two halves of a 64-bit word add six 16-bit numbers each; neither half overflows.
         let pairs = (0..3).fold(0u64, |sum, _| {
             let bits = self.bits();
             sum + (bits & LOW) + (bits >> 16 & LOW)

@@ -117,7 +117,7 @@ impl Timebase {
         }
         let span = time.0.saturating_sub(self.time.0);
         let mut cycle = self.cycle + ((u128::from(span) * u128::from(self.rate)) >> 64) as u64;
-        // The product is rounded down and may be off by one.
+        // The product is rounded down, so the cycle may be off by one.
         while cycle > self.cycle && self.time_of(cycle - 1) >= time {
             cycle -= 1;
         }

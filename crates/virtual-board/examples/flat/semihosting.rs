@@ -6,7 +6,7 @@ use virtual_board::core::Core;
 /// True if a program ended without an error.
 pub type Ended = bool;
 
-/// Serves a semihosting call, with its output if `loud`. Returns a result at the end of the program.
+/// Serves a semihosting call; prints the program's output if `loud`. Returns a result at the end of the program.
 pub fn serve(core: &mut Core, flat: &mut Flat, loud: bool) -> Option<Ended> {
     let (operation, block) = (core.register(0), core.register(1));
     let byte = |flat: &Flat, address: u32| {

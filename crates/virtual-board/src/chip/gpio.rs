@@ -198,7 +198,7 @@ impl Gpio {
         self.routes.signals[pin.index()]
     }
 
-    /// Pin that a peripheral signal is routed to; the first of several.
+    /// First pin that a peripheral signal is routed to.
     pub fn pin_of(&self, signal: Signal) -> Option<Pin> {
         let at = self.routes.pins[signal as usize][0];
         (at != NOWHERE).then(|| Pin::at(at))

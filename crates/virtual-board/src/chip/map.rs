@@ -248,8 +248,8 @@ impl Unit {
         }
     }
 
-    /// Cycles of an access beyond the core's own: the bridge waits for an edge of the slower clock, then for the
-    /// access.
+    /// Cycles that the bus adds to an access. On APB: two periods of the bus clock, one to wait for an edge, one for
+    /// the access.
     pub fn bus_cycles(self, clocks: &Clocks) -> u64 {
         match self.place().first {
             0x4000_0000..=0x4000_ffff => 2 * clocks.apb1,

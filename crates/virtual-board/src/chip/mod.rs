@@ -150,7 +150,7 @@ pub struct Chip {
     inputs: Inputs,
     /// Pending reset.
     reset: Option<Cause>,
-    /// Lowest supply voltage since it fell too low, V; while set, the chip is held in reset.
+    /// Lowest supply voltage since the supply fell too low, V; while set, the chip is held in reset.
     sagged: Option<f64>,
     longest_reaction: Cycles,
     /// The clock security system requests the non-maskable interrupt.

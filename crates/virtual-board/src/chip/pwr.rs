@@ -40,7 +40,7 @@ const fn threshold(falls: u32, rises: u32) -> Threshold {
 }
 
 impl Threshold {
-    /// True if a supply is too low, V; `before` is the state before. NaN is too low.
+    /// True if the supply, V, is too low; `before` is the previous state. NaN is too low.
     fn is_low(self, volts: f64, before: bool) -> bool {
         let limit = if before { self.rises } else { self.falls };
         !is_at_least(volts, limit)
@@ -75,7 +75,7 @@ const DETECTOR: [Threshold; 8] = [
 /// Supply below which static memory loses its content, mV.
 const RETENTION: u32 = 1200;
 
-/// True if a supply holds the chip in reset at this brown-out level; `held` is the state before.
+/// True if the supply holds the chip in reset at this brown-out level; `held` is the previous state.
 pub(crate) fn holds(volts: f64, level: u32, held: bool) -> bool {
     BROWN_OUT[level as usize & 3].is_low(volts, held)
 }

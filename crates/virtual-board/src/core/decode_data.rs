@@ -10,7 +10,8 @@ enum Kind {
     Test(Test),
 }
 
-/// Operation from its code and registers: the test if the destination is 15 and the flags are set.
+/// Operation from its code and registers. With destination 15 and flags set, AND, EOR, ADD and SUB are the tests TST,
+/// TEQ, CMN and CMP.
 fn kind(operation: u32, d: u32, n: u32, s: bool) -> Option<Kind> {
     let or_test = |alu, test| {
         if d == 15 && s {

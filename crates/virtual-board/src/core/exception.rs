@@ -141,7 +141,7 @@ impl Core {
         self.enter(system, exception);
     }
 
-    /// Exception after escalation: itself, or the hard fault; `None` is lock-up.
+    /// Exception after escalation: the same exception or the hard fault; `None` for lock-up.
     fn escalated(&mut self, exception: u16) -> Option<u16> {
         let current = self.execution_priority();
         let priority = self.nvic.group_of(self.nvic.priority(exception));
@@ -155,7 +155,7 @@ impl Core {
         Some(number::HARD_FAULT)
     }
 
-    /// Locks the core up: it executes no more instructions.
+    /// Locks the core up: the core executes no more instructions.
     pub(super) fn lock_up(&mut self, system: &mut impl System, why: &str) {
         let status = format!("CFSR {:#010x}, HFSR {:#010x}", self.scb.cfsr, self.scb.hfsr);
         let text = format!("lock-up: {why} ({status})");

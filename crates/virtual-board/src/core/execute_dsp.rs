@@ -253,7 +253,8 @@ impl Core {
         };
         let (mut result, mut ge) = (0, 0);
         for k in 0..lanes {
-            // 0 and 1 add, 4 and 5 subtract; 2 and 6 exchange the halfwords of m, then add one and subtract the other.
+            // Value of x: 0 and 1 add, 4 and 5 subtract; 2 and 6 exchange the halfwords of m, then add one and subtract
+            // the other.
             let (other, subtract) = match insn.x() {
                 2 => (1 - k, k == 0),
                 6 => (1 - k, k == 1),

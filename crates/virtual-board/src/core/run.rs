@@ -119,7 +119,7 @@ impl Core {
         system: &mut impl System,
     ) -> Option<(Trap, u8)> {
         loop {
-            // Taken out of the core, so that instructions can be borrowed without a copy.
+            // The table is taken out of the core, so that instructions are borrowed without a copy.
             let decoded = std::mem::take(&mut self.decoded);
             let end = self.execute_decoded::<PROBE>(system, &decoded);
             self.decoded = decoded;

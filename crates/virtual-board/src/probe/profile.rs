@@ -7,7 +7,7 @@ use crate::time::Cycles;
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// Name of the cycles that belong to no function of the image.
+/// Table entry for the cycles that belong to no function of the image.
 const ELSEWHERE: &str = "(outside the flash, and first fetches)";
 
 /// Times of an interrupt or another exception.

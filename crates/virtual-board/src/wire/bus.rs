@@ -186,7 +186,8 @@ impl Wire {
         self.actions.sort_by_key(|&(at, _, _)| at);
     }
 
-    /// Node with the next event, and its time; never, if not before `until`.
+    /// Node with the next event, and the time of the event. If no event is due before `until`, the time is
+    /// [`Time::NEVER`].
     fn next(&mut self, until: Time) -> (usize, Time) {
         if self.asleep {
             let wake = self.quiet_until();

@@ -310,7 +310,7 @@ mod tests {
         let lap: Vec<u32> = (0..64).map(|k| 7 * k).collect();
         assert_eq!(run(&mut art, lap.iter().copied(), 1), [5; 64]);
         assert_eq!(run(&mut art, lap.iter().copied(), 1), [0; 64]);
-        // With one more line, the next line needed has always been replaced.
+        // With one line more than the cache holds, each line is replaced before its next use.
         let lap: Vec<u32> = (0..65).map(|k| 7 * k + 3).collect();
         for _ in 0..2 {
             assert_eq!(run(&mut art, lap.iter().copied(), 1), [5; 65]);

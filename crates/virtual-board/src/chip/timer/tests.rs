@@ -163,14 +163,14 @@ fn down_counter_starts_at_its_reload_value() {
 fn preloaded_reload_and_prescaler_take_effect_at_the_update() {
     let mut bench = Bench::new(Kind::Tim2);
     bench.write(&[(ARR, 9), (CR1, ARPE | CEN), (EGR, 1), (PSC, 3), (ARR, 4)]);
-    // UG at 0 loads the values of then, so the first period is the old one.
+    // UG at cycle 0 loads the values valid then, so the first period has the old length.
     bench.pass(9);
     assert_eq!(bench.read(CNT), 9);
     bench.pass(10 + 4 * 4);
     assert_eq!(bench.read(CNT), 4);
     bench.pass(10 + 4 * 5);
     assert_eq!(bench.read(CNT), 0);
-    // Without preload the value is active at once; the count exceeds the reload value and continues to the full width.
+    // Without preload the new reload value is active at once.
     bench.write(&[(CR1, CEN), (ARR, 99)]).pass(30 + 4 * 99);
     assert_eq!(bench.read(CNT), 99);
 }
@@ -232,7 +232,8 @@ fn reload_value_changed_at_the_overflow_is_the_start_of_the_down_count() {
 
 #[test]
 fn compare_flags_follow_the_centre_aligned_mode() {
-    // Manual's figure: at 40 on the way down, up, or both; at the ends always; beyond the reload value at the overflow.
+    // Times of the compare flag, as in the manual's figure. Compare value 40: on the way down, up, or both. 0 and 100:
+    // always. 120, beyond the reload value: at the overflow.
     for (cms, at_40) in [(1, vec![160]), (2, vec![40]), (3, vec![40, 160])] {
         for (compare, times) in [
             (40, at_40.clone()),
@@ -345,8 +346,8 @@ fn reference_of_channel_4_triggers_once_per_period() {
     let mut bench = centred(1, 0);
     bench.write(&[(BDTR, 0), (CCMR2, 0x7800), (CCR4, 90), (CR2, 7 << 4)]);
     bench.pass(START + 700);
-    // The first trigger is immediate, because no compare value is loaded yet. The others are at 90 on the way up, with
-    // the outputs off.
+    // The first trigger is immediate, because no compare value is loaded yet. The other triggers occur at count 90 on
+    // the way up, with the outputs off.
     assert_eq!(bench.times(TRGO1), [0, 291, 491, 691]);
     let falls = Effect::Trigger {
         timer: Kind::Tim1,

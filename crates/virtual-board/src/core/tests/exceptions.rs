@@ -36,7 +36,7 @@ fn supervisor_call_stacks_the_frame_of_the_manual() {
         machine.core.set_register(number, 0x1000 + number as u32);
     }
     machine.core.set_register(14, 0x1234_5679);
-    // Misaligned by 4: the frame is aligned to 8, which bit 9 records.
+    // The stack pointer is misaligned by 4. The frame is aligned to 8, and bit 9 of the stacked xPSR records the shift.
     machine.core.set_register(13, STACK - 4);
     machine.core.set_xpsr(0xa000_0000 | 1 << 24);
     assert_eq!(machine.run_to_breakpoint(), 11);

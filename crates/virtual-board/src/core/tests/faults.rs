@@ -237,7 +237,7 @@ fn mpu_guard_region_stops_a_store_and_a_frame() {
     let mut machine = enabled(&[0x6008]).register(1, LOG + 0x104);
     guard(&mut machine, LOG + 0x100);
     machine.ends_in(MEMORY, &[(CFSR, 1 << 1 | 1 << 7), (MMFAR, LOG + 0x104)]);
-    // A frame that extends into the guard region; the call has lower priority than the fault.
+    // The frame extends into the guard region. The supervisor call has lower priority than the fault.
     let mut machine = enabled(&[0xdf00]);
     machine.set_private(0xe000_ed1c, 0x8000_0000);
     machine.core.set_register(13, LOG + 0x128);

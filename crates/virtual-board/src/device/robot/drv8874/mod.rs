@@ -514,7 +514,7 @@ impl Drv8874 {
             let down = self.motor.time_to(-level, source);
             let at = later(self.now, up.min(down));
             if at != Time::NEVER {
-                // The computed time is rounded down; the current must have reached the level.
+                // The computed time is rounded down. One picosecond later the current has reached the level.
                 see((at + Time(1)).max(earliest));
             }
             if current.abs() >= level {

@@ -60,7 +60,7 @@ characteristics! {
         pub accel_start: Time = Time::from_micros(10_000);
         /// Angular rate at which the adaptive full-scale range (AFSR) changes, rad/s. ArduPilot: near 100 °/s.
         pub adaptive_rate: f64 = 100f64.to_radians();
-        /// Time for which the gyroscope's output then stalls. ArduPilot: near 2 ms.
+        /// Time for which the gyroscope's output stalls after a change of the adaptive range. ArduPilot: near 2 ms.
         pub adaptive_stall: Time = Time::from_micros(2_000);
     }
 }
@@ -443,7 +443,8 @@ struct Choice {
 }
 
 impl Choice {
-    /// Settings of the path. If they are not in the data sheet, `None`, with a note if the path is on.
+    /// Settings of the path; `None` for register values that are not in the data sheet, with a finding if the path is
+    /// on.
     fn settings(&self, findings: &mut Findings, is_on: bool, at: Time) -> Option<Settings> {
         let mut need = |found: Option<f64>, what: &str, value: u16| {
             if found.is_none() && is_on {

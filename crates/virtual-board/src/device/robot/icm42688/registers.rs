@@ -132,7 +132,7 @@ const ANTI_ALIAS_HZ: [u16; 63] = [
 /// Smallest AAF_DELT for each AAF_BITSHIFT from 15 down to 3.
 const FIRST_OF_SHIFT: [u8; 13] = [1, 2, 2, 3, 4, 5, 7, 10, 14, 19, 27, 37, 54];
 
-/// Bandwidth for AAF_DELT, AAF_DELTSQR and AAF_BITSHIFT together, Hz; `None` if they are inconsistent.
+/// Bandwidth for AAF_DELT, AAF_DELTSQR and AAF_BITSHIFT together, Hz; `None` if the three values are inconsistent.
 pub(super) fn anti_alias_hz(delt: u8, square: u16, shift: u8) -> Option<f64> {
     let hz = ANTI_ALIAS_HZ.get(usize::from(delt).checked_sub(1)?)?;
     // The table rounds the square to steps that grow with its value.
