@@ -84,7 +84,7 @@ impl Board {
         (&mut self.core, &mut self.chip)
     }
 
-    /// Resets since the first power-on, without that one.
+    /// Resets after the first power-on.
     pub fn resets(&self) -> &[Reset] {
         &self.resets
     }

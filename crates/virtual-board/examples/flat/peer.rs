@@ -7,7 +7,7 @@ use virtual_board::core::{Core, Stop};
 
 /// Number of words of a state: r0 to r14, APSR, FPSCR, s0 to s31.
 pub const WORDS: usize = 49;
-/// Most cycles of a case.
+/// Maximum number of cycles of a case.
 pub const MOST: u64 = 1_000_000;
 pub const FLASH: u32 = 0x0800_0000;
 

@@ -84,7 +84,7 @@ impl Peripheral for Debug {
         if let Some(offset) = offset.checked_sub(IDENTITY) {
             return match offset {
                 0..=8 => Self::identity(shared)[offset as usize / 4],
-                // The size is in the upper halfword.
+                // The flash size is in the upper halfword.
                 _ => FLASH_KIB << 16,
             };
         }

@@ -139,7 +139,7 @@ impl Units {
     }
 }
 
-/// Everything of the chip but its core.
+/// The chip except its core.
 #[derive(Clone)]
 pub struct Chip {
     shared: Shared,
@@ -155,8 +155,9 @@ pub struct Chip {
     longest_reaction: Cycles,
     /// The clock security system requests the non-maskable interrupt.
     nmi: bool,
-    /// The core clock changed since the latest call of `advance` began; `must_pause`: before that call.
+    /// True if the core clock has changed since the latest call of `advance` began.
     clock_changed: bool,
+    /// True if the core clock changed between the latest two calls of `advance`.
     must_pause: bool,
     /// Number of times that the memory lost its content.
     scrambles: u64,

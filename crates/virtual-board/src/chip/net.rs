@@ -7,9 +7,9 @@ use super::pin::Pin;
 pub enum Usable {
     /// None: the board itself uses the pin.
     No,
-    /// The program may read it.
+    /// The program may read the pin.
     Input,
-    /// The program may drive it.
+    /// The program may drive the pin.
     Output,
 }
 

@@ -201,8 +201,8 @@ impl Core {
         Ok(value & !1)
     }
 
-    /// Executes an instruction; `next` is the address of the instruction behind it. Returns the address of the
-    /// instruction to execute next.
+    /// Executes an instruction; `next` is the address after the instruction. Returns the address of the instruction to
+    /// execute next.
     #[inline(always)]
     pub(super) fn execute(
         &mut self,

@@ -22,7 +22,7 @@ fn half(value: u32, upper: u32) -> i64 {
 }
 
 impl Core {
-    /// Sets Q if something overflowed.
+    /// Sets Q after an overflow.
     fn note_overflow(&mut self, overflow: bool) {
         self.q |= overflow;
     }

@@ -56,7 +56,7 @@ pub struct LoaderPin {
     pub pin: Pin,
     /// Signal of the loader on this pin.
     pub signal: &'static str,
-    /// True if the loader drives it.
+    /// True if the loader drives the pin.
     pub driven: bool,
 }
 

@@ -78,7 +78,7 @@ const BDRST: u32 = 1 << 16;
 #[derive(Clone, Copy, Debug, Default)]
 struct Oscillator {
     ready: bool,
-    /// Time at which it becomes ready.
+    /// Time at which the oscillator becomes ready.
     due: Option<Time>,
 }
 

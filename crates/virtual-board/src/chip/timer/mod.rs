@@ -75,8 +75,9 @@ pub(crate) struct Timer {
     break_level: bool,
     /// True if an input filter may be running.
     timed: bool,
-    /// `frozen`: a debugger halts the core, and DBGMCU stops the timer. `gated`: the timer's clock is off.
+    /// True while a debugger halts the core and DBGMCU stops the timer.
     frozen: bool,
+    /// True while the timer's clock is off.
     gated: bool,
 }
 

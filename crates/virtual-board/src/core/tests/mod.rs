@@ -21,7 +21,7 @@ const HANDLERS: u32 = 0x0800_1000;
 const STACK: u32 = 0x2000_2000;
 /// Address at which handlers and programs store words.
 const LOG: u32 = 0x2000_0000;
-/// Longest run of a test, cycles.
+/// Maximum number of cycles of a test.
 const MOST: Cycles = 100_000;
 
 /// Memories, and interrupt lines that follow a schedule; records findings and entered lines.

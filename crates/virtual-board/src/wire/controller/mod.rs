@@ -11,7 +11,7 @@ use crate::wire::statistics::Statistics;
 
 /// Number of recessive bits after which a controller takes part.
 const IDLE_BITS: u8 = 11;
-/// Number of such sequences for recovery from bus-off.
+/// Number of sequences of eleven recessive bits for recovery from bus-off.
 const RECOVERY: u8 = 128;
 /// Length of a flag, bits.
 const FLAG: u8 = 6;
