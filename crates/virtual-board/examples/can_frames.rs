@@ -1,6 +1,6 @@
-//! Random CAN frames with their bits on the wire, one a line, for `oracle/can_bits.py`:
-//! `FORMAT IDENTIFIER KIND LENGTH-CODE DATA BITS`, bits from the start of frame to the end of the
-//! end-of-frame field, 1 for recessive.
+//! Prints random CAN frames with their bits on the bus, one per line, for `oracle/can_bits.py`: `FORMAT IDENTIFIER KIND
+//! LENGTH-CODE DATA BITS`. The bits are those from the start of frame to the end of the end-of-frame field, 1 for
+//! recessive.
 //!
 //! `cargo run -p virtual-board --example can_frames [COUNT [SEED]]`
 
@@ -17,12 +17,12 @@ impl Random {
         self.0.wrapping_mul(0x2545_f491_4f6c_dd1d)
     }
 
-    /// Below `end`.
+    /// Random number below `end`.
     fn below(&mut self, end: u64) -> u64 {
         (self.next() >> 11) % end
     }
 
-    /// Bits of which many are equal, so that stuffing has something to do.
+    /// Random bits with long runs of equal bits, which need stuffing.
     fn word(&mut self) -> u64 {
         match self.below(4) {
             0 => self.next(),

@@ -1,8 +1,8 @@
-//! Runs an image that counts instructions by SysTick, such as firmware-bench, and prints what it prints:
-//! `count IMAGE instructions|cycles`.
+//! Runs an image that counts instructions by SysTick, such as firmware-bench, and prints its output: `count IMAGE
+//! instructions|cycles`.
 //!
-//! A read of the SysTick gives [`MILLITICKS`] thousandths of a tick with each instruction, or with each cycle. The
-//! memory has no wait states.
+//! A read of SysTick returns a count that advances by [`MILLITICKS`] thousandths of a tick for each instruction, or for
+//! each cycle. The memory has no wait states.
 
 mod flat;
 
@@ -11,14 +11,14 @@ use flat::semihosting::serve;
 use virtual_board::core::{Stop, System, Width};
 use virtual_board::image::Image;
 
-/// The current value of SysTick.
+/// Address of the current value of SysTick.
 const SYST_CVR: u32 = 0xe000_e018;
-/// SysTick counts down from here.
+/// Start value of SysTick, which counts down.
 const RELOAD: u64 = 0x00ff_ffff;
 /// Thousandths of a tick in 128 ns at 168 MHz.
 const MILLITICKS: u64 = 21_504;
 
-/// The register that a load writes.
+/// Destination register of a load instruction.
 fn loaded(flat: &mut Flat, pc: u32) -> Option<usize> {
     let [first, second] = [pc, pc + 2].map(|at| flat.fetch(at).unwrap_or(0));
     match first {

@@ -1,12 +1,10 @@
-//! The core's side of `crates/virtual-board/oracle/lockstep.py`: executes what it is handed and tells what
-//! came out.
+//! The core's side of `crates/virtual-board/oracle/lockstep.py`: executes requested cases and reports the results.
 //!
-//! First the 4096 bytes of flash that it needs for itself. A request on standard input, words
-//! little-endian: the address of the code, its bytes and the code; bytes of data and the data, which go
-//! to [`DATA`] before each case; the address at which a case ends, or 0 for one instruction; the number
-//! of cases, and for each its [`WORDS`] words: r0 to r14, APSR, FPSCR, s0 to s31. The answer for each
-//! case: a word that is 0 if it came to its end, instructions executed, the program counter, the words,
-//! the data.
+//! The program first writes the 4096 bytes of flash that it uses itself. A request on standard input, in little-endian
+//! words: address of the code, its length in bytes, and the code; length of the data in bytes, and the data, which are
+//! stored at [`DATA`] before each case; address at which a case ends, or 0 for one instruction; number of cases; and
+//! for each case its [`WORDS`] words: r0 to r14, APSR, FPSCR, s0 to s31. The answer for each case: 0 if the case
+//! reached its end, number of executed instructions, program counter, the words, the data.
 
 mod flat;
 
@@ -15,12 +13,12 @@ use flat::peer::{FLASH, MOST, WORDS, prepare, restart, set_state, state, word, w
 use std::io::{self, BufReader, BufWriter, Read, Write};
 use virtual_board::core::{Core, Stop};
 
-/// Where data go.
+/// Address of the data.
 const DATA: u32 = 0x2000_4000;
-/// Where in the flash the core's own code is.
+/// Offset in the flash of the core's own code.
 const OWN: usize = 0x400;
 
-/// Sets registers, executes, and gives whether it came to the end.
+/// Sets registers and executes a case; true if it reached its end.
 fn execute(core: &mut Core, flat: &mut Flat, words: &[u32], (begin, end): (u32, u32)) -> bool {
     set_state(core, words);
     core.set_register(15, begin);
@@ -43,7 +41,7 @@ fn bytes(input: &mut impl Read) -> io::Result<Vec<u8>> {
 
 fn serve(input: &mut impl Read, output: &mut impl Write) -> io::Result<()> {
     let mut flat = Flat::default();
-    // Wherever a branch goes, there is an instruction.
+    // Filled with NOPs, so that every branch target has an instruction.
     flat.flash
         .iter_mut()
         .zip([0x00, 0xbf].into_iter().cycle())

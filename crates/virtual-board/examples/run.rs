@@ -1,5 +1,5 @@
-//! Runs an image on a board with nothing around it: `cargo run --release --example run -- IMAGE SECONDS`.
-//! Prints what was found and what the board did. Analogue inputs are at half the supply.
+//! Runs an image on a board without external circuit: `cargo run --release --example run -- IMAGE SECONDS`. Prints the
+//! findings and statistics of the board. Analogue inputs are at half the supply.
 
 use std::path::Path;
 use std::time::Instant;

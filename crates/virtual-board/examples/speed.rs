@@ -1,5 +1,5 @@
-//! Instructions a second of the core: a small loop, and an image that talks to its host by
-//! semihosting (`speed ELF`).
+//! Measures the speed of the core in instructions per second, with a small loop and with an image that uses semihosting
+//! (`speed ELF`).
 
 mod flat;
 
@@ -9,7 +9,7 @@ use std::time::Instant;
 use virtual_board::core::{Core, Stop};
 use virtual_board::image::Image;
 
-/// Sums words of a table, counts down, calls a function.
+/// Sums words of a table and counts down.
 const LOOP: [u16; 14] = [
     0x2000, // movs r0, #0
     0x4906, // ldr r1, [pc, #24]
@@ -49,7 +49,7 @@ fn small_loop() {
     println!("small loop: {best:.0} MIPS");
 }
 
-/// Runs an image to its end; gives instructions, cycles and seconds.
+/// Runs an image to its end; returns instructions, cycles and seconds of wall-clock time.
 fn run(image: &Image, loud: bool) -> (u64, u64, f64) {
     let (mut core, mut flat) = Flat::start(image);
     let begin = Instant::now();

@@ -1,16 +1,15 @@
-//! The core's side of `crates/virtual-board/oracle/stretches.py`: executes stretches of an image, `stretches
-//! IMAGE`.
+//! The core's side of `crates/virtual-board/oracle/stretches.py`: executes stretches of an image, `stretches IMAGE`.
 //!
-//! First the whole flash. A request on standard input, words little-endian: the number of ranges of
-//! code, and of each begin and end; once. Then batches: the bytes of both memories, the number of
-//! stretches, and of each the address at which it begins, the most instructions, and its [`WORDS`]
-//! words. The answer: for each stretch how many instructions it has, how many of these an IT block
-//! skipped, the program counter and the words behind the last; then both memories, and a bit for every
-//! two bytes of flash, set where an instruction was executed.
+//! The program first writes the whole flash. The first request on standard input, in little-endian words, occurs once:
+//! number of code ranges, then start and end of each. Then batches follow: the bytes of both memories; number of
+//! stretches; and for each stretch its start address, the maximum number of instructions and its [`WORDS`] words. The
+//! answer for each stretch: number of instructions, number of those skipped by an IT block, program counter and words
+//! after the last. Then follow both memories, and one bit for each halfword of flash, set if an instruction was
+//! executed there.
 //!
-//! A stretch ends before an instruction that faults, calls the supervisor, waits, lies outside the code,
-//! is an exclusive store without a load of the same address, or sets bits of BASEPRI that are not there,
-//! and never within an IT block.
+//! A stretch never ends within an IT block. It ends before an instruction that faults, is a supervisor call, waits, is
+//! outside the code, is an exclusive store without a load of the same address, or sets bits of BASEPRI that do not
+//! exist.
 
 mod flat;
 
@@ -21,33 +20,33 @@ use std::path::Path;
 use virtual_board::core::{Core, Stop};
 use virtual_board::image::Image;
 
-/// Where in the flash the core's own code is: behind any image.
+/// Offset in the flash of the core's own code, behind any image.
 const OWN: usize = 0xf_f000;
 
 struct Stretches {
     core: Core,
     flat: Flat,
-    /// Whether a halfword of the flash belongs to code, and whether it was executed.
+    /// For each halfword of flash: true if it is code; true if it was executed.
     code: Vec<bool>,
     executed: Vec<bool>,
 }
 
-/// What an instruction means to a stretch.
+/// Class of an instruction for a stretch.
 #[derive(PartialEq, Eq)]
 enum Sort {
     Plain,
-    /// Of which address.
+    /// Address of the load.
     LoadExclusive(u32),
     StoreExclusive(u32),
     Ends,
 }
 
-/// ITSTATE, from EPSR.
+/// ITSTATE in EPSR.
 fn it_state(xpsr: u32) -> u32 {
     xpsr >> 8 & 0xfc | xpsr >> 25 & 3
 }
 
-/// Whether the condition of an IT block fails (A7.3.1).
+/// True if the condition of the present IT block fails (A7.3.1).
 fn is_skipped(xpsr: u32) -> bool {
     let it = it_state(xpsr);
     let [n, z, c, v] = [31, 30, 29, 28].map(|bit| xpsr >> bit & 1 != 0);
@@ -79,7 +78,7 @@ impl Stretches {
         match first {
             // Breakpoints, supervisor calls, YIELD, WFE, WFI, SEV.
             0xbe00..=0xbeff | 0xdf00..=0xdfff | 0xbf10 | 0xbf20 | 0xbf30 | 0xbf40 => Sort::Ends,
-            // BASEPRI and BASEPRI_MAX have 4 bits in an STM32F405 (PM0214, 2.1.3), 8 in Unicorn.
+            // BASEPRI and BASEPRI_MAX have 4 bits in an STM32F405 (PM0214, 2.1.3) and 8 in Unicorn.
             0xf380..=0xf38f
                 if matches!(self.half(offset + 2) & 0xff, 0x11 | 0x12) && base & 15 != 0 =>
             {
@@ -101,10 +100,10 @@ impl Stretches {
         }
     }
 
-    /// Executes up to `most` instructions; gives how many can be compared and how many of these were
-    /// skipped, and whether that is all that was done.
+    /// Executes up to `most` instructions. Returns how many can be compared, how many of these were skipped, and true
+    /// if no others were executed.
     fn attempt(&mut self, begin: u32, most: u32, words: &[u32]) -> ([u32; 2], bool) {
-        // Masks and the exclusive monitor as after a reset.
+        // Masks and exclusive monitor are reset.
         restart(&mut self.core, &mut self.flat);
         set_state(&mut self.core, words);
         self.core.set_register(15, begin);
@@ -134,7 +133,7 @@ impl Stretches {
         (good, good[0] == most)
     }
 
-    /// The same, and leaves nothing behind of what cannot be compared.
+    /// Executes a stretch; effects of instructions that cannot be compared are undone.
     fn stretch(&mut self, begin: u32, most: u32, words: &[u32]) -> [u32; 2] {
         let before = (self.flat.sram.clone(), self.flat.ccm.clone());
         let (mut good, mut exact) = self.attempt(begin, most, words);

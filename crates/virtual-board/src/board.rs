@@ -1,4 +1,4 @@
-//! A board: core, chip and what is around it, in time.
+//! A board in time: core, chip and the circuit around the chip.
 
 use crate::chip::{Cause, Chip, Circuit};
 use crate::core::{Core, Stop, System};
@@ -8,9 +8,9 @@ use crate::time::Time;
 /// A reset of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Reset {
-    /// When.
+    /// Time of the reset.
     pub at: Time,
-    /// Why.
+    /// Cause of the reset.
     pub cause: Cause,
 }
 
@@ -20,16 +20,16 @@ pub struct Board {
     core: Core,
     chip: Chip,
     powered: bool,
-    /// The core has locked up: it does nothing until a reset.
+    /// True if the core has locked up: it executes nothing until a reset.
     locked: bool,
     resets: Vec<Reset>,
     now: Time,
-    /// The core stands still while time goes on.
+    /// True if the core is held while time continues.
     held: bool,
 }
 
 impl Board {
-    /// A board without power, its flash erased. Its clocks are fast by `fast_ppb` parts in 10⁹.
+    /// Creates a board without power and with an erased flash. Its clocks run `fast_ppb` parts in 10⁹ too fast.
     pub fn new(circuit: Box<dyn Circuit>, fast_ppb: i64) -> Self {
         Self {
             core: Core::new(),
@@ -69,7 +69,7 @@ impl Board {
         &self.core
     }
 
-    /// The core, to be changed by a debugger.
+    /// The core, for changes by a debugger.
     pub fn core_mut(&mut self) -> &mut Core {
         &mut self.core
     }
@@ -79,23 +79,23 @@ impl Board {
         &mut self.chip
     }
 
-    /// Both, for what steps the core by hand.
+    /// Core and chip, for callers that step the core directly.
     pub fn parts(&mut self) -> (&mut Core, &mut Chip) {
         (&mut self.core, &mut self.chip)
     }
 
-    /// Resets since power came on first, but that one.
+    /// Resets after the first power-on.
     pub fn resets(&self) -> &[Reset] {
         &self.resets
     }
 
-    /// The core stands still while time and the chip go on, as under a debug probe, until told to go on.
+    /// Holds or resumes the core, as a debug probe does. Time and chip continue.
     pub fn hold(&mut self, held: bool) {
         self.held = held;
         self.chip.halt(held, self.core.cycles());
     }
 
-    /// The time it has come to.
+    /// Time reached so far.
     pub fn now(&self) -> Time {
         self.now
     }
@@ -112,10 +112,10 @@ impl Board {
         self.core.reset(&mut self.chip);
     }
 
-    /// Runs to `time`; the board may end up to an instruction later.
+    /// Runs to `time`; the core may be up to an instruction ahead.
     pub fn run_until(&mut self, time: Time) {
         loop {
-            // The length of a cycle may have changed on the way.
+            // The length of a cycle may have changed meanwhile.
             let until = self.chip.cycle_of(time);
             let cycle = self.core.cycles();
             if cycle >= until {
@@ -128,7 +128,7 @@ impl Board {
             }
             if self.chip.is_held() {
                 let next = self.chip.advance(cycle, until);
-                // It may have been let go just now.
+                // The core may just have been released.
                 if self.chip.is_held() {
                     self.core.add_cycles(next.min(until).max(cycle + 1) - cycle);
                 }
@@ -151,7 +151,7 @@ mod tests {
     use crate::chip::Bare;
     use crate::image::tests::Builder;
 
-    /// `1: adds r0, #1; b 1b`.
+    /// A board that runs `1: adds r0, #1; b 1b`.
     fn counting() -> Board {
         let mut board = Board::new(Box::new(Bare), 0);
         board.flash(&Builder::new(&[0x40, 0x1c, 0xfd, 0xe7]).image());
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn a_held_core_stands_still_while_time_goes_on() {
+    fn held_core_stops_while_time_continues() {
         let mut board = counting();
         board.run_until(ms(2));
         let first = board.core().register(0);
@@ -176,13 +176,13 @@ mod tests {
         assert_eq!(board.core().cycles(), board.chip().cycle_of(ms(20)));
         board.hold(false);
         board.run_until(ms(28));
-        // It goes on as fast as before.
+        // The core continues at the same speed.
         let (then, now) = (before - first, board.core().register(0) - before);
         assert!(now.abs_diff(then) <= 2, "{then} {now}");
     }
 
     #[test]
-    fn without_power_time_goes_on_and_nothing_happens() {
+    fn unpowered_board_executes_nothing_while_time_continues() {
         let mut board = counting();
         board.power(false);
         board.run_until(ms(5));
@@ -194,9 +194,9 @@ mod tests {
         assert!(board.core().register(0) > 1000);
     }
 
-    /// 16 MHz and three cycles a round: what runs from 1.5 ms on.
+    /// 16 MHz and three cycles per iteration, from 1.5 ms on.
     #[test]
-    fn the_core_runs_from_the_moment_at_which_the_reset_is_let_go() {
+    fn core_runs_from_the_release_of_the_reset() {
         let mut board = counting();
         board.run_until(ms(10));
         let rounds = board.core().register(0);

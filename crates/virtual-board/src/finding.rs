@@ -1,38 +1,38 @@
-//! What a program does that the chip's manual forbids, or that the model does not know.
+//! Findings: actions of a program that the chip's manual forbids or that are not modelled.
 
 use crate::time::Time;
 use std::collections::HashMap;
 use std::fmt;
 
-/// What sort of thing was found.
+/// Kind of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Kind {
-    /// An instruction or a feature that is not modelled: the run proves nothing from here on.
+    /// An instruction or a feature that is not modelled: results after this finding are not reliable.
     NotModelled,
     /// An access to a peripheral whose clock is off.
     ClockGated,
     /// A write that changes a reserved bit.
     ReservedBit,
-    /// An access where there is nothing.
+    /// An access to an address without memory or register.
     Unmapped,
-    /// An access that is not aligned, or not of a width that the register allows.
+    /// An unaligned access, or a width that the register does not allow.
     Alignment,
-    /// A clock beyond its limit, or the wrong number of wait states for it.
+    /// A clock beyond its limit, or wrong wait states for the clock.
     ClockLimit,
-    /// A register written at a moment at which it must not be.
+    /// An access that the manual forbids in the present state.
     Forbidden,
-    /// Data that were lost: overrun, underrun, collision.
+    /// Lost data: overrun, underrun, collision.
     Lost,
-    /// A fault of the processor: hard fault, lock-up.
+    /// A fault of the core: hard fault, lock-up.
     Fault,
-    /// A reset that nobody outside asked for.
+    /// A reset without an external cause.
     Reset,
-    /// A pin that two sides drive, or a peripheral without its pin.
+    /// A pin with conflicting drivers, a floating pin that is read, or a peripheral without its pin.
     Pin,
 }
 
 impl Kind {
-    /// The name in tables and in JSON.
+    /// Name in tables and in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::NotModelled => "not modelled",
@@ -50,18 +50,18 @@ impl Kind {
     }
 }
 
-/// One thing that was found, with the place in the program and how often it happened.
+/// One finding, with its place in the program and its number of occurrences.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// What sort of thing.
+    /// Kind.
     pub kind: Kind,
-    /// What it is, in words.
+    /// Description.
     pub text: String,
-    /// Program counter at the first time.
+    /// Program counter at the first occurrence.
     pub pc: u32,
-    /// The first time.
+    /// Time of the first occurrence.
     pub at: Time,
-    /// How often.
+    /// Number of occurrences.
     pub count: u64,
 }
 
@@ -82,7 +82,7 @@ impl fmt::Display for Finding {
     }
 }
 
-/// Findings of a board. One place in the program and one text make one finding.
+/// Findings of a board. Occurrences with the same place in the program and the same text are one finding.
 #[derive(Clone, Debug, Default)]
 pub struct Findings {
     list: Vec<Finding>,
@@ -90,7 +90,7 @@ pub struct Findings {
 }
 
 impl Findings {
-    /// Notes something.
+    /// Notes an occurrence.
     #[cold]
     pub fn note(&mut self, kind: Kind, pc: u32, at: Time, text: impl Into<String>) {
         let text = text.into();
@@ -108,7 +108,7 @@ impl Findings {
         }
     }
 
-    /// What was found, in the order of the first times.
+    /// Findings in the order of their first occurrences.
     pub fn list(&self) -> &[Finding] {
         &self.list
     }
@@ -119,7 +119,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_happens_again_at_the_same_place_is_counted() {
+    fn repeated_finding_at_the_same_place_is_counted() {
         let mut findings = Findings::default();
         for (pc, time) in [(8, 1), (8, 2), (12, 3)] {
             findings.note(Kind::ClockGated, pc, Time(time), "SPI1");

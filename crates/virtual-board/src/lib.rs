@@ -7,7 +7,7 @@
     )
 )]
 
-/// Bits of registers: a constant for each name and place.
+/// Declares bits of registers: a constant for each name and bit number.
 macro_rules! bits {
     (pub($scope:tt): $($name:ident $bit:literal),* $(,)?) => {
         $(pub($scope) const $name: u32 = 1 << $bit;)*

@@ -1,9 +1,8 @@
 //! Boards on one CAN bus, in lockstep.
 //!
-//! Each board runs for a quantum of time by itself, then the wire carries what they sent. A frame takes
-//! at least 47 µs, so with a quantum below that what it does to a board lies in that board's future, and
-//! happens at its exact time (see [`Wire`] for what is not exact). Boards may run on several threads:
-//! the result is the same to the last bit.
+//! Each board runs alone for a quantum of time; then the wire transfers what the boards sent. A frame takes at least 47
+//! µs. If the quantum is shorter, the effects of a frame on a board are in that board's future and occur at their exact
+//! times (exceptions: see [`Wire`]). Boards may run on several threads; the result is identical to the last bit.
 
 use crate::board::Board;
 use crate::time::Time;
@@ -11,13 +10,13 @@ use crate::wire::{Node, VirtualNode, Wire};
 use crate::workers::Workers;
 use std::time::Instant;
 
-/// Calls of [`Network::run_until`] after which the slower way of running is tried again.
+/// Number of calls of [`Network::run_until`] after which the slower mode is tried again.
 const TRY_AGAIN: u32 = 200;
 
 /// Boards and their bus.
 pub struct Network {
     boards: Vec<Box<Board>>,
-    /// Once there was something for them to do.
+    /// Created at the first run on several threads.
     workers: Option<Workers>,
     /// Nodes without a board.
     others: Vec<VirtualNode>,
@@ -28,17 +27,17 @@ pub struct Network {
     costs: Costs,
 }
 
-/// What running took of late, on one thread and on several: on a machine that is busy with something
-/// else one is faster. It decides on nothing but speed.
+/// Recent costs of running on one thread and on several. On a busy machine either may be faster. The costs affect only
+/// the speed.
 #[derive(Clone, Copy, Debug, Default)]
 struct Costs {
-    /// Seconds a simulated second.
+    /// Wall-clock seconds per simulated second, for one thread and for several.
     of: [f64; 2],
     calls: u32,
 }
 
 impl Costs {
-    /// The way to run next: 0 for one thread.
+    /// Mode of the next run: 0 for one thread, 1 for several.
     fn choose(&mut self) -> usize {
         self.calls += 1;
         let better = usize::from(self.of[1] <= self.of[0]);
@@ -63,7 +62,7 @@ impl Clone for Network {
     fn clone(&self) -> Self {
         Self {
             boards: self.boards.clone(),
-            // Threads of its own, once there is something for them to do.
+            // The copy creates its own threads when needed.
             workers: None,
             others: self.others.clone(),
             wire: self.wire.clone(),
@@ -76,8 +75,8 @@ impl Clone for Network {
 }
 
 impl Network {
-    /// Boards on a wire; the order is that of the wire's nodes. A quantum of 40 µs is
-    /// a good one, 42 bits of the bus the longest.
+    /// Creates a network; the order of the boards is that of the wire's nodes. A quantum of 40 µs works well; the
+    /// longest is 42 bits of the bus.
     pub fn new(boards: Vec<Board>, wire: Wire, quantum: Time, threads: usize) -> Self {
         Self {
             boards: boards.into_iter().map(Box::new).collect(),
@@ -91,19 +90,19 @@ impl Network {
         }
     }
 
-    /// Adds a node without a board; the wire must have been made for so many nodes. Gives its place at
+    /// Adds a node without a board; the wire must have been created with enough nodes. Returns the index of the node on
     /// the wire.
     pub fn add(&mut self, node: VirtualNode) -> usize {
         self.others.push(node);
         self.boards.len() + self.others.len() - 1
     }
 
-    /// The nodes without a board, in the order in which they were added.
+    /// Nodes without a board, in the order in which they were added.
     pub fn others(&mut self) -> &mut [VirtualNode] {
         &mut self.others
     }
 
-    /// The time everything has come to.
+    /// Time that all boards and the wire have reached.
     pub fn now(&self) -> Time {
         self.now
     }
@@ -113,7 +112,7 @@ impl Network {
         self.boards.iter_mut().map(|board| &mut **board)
     }
 
-    /// A board.
+    /// A board by its index.
     pub fn board(&mut self, place: usize) -> Option<&mut Board> {
         self.boards.get_mut(place).map(|board| &mut **board)
     }
@@ -123,7 +122,7 @@ impl Network {
         &mut self.wire
     }
 
-    /// Runs everything to `time`.
+    /// Runs all boards and the wire to `time`.
     pub fn run_until(&mut self, time: Time) {
         if self.threads.min(self.boards.len()) < 2 {
             return self.run_here(time);
@@ -177,7 +176,7 @@ impl Network {
     }
 }
 
-/// The wire to `until`, between these boards and nodes.
+/// Advances the wire to `until` with these boards and nodes.
 fn carry<'a>(
     wire: &mut Wire,
     until: Time,

@@ -1,17 +1,17 @@
-//! Random numbers of one part.
+//! Random numbers of one device.
 
-/// A small generator (SplitMix64, Steele, Lea and Flood 2014) and normal numbers from it.
+/// A small random number generator (SplitMix64; Steele, Lea and Flood 2014), with normal numbers derived from it.
 ///
-/// A normal number is the sum of twelve uniform ones less its mean (Irwin–Hall): variance 1 but for
-/// the rounding to 16 bits, nothing beyond six standard deviations, excess kurtosis −0.1. It needs no
-/// transcendental function, so it is the same to the bit on every machine.
+/// A normal number is the sum of twelve uniform numbers minus its mean (Irwin–Hall). Variance: 1, except for rounding
+/// to 16 bits. Range: six standard deviations. Excess kurtosis: −0.1. No transcendental function is needed, so the
+/// numbers are bit-identical on all machines.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Noise {
     state: u64,
 }
 
 impl Noise {
-    /// Seeds apart by anything give unrelated sequences.
+    /// Creates a generator. Different seeds, even adjacent ones, give unrelated sequences.
     pub fn new(seed: u64) -> Self {
         let mut noise = Self { state: seed };
         noise.state = noise.bits() ^ 0xd1b5_4a32_d192_ed03;
@@ -35,13 +35,13 @@ impl Noise {
     /// Normal, mean 0, variance 1.
     pub fn normal(&mut self) -> f64 {
         const LOW: u64 = 0x0000_ffff_0000_ffff;
-        // Sums of twelve 16-bit numbers: pairs do not overflow 32 bits.
+        // The two halves of a 64-bit word add six 16-bit numbers each; neither half overflows.
         let pairs = (0..3).fold(0u64, |sum, _| {
             let bits = self.bits();
             sum + (bits & LOW) + (bits >> 16 & LOW)
         });
         let sum = (pairs & 0xffff_ffff) + (pairs >> 32);
-        // Mean of one: (2¹⁶ − 1)/2.
+        // Mean of one number: (2¹⁶ − 1)/2.
         (sum as f64 - 6.0 * 65_535.0) * (1.0 / 65_536.0)
     }
 }
@@ -51,7 +51,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn normal_numbers_have_the_moments_of_the_sum_of_twelve() {
+    fn normal_numbers_have_the_moments_of_a_sum_of_twelve_uniform_numbers() {
         let mut noise = Noise::new(7);
         let n = 200_000;
         let (mut m1, mut m2, mut m4, mut lag) = (0.0, 0.0, 0.0, 0.0);
@@ -74,13 +74,13 @@ mod tests {
     }
 
     #[test]
-    fn uniform_numbers_fill_their_interval_evenly() {
+    fn uniform_numbers_are_evenly_distributed() {
         let mut noise = Noise::new(1);
         let mut bins = [0u32; 16];
         for _ in 0..160_000 {
             bins[(noise.uniform() * 16.0) as usize] += 1;
         }
-        // Chi-squared with 15 degrees of freedom: beyond 37.7 once in a thousand.
+        // Chi-squared with 15 degrees of freedom exceeds 37.7 with probability 0.001.
         let chi: f64 = bins
             .iter()
             .map(|&b| (f64::from(b) - 1e4).powi(2) / 1e4)
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbouring_seeds_are_not_related() {
+    fn adjacent_seeds_give_uncorrelated_numbers() {
         let (mut a, mut b) = (Noise::new(10), Noise::new(11));
         let sum: f64 = (0..10_000).map(|_| a.normal() * b.normal()).sum();
         assert!((sum / 10_000.0).abs() < 0.04, "{sum}");

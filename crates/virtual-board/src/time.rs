@@ -1,38 +1,38 @@
-//! Cycles of a board and the time around it.
+//! Cycles of a board, and simulated time.
 
 use std::fmt;
 use std::ops::{Add, Sub};
 
-/// Cycles of a board's core clock (HCLK) since its power came on first; never reset.
+/// Cycles of a board's core clock (HCLK) since the first power-on; never reset.
 pub type Cycles = u64;
 
-/// Later than anything.
+/// Later than every cycle.
 pub const NEVER: Cycles = Cycles::MAX;
 
-/// Time around the boards since the beginning of the simulation, ps.
+/// Simulated time since the start, ps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Time(pub u64);
 
 impl Time {
-    /// Later than anything.
+    /// Later than every other time.
     pub const NEVER: Self = Self(u64::MAX);
 
-    /// From microseconds.
+    /// Time from microseconds.
     pub const fn from_micros(micros: u64) -> Self {
         Self(micros * 1_000_000)
     }
 
-    /// From nanoseconds.
+    /// Time from nanoseconds.
     pub const fn from_nanos(nanos: u64) -> Self {
         Self(nanos * 1_000)
     }
 
-    /// In seconds.
+    /// Time in seconds.
     pub fn seconds(self) -> f64 {
         self.0 as f64 * 1e-12
     }
 
-    /// Whole microseconds.
+    /// Time in whole microseconds.
     pub const fn micros(self) -> u64 {
         self.0 / 1_000_000
     }
@@ -60,21 +60,22 @@ impl fmt::Display for Time {
     }
 }
 
-/// How a board's cycles lie in time; begins anew whenever the core's frequency changes.
+/// Conversion between cycles and time of a board; a new reference point is set at each change of frequency.
 #[derive(Clone, Copy, Debug)]
 pub struct Timebase {
     cycle: Cycles,
     time: Time,
-    /// Period of a cycle, 2⁻³² ps.
+    /// Length of a cycle, 2⁻³² ps.
     period: u64,
-    /// Cycles in a picosecond, 2⁻⁶⁴ of a cycle.
+    /// Cycles per picosecond, in units of 2⁻⁶⁴.
     rate: u64,
-    /// Crystal and oscillators too fast by this many parts in 10⁹.
+    /// Deviation of crystal and oscillators, parts in 10⁹; positive if fast.
     fast_ppb: i64,
 }
 
 impl Timebase {
-    /// From cycle 0 at time 0 with a nominal frequency; the board's clocks are fast by `fast_ppb`.
+    /// A time base with cycle 0 at time 0 and a nominal frequency; the board's clocks run `fast_ppb` parts in 10⁹ too
+    /// fast.
     pub fn new(frequency_hz: u64, fast_ppb: i64) -> Self {
         let mut timebase = Self {
             cycle: 0,
@@ -87,7 +88,7 @@ impl Timebase {
         timebase
     }
 
-    /// From this cycle on the nominal frequency is another.
+    /// Changes the nominal frequency from this cycle on.
     pub fn set_frequency(&mut self, cycle: Cycles, frequency_hz: u64) {
         self.time = self.time_of(cycle);
         self.cycle = cycle;
@@ -103,20 +104,20 @@ impl Timebase {
         self.period
     }
 
-    /// The time at which a cycle begins.
+    /// Time at which a cycle begins.
     pub fn time_of(&self, cycle: Cycles) -> Time {
         let cycles = cycle.saturating_sub(self.cycle);
         Time(self.time.0 + ((u128::from(cycles) * u128::from(self.period)) >> 32) as u64)
     }
 
-    /// The first cycle that begins at `time` or later; [`NEVER`] stays so.
+    /// First cycle that begins at `time` or later; [`NEVER`] for [`Time::NEVER`].
     pub fn cycle_of(&self, time: Time) -> Cycles {
         if time == Time::NEVER {
             return NEVER;
         }
         let span = time.0.saturating_sub(self.time.0);
         let mut cycle = self.cycle + ((u128::from(span) * u128::from(self.rate)) >> 64) as u64;
-        // The product is rounded down: off by one.
+        // The product is rounded down, so the cycle may be off by one.
         while cycle > self.cycle && self.time_of(cycle - 1) >= time {
             cycle -= 1;
         }
@@ -142,7 +143,7 @@ mod tests {
             assert_eq!(base.cycle_of(time), cycle);
             assert_eq!(base.cycle_of(time + Time(1)), cycle + 1);
         }
-        // An hour at 168 MHz, 200 parts in a million fast, is off by less than a cycle.
+        // After an hour at 168 MHz with clocks 200 ppm fast, the error is less than 1 µs.
         let cycles = 3600 * 168_000_000u64;
         let ideal = 1e-3 + 3600.0 / 1.0002 - 0.0002e-3;
         let found = base.time_of(16_000 + cycles).seconds();

@@ -1,7 +1,7 @@
 //! Threads that run boards quantum by quantum.
 //!
-//! They live as long as their [`Workers`]. Each takes the next board that nobody runs yet, those first that
-//! had most to do of late: boards are busy in turns, and a fixed share would leave threads waiting.
+//! The threads live as long as their [`Workers`]. Each thread takes the next board that is still waiting; boards with
+//! the highest recent load are first. The load of boards varies, so a fixed assignment would leave threads idle.
 
 use crate::board::Board;
 use crate::time::Time;
@@ -10,42 +10,42 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Turns of a waiting thread after which it lets others run.
+/// Number of polls after which a waiting thread yields.
 const SPINS: u32 = 2_000;
-/// Turns after which a worker sleeps between looks: nobody runs the boards just now.
+/// Number of polls after which a worker sleeps between polls, because the boards are not running.
 const PATIENCE: u32 = 20_000;
 const NAP: Duration = Duration::from_micros(100);
 
-/// Threads and the boards that they are given.
+/// Threads, and the boards handed to them.
 pub(crate) struct Workers {
     shared: Arc<Shared>,
     threads: Vec<JoinHandle<()>>,
 }
 
-/// The place of a board that is given to the workers.
+/// Slot of a board that is handed to the workers.
 #[derive(Default)]
 struct Slot {
     board: Option<Box<Board>>,
-    /// Instructions it had executed before the last quantum.
+    /// Instructions that the board had executed before the latest quantum.
     before: u64,
 }
 
 struct Shared {
     boards: Vec<Mutex<Slot>>,
-    /// Places of the boards in the order in which they are taken.
+    /// Slots of the boards in the order in which they are taken.
     order: Vec<AtomicUsize>,
     /// End of the quantum, ps.
     until: AtomicU64,
-    /// Boards that were taken in this quantum; more if workers found none left.
+    /// Number of boards taken in this quantum; larger if workers found none left.
     taken: AtomicUsize,
-    /// Boards that have reached its end.
+    /// Number of boards that have reached the end of the quantum.
     done: AtomicUsize,
     stop: AtomicBool,
-    /// A worker has panicked.
+    /// True if a worker has panicked.
     failed: AtomicBool,
 }
 
-/// Tells the others if its thread panics: nobody waits for it then.
+/// Reports a panic of its thread, so that no thread waits for it.
 struct Alarm<'a>(&'a Shared);
 
 impl Drop for Alarm<'_> {
@@ -57,7 +57,7 @@ impl Drop for Alarm<'_> {
 }
 
 impl Workers {
-    /// Workers for so many boards beside the thread that calls.
+    /// Creates workers for `boards` boards; `threads` does not count the calling thread.
     pub fn new(boards: usize, threads: usize) -> Self {
         let shared = Arc::new(Shared {
             boards: (0..boards).map(|_| Mutex::default()).collect(),
@@ -78,7 +78,7 @@ impl Workers {
         }
     }
 
-    /// Gives the boards to the workers.
+    /// Hands the boards to the workers.
     pub fn give(&self, boards: &mut Vec<Box<Board>>) {
         for (slot, board) in self.shared.boards.iter().zip(boards.drain(..)) {
             lock(slot).board = Some(board);
@@ -89,7 +89,7 @@ impl Workers {
     ///
     /// # Panics
     ///
-    /// If a worker has panicked, with what it said.
+    /// Panics with the worker's payload if a worker has panicked.
     pub fn take(&mut self, boards: &mut Vec<Box<Board>>) {
         let slots = self.shared.boards.iter();
         boards.extend(slots.filter_map(|slot| lock(slot).board.take()));
@@ -103,13 +103,13 @@ impl Workers {
         }
     }
 
-    /// Runs all boards to `until` and hands them to `then`, in their order; gives its answer, or nothing
-    /// if a worker panicked.
+    /// Runs all boards to `until` and passes them, in their order, to `then`. Returns the result of `then`; `None` if a
+    /// worker panicked.
     pub fn run<T>(&self, until: Time, then: impl FnOnce(&mut [&mut Board]) -> T) -> Option<T> {
         let shared = &*self.shared;
         shared.until.store(until.0, Ordering::Relaxed);
         shared.done.store(0, Ordering::Relaxed);
-        // Whoever takes a board sees what was written before.
+        // A thread that takes a board sees the values written before.
         shared.taken.store(0, Ordering::Release);
         shared.help();
         let failed = || shared.failed.load(Ordering::Acquire);
@@ -133,14 +133,14 @@ impl Drop for Workers {
     fn drop(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);
         for thread in self.threads.drain(..) {
-            // A panic has been told already, or this is one.
+            // The panic was reported already, or this is the panic.
             let _ = thread.join();
         }
     }
 }
 
 impl Shared {
-    /// A worker's life.
+    /// Main loop of a worker.
     fn work(&self) {
         let _alarm = Alarm(self);
         let stop = || self.stop.load(Ordering::Relaxed);
@@ -165,7 +165,7 @@ impl Shared {
         }
     }
 
-    /// Who had most to do in this quantum is taken first in the next.
+    /// Sorts the boards by their load in this quantum, highest first, for the next quantum.
     fn put_in_order(&self, slots: &mut [MutexGuard<Slot>]) {
         let mut loads: Vec<(u64, usize)> = Vec::with_capacity(slots.len());
         for (place, slot) in slots.iter_mut().enumerate() {
@@ -184,7 +184,7 @@ fn lock(slot: &Mutex<Slot>) -> MutexGuard<'_, Slot> {
     slot.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Waits; after so many turns it sleeps between two looks.
+/// Waits until `ready`; after `patience` polls, the thread sleeps between polls.
 fn wait(patience: u32, ready: impl Fn() -> bool) {
     let mut turns = 0u32;
     while !ready() {
@@ -203,7 +203,7 @@ mod tests {
     use crate::chip::{Bare, Circuit, Inputs};
     use std::sync::mpsc;
 
-    /// Says how far time has come, in steps of 10 µs, and panics at 1 ms.
+    /// A circuit that reports its time in steps of 10 µs, and panics at 1 ms.
     #[derive(Clone)]
     struct Clock(Time, mpsc::Sender<Time>);
 

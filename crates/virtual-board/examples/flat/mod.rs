@@ -1,4 +1,4 @@
-//! A chip of memories alone: flash at 0x0800_0000 and at 0, RAM at 0x2000_0000 and 0x1000_0000.
+//! A chip that consists only of memories: flash at 0x0800_0000 and at 0, RAM at 0x2000_0000 and 0x1000_0000.
 
 #[allow(dead_code)]
 pub mod peer;
@@ -9,7 +9,7 @@ use virtual_board::core::{BusError, Core, System, Transfer, Width};
 use virtual_board::image::Image;
 use virtual_board::{Cycles, Kind};
 
-/// Memories alone.
+/// A chip that consists only of memories.
 pub struct Flat {
     pub flash: Vec<u8>,
     pub sram: Vec<u8>,
@@ -45,7 +45,7 @@ impl Flat {
         memory.get_mut(offset..offset + width.bytes() as usize)
     }
 
-    /// An image about to run, with a debugger.
+    /// A core ready to run an image, with a debugger attached.
     #[allow(dead_code)]
     pub fn start(image: &Image) -> (Core, Self) {
         let mut flat = Self::default();
@@ -56,7 +56,7 @@ impl Flat {
         (core, flat)
     }
 
-    /// Puts code or data into the flash.
+    /// Writes code or data into the flash.
     pub fn program(&mut self, offset: usize, bytes: &[u8]) {
         self.flash[offset..offset + bytes.len()].copy_from_slice(bytes);
         let first = 0x0800_0000 + offset as u32;

@@ -1,17 +1,17 @@
-//! What the two programs that are compared with Unicorn have in common: a core that is ready for code
-//! with floating point, its state as words, and words on a stream.
+//! Shared parts of the two programs that are compared with Unicorn: a core prepared for floating-point code, its state
+//! as words, and words in a stream.
 
 use super::Flat;
 use std::io::{self, Read};
 use virtual_board::core::{Core, Stop};
 
-/// Words of a state: r0 to r14, APSR, FPSCR, s0 to s31.
+/// Number of words of a state: r0 to r14, APSR, FPSCR, s0 to s31.
 pub const WORDS: usize = 49;
-/// No case executes more cycles.
+/// Maximum number of cycles of a case.
 pub const MOST: u64 = 1_000_000;
 pub const FLASH: u32 = 0x0800_0000;
 
-/// Switches the floating-point unit on and makes its context active.
+/// Enables the floating-point unit and activates its context.
 const SETUP: [u16; 6] = [
     0x4802, // ldr r0, [pc, #8]
     0x4903, // ldr r1, [pc, #12]
@@ -20,8 +20,7 @@ const SETUP: [u16; 6] = [
     0xbe00, // bkpt
 ];
 
-/// Puts vectors and [`SETUP`] into the flash, the latter at an offset; every exception comes to a
-/// breakpoint behind it.
+/// Writes vectors and, at an offset, [`SETUP`] into the flash; every exception leads to a breakpoint behind [`SETUP`].
 pub fn prepare(flat: &mut Flat, offset: usize) -> Core {
     let handler = offset + 0x100;
     let mut vectors = vec![0x2000_8000u32, FLASH + offset as u32 + 1];
@@ -39,7 +38,7 @@ pub fn prepare(flat: &mut Flat, offset: usize) -> Core {
     core
 }
 
-/// Begins anew after a fault.
+/// Restarts the core after a fault.
 pub fn restart(core: &mut Core, flat: &mut Flat) {
     core.reset(flat);
     let until = core.cycles() + MOST;
@@ -59,7 +58,7 @@ pub fn set_state(core: &mut Core, words: &[u32]) {
     }
 }
 
-/// The program counter and the words of a state.
+/// Program counter and words of the state.
 pub fn state(core: &Core) -> Vec<u32> {
     let mut words = vec![core.pc()];
     words.extend((0..15).map(|number| core.register(number)));
@@ -68,14 +67,14 @@ pub fn state(core: &Core) -> Vec<u32> {
     words
 }
 
-/// A word of a stream, little-endian.
+/// Next word of a stream, little-endian.
 pub fn word(input: &mut impl Read) -> io::Result<u32> {
     let mut bytes = [0; 4];
     input.read_exact(&mut bytes)?;
     Ok(u32::from_le_bytes(bytes))
 }
 
-/// Many words of a stream.
+/// Next words of a stream.
 pub fn words(input: &mut impl Read, count: usize) -> io::Result<Vec<u32>> {
     (0..count).map(|_| word(input)).collect()
 }

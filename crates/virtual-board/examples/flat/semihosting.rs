@@ -1,12 +1,12 @@
-//! What programs ask of their host (ARM's semihosting, version 2): printing and the end.
+//! Semihosting for programs (ARM's semihosting, version 2): output and exit.
 
 use super::Flat;
 use virtual_board::core::Core;
 
-/// Whether a program ended as it should.
+/// True if a program ended without an error.
 pub type Ended = bool;
 
-/// Serves a semihosting call, with its output if `loud`; something at the end of the program.
+/// Serves a semihosting call; prints the program's output if `loud`. Returns a result at the end of the program.
 pub fn serve(core: &mut Core, flat: &mut Flat, loud: bool) -> Option<Ended> {
     let (operation, block) = (core.register(0), core.register(1));
     let byte = |flat: &Flat, address: u32| {
@@ -37,7 +37,7 @@ pub fn serve(core: &mut Core, flat: &mut Flat, loud: bool) -> Option<Ended> {
     let result = match operation {
         1 => 1,
         4 | 5 => 0,
-        // ADP_Stopped_ApplicationExit, by itself or in a block with a code.
+        // ADP_Stopped_ApplicationExit, directly or in a block with an exit code.
         0x18 => return Some(block == 0x2_0026),
         0x20 => return Some(word(flat, block) == 0x2_0026 && word(flat, block + 4) == 0),
         _ => u32::MAX,

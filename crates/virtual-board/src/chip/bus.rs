@@ -1,4 +1,4 @@
-//! Accesses by the core and by DMA: who answers, and whether the program may do so.
+//! Accesses by the core and by DMA: selection of the target, checks of the program.
 
 use super::cause::Cause;
 use super::effect::Request;
@@ -8,7 +8,7 @@ use crate::core::{BusError, System, Transfer, Width};
 use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};
 
-/// Reads a value of little-endian bytes; what lies beyond is zero.
+/// Reads a little-endian value; zero if it ends beyond `bytes`.
 #[inline]
 pub(super) fn get(bytes: &[u8], at: usize, width: Width) -> u32 {
     match width {
@@ -22,7 +22,7 @@ pub(super) fn get(bytes: &[u8], at: usize, width: Width) -> u32 {
     }
 }
 
-/// Writes a value of little-endian bytes; what lies beyond is lost.
+/// Writes a little-endian value; no effect if it ends beyond `bytes`.
 #[inline]
 pub(super) fn put(bytes: &mut [u8], at: usize, width: Width, value: u32) {
     match width {
@@ -45,7 +45,7 @@ pub(super) fn put(bytes: &mut [u8], at: usize, width: Width, value: u32) {
 }
 
 impl Chip {
-    /// A peripheral asks for a transfer.
+    /// Serves a DMA request of a peripheral.
     pub(super) fn serve(&mut self, request: Request) {
         if self.injected_faults.dma_waits {
             return;
@@ -67,7 +67,7 @@ impl Chip {
         }
     }
 
-    /// Moves an item by a stream. True if a block ended.
+    /// Transfers one item of a DMA stream. True if a block ended.
     fn serve_by(&mut self, controller: dma::Controller, stream: usize) -> bool {
         let (from, to, width) = self.units.dma(controller).item(stream);
         let value = self.dma_read(from, width);
@@ -79,7 +79,7 @@ impl Chip {
         dma.moved(stream, done.is_ok(), shared)
     }
 
-    /// The program has written to a controller: requests that wait are made again.
+    /// Repeats pending DMA requests after a write to a DMA controller.
     fn dma_written(&mut self) {
         let (units, shared) = (&mut self.units, &mut self.shared);
         units.adc.ask(shared);
@@ -100,7 +100,7 @@ impl Chip {
                 self.write_register(unit, offset, width, value);
                 Ok(())
             }
-            // The core-coupled memory is the core's alone.
+            // Only the core reaches the core-coupled memory.
             None if address >= SRAM => self.memory_write(address, width, value),
             None => Err(BusError),
         }
@@ -129,8 +129,8 @@ impl Chip {
         Ok(())
     }
 
-    /// Judges an access; whether it may go on. One that a failing supply has overtaken is none: the core is held in reset
-    /// and sees no answer.
+    /// Checks an access; true if it takes effect. False also once the supply has failed: the core is then held in reset
+    /// and receives no answer.
     fn judge(&mut self, unit: Unit, offset: u32, width: Width, write: Option<(u32, u32)>) -> bool {
         if self.sagged.is_some() {
             return false;
@@ -177,7 +177,7 @@ impl Chip {
         true
     }
 
-    /// Notes an access by the program that follows the start of the peripheral's clock too closely.
+    /// Notes an access that follows too soon after the peripheral's clock was enabled.
     fn judge_delay(&mut self, unit: Unit, offset: u32) {
         let now = self.shared.now;
         let gate = unit.gate(offset);
@@ -190,7 +190,7 @@ impl Chip {
         }
     }
 
-    /// Reads a register; what that does to others is still to be carried there.
+    /// Reads a register; the caller delivers the effects.
     fn read_register(&mut self, unit: Unit, offset: u32, width: Width) -> u32 {
         if !self.judge(unit, offset, width, None) {
             return 0;
@@ -206,7 +206,7 @@ impl Chip {
         Ok(value)
     }
 
-    /// Writes a register; what that does to others is still to be carried there.
+    /// Writes a register; the caller delivers the effects.
     fn write_register(&mut self, unit: Unit, offset: u32, width: Width, value: u32) {
         let shift = 8 * (offset & 3);
         let mask = width.mask() << shift;
@@ -255,7 +255,7 @@ impl Chip {
         Ok(())
     }
 
-    /// Brings everything up to the moment of an access.
+    /// Handles all events due up to the cycle of an access.
     fn arrive(&mut self, pc: u32, cycle: Cycles) {
         if self.shared.next().1 <= cycle {
             self.catch_up(cycle, cycle);
@@ -264,7 +264,7 @@ impl Chip {
         (self.shared.now, self.shared.pc) = (cycle, pc);
     }
 
-    /// Notes an access to a peripheral that the chip has but the model has not.
+    /// Notes an access to a peripheral that exists on the chip but is not modelled.
     fn is_not_modelled(&mut self, address: u32) -> bool {
         let name = map::not_modelled(address);
         if let Some(name) = name {
@@ -273,7 +273,7 @@ impl Chip {
         name.is_some()
     }
 
-    /// Does what is due at `cycle`; gives when the next thing is due.
+    /// Handles the events due at `cycle` or before; returns the cycle of the next event.
     fn catch_up(&mut self, cycle: Cycles, until: Cycles) -> Cycles {
         loop {
             let (unit, at) = self.shared.next();
@@ -385,7 +385,7 @@ impl System for Chip {
         self.flash.enter_line(address, cycle, &mut self.shared);
     }
 
-    /// What most accesses go to, inlined for each width.
+    /// SRAM, the target of most accesses, is inlined for each width.
     #[inline(always)]
     fn read(&mut self, at: Transfer, cycle: &mut Cycles) -> Result<u32, BusError> {
         let place = at.address.wrapping_sub(SRAM) as usize;
@@ -428,7 +428,7 @@ impl System for Chip {
     }
 
     fn must_stop(&self) -> bool {
-        // With another clock it is another cycle at which the core has come far enough.
+        // A clock change moves the cycle at which the core has to stop.
         self.reset.is_some() || self.must_pause || self.clock_changed || self.sagged.is_some()
     }
 

@@ -5,20 +5,20 @@ bits! {
     BORRSTF 25, PINRSTF 26, PORRSTF 27, SFTRSTF 28, IWDGRSTF 29, WWDGRSTF 30
 }
 
-/// Why the chip was reset.
+/// Cause of a reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// Power came on.
+    /// Power-on.
     PowerOn,
     /// The supply sagged below the brown-out level.
     BrownOut,
-    /// The reset pin.
+    /// Reset pin.
     Pin,
-    /// The program.
+    /// Reset request of the program.
     Software,
-    /// The independent watchdog.
+    /// Independent watchdog.
     Watchdog,
-    /// The window watchdog.
+    /// Window watchdog.
     WindowWatchdog,
 }
 
@@ -35,13 +35,13 @@ impl Cause {
         }
     }
 
-    /// Whether it is a power reset, which clears the flags of earlier ones (RM0090, 7.1.2 and 7.3.21).
+    /// True for a power reset, which clears the flags of earlier resets (RM0090, 7.1.2 and 7.3.21).
     pub(crate) fn is_power(self) -> bool {
         matches!(self, Self::PowerOn | Self::BrownOut)
     }
 
-    /// Flags of CSR that it sets: every internal reset pulls the pin low too, and that of power sets
-    /// the flag of the brown-out as well.
+    /// Flags of CSR that this cause sets. Every internal reset also pulls the reset pin low; power-on also sets the
+    /// brown-out flag.
     pub(crate) fn flags(self) -> u32 {
         PINRSTF
             | match self {

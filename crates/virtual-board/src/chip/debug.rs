@@ -1,9 +1,9 @@
 //! Debug unit and device signature.
 //!
-//! Source: reference manual RM0090, chapters 38 and 39. The identity is that of revision Y, on which
-//! prefetch may be used (the errata sheet forbids it on revision A). A system reset leaves the debug
-//! unit as it is. What a debugger's halt stops is modelled for the watchdogs and the timers that there are;
-//! asking for another peripheral, or for trace pins, is a finding.
+//! Source: reference manual RM0090, chapters 38 and 39. The identity is that of revision Y, on which prefetch is
+//! allowed (the errata sheet forbids prefetch on revision A). A system reset does not change the debug unit. Freezing
+//! by a debugger's halt is modelled for the watchdogs and the modelled timers. A request to freeze another peripheral,
+//! or for trace pins, is a finding.
 
 use super::Peripheral;
 use super::chip_variation::Random;
@@ -16,14 +16,14 @@ use crate::finding::Kind;
 const IDCODE: u32 = 0x100f_6413;
 /// Size of the flash, KiB.
 const FLASH_KIB: u32 = 1024;
-/// APB1_FZ: real-time clock, which is not there, window watchdog and independent watchdog.
+/// APB1_FZ: real-time clock (not modelled), window watchdog, independent watchdog.
 const FREEZE_RTC: u32 = 1 << 10;
 const FREEZE_WWDG: u32 = 1 << 11;
 const FREEZE_IWDG: u32 = 1 << 12;
-/// TIM2 to TIM5 from bit 0 on; APB2_FZ: TIM1.
+/// APB1_FZ: TIM2 to TIM5 from bit 0 on. APB2_FZ: TIM1.
 const FREEZE_TIMERS: u32 = 0xf;
 const FREEZE_TIM1: u32 = 1;
-/// CR: pins for trace.
+/// CR: trace pins.
 const TRACE: u32 = 0xe0;
 
 #[rustfmt::skip]
@@ -40,17 +40,17 @@ pub(crate) struct Debug {
 }
 
 impl Debug {
-    /// Whether a halted core stops the independent watchdog.
+    /// True if a halted core stops the independent watchdog.
     pub fn stops_watchdog(&self) -> bool {
         self.settings[1] & FREEZE_IWDG != 0
     }
 
-    /// Whether a halted core stops the window watchdog.
+    /// True if a halted core stops the window watchdog.
     pub fn stops_window_watchdog(&self) -> bool {
         self.settings[1] & FREEZE_WWDG != 0
     }
 
-    /// Whether a halted core stops a timer, 0 for TIM1.
+    /// True if a halted core stops the timer; 0 is TIM1.
     pub fn stops_timer(&self, timer: usize) -> bool {
         match timer {
             0 => self.settings[2] & FREEZE_TIM1 != 0,
@@ -58,7 +58,7 @@ impl Debug {
         }
     }
 
-    /// Place on the wafer, number of the wafer and lot, as letters and digits.
+    /// Position on the wafer, wafer number and lot number; the lot number is in ASCII.
     fn identity(shared: &Shared) -> [u32; 3] {
         let mut random = Random::new(shared.variation.seed);
         let mut draw = |most: u64| (random.next() >> 16) % most;
@@ -84,7 +84,7 @@ impl Peripheral for Debug {
         if let Some(offset) = offset.checked_sub(IDENTITY) {
             return match offset {
                 0..=8 => Self::identity(shared)[offset as usize / 4],
-                // In the upper half.
+                // The flash size is in the upper halfword.
                 _ => FLASH_KIB << 16,
             };
         }
@@ -118,10 +118,10 @@ mod tests {
     use crate::chip::testing::shared;
 
     #[test]
-    fn it_is_a_device_0x413_with_a_mebibyte() {
+    fn identity_is_device_0x413_with_1024_kib_flash() {
         let (mut debug, mut shared) = (Debug::default(), shared());
         assert_eq!(debug.read(0, &mut shared) & 0xfff, 0x413);
-        // 0x1fff_7a22.
+        // Address 0x1fff_7a22.
         let size = debug.read(IDENTITY + 0x10, &mut shared) >> 16;
         assert_eq!(size, 1024);
     }
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn watchdog_and_timers_can_be_stopped_and_the_rest_is_found() {
+    fn freezing_anything_but_watchdogs_and_timers_is_a_finding() {
         let (mut debug, mut shared) = (Debug::default(), shared());
         debug.write(0x08, FREEZE_IWDG, !0, &mut shared);
         debug.write(0x04, 7, !0, &mut shared);

@@ -3,7 +3,7 @@
 use super::cause::Cause;
 use super::pin::{Drive, Pin, Signal};
 
-/// Who asks a DMA controller for a transfer.
+/// Source of a DMA request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs, reason = "the manual's names")]
 pub enum Request {
@@ -30,67 +30,64 @@ pub(crate) enum Kind {
 /// Effects of one part of the chip on the others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Effect {
-    /// TRGO of a timer, which can start conversions, rises or falls.
+    /// TRGO of a timer, which can start conversions, changed its level.
     Trigger {
-        /// The timer.
         timer: Kind,
-        /// True if it rises.
+        /// True for a rising edge.
         rises: bool,
     },
-    /// One transfer is wanted.
+    /// A peripheral requests one DMA transfer.
     Dma(Request),
-    /// A peripheral begins to use a signal, which must be on a pin.
+    /// A peripheral starts to use a signal, which must be routed to a pin.
     Uses(Signal),
-    /// A peripheral drives its output in another way.
+    /// A peripheral changes how it drives its output.
     Output(Signal, Drive),
-    /// A pin has another level now.
+    /// The level of a pin changed.
     Level {
-        /// The pin.
         pin: Pin,
-        /// True if it is high.
+        /// The new level.
         high: bool,
     },
-    /// The chip drives a pin in another way now.
+    /// The chip changes how it drives a pin.
     Driven(Pin, Drive),
-    /// The core's clock runs at another frequency from now on, Hz.
+    /// The core clock changes to this frequency, Hz.
     Frequency(u64),
-    /// The crystal failed and the clock security system saw it.
+    /// The clock security system detected a failure of the crystal.
     ClockFailure,
-    /// The voltage detector says whether the supply is low.
+    /// The voltage detector sets its output.
     VoltageDetector {
         /// True if the supply is low.
         low: bool,
     },
-    /// The converter has sampled a pin for the first time since it was switched on.
+    /// The converter sampled this pin for the first time since the converter was switched on.
     Sampled(Pin),
-    /// The program resets a peripheral by the bit of this enable register that belongs to it.
+    /// The program resets the peripheral that belongs to this bit of an enable register.
     ResetUnit {
         /// Offset of the enable register.
         register: u32,
-        /// The bit.
         bit: u32,
     },
     /// The chip is reset.
     Reset(Cause),
 }
 
-/// Frequencies of the buses' clocks as the program set them up, Hz.
+/// Bus clocks as configured by the program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Clocks {
-    /// Core, memories, DMA, GPIO.
+    /// Frequency of core, memories, DMA and GPIO, Hz.
     pub hclk_hz: u64,
-    /// Cycles of the core in one of APB1.
+    /// Core cycles in one cycle of APB1.
     pub apb1: u64,
-    /// Cycles of the core in one of APB2.
+    /// Core cycles in one cycle of APB2.
     pub apb2: u64,
-    /// Cycles of the core in one of a timer's on APB1.
+    /// Core cycles in one clock cycle of a timer on APB1.
     pub timer1: u64,
-    /// Cycles of the core in one of a timer's on APB2.
+    /// Core cycles in one clock cycle of a timer on APB2.
     pub timer2: u64,
 }
 
 impl Clocks {
-    /// As after a reset: the internal oscillator.
+    /// Clocks after a reset: the internal oscillator.
     pub const RESET: Self = Self {
         hclk_hz: 16_000_000,
         apb1: 1,

@@ -1,31 +1,31 @@
-//! Delay between switching a peripheral's clock on and the first access to it.
+//! Delay between enabling a peripheral's clock and the first access to the peripheral.
 //!
 //! Errata sheet ES0182, "Delay after an RCC peripheral clock enabling": two cycles on AHB, 1 + prescaler on APB, or a
-//! DSB. A program that has only some instructions between the two keeps the delay by luck: the next build has others.
-//! So an access within [`MARGIN`] without a DSB is a finding.
+//! DSB. A program that relies on the instructions in between keeps the delay only by chance: the next build may differ.
+//! Any access within [`MARGIN`] without a DSB is therefore a finding.
 
 use crate::time::Cycles;
 
-/// More cycles than any of these delays, and than a compiler puts between two lines by chance.
+/// Cycles; exceeds each of these delays and the distance of two adjacent source lines in compiled code.
 const MARGIN: Cycles = 32;
 
-/// Clocks that were switched on since the latest DSB: register, bit, cycle.
+/// Clocks enabled since the latest DSB: register, bit, cycle.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Enabled(Vec<(u32, u32, Cycles)>);
 
 impl Enabled {
-    /// These bits of an enable register were set.
+    /// Records that these bits of an enable register were set.
     pub fn switched_on(&mut self, register: u32, bits: u32, now: Cycles) {
         let set = (0..32).filter(|bit| bits >> bit & 1 != 0);
         self.0.extend(set.map(|bit| (register, bit, now)));
     }
 
-    /// The program waited for the end of all its accesses (DSB), or the chip was reset.
+    /// Forgets all clocks: the program has executed a DSB, or the chip was reset.
     pub fn clear(&mut self) {
         self.0.clear();
     }
 
-    /// Cycles since the clock of this bit was switched on, once, if they are too few.
+    /// Cycles since the clock of this bit was enabled, if too few. Only the first access after enabling is reported.
     pub fn is_early(&mut self, (register, bit): (u32, u32), now: Cycles) -> Option<Cycles> {
         self.0.retain(|(.., at)| now < at + MARGIN);
         let place = self
@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_access_is_early_within_the_margin_and_without_a_barrier() {
+    fn access_within_the_margin_without_a_dsb_is_early() {
         let switched_on = || {
             let mut enabled = Enabled::default();
             enabled.switched_on(0x40, 1 << 11, 1000);

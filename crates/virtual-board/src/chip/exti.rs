@@ -1,9 +1,9 @@
 //! External interrupts: the line of the voltage detector.
 //!
-//! Source: reference manual RM0090, chapter 12. An edge pends the line whether its interrupt is enabled or not.
+//! Source: reference manual RM0090, chapter 12. An edge sets the pending bit even if the interrupt is masked.
 //!
-//! Not modelled: the lines of pins, of the real-time clock, USB and Ethernet, events for WFE, and lines that the
-//! program pends; switching one on is a finding.
+//! Not modelled: lines of pins, real-time clock, USB and Ethernet; events for WFE; pending bits set by the program.
+//! Enabling one of these is a finding.
 
 use super::Peripheral;
 use super::interrupt::Interrupt;
@@ -11,7 +11,7 @@ use super::register::{Register, merge, word};
 use super::shared::Shared;
 use crate::finding::Kind;
 
-// Places.
+// Offsets.
 const IMR: u32 = 0x00;
 const RTSR: u32 = 0x08;
 const FTSR: u32 = 0x0c;
@@ -23,10 +23,10 @@ const REGISTERS: &[Register] = &[
     word(FTSR, "FTSR", 0x7f_ffff), word(0x10, "SWIER", 0x7f_ffff), word(PR, "PR", 0x7f_ffff),
 ];
 
-/// The voltage detector's line.
+/// Line of the voltage detector.
 const LINE: u32 = 1 << 16;
 
-/// Edges of the voltage detector become interrupts.
+/// Turns edges of the voltage detector into interrupts.
 #[derive(Clone, Default)]
 pub(crate) struct Exti {
     mask: u32,
@@ -37,7 +37,7 @@ pub(crate) struct Exti {
 }
 
 impl Exti {
-    /// The voltage detector's level.
+    /// Sets the level of the voltage detector's output.
     pub fn level(&mut self, level: bool, shared: &mut Shared) {
         let before = std::mem::replace(&mut self.level, level);
         if before != level {
@@ -93,7 +93,7 @@ mod tests {
     use crate::chip::testing::shared;
 
     #[test]
-    fn chosen_edges_pend_until_they_are_cleared() {
+    fn enabled_edges_set_pending_until_cleared() {
         for (edges, rises, falls) in [(RTSR, true, false), (FTSR, false, true)] {
             let (mut exti, mut shared) = (Exti::default(), shared());
             exti.write(IMR, LINE, !0, &mut shared);
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn a_masked_line_pends_and_interrupts_when_it_is_unmasked() {
+    fn masked_line_sets_pending_and_interrupts_when_unmasked() {
         let (mut exti, mut shared) = (Exti::default(), shared());
         exti.write(RTSR, LINE, !0, &mut shared);
         exti.level(true, &mut shared);
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_modelled_is_found() {
+    fn enabling_a_line_that_is_not_modelled_is_a_finding() {
         for (offset, value) in [(0x04, LINE), (IMR, 1), (RTSR, 1 << 22), (0x10, LINE)] {
             let (mut exti, mut shared) = (Exti::default(), shared());
             exti.write(offset, value, !0, &mut shared);

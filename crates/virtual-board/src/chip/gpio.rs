@@ -1,12 +1,17 @@
 //! Ports: modes, levels, alternate functions.
 //!
-//! Source: reference manual RM0090, chapter 8. A pin's level is that of the strongest side that drives
-//! it: chip or world, then the resistors of either. An output and the world against each other is a
-//! finding, and so is a pin that the board itself uses ([`Net`]). So is listening to a pin that nobody drives, by a peripheral; by the input register only where
-//! something is soldered to the pin, because a load of it does not say which of its pins is meant. Such a
-//! pin reads low.
+//! Source: reference manual RM0090, chapter 8. A pin's level follows its strongest driver: an output of chip or circuit
+//! first, then the circuit's resistors, then the chip's. Findings:
 //!
-//! Not modelled: speeds (kept), analogue levels between the thresholds, locked settings, which are a finding.
+//! - an output of the chip against a driver in the circuit
+//! - a pin that the board itself uses ([`Net`])
+//! - a floating pin that a peripheral uses as its input
+//! - a floating pin read through the input register, if something is connected to it: a load does not show which of the
+//!   port's pins is meant
+//!
+//! A floating pin reads low.
+//!
+//! Not modelled: speeds (stored only), analogue levels between the thresholds, locked settings (a finding).
 
 use super::Peripheral;
 use super::effect::Effect;
@@ -25,7 +30,6 @@ const REGISTERS: &[Register] = &[
 
 const PINS: usize = PORTS * 16;
 
-/// Registers of a port.
 #[derive(Clone, Copy, Debug, Default)]
 struct Port {
     mode: u32,
@@ -43,7 +47,7 @@ const ALTERNATE_FUNCTION: u32 = 2;
 const ANALOGUE: u32 = 3;
 
 impl Port {
-    /// After a reset; the debug port's pins are in use.
+    /// Registers after a reset; the debug port's pins are configured.
     fn new(index: usize) -> Self {
         let (mode, speed, pull) = match index {
             0 => (0xa800_0000, 0x0c00_0000, 0x6400_0000),
@@ -67,12 +71,12 @@ impl Port {
     }
 }
 
-/// How two drives meet.
+/// Level of a pin driven by chip and circuit; `None` if it floats.
 fn meet(chip: Drive, world: Drive) -> Option<bool> {
     match (chip, world) {
         (Drive::Low, _) | (_, Drive::Low) => Some(false),
         (Drive::High, _) | (_, Drive::High) => Some(true),
-        // The world's resistors are the stronger: those of the chip have 40 kΩ.
+        // The circuit's resistors win: those of the chip have 40 kΩ.
         (_, Drive::PullDown) => Some(false),
         (_, Drive::PullUp) => Some(true),
         (Drive::PullDown, Drive::Open) => Some(false),
@@ -81,12 +85,12 @@ fn meet(chip: Drive, world: Drive) -> Option<bool> {
     }
 }
 
-/// No pin.
+/// Marks an unused entry.
 const NOWHERE: u8 = u8::MAX;
-/// Pins that a signal can be on.
+/// Largest number of pins that one signal can be routed to.
 const CHOICES: usize = 4;
 
-/// Which signal is on which pin, by modes and alternate functions.
+/// Routing of signals to pins by modes and alternate functions.
 #[derive(Clone)]
 struct Routes {
     signals: [Option<Signal>; PINS],
@@ -119,14 +123,14 @@ impl Routes {
 pub(crate) struct Gpio {
     ports: [Port; PORTS],
     routes: Routes,
-    /// How the world drives each pin; it outlives a reset.
+    /// Drive of each pin by the circuit; outlives a reset.
     world: [Drive; PINS],
-    /// Pins that the world has driven.
+    /// Pins that the circuit has driven at least once.
     soldered: [bool; PINS],
-    /// How the chip does.
+    /// Drive of each pin by the chip.
     chip: [Drive; PINS],
     level: [bool; PINS],
-    /// How peripherals drive their outputs.
+    /// Drive of each peripheral output.
     signals: [Drive; Signal::COUNT],
     /// Nets of the board.
     nets: [Option<&'static Net>; PINS],
@@ -149,7 +153,7 @@ impl Default for Gpio {
 }
 
 impl Gpio {
-    /// After a reset of a chip whose pins were as `before`.
+    /// Starts from the reset state; `before` holds the ports before the reset.
     pub fn begin(&mut self, before: &Self, shared: &mut Shared) {
         (self.world, self.soldered) = (before.world, before.soldered);
         (self.chip, self.level) = (before.chip, before.level);
@@ -161,14 +165,14 @@ impl Gpio {
         }
     }
 
-    /// The program resets a port.
+    /// Resets a port by its bit in the RCC.
     pub fn reset(&mut self, port: usize, shared: &mut Shared) {
         self.ports[port] = Port::new(port);
         self.routes = Routes::of(&self.ports);
         self.update(port, shared);
     }
 
-    /// The world drives a pin in another way.
+    /// Sets the circuit's drive of a pin.
     pub fn external(&mut self, pin: Pin, drive: Drive, shared: &mut Shared) {
         self.soldered[pin.index()] |= drive != Drive::Open;
         if drive.is_strong() {
@@ -178,7 +182,7 @@ impl Gpio {
         self.settle(pin, shared);
     }
 
-    /// A peripheral drives its output in another way.
+    /// Sets a peripheral's drive of its output.
     pub fn output(&mut self, signal: Signal, drive: Drive, shared: &mut Shared) {
         self.signals[signal as usize] = drive;
         for at in self.routes.pins[signal as usize] {
@@ -189,47 +193,46 @@ impl Gpio {
         }
     }
 
-    /// The peripheral's signal that a pin is connected to.
+    /// Peripheral signal routed to a pin.
     pub fn signal_at(&self, pin: Pin) -> Option<Signal> {
         self.routes.signals[pin.index()]
     }
 
-    /// The pin that a peripheral's signal is on, the first of several.
+    /// First pin that a peripheral signal is routed to.
     pub fn pin_of(&self, signal: Signal) -> Option<Pin> {
         let at = self.routes.pins[signal as usize][0];
         (at != NOWHERE).then(|| Pin::at(at))
     }
 
-    /// Whether a pin is set to be analogue.
     pub fn is_analogue(&self, pin: Pin) -> bool {
         self.ports[pin.port()].mode_of(pin.number()) == ANALOGUE
     }
 
-    /// Level of a pin as the chip's digital inputs have it.
+    /// Level of a pin at the chip's digital input.
     pub fn level(&self, pin: Pin) -> bool {
         self.level[pin.index()]
     }
 
-    /// How the chip drives a pin.
+    /// Drive of a pin by the chip.
     #[cfg(test)]
     pub fn driven(&self, pin: Pin) -> Drive {
         self.chip[pin.index()]
     }
 
-    /// Whether nobody drives a pin that the chip has as a digital input.
+    /// True if a pin is not analogue and neither chip nor circuit drives it.
     pub fn floats(&self, pin: Pin) -> bool {
         let drives = (self.chip[pin.index()], self.world[pin.index()]);
         !self.is_analogue(pin) && drives == (Drive::Open, Drive::Open)
     }
 
-    /// Notes that something listens to a pin that nobody drives.
+    /// Notes a floating pin that is read.
     pub fn judge(&self, pin: Pin, shared: &mut Shared) {
         if self.floats(pin) {
             shared.note(Kind::Pin, format!("{pin} floats and is listened to"));
         }
     }
 
-    /// Notes that a net of the board is driven that is not to be used in this way.
+    /// Notes that a net of the board is driven against its permitted use.
     fn check_net(&self, pin: Pin, usage: Usable, driver: &str, shared: &mut Shared) {
         if let Some(net) = self.nets[pin.index()]
             && net.usable != usage
@@ -240,14 +243,14 @@ impl Gpio {
         }
     }
 
-    /// The pins of a port anew.
+    /// Recomputes all pins of a port.
     fn update(&mut self, port: usize, shared: &mut Shared) {
         for number in 0..16 {
             self.drive(Pin::of(port, number), shared);
         }
     }
 
-    /// How the chip drives a pin, anew.
+    /// Recomputes the chip's drive of a pin.
     fn drive(&mut self, pin: Pin, shared: &mut Shared) {
         let (port, number) = (&self.ports[pin.port()], pin.number());
         let mode = port.mode_of(number);
@@ -279,14 +282,14 @@ impl Gpio {
         self.settle(pin, shared);
     }
 
-    /// The level of a pin anew.
+    /// Recomputes the level of a pin.
     fn settle(&mut self, pin: Pin, shared: &mut Shared) {
         let (chip, world) = (self.chip[pin.index()], self.world[pin.index()]);
         if chip.is_strong() && world.is_strong() && chip != world {
             let text = format!("{pin} is driven against what is soldered to it");
             shared.note(Kind::Pin, text);
         }
-        // The digital input is cut off from an analogue pin.
+        // An analogue pin has no digital input.
         let level = !self.is_analogue(pin) && meet(chip, world).unwrap_or(false);
         if self.level[pin.index()] != level {
             self.level[pin.index()] = level;
@@ -294,7 +297,7 @@ impl Gpio {
         }
     }
 
-    /// Levels of a port as its input register shows them.
+    /// Levels of a port in the input register.
     fn input(&self, port: usize, shared: &mut Shared) -> u32 {
         let mut bits = 0;
         for number in 0..16 {
@@ -307,7 +310,7 @@ impl Gpio {
         bits
     }
 
-    /// Outputs by the register that sets and resets single ones; setting wins where both are asked for.
+    /// Sets and resets single outputs (BSRR); if both are requested, set wins.
     fn set_and_reset(&mut self, index: usize, value: u32, shared: &mut Shared) {
         let output = &mut self.ports[index].output;
         let before = *output;
@@ -320,7 +323,7 @@ impl Gpio {
         }
     }
 
-    /// Inputs whose mode or function has changed hear the level that is there.
+    /// Reports the present level of each pin whose mode or function has changed to an alternate function.
     fn announce(&self, index: usize, before: &Port, shared: &mut Shared) {
         let now = &self.ports[index];
         for number in 0..16 {

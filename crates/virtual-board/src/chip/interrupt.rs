@@ -1,4 +1,4 @@
-//! Interrupt lines of the STM32F405, as far as they are modelled.
+//! Interrupt lines of the STM32F405 that the model uses.
 
 /// Number of an interrupt line (reference manual, vector table).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,7 +43,7 @@ pub enum Interrupt {
 }
 
 impl Interrupt {
-    /// Lines of the streams of DMA1 and DMA2.
+    /// Interrupt lines of the streams of DMA1 and DMA2.
     #[rustfmt::skip]
     pub(crate) const OF_STREAMS: [[Self; 8]; 2] = {
         use Interrupt::*;

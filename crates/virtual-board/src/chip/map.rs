@@ -1,14 +1,14 @@
-//! Where the peripherals are, and which bit switches their clock on.
+//! Address map of the peripherals, and the bits that enable their clocks.
 
 use super::effect::Clocks;
 use super::interrupt::Interrupt;
 use super::pin::{PORTS, Signal};
 
-/// A peripheral; all ports are one. Those that can have something due come first.
+/// A peripheral; all ports are one unit. Units that can have events come first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
 pub(crate) enum Unit {
-    /// Circuit of the chip.
+    /// Circuit around the chip.
     World,
     /// Oscillators, PLL.
     Rcc,
@@ -34,12 +34,12 @@ pub(crate) enum Unit {
     Debug,
 }
 
-/// Offsets of the registers of the RCC that switch clocks on.
+/// Offsets of the RCC's clock enable registers.
 const AHB1ENR: u32 = 0x30;
 const APB1ENR: u32 = 0x40;
 const APB2ENR: u32 = 0x44;
 
-/// Place of the unique identifier behind the registers of the debug unit.
+/// Offset of the unique identifier within the debug unit, behind its registers.
 pub(crate) const IDENTITY: u32 = 0x800;
 
 /// Peripherals of the chip that are not modelled: first and last address, name.
@@ -61,7 +61,7 @@ const NOT_MODELLED: &[(u32, u32, &str)] = &[
     (0x1fff_7800, 0x1fff_7a0f, "the memory that is programmed once"), (0x1fff_c000, 0x1fff_c00f, "option bytes"),
 ];
 
-/// The peripheral at an address that the chip has but the model has not.
+/// Name of the peripheral at an address if it exists on the chip but is not modelled.
 pub(crate) fn not_modelled(address: u32) -> Option<&'static str> {
     let found = NOT_MODELLED
         .iter()
@@ -69,10 +69,10 @@ pub(crate) fn not_modelled(address: u32) -> Option<&'static str> {
     found.map(|(_, _, name)| *name)
 }
 
-/// Length of a port's registers.
+/// Length of a port's register block, bytes.
 const PORT: u32 = 0x400;
 
-/// A peripheral's place.
+/// Address range of a peripheral.
 struct Place {
     first: u32,
     last: u32,
@@ -101,7 +101,7 @@ const fn by(register: u32, bit: u32) -> Option<(u32, u32)> {
     Some((register, bit))
 }
 
-/// In the order of addresses.
+/// Address ranges in ascending order.
 const PLACES: [Place; 21] = [
     place(0x1fff_7a10, 0x14, Unit::Debug, "UID", None),
     place(0x4000_0000, 0x400, Unit::Tim2, "TIM2", by(APB1ENR, 0)),
@@ -126,7 +126,7 @@ const PLACES: [Place; 21] = [
     place(0xe004_2000, 0x400, Unit::Debug, "DBGMCU", None),
 ];
 
-/// Index of each peripheral's place, the last of several.
+/// Index of each peripheral's range, the last of several.
 const PLACE_OF: [usize; Unit::COUNT] = {
     let mut places = [0; Unit::COUNT];
     let mut k = 0;
@@ -141,7 +141,7 @@ impl Unit {
     /// Number of variants.
     const COUNT: usize = Self::Debug as usize + 1;
 
-    /// Those that can have something due; of two at the same cycle the first in the list is first.
+    /// Units that can have events. Of two events at the same cycle, the unit earlier in the list is first.
     pub const SCHEDULED: [Self; 16] = {
         use Unit::*;
         [
@@ -155,7 +155,7 @@ impl Unit {
         self as usize - Self::Tim1 as usize
     }
 
-    /// The peripheral at an address, and the place within it.
+    /// Peripheral at an address, and the offset within it.
     pub fn at(address: u32) -> Option<(Self, u32)> {
         let k = PLACES.partition_point(|place| place.last < address);
         let place = PLACES.get(k)?;
@@ -163,7 +163,7 @@ impl Unit {
         Some((place.unit, offset + place.unit.bias(place.first)))
     }
 
-    /// The debug unit has two places: that of the identity comes behind the other.
+    /// The debug unit has two ranges; the identity follows the registers.
     fn bias(self, first: u32) -> u32 {
         if first == 0x1fff_7a10 { IDENTITY } else { 0 }
     }
@@ -172,7 +172,7 @@ impl Unit {
         &PLACES[PLACE_OF[self as usize]]
     }
 
-    /// Its name, of a port with the letter.
+    /// Name of the peripheral; a port's includes its letter.
     pub fn name_at(self, offset: u32) -> String {
         match self {
             Self::Gpio => format!("GPIO{}", char::from(b'A' + (offset / PORT) as u8)),
@@ -182,7 +182,7 @@ impl Unit {
         }
     }
 
-    /// The RCC's register and bit that switch its clock on.
+    /// Register and bit of the RCC that enable the peripheral's clock.
     pub fn gate(self, offset: u32) -> Option<(u32, u32)> {
         match self {
             Self::Gpio => Some((AHB1ENR, offset / PORT)),
@@ -190,8 +190,7 @@ impl Unit {
         }
     }
 
-    /// The peripheral whose clock this bit of an enable register switches on, and which the same bit of
-    /// the reset register resets.
+    /// Peripheral whose clock this bit of an enable register enables; the same bit of the reset register resets it.
     pub fn reset_by(register: u32, bit: u32) -> Option<Self> {
         if register == AHB1ENR && (bit as usize) < PORTS {
             return Some(Self::Gpio);
@@ -201,7 +200,6 @@ impl Unit {
         Some(place.unit)
     }
 
-    /// Its interrupt lines.
     pub fn interrupts(self) -> &'static [Interrupt] {
         use Interrupt::*;
         match self {
@@ -220,7 +218,6 @@ impl Unit {
         }
     }
 
-    /// Signals that it drives.
     pub fn outputs(self) -> &'static [Signal] {
         use Signal::*;
         match self {
@@ -234,7 +231,6 @@ impl Unit {
         }
     }
 
-    /// Signals that it listens to.
     pub fn inputs(self) -> &'static [Signal] {
         use Signal::*;
         match self {
@@ -244,7 +240,7 @@ impl Unit {
         }
     }
 
-    /// Place of a register within one port or peripheral.
+    /// Offset of a register within its port or peripheral.
     pub fn register_offset(self, offset: u32) -> u32 {
         match self {
             Self::Gpio => offset % PORT,
@@ -252,8 +248,8 @@ impl Unit {
         }
     }
 
-    /// What an access takes beyond the core's own time, cycles: the bridge waits for an edge of the
-    /// slower clock and for the access itself.
+    /// Cycles that the bus adds to an access. On APB: two periods of the bus clock, one to wait for an edge, one for
+    /// the access.
     pub fn bus_cycles(self, clocks: &Clocks) -> u64 {
         match self.place().first {
             0x4000_0000..=0x4000_ffff => 2 * clocks.apb1,
@@ -268,7 +264,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn places_are_in_order_and_do_not_overlap() {
+    fn address_ranges_ascend_without_overlap() {
         for pair in PLACES.windows(2) {
             assert!(
                 pair[0].last < pair[1].first,
@@ -280,7 +276,7 @@ mod tests {
     }
 
     #[test]
-    fn addresses_of_the_manual_are_found() {
+    fn addresses_of_the_manual_map_to_their_peripherals() {
         assert_eq!(Unit::at(0x4002_0414), Some((Unit::Gpio, 0x414)));
         assert_eq!(Unit::Gpio.name_at(0x414), "GPIOB");
         assert_eq!(Unit::Gpio.gate(0x414), Some((AHB1ENR, 1)));

@@ -1,9 +1,9 @@
 //! The STM32F405 around the core: memories, clocks, peripherals.
 //!
-//! Each peripheral is a file: its registers as a table (name, place, bits), then what reads, writes
-//! and the passing of time do. Peripherals know nothing of each other; what one tells another, a
-//! trigger or the level of a pin, is an effect that [`Chip`] carries. Access to a peripheral whose
-//! clock is off, reserved bits, widths and places without a register are judged here, once for all.
+//! Each peripheral is a file: a table of its registers (name, offset, bits), then the behaviour on reads, on writes and
+//! over time. Peripherals do not depend on each other: a signal between two peripherals, such as a trigger or a pin
+//! level, is an effect that [`Chip`] delivers. Checks common to all peripherals are here: clock off, reserved bits,
+//! access width, offsets without a register.
 
 mod adc;
 mod bus;
@@ -63,17 +63,18 @@ use register::Register;
 use shared::Shared;
 
 pub(crate) trait Peripheral {
-    /// Its registers, in the order of their places.
+    /// Registers in the order of their offsets.
     fn registers(&self) -> &'static [Register];
-    /// Reads the register at `offset`, with what that does.
+    /// Reads the register at `offset`, with the side effects of the read.
     fn read(&mut self, offset: u32, shared: &mut Shared) -> u32;
-    /// Writes the bits in `mask` of the register at `offset`; the others are zero in `value`.
+    /// Writes the bits in `mask` of the register at `offset`; the bits of `value` outside `mask` are zero.
     fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared);
-    /// What it has due at `shared.now`; it is off the schedule until it puts itself there again.
+    /// Handles the event due at `shared.now`. The event has been removed from the schedule; the peripheral schedules
+    /// its next one.
     fn event(&mut self, shared: &mut Shared) {
         let _ = shared;
     }
-    /// The clocks of the buses have changed; places in the schedule that follow other clocks move.
+    /// Reschedules the events that depend on the bus clocks, which have changed.
     fn clocks_changed(&mut self, shared: &mut Shared) {
         let _ = shared;
     }
@@ -138,7 +139,7 @@ impl Units {
     }
 }
 
-/// Everything of the chip but its core.
+/// The chip except its core.
 #[derive(Clone)]
 pub struct Chip {
     shared: Shared,
@@ -147,25 +148,27 @@ pub struct Chip {
     sram: Vec<u8>,
     ccm: Vec<u8>,
     inputs: Inputs,
-    /// A reset that is due.
+    /// Pending reset.
     reset: Option<Cause>,
-    /// The supply is too low, and the chip held in reset: the lowest supply since.
+    /// Lowest supply voltage since the supply fell too low, V; while set, the chip is held in reset.
     sagged: Option<f64>,
     longest_reaction: Cycles,
-    /// The clock security system asks for the non-maskable interrupt.
+    /// The clock security system requests the non-maskable interrupt.
     nmi: bool,
-    /// The core's clock has changed since it looked up last, and before that.
+    /// True if the core clock has changed since the latest call of `advance` began.
     clock_changed: bool,
+    /// True if the core clock changed between the latest two calls of `advance`.
     must_pause: bool,
-    /// How often memory has forgotten.
+    /// Number of times that the memory lost its content.
     scrambles: u64,
     injected_faults: InjectedFaults,
-    /// Clocks switched on a moment ago.
+    /// Peripheral clocks that were enabled recently.
     enabled: enabled::Enabled,
 }
 
 impl Chip {
-    /// A chip with an erased flash, its power just on. Its clocks are fast by `fast_ppb` parts in 10⁹.
+    /// Creates a chip with an erased flash whose power has just come on. Its clocks run `fast_ppb` parts in 10⁹ too
+    /// fast.
     pub fn new(circuit: Box<dyn Circuit>, fast_ppb: i64) -> Self {
         let mut chip = Self {
             shared: Shared::new(circuit, fast_ppb),
@@ -188,29 +191,29 @@ impl Chip {
         chip
     }
 
-    /// Has the chip be another than a typical one; to be called while its power is off.
+    /// Replaces the properties of the typical chip; call it while the power is off.
     pub fn set_variation(&mut self, variation: ChipVariation) {
         self.shared.variation = variation;
         self.power_off(0);
     }
 
-    /// What is around it.
+    /// The circuit around the chip; `None` if its type is not `T`.
     pub fn circuit<T: Circuit>(&mut self) -> Option<&mut T> {
         let any: &mut dyn std::any::Any = self.shared.world();
         any.downcast_mut()
     }
 
-    /// What was found so far.
+    /// Findings so far.
     pub fn findings(&self) -> &Findings {
         &self.shared.findings
     }
 
-    /// The time at which a cycle begins.
+    /// Time at which a cycle begins.
     pub fn time_of(&self, cycle: Cycles) -> Time {
         self.shared.base.time_of(cycle)
     }
 
-    /// The first cycle that begins at a time or later.
+    /// First cycle that begins at `time` or later.
     pub fn cycle_of(&self, time: Time) -> Cycles {
         self.shared.base.cycle_of(time)
     }
@@ -220,13 +223,13 @@ impl Chip {
         self.units.adc.counts()
     }
 
-    /// The longest that it took from the trigger of ADC1's injected group to the compare values of TIM1's
-    /// first two channels: the reaction of a current loop, cycles.
+    /// Longest time from a trigger of ADC1's injected group to a write of TIM1's first or second compare value, cycles:
+    /// the reaction time of a current loop.
     pub fn longest_reaction(&self) -> Cycles {
         self.longest_reaction
     }
 
-    /// The clocks in force.
+    /// Present clocks.
     pub fn clocks(&self) -> Clocks {
         self.shared.clocks
     }
@@ -236,7 +239,7 @@ impl Chip {
         self.flash.bytes_mut()
     }
 
-    /// The operations of the flash that the program has begun so far.
+    /// Flash operations that the program has begun so far.
     pub fn flash_operations(&self) -> &[FlashOperation] {
         self.flash.begun()
     }
@@ -246,13 +249,12 @@ impl Chip {
         &mut self.sram
     }
 
-    /// Takes the reset that is due.
+    /// Takes the pending reset.
     pub fn take_reset(&mut self) -> Option<Cause> {
         self.reset.take()
     }
 
-    /// Looks anew when something around the chip changes; to be called after it was changed from
-    /// outside.
+    /// Asks the circuit again for its next event; call it after changing the circuit from outside.
     pub fn refresh(&mut self) {
         let at = self.shared.world().next();
         let cycle = self.shared.base.cycle_of(at);
@@ -266,9 +268,9 @@ impl Chip {
         self.shared.clocks.hclk_hz = hz;
     }
 
-    /// Calls what is around the chip for what is due now.
+    /// Lets the circuit handle its events due now.
     fn advance_surroundings(&mut self) {
-        // Kept, so that nothing is allocated each time.
+        // The vectors are kept to avoid an allocation on each call.
         let mut inputs = std::mem::take(&mut self.inputs);
         let at = self.shared.time();
         self.shared.world().advance(at, &mut inputs);
@@ -289,7 +291,7 @@ impl Chip {
         self.refresh();
     }
 
-    /// Carries effects to those they concern until there are none. Mostly there are none.
+    /// Delivers effects until there are none; usually there are none.
     #[inline]
     fn settle(&mut self) {
         if !self.shared.effects.is_empty() {
@@ -348,9 +350,9 @@ impl Chip {
         }
     }
 
-    /// Whether the flash and the regulator can follow the core's clock at this supply (RM0090, tables
-    /// 10 and 11). Wait states that are not needed are judged where the clock gets faster: before, they
-    /// are in place for the clock to come.
+    /// Checks wait states, prefetch and regulator scale against the core clock and the supply (RM0090, tables 10 and
+    /// 11). Too many wait states are a finding only when the clock gets faster: a program sets the wait states of a
+    /// faster clock before it switches.
     fn judge_clock(&mut self, faster: bool) {
         let (hz, volts) = (self.shared.clocks.hclk_hz, self.shared.volts);
         let step = match volts {
@@ -386,7 +388,7 @@ impl Chip {
         self.refresh();
     }
 
-    /// A pin has another level.
+    /// Forwards a new pin level to the timer with this pin as its input.
     fn level(&mut self, pin: Pin, level: bool) {
         let (units, shared) = (&mut self.units, &mut self.shared);
         if let Some(signal) = units.gpio.signal_at(pin)
@@ -396,7 +398,7 @@ impl Chip {
         }
     }
 
-    /// Timers, converter and window watchdog go on only while their clocks are on.
+    /// Stops the timers, the converter and the window watchdog while their clocks are off.
     fn gate(&mut self) {
         let (units, shared) = (&mut self.units, &mut self.shared);
         let rcc = &units.rcc;
@@ -432,7 +434,7 @@ impl Chip {
             Unit::Usart3 => &mut u.usart3,
             Unit::Iwdg => &mut u.watchdog,
             Unit::Wwdg => &mut u.window_watchdog,
-            // The world has no registers.
+            // The circuit has no registers.
             Unit::Debug | Unit::World => &mut u.debug,
             Unit::Flash => &mut self.flash,
         };

@@ -1,15 +1,15 @@
-//! Nets of the bare board: what its maker has connected to the chip's pins.
+//! Nets of the bare board: connections of the chip's pins made by the board's manufacturer.
 
 use super::pin::Pin;
 
 /// Permitted use of a net of the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Usable {
-    /// Nothing: the board has its own use for the pin.
+    /// None: the board itself uses the pin.
     No,
-    /// Read it.
+    /// The program may read the pin.
     Input,
-    /// Drive it.
+    /// The program may drive the pin.
     Output,
 }
 
@@ -20,7 +20,7 @@ pub struct Net {
     pub pin: Pin,
     /// The net's name in the board's schematic.
     pub name: &'static str,
-    /// What the board has there.
+    /// Part of the board on this net.
     pub part: &'static str,
     /// Permitted use.
     pub usable: Usable,

@@ -1,29 +1,29 @@
 //! Integral nonlinearity (INL) of the converter.
 //!
-//! A converter by successive approximation compares with the sum of weights, one a bit, and each weight is a little
-//! off. So the error of a count is the sum of the errors of its bits, without offset and gain: zero at both ends, and
-//! largest where the highest bits change. The data sheet (DS8626, accuracy of the converter) gives 1.5 counts
-//! typically and 3 at most.
+//! A successive-approximation converter compares the input with a sum of weights, one for each bit, and each weight has
+//! a small error. The error of a count is therefore the sum of the errors of its set bits, after offset and gain are
+//! removed. The error is zero at both ends and largest where the highest bits change. The data sheet (DS8626, accuracy
+//! of the converter) states 1.5 counts typically and 3 at most.
 
 use crate::noise::Noise;
 
-/// Bits with a weight of their own; those below are too small to matter.
+/// Number of highest bits whose weights have an error; the errors of the lower bits are negligible.
 const BITS: u32 = 7;
 /// Bits of a count.
 const WIDTH: u32 = 12;
 
-/// Error of each count.
+/// Error of each count, as a curve.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Nonlinearity {
-    /// By the highest [`BITS`] bits of the count.
+    /// Errors indexed by the highest [`BITS`] bits of the count, counts.
     errors: Vec<f64>,
 }
 
 impl Nonlinearity {
-    /// A curve by chance whose largest magnitude is `peak` counts.
+    /// A random curve whose largest magnitude is `peak` counts.
     pub fn new(peak: f64, seed: u64) -> Self {
         let mut noise = Noise::new(seed);
-        // A weight is made of as many equal parts as it is large.
+        // A weight of n equal elements has an error that grows with √n.
         let weights: Vec<f64> = (0..BITS)
             .map(|bit| f64::from(1u32 << bit).sqrt() * noise.normal())
             .collect();
@@ -42,7 +42,7 @@ impl Nonlinearity {
         Self { errors }
     }
 
-    /// Error at a share of full scale, counts.
+    /// Error at `ratio` of full scale, counts.
     pub fn at(&self, ratio: f64) -> f64 {
         let code = (ratio.clamp(0.0, 1.0) * f64::from(1u32 << WIDTH)) as usize >> (WIDTH - BITS);
         self.errors[code.min(self.errors.len() - 1)]
@@ -54,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn curve_is_zero_at_both_ends_has_its_peak_and_steps_at_the_middle() {
+    fn curve_is_zero_at_both_ends_reaches_its_peak_and_steps_at_mid_scale() {
         let mut steps = 0.0;
         for seed in 0..200 {
             let curve = Nonlinearity::new(1.5, seed);
@@ -64,12 +64,12 @@ mod tests {
             assert!((largest - 1.5).abs() < 1e-12, "{largest}");
             steps += (curve.at(0.5001) - curve.at(0.4999)).abs() / 200.0;
         }
-        // The highest bit's weight against all the others.
+        // At mid-scale the highest bit replaces all lower bits.
         assert!((0.8..3.0).contains(&steps), "{steps}");
     }
 
     #[test]
-    fn no_peak_is_no_error_and_seeds_differ() {
+    fn zero_peak_gives_zero_error_and_seeds_give_different_curves() {
         assert_eq!(Nonlinearity::new(0.0, 3).at(0.3), 0.0);
         assert_ne!(Nonlinearity::new(1.0, 3), Nonlinearity::new(1.0, 4));
     }

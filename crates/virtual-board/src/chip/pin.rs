@@ -1,4 +1,4 @@
-//! Pins, who drives them, and what peripherals put on them.
+//! Pins, their drivers, and the peripheral signals routed to them.
 
 use std::fmt;
 
@@ -27,7 +27,7 @@ impl Pin {
         (self.0 % 16) as u32
     }
 
-    /// All pins at their index.
+    /// Index of the pin among the pins of all ports.
     pub const fn index(self) -> usize {
         self.0 as usize
     }
@@ -48,35 +48,35 @@ impl fmt::Display for Pin {
     }
 }
 
-/// How one side drives a pin.
+/// Drive of a pin from one side, chip or circuit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Drive {
-    /// Not at all.
+    /// No drive.
     #[default]
     Open,
-    /// Through a resistor to ground.
+    /// Resistor to ground.
     PullDown,
-    /// Through a resistor to the supply.
+    /// Resistor to the supply.
     PullUp,
-    /// To ground.
+    /// Output at ground.
     Low,
-    /// To the supply.
+    /// Output at the supply.
     High,
 }
 
 impl Drive {
-    /// Strongly to a level.
+    /// Output drive to a level.
     pub const fn to(level: bool) -> Self {
         if level { Self::High } else { Self::Low }
     }
 
-    /// Whether it is more than a resistor.
+    /// True if an output drives, not a resistor.
     pub const fn is_strong(self) -> bool {
         matches!(self, Self::Low | Self::High)
     }
 }
 
-/// What a peripheral has on a pin.
+/// Peripheral signal that can be routed to a pin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[allow(missing_docs, reason = "the manual's names")]
 pub enum Signal {
@@ -129,7 +129,7 @@ impl Signal {
         ]
     };
 
-    /// The timer that hears a pin with this signal: 0 for TIM1.
+    /// Timer whose input or channel this signal is; 0 is TIM1.
     pub(crate) fn timer(self) -> Option<usize> {
         let of = |channels: &[Self; 4]| channels.contains(&self);
         match self {
@@ -158,8 +158,7 @@ const E: [Pin; 16] = port('E');
 const H: [Pin; 16] = port('H');
 const I: [Pin; 16] = port('I');
 
-/// Alternate functions of the STM32F405 (its data sheet's table 9), as far as they are modelled: signal,
-/// number of the function, pins.
+/// Modelled alternate functions of the STM32F405 (data sheet, table 9): signal, function number, pins.
 pub(crate) const ALTERNATE: &[(Signal, u32, &[Pin])] = {
     use Signal::*;
     &[

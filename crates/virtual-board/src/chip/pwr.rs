@@ -1,9 +1,9 @@
 //! Power control: voltage scaling, voltage detector, brown-out.
 //!
-//! Source: reference manual RM0090, chapter 5; thresholds are typical ones of the data sheet (embedded
-//! reset and power control block). The regulator is ready at once.
+//! Source: reference manual RM0090, chapter 5. Thresholds are the typical values of the data sheet (embedded reset and
+//! power control block). The regulator is always ready.
 //!
-//! Not modelled: stop and standby modes, wake-up pin, backup regulator; asking for one is a finding.
+//! Not modelled: stop and standby modes, wake-up pin, backup regulator; enabling one is a finding.
 
 use super::Peripheral;
 use super::effect::Effect;
@@ -11,8 +11,8 @@ use super::register::{Register, merge, narrow};
 use super::shared::Shared;
 use crate::finding::Kind;
 
-// The part has one bit of VOS; HALs of the family write the two of its larger relatives, so that bit 15
-// counts as one.
+// VOS is one bit on this chip. HALs of the family write the two bits of larger chips, so bit 15 is not treated as
+// reserved.
 const REGISTERS: &[Register] = &[
     narrow(0x00, "CR", 0x0000_c3ff),
     narrow(0x04, "CSR", 0x0000_430f),
@@ -28,7 +28,7 @@ bits! {
     PVDO 2, EWUP 8, BRE 9, VOSRDY 14
 }
 
-/// Below the lower one the detector or reset acts, above the upper one it lets go, mV.
+/// Voltage threshold with hysteresis, mV: a supply below `falls` is low until it reaches `rises`.
 #[derive(Clone, Copy)]
 struct Threshold {
     falls: u32,
@@ -40,7 +40,7 @@ const fn threshold(falls: u32, rises: u32) -> Threshold {
 }
 
 impl Threshold {
-    /// Whether a supply is too low, V, that was so before or not; one that is not a number is.
+    /// True if the supply, V, is too low; `before` is the previous state. NaN is too low.
     fn is_low(self, volts: f64, before: bool) -> bool {
         let limit = if before { self.rises } else { self.falls };
         !is_at_least(volts, limit)
@@ -51,16 +51,16 @@ fn is_at_least(volts: f64, millivolts: u32) -> bool {
     volts * 1e3 >= f64::from(millivolts)
 }
 
-/// Of the reset, by the brown-out level of the option bytes: 0 is level 3, 3 is off.
+/// Thresholds of the brown-out reset by the level in the option bytes: 0 is level 3, 3 is off.
 const BROWN_OUT: [Threshold; 4] = [
     threshold(2830, 2920),
     threshold(2500, 2590),
     threshold(2190, 2290),
     POWER,
 ];
-/// Of the power-on and power-down reset, which is always there.
+/// Threshold of the power-on and power-down reset, which is always active.
 const POWER: Threshold = threshold(1680, 1720);
-/// Of the voltage detector by PLS.
+/// Thresholds of the voltage detector by PLS.
 const DETECTOR: [Threshold; 8] = [
     threshold(2040, 2140),
     threshold(2190, 2300),
@@ -72,20 +72,20 @@ const DETECTOR: [Threshold; 8] = [
     threshold(3030, 3140),
 ];
 
-/// Below this supply static memory forgets, mV.
+/// Supply below which static memory loses its content, mV.
 const RETENTION: u32 = 1200;
 
-/// Whether a supply holds the chip in reset, which was so before or not, at this brown-out level.
+/// True if the supply holds the chip in reset at this brown-out level; `held` is the previous state.
 pub(crate) fn holds(volts: f64, level: u32, held: bool) -> bool {
     BROWN_OUT[level as usize & 3].is_low(volts, held)
 }
 
-/// Whether a supply is so low that the next start is a power-on.
+/// True if a supply is so low that the next start is a power-on.
 pub(crate) fn is_off(volts: f64) -> bool {
     POWER.is_low(volts, false)
 }
 
-/// Whether static memory keeps its contents.
+/// True if static memory keeps its content at this supply.
 pub(crate) fn is_remembered(volts: f64) -> bool {
     is_at_least(volts, RETENTION)
 }
@@ -95,7 +95,7 @@ pub(crate) fn is_remembered(volts: f64) -> bool {
 pub(crate) struct Pwr {
     cr: u32,
     csr: u32,
-    /// The voltage detector has seen the supply fall below its threshold, and not rise above it since.
+    /// Output of the voltage detector: the supply fell below the threshold and has not risen above it since.
     low: bool,
 }
 
@@ -110,7 +110,7 @@ impl Default for Pwr {
 }
 
 impl Pwr {
-    /// The supply or the threshold is another.
+    /// Updates the voltage detector after a change of supply or threshold.
     pub fn detect(&mut self, shared: &mut Shared) {
         let threshold = DETECTOR[(self.cr & PLS) as usize >> 5];
         let low = self.cr & PVDE != 0 && threshold.is_low(shared.volts, self.low);
@@ -120,12 +120,12 @@ impl Pwr {
         }
     }
 
-    /// Whether scale 1 is set, which clocks above 144 MHz need.
+    /// True if the regulator is at scale 1, which clocks above 144 MHz need.
     pub fn is_scale_1(&self) -> bool {
         self.cr & VOS != 0
     }
 
-    /// Whether the program may write the backup domain.
+    /// True if the program may write to the backup domain.
     pub fn is_backup_open(&self) -> bool {
         self.cr & DBP != 0
     }
@@ -156,7 +156,7 @@ impl Peripheral for Pwr {
         if offset == 0x04 {
             self.csr = value & (EWUP | BRE);
         } else {
-            // CWUF and CSBF only clear.
+            // CWUF and CSBF only clear flags, which are not modelled.
             self.cr = value & (LPDS | PDDS | PVDE | PLS | DBP | FPDS | VOS);
             self.detect(shared);
         }
@@ -169,8 +169,8 @@ mod tests {
     use crate::chip::testing::shared;
 
     #[test]
-    fn brown_out_holds_until_the_supply_has_risen_above_its_hysteresis() {
-        // Level 3 by the data sheet: 2.75 to 2.88 V falling, 2.85 to 2.97 V rising.
+    fn brown_out_holds_until_the_supply_exceeds_the_rising_threshold() {
+        // Level 3 in the data sheet: 2.75 to 2.88 V falling, 2.85 to 2.97 V rising.
         assert!(!holds(2.89, 0, false));
         assert!(holds(2.74, 0, false));
         assert!(holds(2.84, 0, true));
@@ -183,12 +183,12 @@ mod tests {
     }
 
     #[test]
-    fn the_detector_shows_a_low_supply_with_hysteresis() {
+    fn voltage_detector_reports_low_supply_with_hysteresis() {
         let (mut pwr, mut shared) = (Pwr::default(), shared());
         shared.volts = 3.2;
         pwr.write(0x00, VOS | PVDE | PLS, !0, &mut shared);
         assert!(shared.effects.is_empty());
-        // Level 7 by the data sheet: 2.95 to 3.09 V falling, 3.07 to 3.21 V rising.
+        // Level 7 in the data sheet: 2.95 to 3.09 V falling, 3.07 to 3.21 V rising.
         let mut seen = Vec::new();
         for volts in [3.1, 2.94, 3.06, 3.22] {
             shared.volts = volts;
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn the_detector_that_is_switched_on_at_a_low_supply_tells_at_once() {
+    fn voltage_detector_enabled_at_low_supply_reports_at_once() {
         let (mut pwr, mut shared) = (Pwr::default(), shared());
         shared.volts = 2.0;
         pwr.detect(&mut shared);

@@ -1,32 +1,32 @@
-//! Registers of a peripheral: names, places, bits.
+//! Registers of a peripheral: names, offsets, bits.
 
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Register {
-    /// Place from the peripheral's base, bytes.
+    /// Offset from the peripheral's base, bytes.
     pub offset: u32,
-    /// The manual's name, without the peripheral's.
+    /// Name in the manual, without the peripheral's name.
     pub name: &'static str,
-    /// Bits that there are; all others are reserved and keep their value of after a reset.
+    /// Existing bits; all others are reserved and must keep their reset value.
     pub bits: u32,
-    /// Reserved bits whose value after a reset is one.
+    /// Reserved bits whose reset value is one.
     pub ones: u32,
-    /// Whether it may be accessed by halves and bytes.
+    /// True if halfword and byte accesses are allowed.
     pub narrow: bool,
 }
 
 impl Register {
-    /// The same with reserved bits that are ones.
+    /// The register with `ones` as reserved bits whose reset value is one.
     pub const fn keeping(self, ones: u32) -> Self {
         Self { ones, ..self }
     }
 
-    /// Reserved bits that a write of the bits in `mask` changes.
+    /// Reserved bits that a write of the bits in `mask` would change.
     pub const fn changed_reserved(&self, value: u32, mask: u32) -> u32 {
         (value ^ self.ones) & mask & !self.bits
     }
 }
 
-/// A register that is accessed by words.
+/// Register with word access only.
 pub(crate) const fn word(offset: u32, name: &'static str, bits: u32) -> Register {
     Register {
         offset,
@@ -37,7 +37,7 @@ pub(crate) const fn word(offset: u32, name: &'static str, bits: u32) -> Register
     }
 }
 
-/// A register that may be accessed by halves and bytes too.
+/// Register that also allows halfword and byte access.
 pub(crate) const fn narrow(offset: u32, name: &'static str, bits: u32) -> Register {
     Register {
         offset,
@@ -48,14 +48,14 @@ pub(crate) const fn narrow(offset: u32, name: &'static str, bits: u32) -> Regist
     }
 }
 
-/// A value of which only the bits in `mask` are written.
+/// Value after a write to the bits in `mask`.
 pub(crate) const fn merge(old: u32, value: u32, mask: u32) -> u32 {
     (old & !mask) | (value & mask)
 }
 
-/// The register at a place; `registers` are in the order of their places.
+/// Register at an offset; `registers` are sorted by offset.
 pub(crate) fn find(registers: &'static [Register], place: u32) -> Option<&'static Register> {
-    // Most tables have no gaps.
+    // Most tables have no gaps, so the index is tried first.
     let near = registers.get(place as usize / 4);
     if let Some(register) = near.filter(|register| register.offset == place) {
         return Some(register);
@@ -69,12 +69,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn reserved_bits_keep_their_value_of_after_a_reset() {
+    fn write_that_keeps_reserved_bits_at_reset_value_changes_none() {
         let register = word(0, "FMR", 0x3f01).keeping(0x2a1c_0000);
         assert_eq!(register.changed_reserved(0x2a1c_0e01, !0), 0);
         assert_eq!(register.changed_reserved(0x0000_0e01, !0), 0x2a1c_0000);
         assert_eq!(register.changed_reserved(0x2a1c_0003, !0), 2);
-        // By bytes only what is written counts.
+        // In a byte access only the written bits count.
         assert_eq!(register.changed_reserved(0x01, 0xff), 0);
     }
 }

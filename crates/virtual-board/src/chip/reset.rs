@@ -1,4 +1,4 @@
-//! Resets of the chip and of its peripherals, and what the supply has to do with them.
+//! Resets of the chip and of its peripherals, and the effect of the supply on them.
 
 use super::cause::Cause;
 use super::chip_variation::Random;
@@ -10,14 +10,15 @@ use crate::noise::Noise;
 use crate::time::{Cycles, NEVER, Time};
 
 impl Chip {
-    /// Begins anew after a reset at this cycle: peripherals as the manual says, memories as they were.
-    /// The core is not let go at once, see [`Self::is_held`].
+    /// Restarts after a reset at this cycle: peripherals in their reset state, memories unchanged. The core may still
+    /// be held, see [`Self::is_held`].
     pub fn restart(&mut self, cause: Cause, cycle: Cycles) {
         self.shared.now = self.shared.now.max(cycle);
         self.begin(cause);
     }
 
-    /// The power goes: all pins are let go, memories forget, and an operation of the flash is cut short.
+    /// Switches the power off: all pins are released, memories lose their content, and a flash operation is
+    /// interrupted.
     pub fn power_off(&mut self, cycle: Cycles) {
         self.scramble();
         self.restart(Cause::PowerOn, cycle);
@@ -62,14 +63,13 @@ impl Chip {
         self.refresh();
     }
 
-    /// Whether the core stands still although it has power: the supply is too low, the reset is not let
-    /// go yet, or the core's clock has failed.
+    /// True while the core stands still with power on: the supply is too low, the reset is not yet released, or the
+    /// core clock has failed.
     pub fn is_held(&self) -> bool {
         self.sagged.is_some() || self.units.rcc.is_held()
     }
 
-    /// A debugger halts the core at this cycle, or lets it go on: peripherals stop that the program has
-    /// chosen in DBGMCU.
+    /// Halts the core by a debugger at this cycle, or resumes it; the peripherals selected in DBGMCU stop.
     pub fn halt(&mut self, halted: bool, cycle: Cycles) {
         self.shared.now = self.shared.now.max(cycle);
         if !halted || self.units.debug.stops_watchdog() {
@@ -84,7 +84,7 @@ impl Chip {
         self.settle();
     }
 
-    /// What static memory shows after power came on: nothing that a program may rely on.
+    /// Fills the memories with the pseudo-random content after power-on, on which no program may rely.
     pub(super) fn scramble(&mut self) {
         self.scrambles += 1;
         let mut random = Random::new(self.shared.variation.seed ^ self.scrambles << 48);
@@ -93,7 +93,7 @@ impl Chip {
         }
     }
 
-    /// The supply has changed.
+    /// Handles a change of the supply.
     pub(super) fn supply(&mut self, at: Time) {
         let volts = self.shared.world().supply(at);
         let before = std::mem::replace(&mut self.shared.volts, volts);
@@ -123,7 +123,7 @@ impl Chip {
         self.shared.limit = 0;
     }
 
-    /// The program resets a peripheral.
+    /// Resets a peripheral by its bit in the RCC.
     pub(super) fn reset_unit(&mut self, register: u32, bit: u32) {
         let Some(unit) = Unit::reset_by(register, bit) else {
             return;
@@ -151,7 +151,7 @@ impl Chip {
             Unit::Wwdg => units.window_watchdog = new.window_watchdog,
             Unit::Pwr => {
                 units.pwr = new.pwr;
-                // The detector is off.
+                // The voltage detector is off.
                 self.shared.effect(Effect::VoltageDetector { low: false });
             }
             Unit::Gpio => units.gpio.reset(bit as usize, &mut self.shared),

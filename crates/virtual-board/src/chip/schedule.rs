@@ -1,13 +1,13 @@
-//! Who is due next.
+//! Schedule of events.
 
 use super::map::Unit;
 use crate::time::{Cycles, NEVER};
 
-/// When each source is due.
+/// Cycle of the next event of each unit.
 #[derive(Clone, Debug)]
 pub(crate) struct Schedule {
     at: [Cycles; Unit::SCHEDULED.len()],
-    /// The place of the next one.
+    /// Index of the unit whose event is next.
     first: usize,
 }
 
@@ -22,7 +22,7 @@ impl Schedule {
     pub fn set(&mut self, unit: Unit, at: Cycles) {
         let place = unit as usize;
         self.at[place] = at;
-        // Of two at the same cycle the first in the list is first.
+        // Of two events at the same cycle, the unit with the lower index is first.
         if place == self.first {
             let earliest = (0..self.at.len()).min_by_key(|&place| self.at[place]);
             self.first = earliest.unwrap_or_default();
@@ -35,7 +35,7 @@ impl Schedule {
         self.at[unit as usize]
     }
 
-    /// The next that is due, and when.
+    /// Unit with the next event, and its cycle.
     pub fn next(&self) -> (Unit, Cycles) {
         (Unit::SCHEDULED[self.first], self.at[self.first])
     }
@@ -47,7 +47,7 @@ mod tests {
     use crate::noise::Noise;
 
     #[test]
-    fn the_next_is_the_earliest_and_of_equals_the_first() {
+    fn next_event_is_the_earliest_and_ties_go_to_the_first_unit() {
         let mut schedule = Schedule::new();
         let mut random = Noise::new(3);
         for _ in 0..10_000 {

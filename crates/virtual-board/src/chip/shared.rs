@@ -1,4 +1,4 @@
-//! What all peripherals of a chip share: the moment, the clocks, interrupt lines, the schedule.
+//! State that all peripherals of a chip share: present cycle, clocks, interrupt lines, schedule.
 
 use super::chip_variation::ChipVariation;
 use super::circuit::Circuit;
@@ -11,45 +11,43 @@ use crate::finding::{Findings, Kind};
 use crate::time::{Cycles, Time, Timebase};
 use std::collections::VecDeque;
 
-/// A voltage that the converter takes at an instant.
+/// A voltage that the converter samples at a given cycle.
 #[derive(Clone, Copy, Debug)]
 struct Sample {
     pin: Pin,
     at: Cycles,
-    /// Once it was taken.
+    /// Voltage, V, once sampled.
     volts: Option<f64>,
 }
 
-/// What all peripherals share.
+/// State that all peripherals share.
 #[derive(Clone)]
 pub(crate) struct Shared {
-    /// The moment of the access or event.
+    /// Cycle of the present access or event.
     pub now: Cycles,
-    /// The instruction that makes the access; of an event, the latest.
+    /// Address of the instruction that makes the access; during an event, of the latest instruction with an access.
     pub pc: u32,
-    /// Clocks in force.
     pub clocks: Clocks,
-    /// How cycles lie in time.
+    /// Conversion between cycles and time.
     pub base: Timebase,
     /// Levels of the interrupt lines.
     pub lines: u128,
     /// See [`crate::core::System::limit`].
     pub limit: Cycles,
-    /// What was found.
     pub findings: Findings,
     circuit: Box<dyn Circuit>,
     sample: Option<Sample>,
-    /// What differs from one chip to the next.
+    /// Properties that differ from chip to chip.
     pub variation: ChipVariation,
     /// Period of the crystal divided for the real-time clock, while both are on.
     pub divided_crystal: Option<Time>,
     /// Supply of the chip, V.
     pub volts: f64,
-    /// The access ends in a bus error.
+    /// True if the access ends in a bus error.
     pub bus_error: bool,
-    /// The bus holds the access until this cycle.
+    /// Cycle until which the bus stalls the access.
     pub held_until: Cycles,
-    /// What other parts must be told.
+    /// Effects still to be delivered to other parts.
     pub effects: VecDeque<Effect>,
     schedule: Schedule,
 }
@@ -76,19 +74,18 @@ impl Shared {
         }
     }
 
-    /// The time now.
     pub fn time(&self) -> Time {
         self.base.time_of(self.now)
     }
 
-    /// The first cycle that begins so long from now.
+    /// First cycle that begins at least `span` after the present time.
     #[cfg(test)]
     pub fn after(&self, span: Time) -> Cycles {
         self.base.cycle_of(self.time() + span)
     }
 
-    /// Circuit around the chip, which is called in the order of time: a voltage that was to be taken
-    /// before now is taken first.
+    /// Circuit around the chip. The circuit is called in the order of time: a pending sample due earlier is taken
+    /// first.
     pub fn world(&mut self) -> &mut dyn Circuit {
         if self.sample.is_some_and(|sample| sample.at < self.now) {
             self.take_sample();
@@ -101,8 +98,8 @@ impl Shared {
         self.circuit = circuit;
     }
 
-    /// A voltage is to be taken at an instant to come: not by an event of its own, but before the
-    /// circuit hear of anything later.
+    /// Plans to sample a voltage at a later cycle. The sample is no event of the schedule; it is taken before any later
+    /// call of the circuit.
     pub fn sample(&mut self, pin: Pin, at: Cycles) {
         self.sample = Some(Sample {
             pin,
@@ -111,12 +108,11 @@ impl Shared {
         });
     }
 
-    /// No voltage is to be taken.
     pub fn cancel_sample(&mut self) {
         self.sample = None;
     }
 
-    /// The voltage that was to be taken, whose instant has come.
+    /// Voltage of the pending sample, whose cycle has come; `None` without one.
     pub fn take_sample(&mut self) -> Option<f64> {
         let sample = self.sample.as_mut()?;
         if sample.volts.is_none() {
@@ -126,21 +122,21 @@ impl Shared {
         sample.volts
     }
 
-    /// Takes the voltage that was to be taken by a cycle.
+    /// Takes the pending sample if it is due by `cycle`.
     pub fn take_sample_by(&mut self, cycle: Cycles) {
         if self.sample.is_some_and(|sample| sample.at <= cycle) {
             self.take_sample();
         }
     }
 
-    /// Notes what the program does wrong, at the present instruction.
+    /// Notes an error of the program at the present instruction.
     #[cold]
     pub fn note(&mut self, kind: Kind, text: impl Into<String>) {
         let at = self.time();
         self.findings.note(kind, self.pc, at, text);
     }
 
-    /// Notes features without a model that the program switches on: bits and names.
+    /// Notes features that the program enables and that are not modelled; `features` are bits and names.
     pub fn note_not_modelled(&mut self, switched_on: u32, features: &[(u32, &str)]) {
         for &(bit, name) in features {
             if switched_on & bit != 0 {
@@ -163,23 +159,23 @@ impl Shared {
         }
     }
 
-    /// Has a peripheral called at this cycle; [`NEVER`] takes it off the schedule.
+    /// Sets the cycle of a unit's next event; [`NEVER`] removes it from the schedule.
     pub fn schedule(&mut self, unit: Unit, at: Cycles) {
         self.schedule.set(unit, at);
         self.limit = 0;
     }
 
-    /// Cycle at which a peripheral is due.
+    /// Cycle of a unit's next event.
     pub fn due(&self, unit: Unit) -> Cycles {
         self.schedule.due(unit)
     }
 
-    /// The next that is due, and when.
+    /// Unit with the next event, and its cycle.
     pub fn next(&self) -> (Unit, Cycles) {
         self.schedule.next()
     }
 
-    /// Tells the other parts.
+    /// Queues an effect on other parts.
     pub fn effect(&mut self, effect: Effect) {
         self.effects.push_back(effect);
     }

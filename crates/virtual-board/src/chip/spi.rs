@@ -1,9 +1,9 @@
-//! SPI1 as a master, full duplex, without streams.
+//! SPI1 as a master, full duplex, without DMA.
 //!
-//! A word is shifted while the next waits in the transmit buffer. Its last bit is sampled half a clock
-//! before its end: that is when it is in the receive buffer.
+//! While a word is shifted, the next one waits in the transmit buffer. The last bit is sampled half a clock period
+//! before the end of the word, when the word enters the receive buffer.
 //!
-//! Not modelled: polarity and phase of the clock, which devices do not see.
+//! Not modelled: polarity and phase of the clock, which the devices ignore.
 
 use super::Peripheral;
 use super::effect::Effect;
@@ -20,7 +20,7 @@ bits! {
     CPHA 0, CPOL 1, MSTR 2, SPE 6, LSBFIRST 7, SSI 8, SSM 9, RXONLY 10, DFF 11, CRCEN 13,
     BIDIMODE 15
 }
-/// What must not change while a word is on its way.
+/// Bits that must not change while a word is shifted.
 const SHAPE: u32 = CPHA | CPOL | MSTR | 7 << 3 | LSBFIRST | DFF;
 
 // CR2.
@@ -33,7 +33,7 @@ bits! {
     RXNE 0, TXE 1, MODF 5, OVR 6, BSY 7
 }
 
-/// The highest frequency of the clock (data sheet, SPI1 as a master), Hz.
+/// Highest frequency of the clock (data sheet, SPI1 as a master), Hz.
 const CLOCK_LIMIT: u64 = 42_000_000;
 
 const REGISTERS: [Register; 9] = [
@@ -48,29 +48,29 @@ const REGISTERS: [Register; 9] = [
     narrow(0x20, "I2SPR", 0x3ff),
 ];
 
-/// A word on its way.
+/// A word being shifted.
 #[derive(Clone, Copy, Debug)]
 struct Shift {
     word: u16,
-    /// When its last bit is sampled; never, once that is done.
+    /// Cycle at which the last bit is sampled; never, once sampled.
     sampled: Cycles,
     end: Cycles,
 }
 
-/// The serial interface, as a master.
+/// SPI1 as a master.
 #[derive(Clone, Default)]
 pub(crate) struct Spi {
     cr1: u32,
     cr2: u32,
     /// RXNE, OVR, MODF.
     sr: u32,
-    /// OVR was read since it was set, and the data register before that.
+    /// The data register was read while OVR was set; a read of SR then clears OVR.
     overrun_read: bool,
     received: u16,
     waiting: Option<u16>,
     shift: Option<Shift>,
     polynomial: u32,
-    /// Its signals were looked for on the pins.
+    /// The signals were checked for a route to a pin.
     placed: bool,
 }
 
@@ -86,7 +86,7 @@ impl Spi {
         if self.cr1 & DFF != 0 { 16 } else { 8 }
     }
 
-    /// A period of the clock, core cycles.
+    /// Period of the SPI clock, core cycles.
     fn period(&self, shared: &Shared) -> Cycles {
         shared.clocks.apb2 << ((self.cr1 >> 3 & 7) + 1)
     }
@@ -142,7 +142,7 @@ impl Spi {
         }
     }
 
-    /// A master whose select input is low gives up.
+    /// Handles a low select input: the master is disabled with a mode fault.
     fn check_master(&mut self, shared: &mut Shared) {
         if self.cr1 & (SPE | MSTR) != SPE | MSTR {
             return;
@@ -171,7 +171,7 @@ impl Spi {
         self.waiting = Some(value);
     }
 
-    /// The waiting word goes on its way, if it can.
+    /// Starts to shift the waiting word if the shift register is free.
     fn load(&mut self, shared: &mut Shared) {
         let enabled = self.cr1 & (SPE | MSTR) == SPE | MSTR;
         if !enabled || self.shift.is_some() {
@@ -227,7 +227,7 @@ impl Peripheral for Spi {
             0x04 => self.cr2,
             0x08 => {
                 let status = self.status();
-                // The data register was read before.
+                // DR was read before SR: the sequence that clears OVR.
                 if std::mem::take(&mut self.overrun_read) {
                     self.sr &= !OVR;
                 }
@@ -248,7 +248,7 @@ impl Peripheral for Spi {
     fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
         match offset {
             0x00 => {
-                // Writing CR1 is the second half of what clears a mode fault.
+                // A write of CR1 is the second step of clearing a mode fault.
                 self.sr &= !MODF;
                 self.write_cr1(merge(self.cr1, value, mask) & 0xffff, shared);
             }
@@ -260,7 +260,7 @@ impl Peripheral for Spi {
                 ];
                 shared.note_not_modelled(self.cr2, &features);
             }
-            // Only CRCERR is writable, and there is none.
+            // Only CRCERR is writable; checksums are not modelled.
             0x08 => {}
             0x0c => self.write_data(value as u16, shared),
             0x10 => self.polynomial = value & 0xffff,

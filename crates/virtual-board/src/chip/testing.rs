@@ -1,4 +1,4 @@
-//! What tests of peripherals share.
+//! Shared parts of the tests of peripherals.
 
 use super::Peripheral;
 use super::circuit::{Bare, Circuit};
@@ -10,12 +10,12 @@ use crate::finding::Kind;
 use crate::time::{Cycles, NEVER};
 use std::any::Any;
 
-/// What peripherals share, after a reset and with nothing around.
+/// Shared state after a reset, with no circuit around the chip.
 pub(crate) fn shared() -> Shared {
     Shared::new(Box::new(Bare), 0)
 }
 
-/// A peripheral that is driven through its registers.
+/// A peripheral under test, accessed through its registers.
 pub(crate) struct Bench<P> {
     pub part: P,
     pub shared: Shared,
@@ -23,7 +23,7 @@ pub(crate) struct Bench<P> {
 }
 
 impl<P: Peripheral> Bench<P> {
-    /// A peripheral of a chip with this around it, at 168 MHz with the dividers 4 and 2.
+    /// A peripheral in a chip with `circuit`, at 168 MHz with APB dividers 4 and 2.
     pub fn around(circuit: impl Circuit, unit: Unit, part: P) -> Self {
         let mut shared = Shared::new(Box::new(circuit), 0);
         shared.base.set_frequency(0, 168_000_000);
@@ -55,7 +55,7 @@ impl<P: Peripheral> Bench<P> {
         any.downcast_mut().expect("the circuit of the bench")
     }
 
-    /// Transfers that were asked for since the last call.
+    /// DMA requests since the last call.
     pub fn requests(&mut self) -> Vec<Request> {
         let effects = self.shared.effects.drain(..);
         let requests = effects.filter_map(|effect| match effect {
@@ -67,7 +67,7 @@ impl<P: Peripheral> Bench<P> {
 }
 
 impl Shared {
-    /// Goes to what a peripheral has due up to and including `end`, or to `end`; true if it has.
+    /// Advances to the next event of a peripheral, or to `end`; true if there is an event by `end`.
     pub fn arrive(&mut self, unit: Unit, end: Cycles) -> bool {
         let due = self.due(unit);
         self.now = due.min(end);
@@ -77,7 +77,6 @@ impl Shared {
         due <= end
     }
 
-    /// Kinds of what was found.
     pub fn kinds(&self) -> Vec<Kind> {
         self.findings
             .list()

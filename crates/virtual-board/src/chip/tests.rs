@@ -1,4 +1,4 @@
-//! What the parts of the chip do together.
+//! Interaction of the parts of the chip.
 
 mod analog;
 mod can;
@@ -8,7 +8,7 @@ use crate::core::{BusError, System, Transfer};
 use crate::time::Cycles;
 use std::collections::VecDeque;
 
-/// Changes at times, voltages by channel, and what was heard.
+/// A circuit with scheduled changes and a voltage for each channel; records the chip's drives and SPI words.
 #[derive(Clone, Default)]
 struct World {
     due: VecDeque<(Time, Change)>,
@@ -18,7 +18,7 @@ struct World {
 }
 
 impl World {
-    /// Counts of twelve bits that stand at a pin of port A.
+    /// 12-bit count of the voltage at a pin of port A.
     fn count(pin: Pin) -> u32 {
         300 + 500 * pin.number()
     }
@@ -66,7 +66,7 @@ impl Circuit for World {
     }
 }
 
-/// A chip driven by hand.
+/// A chip without a core, accessed over its bus.
 struct Bench {
     chip: Chip,
     cycle: Cycles,
@@ -80,7 +80,7 @@ const GPIOB: u32 = 0x4002_0400;
 const PB13: Pin = Pin::new('B', 13);
 
 impl Bench {
-    /// Running, with these changes to come, µs.
+    /// A bench with scheduled changes, times in µs.
     fn new(changes: &[(u64, Change)]) -> Self {
         let due = changes.iter();
         let due = due.map(|(at, change)| (Time::from_micros(*at), *change));
@@ -103,7 +103,7 @@ impl Bench {
         read.expect("no bus error")
     }
 
-    /// With a barrier behind it.
+    /// Writes a word, followed by a barrier.
     fn write(&mut self, address: u32, value: u32) {
         self.write_alone(address, value);
         self.chip.synchronise();
@@ -125,7 +125,7 @@ impl Bench {
         self.cycle = until;
     }
 
-    /// Lets time pass, resets included.
+    /// Advances by `micros` µs, through resets; returns the latest reset cause.
     fn pass(&mut self, micros: u64) -> Option<Cause> {
         let end = self.chip.time_of(self.cycle) + Time::from_micros(micros);
         let mut seen = None;
@@ -144,7 +144,7 @@ impl Bench {
         }
     }
 
-    /// 168 MHz from the crystal, with the wait states that this needs.
+    /// Switches to 168 MHz from the crystal, with the wait states required.
     fn run_at_168_mhz(&mut self) {
         self.write(FLASH_ACR, 5);
         self.set(RCC, 1 << 16);
@@ -155,14 +155,14 @@ impl Bench {
         self.write(RCC + 0x08, 0x0000_9402);
     }
 
-    /// PB13 drives high.
+    /// Configures PB13 as an output at high level.
     fn drive(&mut self) {
         self.set(RCC + 0x30, 2);
         self.set(GPIOB + 0x14, 1 << 13);
         self.set(GPIOB, 1 << 26);
     }
 
-    /// The pin that the chip drove in another way last.
+    /// Latest change of a pin's drive by the chip.
     fn last_drive(&mut self) -> Option<(Pin, Drive)> {
         let heard = self.world().heard.last()?;
         Some((heard.1, heard.2))
@@ -184,7 +184,7 @@ impl Bench {
 }
 
 #[test]
-fn the_core_is_let_go_after_power_on_and_the_clock_goes_to_168_mhz() {
+fn core_is_released_after_power_on_and_clock_reaches_168_mhz() {
     let mut bench = Bench::new(&[]);
     assert!(bench.chip.is_held());
     bench.pass(1_501);
@@ -204,7 +204,7 @@ fn the_core_is_let_go_after_power_on_and_the_clock_goes_to_168_mhz() {
 }
 
 #[test]
-fn wait_states_are_judged_by_clock_and_supply() {
+fn wrong_wait_states_for_clock_and_supply_are_a_finding() {
     let cases = [
         (5, 3.3, 0),
         (4, 3.3, 1),
@@ -219,7 +219,7 @@ fn wait_states_are_judged_by_clock_and_supply() {
         bench.chip.restart(Cause::Pin, bench.cycle);
         bench.run_at_168_mhz();
         bench.write(FLASH_ACR, acr);
-        // Another time to the same clock, so that it gets faster with these wait states.
+        // Switching to the same clock again raises the frequency with these wait states set.
         bench.write(RCC + 0x08, 0x0000_9400);
         bench.write(RCC + 0x08, 0x0000_9402);
         let (found, start) = (bench.findings(), format!("{acr} wait"));
@@ -229,7 +229,7 @@ fn wait_states_are_judged_by_clock_and_supply() {
 }
 
 #[test]
-fn scale_2_of_the_regulator_is_too_little_for_168_mhz() {
+fn regulator_scale_2_at_168_mhz_is_a_finding() {
     let mut bench = Bench::new(&[]);
     bench.run_at_168_mhz();
     bench.set(RCC + 0x40, 1 << 28);
@@ -238,7 +238,7 @@ fn scale_2_of_the_regulator_is_too_little_for_168_mhz() {
 }
 
 #[test]
-fn a_crystal_that_fails_asks_for_the_nmi_and_slows_the_clock() {
+fn crystal_failure_raises_the_nmi_and_switches_to_the_internal_oscillator() {
     let mut bench = Bench::new(&[(10_000, Change::Crystal(false))]);
     bench.run_at_168_mhz();
     bench.set(RCC, 1 << 19);
@@ -252,13 +252,13 @@ fn a_crystal_that_fails_asks_for_the_nmi_and_slows_the_clock() {
 }
 
 #[test]
-fn without_clock_security_the_watchdog_ends_the_standstill() {
+fn crystal_failure_without_clock_security_stalls_until_the_watchdog_resets() {
     let mut bench = Bench::new(&[(10_000, Change::Crystal(false))]);
     bench.run_at_168_mhz();
     bench.write(0x4000_3000, 0xcccc);
     assert_eq!(bench.pass(500_000), None);
     assert!(bench.chip.is_held());
-    // 512 ms from the start, to the millisecond.
+    // The timeout is 512 ms from the start.
     assert_eq!(bench.pass(20_000), Some(Cause::Watchdog));
     assert!(!bench.chip.is_held());
     assert_eq!(bench.chip.clocks().hclk_hz, 16_000_000);
@@ -266,7 +266,7 @@ fn without_clock_security_the_watchdog_ends_the_standstill() {
 }
 
 #[test]
-fn a_brown_out_lets_the_pins_go_until_the_supply_is_back() {
+fn brown_out_releases_the_pins_until_the_supply_recovers() {
     let mut bench = Bench::new(&[
         (10_000, Change::Supply(1.9)),
         (11_000, Change::Supply(1.65)),
@@ -291,7 +291,7 @@ fn a_brown_out_lets_the_pins_go_until_the_supply_is_back() {
 
 /// The supply fails just before an access of an instruction that began earlier.
 #[test]
-fn an_access_that_a_brown_out_overtakes_is_no_fault_of_the_program() {
+fn access_after_a_brown_out_is_no_finding() {
     let mut bench = Bench::new(&[(10_000, Change::Supply(1.6))]);
     bench.pass(2_000);
     bench.drive();
@@ -303,7 +303,7 @@ fn an_access_that_a_brown_out_overtakes_is_no_fault_of_the_program() {
 }
 
 #[test]
-fn memory_forgets_where_the_supply_falls_too_low() {
+fn memory_loses_its_content_below_the_retention_voltage() {
     let changes = [(10_000, Change::Supply(1.0)), (20_000, Change::Supply(3.3))];
     let mut bench = Bench::new(&changes);
     for k in 0..16 {
@@ -315,7 +315,7 @@ fn memory_forgets_where_the_supply_falls_too_low() {
 }
 
 #[test]
-fn the_brown_out_level_of_the_chip_holds_it() {
+fn configured_brown_out_level_holds_the_chip_in_reset() {
     let mut bench = Bench::new(&[
         (10_000, Change::Supply(2.7)),
         (20_000, Change::Supply(3.0)),
@@ -338,7 +338,7 @@ fn the_brown_out_level_of_the_chip_holds_it() {
 }
 
 #[test]
-fn a_peripheral_that_is_reset_has_its_defaults_and_cannot_be_used_meanwhile() {
+fn peripheral_held_in_reset_has_reset_values_and_access_is_a_finding() {
     let mut bench = Bench::new(&[]);
     bench.drive();
     bench.write(RCC + 0x10, 2);
@@ -368,7 +368,7 @@ fn an_access_right_after_the_clock_was_switched_on_is_found() {
             .map(|(kind, text)| (kind, text.to_owned()))
             .collect::<Vec<_>>()
     };
-    // The nine instructions of a compiler are no delay.
+    // Nine instructions between the two accesses are not a sufficient delay.
     let found = early(9, false);
     assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!(found[0].0, Kind::Forbidden);
@@ -378,7 +378,7 @@ fn an_access_right_after_the_clock_was_switched_on_is_found() {
 }
 
 #[test]
-fn a_wrong_key_is_a_bus_error_and_the_flash_stays_locked_until_a_reset() {
+fn wrong_flash_key_is_a_bus_error_and_locks_until_reset() {
     let mut bench = Bench::new(&[]);
     let key = Transfer::word(FLASH_KEYR, 0);
     let wrong = bench.chip.write(key, 1, &mut bench.cycle);
@@ -389,7 +389,7 @@ fn a_wrong_key_is_a_bus_error_and_the_flash_stays_locked_until_a_reset() {
 }
 
 #[test]
-fn a_write_to_the_flash_holds_the_core_and_changes_the_code() {
+fn flash_write_stalls_the_core_and_reports_changed_code() {
     let mut bench = Bench::new(&[]);
     bench.chip.take_changed_code();
     bench.unlock();
@@ -405,7 +405,7 @@ fn a_write_to_the_flash_holds_the_core_and_changes_the_code() {
 }
 
 #[test]
-fn what_is_not_modelled_is_named_and_what_is_not_there_is_an_error() {
+fn unmodelled_peripheral_is_a_finding_and_unmapped_address_a_bus_error() {
     let mut bench = Bench::new(&[]);
     assert_eq!(bench.read(0x4001_1000), 0);
     bench.write(0x4000_5400, 1);
@@ -418,7 +418,7 @@ fn what_is_not_modelled_is_named_and_what_is_not_there_is_an_error() {
 }
 
 #[test]
-fn the_backup_domain_needs_its_bit() {
+fn backup_domain_write_needs_dbp() {
     let mut bench = Bench::new(&[]);
     for written in [0, 0x8200] {
         bench.write(RCC + 0x70, 0x8200);
@@ -430,7 +430,7 @@ fn the_backup_domain_needs_its_bit() {
 }
 
 #[test]
-fn a_halted_core_stops_the_watchdog_that_is_told_so() {
+fn halted_core_stops_the_watchdog_if_dbgmcu_says_so() {
     for (stops, cause) in [(false, Some(Cause::Watchdog)), (true, None)] {
         let mut bench = Bench::new(&[]);
         bench.write(0xe004_2008, u32::from(stops) << 12);
@@ -441,7 +441,7 @@ fn a_halted_core_stops_the_watchdog_that_is_told_so() {
 }
 
 #[test]
-fn the_same_part_forgets_in_the_same_way() {
+fn same_seed_gives_the_same_memory_and_identifier() {
     let memory = |seed: u64| {
         let mut bench = Bench::new(&[]);
         bench.chip.set_variation(ChipVariation {
@@ -455,11 +455,11 @@ fn the_same_part_forgets_in_the_same_way() {
 }
 
 #[test]
-fn a_crystal_that_fails_stops_the_outputs_of_tim1_where_its_break_is_enabled() {
+fn crystal_failure_clears_moe_of_tim1_if_break_is_enabled() {
     const TIM1: u32 = 0x4001_0000;
     const BKE: u32 = 1 << 12;
     const MOE: u32 = 1 << 15;
-    // The input is not connected: with this polarity it says go on.
+    // The input is not connected: with this polarity it is inactive.
     const BKP: u32 = 1 << 13;
     for (bdtr, goes_on) in [(MOE | BKP, true), (MOE | BKP | BKE, false)] {
         let mut bench = Bench::new(&[(10_000, Change::Crystal(false))]);
@@ -474,7 +474,7 @@ fn a_crystal_that_fails_stops_the_outputs_of_tim1_where_its_break_is_enabled() {
 }
 
 #[test]
-fn a_write_to_the_flashs_control_register_waits_for_the_operation() {
+fn flash_control_write_stalls_until_the_operation_ends() {
     let mut bench = Bench::new(&[]);
     bench.unlock();
     bench.write(FLASH_ACR + 0x10, 2 << 8 | 1);

@@ -1,10 +1,11 @@
-//! TIM11 as a capture of the divided crystal.
+//! TIM11 as an input capture of the divided crystal.
 //!
-//! Source: reference manual RM0090, chapter 19 (TI1_RMP: 19.5.11). Its one use here is the measurement of the
-//! crystal against the clock that drives the timer: the counter runs, and each first, second, fourth or eighth
-//! rising edge of HSE_RTC stores its count.
+//! Source: reference manual RM0090, chapter 19 (TI1_RMP: 19.5.11). The only modelled use measures the crystal against
+//! the clock of the timer: the counter runs, and every first, second, fourth or eighth rising edge of HSE_RTC captures
+//! the count.
 //!
-//! Not modelled: compare and PWM, interrupts, one-pulse mode, the inputs at pins; switching one on is a finding.
+//! Not modelled: compare and PWM, interrupts, one-pulse mode, inputs at pins. Enabling compare or an interrupt is a
+//! finding.
 
 use super::Peripheral;
 use super::register::{Register, narrow};
@@ -31,20 +32,20 @@ const ARR: u32 = 0x2c;
 const CCR1: u32 = 0x34;
 const OR: u32 = 0x50;
 
-/// SR: a capture, and one on top of another that was not read.
+/// SR: capture; capture while the previous one was unread.
 const CC1IF: u32 = 1 << 1;
 const CC1OF: u32 = 1 << 9;
 /// OR: the input is the crystal, divided for the real-time clock.
 const HSE_RTC: u32 = 2;
 
-/// The timer.
 #[derive(Clone)]
 pub(crate) struct Tim11 {
     registers: [u32; 0x54 / 4],
-    /// The cycle at which the counter stood at zero; it runs from there.
+    /// Cycle at which the counter was zero.
     zero: Cycles,
-    /// Begin of the capturing, and captures since that were read.
+    /// Time at which capturing began.
     since: Time,
+    /// Number of captures up to the latest capture that the program has read.
     read: u64,
 }
 
@@ -75,19 +76,19 @@ impl Tim11 {
         channel && self.runs() && self.reg(OR) & 3 == HSE_RTC
     }
 
-    /// Time from one capture to the next.
+    /// Time between two captures.
     fn span(&self, shared: &Shared) -> Option<Time> {
         let period = shared.divided_crystal.filter(|_| self.captures())?;
         Some(Time(period.0 << (self.reg(CCMR1) >> 2 & 3)))
     }
 
-    /// Captures so far.
+    /// Number of captures so far.
     fn count(&self, shared: &Shared) -> u64 {
         let span = self.span(shared);
         span.map_or(0, |span| (shared.time() - self.since).0 / span.0.max(1))
     }
 
-    /// The counter at a cycle.
+    /// Count at a cycle.
     fn at(&self, cycle: Cycles, shared: &Shared) -> u32 {
         let step = shared.clocks.timer2 * u64::from(self.reg(PSC) + 1);
         let counts = cycle.saturating_sub(self.zero) / step;
@@ -155,7 +156,7 @@ mod tests {
     use super::*;
     use crate::chip::testing::shared;
 
-    /// Capturing each eighth edge of a crystal divided by 31.
+    /// A timer that captures every eighth edge of a crystal divided by 31.
     fn started(shared: &mut Shared, crystal_hz: u64) -> Tim11 {
         shared.divided_crystal = Some(Time(31 * 1_000_000_000_000 / crystal_hz));
         let mut timer = Tim11::default();
@@ -166,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn captures_are_as_far_apart_as_the_edges_of_the_crystal() {
+    fn captures_differ_by_the_period_of_the_divided_crystal() {
         for (crystal_hz, cycles) in [(8_000_000, 496), (12_000_000, 330)] {
             let mut shared = shared();
             let mut timer = started(&mut shared, crystal_hz);
@@ -184,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn missed_capture_is_told_and_the_counter_wraps() {
+    fn missed_capture_sets_the_overcapture_flag_and_the_counter_wraps() {
         let mut shared = shared();
         let mut timer = started(&mut shared, 8_000_000);
         shared.now += 1_000;

@@ -1,14 +1,14 @@
-//! From a voltage to a count of the converter.
+//! Conversion of a voltage to a count.
 
 use crate::noise::Noise;
 
-/// Noise that leaves 10.8 effective bits (data sheet, typical), counts rms. The steps alone have a twelfth
-/// of a count squared; each bit less than twelve makes that four times as much, and the noise is what is
-/// missing: √((4^1.2 − 1)/12).
+/// Noise of the converter, counts rms, for 10.8 effective bits (data sheet, typical). Quantization alone has a variance
+/// of 1/12 counts²; each effective bit less than twelve multiplies the total variance by four. The noise is the
+/// difference: √((4^1.2 − 1)/12).
 pub(super) const NOISE: f64 = 0.597;
 
-/// The count of twelve bits for a voltage over the reference, with an error and so much noise (counts). The first step
-/// lies at half a count (vendor's AN2834).
+/// 12-bit count for `ratio` of the reference voltage, with an error and noise of `noise_counts` rms, both in counts.
+/// The first step is at half a count (ST application note AN2834).
 pub(super) fn count(ratio: f64, error: f64, noise_counts: f64, noise: &mut Noise) -> u32 {
     let count = 4096.0 * ratio + error + noise_counts * noise.normal() + 0.5;
     count.clamp(0.0, 4095.0) as u32
@@ -19,8 +19,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn noise_leaves_the_data_sheets_effective_bits() {
-        // A sine of full scale, converted; what differs from it is noise and steps.
+    fn noise_yields_the_effective_bits_of_the_data_sheet() {
+        // Converts a full-scale sine; the residual is noise and quantization.
         let mut noise = Noise::new(7);
         let n = 200_000;
         let mut power = 0.0;
@@ -36,7 +36,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_step_lies_at_half_a_count_and_the_last_one_and_a_half_below_full_scale() {
+    fn first_step_is_at_half_a_count_and_last_at_one_and_a_half_below_full_scale() {
         for (ratio, expected) in [
             (0.0, 0),
             (0.49 / 4096.0, 0),

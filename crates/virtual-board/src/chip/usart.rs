@@ -14,7 +14,7 @@ use crate::time::{Cycles, NEVER};
 bits! {
     ORE 3, IDLE 4, RXNE 5, TC 6, TXE 7
 }
-/// Flags that reading SR and then DR clears.
+/// Flags that a read of SR followed by a read of DR clears.
 const BY_READING: u32 = 0x1f;
 
 // CR1.
@@ -23,7 +23,7 @@ bits! {
 }
 const CR1_BITS: u32 = 0xbfff;
 
-/// CR2.
+/// Bits of CR2.
 const CLKEN: u32 = 1 << 11;
 const STOP: u32 = 3 << 12;
 const LINEN: u32 = 1 << 14;
@@ -55,14 +55,13 @@ pub(crate) struct Usart {
     cr2: u32,
     cr3: u32,
     gtpr: u32,
-    /// SR was read with these flags set.
+    /// Flags that were set when SR was read.
     seen: u32,
     received: u8,
     waiting: Option<u8>,
-    /// What is on the line, nothing for the idle frame of a transmitter that was just enabled, and
-    /// when it ends.
+    /// Frame on the line and the cycle of its end; without a byte: the idle frame of a transmitter just enabled.
     shift: Option<(Option<u8>, Cycles)>,
-    /// When the line counts as idle.
+    /// Cycle at which the line counts as idle.
     idle: Cycles,
 }
 
@@ -75,7 +74,7 @@ impl Usart {
         }
     }
 
-    /// A byte has arrived; its stop bit ends now.
+    /// Receives a byte whose stop bit ends now.
     pub fn receive(&mut self, byte: u8, shared: &mut Shared) {
         if self.cr1 & (UE | RE) != UE | RE {
             return;
@@ -92,7 +91,7 @@ impl Usart {
         self.plan(shared);
     }
 
-    /// Length of a frame, core cycles: a start bit, eight of data and a stop bit.
+    /// Length of a frame, core cycles: start bit, eight data bits, stop bit.
     fn frame(&self, shared: &Shared) -> Cycles {
         (10 * Cycles::from(self.brr) * shared.clocks.apb1).max(1)
     }
@@ -126,7 +125,7 @@ impl Usart {
         }
     }
 
-    /// The transmitter or the receiver was switched.
+    /// Handles enabling of the transmitter or the receiver.
     fn begin(&mut self, changed: u32, shared: &mut Shared) {
         if changed & (TE | RE) != 0 && self.cr1 & (TE | RE) != 0 && self.brr < 16 {
             shared.note(Kind::Forbidden, "USART3: enabled with a divider below 16");
@@ -169,7 +168,7 @@ impl Usart {
         }
     }
 
-    /// Asks again for what no stream has done yet.
+    /// Repeats the DMA requests that are still pending.
     pub fn ask(&self, shared: &mut Shared) {
         self.request_receive(shared);
         self.request_transmit(shared);
@@ -250,7 +249,7 @@ impl Peripheral for Usart {
 
     fn write(&mut self, offset: u32, value: u32, mask: u32, shared: &mut Shared) {
         match offset {
-            // Written with zero these are cleared.
+            // Written as zero, RXNE and TC are cleared.
             0x00 => self.sr &= value | !(mask & (RXNE | TC)),
             0x04 => self.write_data(value as u8, shared),
             0x08 => {

@@ -1,9 +1,9 @@
 //! Independent watchdog.
 //!
-//! Source: reference manual RM0090, chapter 21. It counts the slow oscillator, which runs as long as it
-//! needs it. Writes to prescaler and reload are taken over after five of its periods; the flags say so.
-//! When it is started, it counts from 0xfff, whatever the reload register holds (21.3); the reload
-//! counts from the first feeding. The prescaler's phase is not modelled: it begins anew at each feeding.
+//! Source: reference manual RM0090, chapter 21. The watchdog counts the slow oscillator, which it keeps running. A
+//! write to prescaler or reload takes effect after five periods of the oscillator; until then a flag of SR is set. The
+//! first count after the start is from 0xfff, whatever the reload register holds (21.3); the reload value applies from
+//! the first refresh. Not modelled: the phase of the prescaler, which restarts at each refresh.
 
 use super::Peripheral;
 use super::cause::Cause;
@@ -21,14 +21,14 @@ const REGISTERS: &[Register] = &[
     narrow(0x0c, "SR", 3),
 ];
 
-/// Periods of the slow oscillator until a write is taken over.
+/// Periods of the slow oscillator until a write takes effect.
 const UPDATE: u64 = 5;
 
-/// A register that lies in the slow oscillator's domain.
+/// A register in the clock domain of the slow oscillator.
 #[derive(Clone, Copy, Debug)]
 struct Slow {
     value: u32,
-    /// What will stand there, and from when on.
+    /// Written value, and the time at which it takes effect.
     next: Option<(u32, Time)>,
 }
 
@@ -45,7 +45,7 @@ impl Slow {
         self.next = Some((value, shared.time() + shared.variation.slow(UPDATE)));
     }
 
-    /// Takes over what is due.
+    /// Applies the written value if its time has come; true if so.
     fn settle(&mut self, now: Time) -> bool {
         match self.next {
             Some((value, at)) if at <= now => {
@@ -57,15 +57,14 @@ impl Slow {
     }
 }
 
-/// The independent watchdog.
 #[derive(Clone)]
 pub(crate) struct Watchdog {
     prescaler: Slow,
     reload: Slow,
     open: bool,
-    /// When it bites, once it was started.
+    /// Time of the reset, once the watchdog has started.
     bites: Option<Time>,
-    /// Time that was left when a debugger halted the core.
+    /// Time left until the reset when a debugger halted the core.
     frozen: Option<Time>,
 }
 
@@ -82,14 +81,14 @@ impl Default for Watchdog {
 }
 
 impl Watchdog {
-    /// Starts it.
+    /// Starts the watchdog; no effect if it runs.
     fn start(&mut self, shared: &mut Shared) {
         if self.bites.is_none() {
             self.count_from(0xfff, shared);
         }
     }
 
-    /// A debugger halts the core, or lets it go on, while its bit in DBGMCU stops the watchdog.
+    /// Stops the watchdog while a debugger halts the core, or resumes it.
     pub fn freeze(&mut self, frozen: bool, shared: &mut Shared) {
         if frozen && self.frozen.is_none() {
             self.frozen = self.bites.map(|at| at - shared.time());
@@ -171,7 +170,7 @@ impl Peripheral for Watchdog {
         }
         let before = self.divider();
         if self.prescaler.settle(now) {
-            // The counts that are left take longer or shorter now.
+            // The remaining counts have another period.
             let after = self.divider();
             let scale = |left: Time| Time(left.0 / before * after);
             self.bites = self.bites.map(|at| now + scale(at - now));
@@ -191,7 +190,7 @@ mod tests {
     use super::*;
     use crate::chip::testing::shared;
 
-    /// Lets so many microseconds pass; whether it has bitten.
+    /// Advances by `micros` µs; true if the watchdog has reset the chip.
     fn pass(dog: &mut Watchdog, shared: &mut Shared, micros: u64) -> bool {
         let end = shared.after(Time::from_micros(micros));
         while shared.arrive(Unit::Iwdg, end) {
@@ -203,14 +202,14 @@ mod tests {
         false
     }
 
-    /// Prescaler 32, 500 counts: 500 ms; started and fed.
+    /// A watchdog with prescaler 32 and 500 counts (500 ms), started and refreshed.
     fn started(shared: &mut Shared) -> Watchdog {
         let mut dog = Watchdog::default();
         for (offset, value) in [(0x00, 0x5555), (0x04, 3), (0x08, 499)] {
             dog.write(offset, value, !0, shared);
         }
         assert_eq!(dog.read(0x0c, shared), 3);
-        // Five periods of 32 kHz.
+        // Five periods at 32 kHz are 156.25 µs.
         pass(&mut dog, shared, 156);
         assert_eq!((dog.read(0x0c, shared), dog.read(0x08, shared)), (3, 0xfff));
         pass(&mut dog, shared, 1);
@@ -222,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn it_bites_when_it_was_not_fed_for_its_time() {
+    fn watchdog_resets_unless_refreshed_in_time() {
         let mut shared = shared();
         let mut dog = started(&mut shared);
         let fed = shared.now;
@@ -242,17 +241,17 @@ mod tests {
     }
 
     #[test]
-    fn a_start_alone_counts_from_the_longest() {
+    fn start_without_refresh_counts_from_0xfff() {
         let mut shared = shared();
         let mut dog = Watchdog::default();
         dog.write(0x00, 0xcccc, !0, &mut shared);
-        // Table of the manual: 512 ms at the prescaler 4.
+        // Table in the manual: 512 ms at prescaler 4.
         assert!(!pass(&mut dog, &mut shared, 511_999));
         assert!(pass(&mut dog, &mut shared, 2));
     }
 
     #[test]
-    fn the_slow_oscillator_may_be_fast_or_slow() {
+    fn timeout_follows_the_frequency_of_the_slow_oscillator() {
         for (hz, millis) in [(17_000, 941), (47_000, 340)] {
             let mut shared = shared();
             let mut dog = started(&mut shared);
@@ -264,18 +263,18 @@ mod tests {
     }
 
     #[test]
-    fn another_prescaler_stretches_what_is_left() {
+    fn new_prescaler_scales_the_remaining_time() {
         let mut shared = shared();
         let mut dog = started(&mut shared);
         dog.write(0x00, 0x5555, !0, &mut shared);
         dog.write(0x04, 4, !0, &mut shared);
-        // Half of 500 ms goes by at the old rate but for the five periods, so 999.8 ms are ahead.
+        // The five periods of the update pass at the old rate; the remaining time doubles to 999.8 ms.
         assert!(!pass(&mut dog, &mut shared, 999_800));
         assert!(pass(&mut dog, &mut shared, 100));
     }
 
     #[test]
-    fn a_halted_core_stops_it_where_the_debug_unit_says_so() {
+    fn freeze_stops_the_watchdog_until_the_core_resumes() {
         let mut shared = shared();
         let mut dog = started(&mut shared);
         assert!(!pass(&mut dog, &mut shared, 200_000));
@@ -287,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_write_on_top_of_another_is_found() {
+    fn write_before_the_previous_one_takes_effect_is_a_finding() {
         let mut shared = shared();
         let mut dog = Watchdog::default();
         for (offset, value) in [(0x00, 0x5555), (0x08, 499), (0x08, 500)] {

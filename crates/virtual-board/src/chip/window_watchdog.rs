@@ -1,12 +1,10 @@
 //! Window watchdog.
 //!
-//! Source: reference manual RM0090, chapter 22. A counter of seven bits counts down at PCLK1 / 4096, divided
-//! once more by 1 to 8; the chip is reset when the counter leaves 0x40, or when the program writes it above
-//! the window.
+//! Source: reference manual RM0090, chapter 22. A 7-bit counter counts down at PCLK1 / 4096, divided again by 1 to 8.
+//! The chip is reset when the counter falls below 0x40, or when the program writes the counter above the window.
 //!
-//! The prescaler's phase is not modelled: a write begins a whole count, where the chip's first count may be
-//! shorter by up to one. Before it is activated the counter stands still. Not modelled: the early wake-up
-//! interrupt; asking for it is a finding.
+//! Not modelled: the phase of the prescaler, so a write starts a whole count, while the chip's first count may be up to
+//! one count shorter; counting before activation; the early wake-up interrupt, whose request is a finding.
 
 use super::Peripheral;
 use super::cause::Cause;
@@ -28,20 +26,20 @@ bits! {
     WDGA 7, EWI 9
 }
 const COUNT: u32 = 0x7f;
-/// The lowest count without a reset.
+/// Lowest count without a reset.
 const LOWEST: u32 = 0x40;
 
 #[derive(Clone)]
 pub(crate) struct WindowWatchdog {
-    /// The count where it does not run.
+    /// Count while inactive.
     count: u32,
     configuration: u32,
     active: bool,
-    /// Cycles of a count.
+    /// Core cycles in one count.
     period: Cycles,
-    /// The cycle of the reset while it runs.
+    /// Cycle of the reset, while the watchdog runs.
     bites: Option<Cycles>,
-    /// Cycles that were left when it was stopped.
+    /// Cycles left until the reset, while the watchdog is stopped.
     left: Option<Cycles>,
     gated: bool,
     frozen: bool,
@@ -63,13 +61,13 @@ impl Default for WindowWatchdog {
 }
 
 impl WindowWatchdog {
-    /// Its clock is off, or on.
+    /// Stops the watchdog while its clock is off, or resumes it.
     pub fn gate(&mut self, off: bool, shared: &mut Shared) {
         self.gated = off;
         self.plan(shared);
     }
 
-    /// A debugger halts the core, or lets it go on, while its bit in DBGMCU stops the watchdog.
+    /// Stops the watchdog while a debugger halts the core, or resumes it.
     pub fn freeze(&mut self, frozen: bool, shared: &mut Shared) {
         self.frozen = frozen;
         self.plan(shared);
@@ -85,12 +83,12 @@ impl WindowWatchdog {
         shared.schedule(Unit::Wwdg, self.bites.unwrap_or(NEVER));
     }
 
-    /// Cycles of the core in a count, by the clocks of now.
+    /// Core cycles in one count at the present clocks.
     fn cycles(&self, shared: &Shared) -> Cycles {
         (shared.clocks.apb1 * 4096) << (self.configuration >> 7 & 3)
     }
 
-    /// The count now.
+    /// Present count.
     fn counted(&self, now: Cycles) -> u32 {
         let left = match (self.bites, self.left) {
             (Some(at), _) => at.saturating_sub(now),
@@ -105,7 +103,7 @@ impl WindowWatchdog {
         shared.effect(Effect::Reset(Cause::WindowWatchdog));
     }
 
-    /// The chosen or the bus's clock is another: what is left of the counts takes longer or shorter.
+    /// Rescales the remaining time after a change of prescaler or bus clock.
     fn stretch(&mut self, shared: &mut Shared) {
         let (before, now) = (self.period, shared.now);
         self.period = self.cycles(shared);
@@ -179,7 +177,7 @@ mod tests {
     use super::*;
     use crate::chip::testing::shared;
 
-    /// Started with this count, at 16 MHz without a divider.
+    /// A watchdog started with `count`, at 16 MHz without a divider.
     fn started(shared: &mut Shared, count: u32) -> WindowWatchdog {
         let mut dog = WindowWatchdog::default();
         dog.gate(false, shared);
@@ -187,7 +185,7 @@ mod tests {
         dog
     }
 
-    /// Lets so many cycles pass; true if it has bitten.
+    /// Advances by `cycles`; true if the watchdog has reset the chip.
     fn pass(dog: &mut WindowWatchdog, shared: &mut Shared, cycles: Cycles) -> bool {
         let end = shared.now + cycles;
         if shared.arrive(Unit::Wwdg, end) {
@@ -198,7 +196,7 @@ mod tests {
 
     #[test]
     fn window_watchdog_resets_after_its_counts() {
-        // Formula of the manual: 4096 · 2^WDGTB · (T[5:0] + 1) periods of PCLK1.
+        // Formula in the manual: 4096 · 2^WDGTB · (T[5:0] + 1) periods of PCLK1.
         for (count, wdgtb) in [(0x7f, 0), (0x40, 0), (0x4f, 3)] {
             let mut shared = shared();
             let mut dog = started(&mut shared, count);
@@ -211,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn fed_window_watchdog_starts_its_count_anew() {
+    fn refreshed_window_watchdog_restarts_its_count() {
         let mut shared = shared();
         let mut dog = started(&mut shared, 0x41);
         assert!(!pass(&mut dog, &mut shared, 8000));
@@ -233,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn stopped_clock_and_halted_core_stop_the_window_watchdog() {
+    fn gated_clock_and_halted_core_stop_the_window_watchdog() {
         let mut shared = shared();
         let mut dog = started(&mut shared, 0x41);
         dog.gate(true, &mut shared);
@@ -247,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn divided_bus_clock_stretches_the_counts() {
+    fn slower_bus_clock_lengthens_the_counts() {
         let mut shared = shared();
         let mut dog = started(&mut shared, 0x41);
         assert!(!pass(&mut dog, &mut shared, 4096));

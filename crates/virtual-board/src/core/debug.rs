@@ -1,4 +1,4 @@
-//! What a debugger sets: breakpoints, watchpoints, single steps.
+//! Debugger features: breakpoints, watchpoints, single steps.
 
 use super::{Core, Stop, Transfer};
 use std::collections::BTreeSet;
@@ -11,23 +11,23 @@ struct Watch {
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Debug {
-    /// A debugger is there: BKPT stops instead of faulting.
+    /// True if a debugger is attached: BKPT stops instead of faulting.
     pub(super) attached: bool,
     breakpoints: BTreeSet<u32>,
     watches: Vec<Watch>,
-    /// One instruction and stop.
+    /// True if the core stops after one instruction.
     pub(super) step: bool,
-    /// The breakpoint that the last run stopped at is passed once.
+    /// Breakpoint of the latest stop, to be passed once.
     passing: Option<u32>,
 }
 
 impl Debug {
-    /// The loop has to look at every instruction.
+    /// True if every instruction must be checked.
     pub(super) fn per_instruction(&self) -> bool {
         self.step || !self.breakpoints.is_empty()
     }
 
-    /// Accesses to this page of 16 MiB have to be looked at.
+    /// True if accesses to this page of 16 MiB must be checked.
     pub(super) fn watches_page(&self, page: u32) -> bool {
         self.watches.iter().any(|w| {
             let last = w.address.saturating_add(w.length.saturating_sub(1));
@@ -46,12 +46,12 @@ impl Debug {
 }
 
 impl Core {
-    /// Tells that a debugger is there or gone: with one, BKPT stops the core.
+    /// Attaches or detaches a debugger; while attached, BKPT stops the core.
     pub fn attach_debugger(&mut self, attached: bool) {
         self.debug.attached = attached;
     }
 
-    /// The core stops before the instruction at this address.
+    /// Stops the core before the instruction at this address.
     pub fn add_breakpoint(&mut self, address: u32) {
         self.debug.breakpoints.insert(address & !1);
     }
@@ -61,13 +61,13 @@ impl Core {
         self.debug.breakpoints.remove(&(address & !1))
     }
 
-    /// The core stops after an instruction that accesses these addresses.
+    /// Stops the core after an instruction that accesses these addresses.
     pub fn add_watchpoint(&mut self, address: u32, length: u32) {
         self.debug.watches.push(Watch { address, length });
         self.update_view(true);
     }
 
-    /// Notes an access to what is watched.
+    /// Stops the core if an access hits a watchpoint.
     pub(super) fn watch(&mut self, at: Transfer, write: bool) {
         let (address, width, pc) = (at.address, at.width, at.pc);
         let hit = self.debug.watches.iter().find(|w| {

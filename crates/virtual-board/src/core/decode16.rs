@@ -5,7 +5,7 @@ use super::instruction::{
     literal,
 };
 
-/// Branches by condition; every second inverts the one before.
+/// Conditional branches; each odd condition inverts the even one before it.
 const CONDITIONAL: [Op; 7] = [
     Op::BranchZero,
     Op::BranchCarry,
@@ -19,7 +19,7 @@ const CONDITIONAL: [Op; 7] = [
 /// Bit of `x` that inverts the condition of a branch.
 pub(super) const INVERT: u32 = 0x80;
 
-/// A branch by condition; 14 is always.
+/// A branch with a condition; condition 14 is always.
 pub(super) fn branch(condition: u32, target: u32) -> Insn {
     let insn = match CONDITIONAL.get(condition as usize / 2) {
         Some(&op) => Insn::new(op).with_x((condition & 1) * INVERT),
@@ -33,7 +33,7 @@ pub(super) const fn signed(value: u32, bits: u32) -> u32 {
     (((value << (32 - bits)) as i32) >> (32 - bits)) as u32
 }
 
-/// Decodes a halfword that is a whole instruction.
+/// Decodes a 16-bit instruction.
 pub(super) fn decode(pc: u32, h: u32) -> Insn {
     match h >> 12 {
         0 | 1 => shift_add(h),
@@ -155,7 +155,7 @@ fn high_registers(pc: u32, h: u32) -> Insn {
         _ if h & 7 != 0 => UNPREDICTABLE,
         _ if h & 0x80 != 0 && m == 15 => UNPREDICTABLE,
         _ if h & 0x80 != 0 => Insn::regs(Op::Blx, 0, 0, m),
-        // The program counter read here has bit 0 clear: an attempt to leave Thumb state.
+        // PC as the operand has bit 0 clear here: an attempt to leave Thumb state.
         _ if m == 15 => UNPREDICTABLE,
         _ => Insn::regs(Op::Bx, 0, 0, m),
     }
@@ -195,7 +195,7 @@ fn multiple(h: u32) -> Insn {
     }
     let first = list & list.wrapping_neg();
     if h & 0x800 == 0 {
-        // The base may only be stored as the first.
+        // The base register may only be stored if it is the first in the list.
         if list >> n & 1 != 0 && first != 1 << n {
             return UNPREDICTABLE;
         }
@@ -272,7 +272,7 @@ fn hint(h: u32) -> Insn {
     Insn::new(Op::It).with_imm(h & 0xff)
 }
 
-/// A load of a size by constant offset; signed sizes have none in 16 bits.
+/// Load of a size with a constant offset; signed sizes have no 16-bit encoding.
 pub(super) const fn load_offset(size: Size) -> Op {
     [
         Op::LdrImm,
@@ -283,7 +283,7 @@ pub(super) const fn load_offset(size: Size) -> Op {
     ][size as usize]
 }
 
-/// A load of a size by register.
+/// Load of a size with a register offset.
 pub(super) const fn load_register(size: Size) -> Op {
     [
         Op::LdrReg,
@@ -294,7 +294,7 @@ pub(super) const fn load_register(size: Size) -> Op {
     ][size as usize]
 }
 
-/// Loads that end in the stack pointer or the program counter.
+/// Load into the stack pointer or the program counter.
 pub(super) const fn load_to(mode: Mode, d: u32, n: u32, m: u32) -> Insn {
     Insn::regs(Op::LoadTo(mode), d, n, m)
 }

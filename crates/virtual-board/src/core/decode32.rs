@@ -1,5 +1,5 @@
-//! 32-bit instructions but data processing and floating point (ARMv7-M Architecture Reference
-//! Manual, A5.3): loads, stores, branches, control.
+//! 32-bit instructions except data processing and floating point (ARMv7-M Architecture Reference Manual, A5.3): loads,
+//! stores, branches, control.
 
 use super::decode_data as data;
 use super::decode_fp as fp;
@@ -13,7 +13,7 @@ pub(super) const fn is_wide(h: u16) -> bool {
     h >> 11 >= 0b11101
 }
 
-/// Decodes two halfwords.
+/// Decodes a 32-bit instruction from its two halfwords.
 pub(super) fn decode(pc: u32, h: u32, g: u32) -> Insn {
     let op2 = h >> 4 & 0x7f;
     let mut insn = match h >> 11 & 3 {
@@ -38,7 +38,7 @@ pub(super) fn decode(pc: u32, h: u32, g: u32) -> Insn {
 
 fn coprocessor(pc: u32, h: u32, g: u32) -> Insn {
     match g >> 8 & 15 {
-        // 111x 11xx with the two highest bits of the operation set is undefined for all.
+        // 111x 11xx with the two highest bits of the operation set is undefined for all coprocessors.
         _ if h >> 8 & 3 == 3 && h >> 9 & 7 == 7 => UNDEFINED,
         10 | 11 => fp::decode(pc, h, g),
         _ => Insn::new(Op::NoCoprocessor),
@@ -174,8 +174,8 @@ fn store_single(h: u32, g: u32) -> Insn {
     })
 }
 
-/// A load or store of one value by a register and an offset; `insn` gives the instruction of a mode, of
-/// an unprivileged access for none.
+/// Decodes a load or store of one value with a base register and an offset. `insn` returns the instruction for an
+/// addressing mode; `None` stands for an unprivileged access.
 fn addressed(h: u32, g: u32, insn: impl Fn(Option<Mode>) -> Insn) -> Insn {
     let (n, t, m) = (h & 15, g >> 12, g & 15);
     if h & 0x80 != 0 {
@@ -246,12 +246,12 @@ fn load_from_register(size: Size, h: u32, g: u32) -> Insn {
     })
 }
 
-/// Loads of less than a word to the program counter: hints to the memory, which do nothing here.
+/// Decodes a load of less than a word into the program counter: a memory hint, without effect here.
 fn preload(size: Size, h: u32, g: u32) -> Insn {
     let nop = Insn::new(Op::Special(Special::Nop));
     match size {
         Size::Byte | Size::SignedByte => {}
-        // Halfwords: hints that nobody has given a meaning.
+        // Halfwords: unallocated memory hints.
         _ => return UNPREDICTABLE,
     }
     if h & 15 == 15 || h & 0x80 != 0 {
@@ -322,7 +322,7 @@ fn control(h: u32, g: u32) -> Insn {
     }
 }
 
-/// The special registers that exist.
+/// True for a special register that exists.
 const fn special_register(number: u32) -> bool {
     matches!(number, 0..=3 | 5..=9 | 16..=20)
 }

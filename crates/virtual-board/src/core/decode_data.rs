@@ -4,13 +4,14 @@ use super::instruction::{
     Alu, Dsp, Insn, Op, RRX, Shift, Test, UNDEFINED, UNPREDICTABLE, bad, literal,
 };
 
-/// The operation of a data-processing instruction, which depends on the registers.
+/// Operation of a data-processing instruction.
 enum Kind {
     Alu(Alu),
     Test(Test),
 }
 
-/// `test` instead of `alu` when the destination is 15 and the flags are set.
+/// Operation from its code and registers. With destination 15 and flags set, AND, EOR, ADD and SUB are the tests TST,
+/// TEQ, CMN and CMP.
 fn kind(operation: u32, d: u32, n: u32, s: bool) -> Option<Kind> {
     let or_test = |alu, test| {
         if d == 15 && s {
@@ -36,7 +37,7 @@ fn kind(operation: u32, d: u32, n: u32, s: bool) -> Option<Kind> {
     })
 }
 
-/// Whether the registers d and n suit: the stack pointer only where the manual says so.
+/// True if registers d and n are allowed; the stack pointer is allowed only where the manual says so.
 fn allowed(kind: &Kind, d: u32, n: u32) -> bool {
     match kind {
         Kind::Alu(Alu::Add | Alu::Sub) if n == 13 => d != 15,
@@ -47,7 +48,7 @@ fn allowed(kind: &Kind, d: u32, n: u32) -> bool {
     }
 }
 
-/// A modified constant and what it does to the carry: 0 nothing, 1 clears, 2 sets.
+/// A modified constant and its effect on the carry: 0 none, 1 clears, 2 sets.
 fn expand(h: u32, g: u32) -> Option<(u32, u32)> {
     let byte = g & 0xff;
     let code = (h >> 10 & 1) << 4 | (g >> 12 & 7) << 1 | byte >> 7;
@@ -88,7 +89,7 @@ pub(super) fn modified_immediate(h: u32, g: u32) -> Insn {
     let op = match (alu, s) {
         (Alu::Add, false) => return add(d, n, imm),
         (Alu::Sub, false) => return add(d, n, imm.wrapping_neg()),
-        // With flags and the stack pointer as the destination: a shift by nothing will do.
+        // The stack pointer may be the destination with flags only in the encoding with a shifted register.
         (Alu::Add | Alu::Sub, true) if d == 13 => return UNPREDICTABLE,
         (Alu::Add, true) => Op::AddImmS,
         (Alu::Sub, true) => Op::SubImmS,
@@ -243,7 +244,7 @@ fn pack(h: u32, g: u32, amount: u32) -> Insn {
     if bad(n) || bad(d) || bad(m) || g & 0x8000 != 0 {
         return UNPREDICTABLE;
     }
-    // PKHTB by 0 means by 32.
+    // PKHTB with amount 0 shifts by 32.
     let top = g >> 5 & 1;
     let amount = if top != 0 && amount == 0 { 32 } else { amount };
     Insn::regs(Op::Dsp(Dsp::Pkh), d, n, m).with(top, amount)
@@ -286,7 +287,7 @@ pub(super) fn register(h: u32, g: u32) -> Insn {
     insn
 }
 
-/// Parallel additions and subtractions that exist: six operations, six prefixes.
+/// True for the parallel additions and subtractions that exist: six operations, six prefixes.
 const fn parallel(operation: u32, prefix: u32) -> bool {
     matches!(operation, 0 | 1 | 2 | 4 | 5 | 6) && matches!(prefix, 0 | 1 | 2 | 4 | 5 | 6)
 }
@@ -308,7 +309,7 @@ fn extension(h: u32, g: u32) -> Insn {
     Insn::regs(op, d, n, m).with(imm, kind)
 }
 
-/// Multiplications with a result of 32 bits.
+/// Multiplications with a 32-bit result.
 pub(super) fn multiply(h: u32, g: u32) -> Insn {
     let (n, d) = (h & 15, g >> 8 & 15);
     let (m, a) = (g & 15, g >> 12);
@@ -336,7 +337,7 @@ pub(super) fn multiply(h: u32, g: u32) -> Insn {
     Insn::regs(op, d, n, m).with(imm, a)
 }
 
-/// Multiplications with a result of 64 bits, and divisions.
+/// Multiplications with a 64-bit result, and divisions.
 pub(super) fn long_multiply(h: u32, g: u32) -> Insn {
     let (n, high) = (h & 15, g >> 8 & 15);
     let (m, low) = (g & 15, g >> 12);

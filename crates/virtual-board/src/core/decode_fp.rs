@@ -1,5 +1,5 @@
-//! Floating point (ARMv7-M Architecture Reference Manual, A6.4 to A6.7): single precision, and
-//! moves of doubles.
+//! Floating point (ARMv7-M Architecture Reference Manual, A6.4 to A6.7): single precision, and moves of
+//! double-precision registers.
 
 use super::instruction::{Float, Insn, Op, UNDEFINED, UNPREDICTABLE, bad, directed, literal};
 
@@ -7,7 +7,7 @@ const fn float(op: Float, d: u32, n: u32, m: u32) -> Insn {
     Insn::regs(Op::Float(op), d, n, m)
 }
 
-/// Registers of an instruction: single ones by their number, doubles by their lower single.
+/// Register numbers of an instruction; a double-precision register is given by its lower single-precision register.
 struct Registers {
     d: u32,
     n: u32,
@@ -34,7 +34,7 @@ fn registers(h: u32, g: u32, double: bool) -> Registers {
 pub(super) fn decode(pc: u32, h: u32, g: u32) -> Insn {
     let double = g & 0x100 != 0;
     if h & 0x1000 != 0 {
-        // The second space: ARMv7-M has nothing there.
+        // ARMv7-M has no instructions in the second coprocessor space.
         return UNDEFINED;
     }
     if h & 0x200 == 0 {
@@ -73,7 +73,7 @@ fn load_store(pc: u32, h: u32, g: u32, double: bool) -> Insn {
     if decrement != 0 && write_back == 0 {
         return offset(pc, h, g, d);
     }
-    // Neither direction, or both.
+    // Neither increment nor decrement, or both.
     if decrement == u32::from(up) {
         return UNDEFINED;
     }
@@ -112,7 +112,8 @@ fn offset(pc: u32, h: u32, g: u32, d: u32) -> Insn {
     Insn::regs(op, d, n, 0).with_imm(imm)
 }
 
-/// Between a core register and a single, half a double, or the status register.
+/// Moves between a core register and a single-precision register, half a double-precision register, or the status
+/// register.
 fn transfer(h: u32, g: u32, double: bool) -> Insn {
     let (t, to_core, operation) = (g >> 12, h & 0x10 != 0, h >> 5 & 7);
     let n = registers(h, g, double).n;

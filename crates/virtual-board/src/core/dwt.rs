@@ -1,16 +1,16 @@
-//! Data watchpoint and trace unit: the cycle counter. Comparators are the debugger's and hold what is
-//! written without doing anything.
+//! Data watchpoint and trace unit: the cycle counter. The comparators belong to the debugger; they only store the
+//! written values.
 
 use crate::time::Cycles;
 
 const CYCCNTENA: u32 = 1;
-/// Four comparators.
+/// NUMCOMP: four comparators.
 const CONTROL: u32 = 0x4000_0000;
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Dwt {
     control: u32,
-    /// Counter when it last stood still, and the cycle at which it began to run.
+    /// Counter value when it last stopped, and the cycle at which it started.
     value: u32,
     from: Cycles,
     comparators: [u32; 16],
@@ -37,7 +37,7 @@ impl Dwt {
         self.from = awake;
     }
 
-    /// DEMCR.TRCENA; `awake` are the cycles that the core was not asleep.
+    /// Sets DEMCR.TRCENA; `awake` is the number of cycles that the core was not asleep.
     pub(super) fn enable(&mut self, enabled: bool, awake: Cycles) {
         self.rebase(awake);
         self.enabled = enabled;
@@ -53,7 +53,7 @@ impl Dwt {
         }
     }
 
-    /// Writes a register; false if it asks for what is not modelled.
+    /// Writes a register; false if it enables a feature that is not modelled.
     pub(super) fn write(&mut self, offset: u32, value: u32, awake: Cycles) -> bool {
         self.rebase(awake);
         match offset {

@@ -1,39 +1,38 @@
-//! Exceptions: taking, returning, faults and their escalation (ARMv7-M Architecture Reference
-//! Manual, B1.5).
+//! Exceptions: entry, return, faults and their escalation (ARMv7-M Architecture Reference Manual, B1.5).
 
 use super::nvic::exception as number;
 use super::scb::{ccr, cfsr, hfsr, scr};
 use super::{Core, NO_LINE, Sleep, Stop, System, Transfer, timing};
 use crate::finding::Kind;
 
-/// A result, unless something stopped the instruction.
+/// Result of an instruction, or the trap that stopped it.
 pub(super) type Done<T = ()> = Result<T, Trap>;
 
-/// Why an instruction did not go on to the next one.
+/// Reason why an instruction did not complete.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Trap {
-    /// No exception: the instruction in the flash is to be decoded first.
+    /// No exception: the instruction in flash must be decoded first.
     Undecoded,
     Undefined,
     Unpredictable,
     NoCoprocessor,
     Unaligned,
     DivideByZero,
-    /// A load or store at `trap_value`.
+    /// Bus error of a load or store at `trap_value`.
     DataBus,
     DataMpu,
-    /// Saving floating-point registers that were left unsaved.
+    /// Error while saving floating-point registers lazily.
     LazyBus,
     LazyMpu,
     FetchBus,
     FetchMpu,
     SupervisorCall,
     Breakpoint,
-    /// A jump to the value in `trap_value`.
+    /// Branch to the exception return value in `trap_value`.
     ExceptionReturn,
 }
 
-/// Where a pending fault of stacking or unstacking came from.
+/// Phase of an exception in which a fault occurred.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Stage {
     Stacking,
@@ -41,12 +40,12 @@ pub(super) enum Stage {
 }
 
 impl Core {
-    /// The priority that an exception must beat to be taken.
+    /// Current execution priority: an exception is taken only if its priority is higher, that is, its number lower.
     pub(super) fn execution_priority(&self) -> i32 {
         self.masked_priority(self.primask)
     }
 
-    /// The same with another PRIMASK.
+    /// Execution priority with another PRIMASK.
     pub(super) fn masked_priority(&self, primask: bool) -> i32 {
         let mut priority = self.nvic.active_priority();
         if self.basepri != 0 {
@@ -61,7 +60,7 @@ impl Core {
         priority
     }
 
-    /// Deals with what stopped an instruction at `pc`; `it` is the IT state it had.
+    /// Handles the trap of an instruction at `pc`; `it` is the IT state of that instruction.
     pub(super) fn trap(&mut self, system: &mut impl System, trap: Trap, it: u8) {
         let address = self.trap_value;
         let (exception, status) = match trap {
@@ -105,7 +104,7 @@ impl Core {
         self.raise(system, exception);
     }
 
-    /// The instruction at the program counter, in hexadecimal.
+    /// Encoding of the instruction at the program counter, in hexadecimal.
     fn encoding(&self, system: &mut impl System) -> String {
         match (system.fetch(self.pc), system.fetch(self.pc.wrapping_add(2))) {
             (Ok(first), Ok(second)) if super::decode32::is_wide(first) => {
@@ -116,7 +115,7 @@ impl Core {
         }
     }
 
-    /// BKPT: stops for a debugger, else it is a hard fault.
+    /// Executes BKPT: stops for a debugger; without one, a hard fault.
     fn breakpoint(&mut self, system: &mut impl System) {
         if self.debug.attached {
             self.stop = Some(Stop::Breakpoint(self.pc));
@@ -131,8 +130,8 @@ impl Core {
         self.enter(system, number::HARD_FAULT);
     }
 
-    /// Takes an exception that the program itself caused, at once; escalates it to a hard fault if
-    /// it is disabled or not urgent enough.
+    /// Takes an exception caused by the program itself, at once. The exception escalates to a hard fault if it is
+    /// disabled or its priority is too low.
     pub(super) fn raise(&mut self, system: &mut impl System, exception: u16) {
         let exception = match self.escalated(exception) {
             Some(exception) => exception,
@@ -142,7 +141,7 @@ impl Core {
         self.enter(system, exception);
     }
 
-    /// The exception itself, the hard fault instead, or none: lock-up.
+    /// Exception after escalation: the same exception or the hard fault; `None` for lock-up.
     fn escalated(&mut self, exception: u16) -> Option<u16> {
         let current = self.execution_priority();
         let priority = self.nvic.group_of(self.nvic.priority(exception));
@@ -156,7 +155,7 @@ impl Core {
         Some(number::HARD_FAULT)
     }
 
-    /// Lock-up: the core does nothing more.
+    /// Locks the core up: the core executes no more instructions.
     pub(super) fn lock_up(&mut self, system: &mut impl System, why: &str) {
         let status = format!("CFSR {:#010x}, HFSR {:#010x}", self.scb.cfsr, self.scb.hfsr);
         let text = format!("lock-up: {why} ({status})");
@@ -166,7 +165,7 @@ impl Core {
         self.attend = true;
     }
 
-    /// Takes the most urgent pending exception if it beats what runs.
+    /// Takes the pending exception of highest priority if it can pre-empt the present execution.
     pub(super) fn take_pending(&mut self, system: &mut impl System) {
         let Some((exception, priority)) = self.nvic.first() else {
             return;
@@ -181,8 +180,7 @@ impl Core {
         self.enter(system, exception);
     }
 
-    /// Saves registers and takes an exception, which is pending; returns come back to the program
-    /// counter.
+    /// Stacks registers and takes a pending exception; its return address is the program counter.
     fn enter(&mut self, system: &mut impl System, exception: u16) {
         let begin = self.cycles;
         let (value, stacked) = self.push_frame(system);
@@ -193,7 +191,7 @@ impl Core {
                 None => return self.lock_up(system, "the stack cannot be written"),
             }
         } else {
-            // Late arrival: what became pending in the meantime may come first.
+            // Late arrival: an exception that became pending during stacking may be taken first.
             system.advance(self.cycles, self.until.min(self.systick.deadline()));
             self.refresh(system);
             if let Some((other, priority)) = self.nvic.first()
@@ -206,7 +204,7 @@ impl Core {
         self.take(system, exception, value, begin);
     }
 
-    /// Interrupt lines and the system timer as they are now.
+    /// Updates interrupt lines and SysTick.
     pub(super) fn refresh(&mut self, system: &mut impl System) {
         if self.systick.advance(self.cycles) {
             self.nvic.pend(number::SYSTICK, self.cycles);
@@ -214,8 +212,8 @@ impl Core {
         self.nvic.set_lines(system.lines(), self.cycles);
     }
 
-    /// A fault of stacking or unstacking: what is taken now, none for lock-up. What was to be taken
-    /// stays pending.
+    /// Handles a fault during stacking or unstacking. Returns the exception taken now, `None` for lock-up; the original
+    /// exception stays pending.
     fn derived(&mut self, original: u16, trap: Trap, stage: Stage) -> Option<u16> {
         let bus = trap == Trap::DataBus;
         self.scb.cfsr |= match (bus, stage) {
@@ -230,8 +228,8 @@ impl Core {
             number::MEM_MANAGE
         };
         let fault = self.escalated(fault)?;
-        // A fault does not pre-empt itself: its handler is entered although its frame is not stored
-        // (DDI 0337E, 5.12.1).
+        // A fault does not pre-empt itself: its handler is entered although its frame could not be stored (DDI 0337E,
+        // 5.12.1).
         if stage == Stage::Stacking && (fault == original || original == number::HARD_FAULT) {
             return Some(original);
         }
@@ -247,11 +245,11 @@ impl Core {
         if original == 0 || after < before {
             return Some(fault);
         }
-        // The original is a hard fault itself, or the non-maskable interrupt, which goes first.
+        // The original is a hard fault itself (lock-up), or the non-maskable interrupt, which is taken first.
         (original == number::NMI).then_some(original)
     }
 
-    /// Enters the handler of an exception; registers are saved already.
+    /// Enters the handler of an exception after stacking.
     fn take(&mut self, system: &mut impl System, exception: u16, value: u32, begin: u64) {
         let mut exception = exception;
         let mut vector = self.vector(system, exception);
@@ -322,7 +320,7 @@ impl Core {
             .ok()
     }
 
-    /// A jump to EXC_RETURN in handler mode.
+    /// Returns from an exception: branch to EXC_RETURN in handler mode.
     fn exception_return(&mut self, system: &mut impl System, value: u32) {
         let returning = self.ipsr;
         if value & 0x0fff_ffe0 != 0x0fff_ffe0 {
@@ -354,7 +352,7 @@ impl Core {
         match self.pop_frame(system, value) {
             Ok(true) => self.returned(),
             Ok(false) => {
-                // The frame belongs to the other mode.
+                // The stacked IPSR does not match the mode to return to.
                 self.scb.cfsr |= cfsr::INVPC;
                 self.raise(system, number::USAGE_FAULT);
             }
@@ -373,7 +371,7 @@ impl Core {
         }
     }
 
-    /// The exception ends.
+    /// Ends the active state of an exception.
     fn deactivate(&mut self, exception: u16) {
         self.nvic.active &= !(1 << exception);
         if exception != number::NMI {
@@ -384,7 +382,7 @@ impl Core {
         }
     }
 
-    /// An exception return that does not fit: a usage fault on the same frame.
+    /// Rejects an invalid exception return: a usage fault on the same frame.
     fn refuse_return(&mut self, system: &mut impl System, value: u32) {
         self.scb.cfsr |= cfsr::INVPC;
         let value = 0xf000_0000 | value & 0x0fff_ffff;
@@ -397,7 +395,7 @@ impl Core {
         }
     }
 
-    /// Goes on with another exception on the frame that is there.
+    /// Tail-chains to another exception on the present frame.
     fn chain(&mut self, system: &mut impl System, exception: u16, value: u32) {
         let begin = self.cycles;
         self.cycles += timing::TAIL_CHAIN;

@@ -1,4 +1,4 @@
-//! What instructions do: the frequent ones here, the rest by group.
+//! Execution of instructions: the frequent ones here, the others by group.
 
 use super::decode16::INVERT;
 use super::exception::{Done, Trap};
@@ -7,14 +7,12 @@ use super::instruction::{Dsp, Insn, Op, Shift, Special};
 use super::timing::REFILL_REGISTER;
 use super::{Core, System, Transfer, Width};
 
-/// A load or store of a half.
 #[inline(always)]
 const fn half(address: u32, pc: u32) -> Transfer {
     let width = Width::Half;
     Transfer { address, width, pc }
 }
 
-/// A load or store of a byte.
 #[inline(always)]
 const fn byte(address: u32, pc: u32) -> Transfer {
     let width = Width::Byte;
@@ -22,14 +20,13 @@ const fn byte(address: u32, pc: u32) -> Transfer {
 }
 
 impl Insn {
-    /// BKPT, which no condition skips.
+    /// True for BKPT, which executes whatever its condition.
     pub(super) fn is_breakpoint(self) -> bool {
         matches!(self.op, Op::Special(Special::Bkpt))
     }
 }
 
 impl Core {
-    /// A register.
     #[inline(always)]
     pub(super) fn reg(&self, number: u8) -> u32 {
         self.r[usize::from(number & 15)]
@@ -47,7 +44,7 @@ impl Core {
         self.z = value;
     }
 
-    /// Whether a condition holds. Without branches: those of a program are many, and seldom as before.
+    /// True if a condition holds. Computed without branches, because conditions are hard to predict.
     #[inline(always)]
     pub(super) fn condition(&self, condition: u8) -> bool {
         let (n, z) = (self.negative(), self.z == 0);
@@ -60,7 +57,7 @@ impl Core {
             | u32::from(!less) << 5
             | u32::from(!(less | z)) << 6
             | 1 << 7;
-        // The last of the conditions is that there is none, and has no inverse.
+        // "Always" is the last condition and has no inverse.
         let inverse = condition & 1 & u8::from(condition >> 1 != 7);
         holds >> (condition >> 1 & 7) & 1 != u32::from(inverse)
     }
@@ -106,7 +103,7 @@ impl Core {
         difference
     }
 
-    /// n + a constant.
+    /// Base register plus a constant.
     #[inline(always)]
     pub(super) fn offset(&self, insn: &Insn) -> u32 {
         self.offset_by(insn, insn.imm)
@@ -117,7 +114,7 @@ impl Core {
         self.reg(insn.n()).wrapping_add(by)
     }
 
-    /// n + m shifted left.
+    /// Base register plus a shifted register.
     #[inline(always)]
     pub(super) fn index(&self, insn: &Insn) -> u32 {
         self.offset_by(insn, self.reg(insn.m()) << (insn.imm & 31))
@@ -148,7 +145,7 @@ impl Core {
         ((self.reg(insn.m()) as i32) >> insn.imm.min(31)) as u32
     }
 
-    /// UBFX: `imm` bits from bit x on.
+    /// UBFX: `imm` bits from bit `x` on.
     #[inline(always)]
     fn bit_field(&self, insn: &Insn) -> u32 {
         self.reg(insn.n()) >> (insn.x() & 31) & (u32::MAX >> ((32 - insn.imm) & 31))
@@ -177,7 +174,7 @@ impl Core {
         self.sub_flags(self.reg(insn.n()), b);
     }
 
-    /// A branch within the program, if the condition or its inverse holds.
+    /// Next address after a conditional branch within the program.
     #[inline(always)]
     fn branch_if(&mut self, condition: bool, insn: &Insn, next: u32) -> Done<u32> {
         let x = insn.x();
@@ -189,7 +186,7 @@ impl Core {
         }
     }
 
-    /// A branch to a value that may change the state or return from an exception (BXWritePC).
+    /// Branch to a value that may change the state or return from an exception (BXWritePC).
     #[inline(always)]
     pub(super) fn branch_exchange(&mut self, value: u32, refill: u64) -> Done<u32> {
         if value >= 0xf000_0000 && self.ipsr != 0 {
@@ -204,8 +201,8 @@ impl Core {
         Ok(value & !1)
     }
 
-    /// Executes an instruction with another at `next` behind it; gives the address of the one that
-    /// is executed next.
+    /// Executes an instruction; `next` is the address after the instruction. Returns the address of the instruction to
+    /// execute next.
     #[inline(always)]
     pub(super) fn execute(
         &mut self,
@@ -294,7 +291,7 @@ impl Core {
         Ok(next)
     }
 
-    /// The groups that are not inlined.
+    /// Executes the instructions that are not inlined.
     #[inline(never)]
     fn execute_rest(
         &mut self,
@@ -333,14 +330,14 @@ impl Core {
         Ok(next)
     }
 
-    /// BL: the return address, then the target.
+    /// BL: sets the return address; returns the target.
     #[inline(always)]
     fn link(&mut self, next: u32, target: u32) -> u32 {
         self.r[14] = next | 1;
         target
     }
 
-    /// BLX; it returns from no exception.
+    /// BLX by register; never an exception return.
     fn call_register(&mut self, insn: &Insn, next: u32) -> u32 {
         let target = self.reg(insn.m());
         self.cycles += REFILL_REGISTER;

@@ -1,5 +1,4 @@
-//! Data processing that needs a look at what it is: logic, shifts, comparisons, long
-//! multiplication, division.
+//! Less frequent data processing: logic, shifts, comparisons, long multiplication, division.
 
 use super::Core;
 use super::exception::{Done, Trap};
@@ -7,7 +6,7 @@ use super::instruction::{Alu, Insn, Op, RRX, Shift, Test};
 use super::scb::ccr;
 
 impl Insn {
-    /// The carry that a modified constant gives.
+    /// Carry from a modified constant.
     #[inline(always)]
     pub(super) fn carry(self, old: bool) -> bool {
         match self.x() {
@@ -17,7 +16,7 @@ impl Insn {
     }
 }
 
-/// A shift by 0 to 255 with its carry.
+/// Shift by 0 to 255, with carry.
 fn shift(kind: Shift, value: u32, by: u32, carry: bool) -> (u32, bool) {
     if by == 0 {
         return (value, carry);
@@ -43,7 +42,7 @@ fn shift(kind: Shift, value: u32, by: u32, carry: bool) -> (u32, bool) {
     }
 }
 
-/// A shift by a constant as an instruction holds it.
+/// Shift by an encoded constant, with carry.
 fn shift_constant(kind: u8, value: u32, by: u32, carry: bool) -> (u32, bool) {
     if kind == RRX {
         return (value >> 1 | u32::from(carry) << 31, value & 1 != 0);
@@ -51,7 +50,7 @@ fn shift_constant(kind: u8, value: u32, by: u32, carry: bool) -> (u32, bool) {
     shift(Shift::of(u32::from(kind)), value, by, carry)
 }
 
-/// Cycles of a division: 2 to 12, about one for four bits of the quotient.
+/// Cycles of a division: 2 to 12, about one for each four bits of the quotient.
 fn division_cycles(dividend: u32, divisor: u32) -> u64 {
     if divisor == 0 || dividend < divisor {
         return 2;
@@ -61,7 +60,7 @@ fn division_cycles(dividend: u32, divisor: u32) -> u64 {
 }
 
 impl Core {
-    /// TST, TEQ, CMP, CMN with the carry that the second operand gives.
+    /// TST, TEQ, CMP, CMN; `carry` comes from the second operand.
     #[inline]
     pub(super) fn test(&mut self, test: Test, a: u32, b: u32, carry: bool) {
         match test {
@@ -82,7 +81,7 @@ impl Core {
         }
     }
 
-    /// An operation without flags.
+    /// ALU operation without flags.
     #[inline(never)]
     pub(super) fn alu(&self, alu: Alu, a: u32, b: u32) -> u32 {
         let carry = u32::from(self.c);
@@ -102,7 +101,7 @@ impl Core {
         }
     }
 
-    /// An operation with flags; `carry` is what the second operand gives.
+    /// ALU operation with flags; `carry` comes from the second operand.
     #[inline]
     fn alu_flags(&mut self, alu: Alu, a: u32, b: u32, carry: bool) -> u32 {
         match alu {
@@ -133,7 +132,7 @@ impl Core {
         self.set(insn.d(), value);
     }
 
-    /// A shift by a constant with flags.
+    /// Shift by a constant, with flags.
     #[inline]
     pub(super) fn shift_flags(&mut self, kind: Shift, insn: &Insn) {
         let (value, carry) = shift(kind, self.reg(insn.m()), insn.imm, self.c);
@@ -239,7 +238,7 @@ impl Core {
         Ok(())
     }
 
-    /// The result of a division by zero: 0, or a usage fault if these are enabled.
+    /// Result of a division by zero: 0, or a usage fault if enabled.
     fn divide_by_zero(&self) -> Done<u32> {
         if self.scb.ccr & ccr::DIV_0_TRP != 0 {
             Err(Trap::DivideByZero)
@@ -248,14 +247,14 @@ impl Core {
         }
     }
 
-    /// A result of 64 bits: low in d, high in x.
+    /// Stores a 64-bit result: low word in d, high word in x.
     pub(super) fn set_long(&mut self, insn: &Insn, value: u64) {
         self.set(insn.d(), value as u32);
         self.set(insn.x(), (value >> 32) as u32);
     }
 }
 
-/// How far a bit field goes left to meet the highest bit.
+/// Left shift that moves the highest bit of a bit field to bit 31.
 fn to_top(insn: &Insn) -> u32 {
     (32 - u32::from(insn.x()) - insn.imm) & 31
 }

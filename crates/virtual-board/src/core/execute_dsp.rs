@@ -3,37 +3,37 @@
 use super::Core;
 use super::instruction::{Dsp, Insn};
 
-/// Saturates to a signed number of bits; true if it did.
+/// Saturates to a signed number of `bits`; true if the value changed.
 fn saturate_signed(value: i64, bits: u32) -> (u32, bool) {
     let limit = 1i64 << (bits - 1);
     let result = value.clamp(-limit, limit - 1);
     (result as u32, result != value)
 }
 
-/// Saturates to an unsigned number of bits.
+/// Saturates to an unsigned number of `bits`; true if the value changed.
 fn saturate_unsigned(value: i64, bits: u32) -> (u32, bool) {
     let result = value.clamp(0, (1 << bits) - 1);
     (result as u32, result != value)
 }
 
-/// A half as a signed number: 0 the lower, 1 the upper.
+/// A halfword as a signed number; `upper` is 0 for the lower one, 1 for the upper one.
 fn half(value: u32, upper: u32) -> i64 {
     i64::from((value >> (16 * upper)) as i16)
 }
 
 impl Core {
-    /// Sets Q if something overflowed.
+    /// Sets Q after an overflow.
     fn note_overflow(&mut self, overflow: bool) {
         self.q |= overflow;
     }
 
-    /// A sum of 32 bits that sets Q if it does not fit, but is not saturated.
+    /// Stores a 32-bit sum unsaturated; sets Q if it overflows.
     fn set_with_overflow(&mut self, insn: &Insn, value: i64) {
         self.note_overflow(value != i64::from(value as i32));
         self.set(insn.d(), value as u32);
     }
 
-    /// The accumulator of 64 bits: low in d, high in x.
+    /// 64-bit accumulator: low word in d, high word in x.
     fn long(&self, insn: &Insn) -> i64 {
         (u64::from(self.reg(insn.x())) << 32 | u64::from(self.reg(insn.d()))) as i64
     }
@@ -42,7 +42,8 @@ impl Core {
         i64::from(self.reg(insn.x()) as i32)
     }
 
-    /// The two products of halves, the second subtracted if bit 1 says so; bit 0 exchanges.
+    /// Sum of the two products of halfwords, or difference if bit 1 of `imm` is set; bit 0 exchanges the halfwords of
+    /// m.
     fn dual(&self, insn: &Insn) -> i64 {
         let (n, m) = (self.reg(insn.n()), self.reg(insn.m()));
         let m = m.rotate_right(16 * (insn.imm & 1));
@@ -63,7 +64,7 @@ impl Core {
         (i64::from(self.reg(insn.n()) as i32) * factor) >> 16
     }
 
-    /// The upper word of accumulator ± product, rounded if bit 0 says so.
+    /// Upper word of accumulator ± product, rounded if bit 0 of `imm` is set.
     fn upper_product(&self, insn: &Insn, accumulator: i64, sign: i64) -> u32 {
         let product = i64::from(self.reg(insn.n()) as i32) * i64::from(self.reg(insn.m()) as i32);
         let rounding = if insn.imm & 1 != 0 { 0x8000_0000 } else { 0 };
@@ -180,7 +181,7 @@ impl Core {
         }
     }
 
-    /// SXTH and its relatives: rotated, extended, added.
+    /// SXTH and similar: rotates, extends, adds.
     fn extend(&mut self, insn: &Insn) {
         let value = self.reg(insn.m()).rotate_right(insn.imm);
         let n = if insn.n() == 15 {
@@ -221,7 +222,7 @@ impl Core {
         self.set(insn.d(), value);
     }
 
-    /// QADD, QDADD, QSUB, QDSUB: m ± n, n doubled if bit 0 says so.
+    /// QADD, QDADD, QSUB, QDSUB: m ± n; n is doubled if bit 0 of `kind` is set.
     fn saturating(&mut self, kind: u8, n: u32, m: u32) -> u32 {
         let (mut n, m) = (i64::from(n as i32), i64::from(m as i32));
         if kind & 1 != 0 {
@@ -235,7 +236,7 @@ impl Core {
         value
     }
 
-    /// Additions and subtractions of halves or bytes side by side.
+    /// Parallel additions and subtractions of halfwords or bytes.
     fn parallel(&mut self, insn: &Insn, n: u32, m: u32) -> u32 {
         let bytes = insn.x() & 3 == 0;
         let (lanes, bits) = if bytes { (4, 8) } else { (2, 16) };
@@ -252,7 +253,8 @@ impl Core {
         };
         let (mut result, mut ge) = (0, 0);
         for k in 0..lanes {
-            // 0 and 1 add, 4 and 5 subtract; 2 and 6 exchange the halves of m and do one of each.
+            // Value of x: 0 and 1 add, 4 and 5 subtract; 2 and 6 exchange the halfwords of m, then add one and subtract
+            // the other.
             let (other, subtract) = match insn.x() {
                 2 => (1 - k, k == 0),
                 6 => (1 - k, k == 1),
@@ -267,7 +269,7 @@ impl Core {
                 _ => sum as u32,
             };
             result |= (whole & mask) << (bits * k);
-            // Unsigned sums set it on carry; differences and signed results if not negative.
+            // GE is set by the carry of an unsigned sum, and otherwise by a result that is not negative.
             let greater = if unsigned && !subtract {
                 sum > mask as i32
             } else {

@@ -16,13 +16,13 @@ impl Core {
         self.s[usize::from(number & 31)] = bits;
     }
 
-    /// May floating point be used, and is its unit free.
+    /// Checks access to the floating-point unit, then waits until the unit is free.
     #[inline(always)]
     pub(super) fn begin_fp(&mut self, system: &mut impl System, insn: &Insn) -> Done {
         if !self.fp_ready {
             self.prepare_fp(system)?;
         }
-        // The instruction's own cycles are counted already.
+        // The cycles of the instruction itself are already counted.
         self.cycles = self.cycles.max(self.fp_busy + u64::from(insn.cycles));
         Ok(())
     }
@@ -57,7 +57,7 @@ impl Core {
         Ok(())
     }
 
-    /// The unit divides on while integer instructions go on.
+    /// Marks the unit busy with a division; integer instructions continue.
     fn occupy(&mut self) {
         self.fp_busy = self.cycles + timing::FP_DIVISION - 1;
     }
@@ -69,7 +69,7 @@ impl Core {
         Ok(())
     }
 
-    /// VMLS rounds the product, VFMS does not.
+    /// VMLS rounds the product; VFMS does not.
     #[inline(never)]
     pub(super) fn subtract_product(&mut self, system: &mut impl System, insn: &Insn) -> Done {
         if insn.op == Op::Vfms {
@@ -83,7 +83,7 @@ impl Core {
         })
     }
 
-    /// d = operation(m), without flags.
+    /// d = operation(m), which raises no exception flags.
     #[inline(always)]
     pub(super) fn unary(
         &mut self,
@@ -96,7 +96,7 @@ impl Core {
         Ok(())
     }
 
-    /// Compares d with m or zero: flags of FPSCR.
+    /// Compares d with m or zero; sets the flags of FPSCR.
     #[inline(always)]
     pub(super) fn compare_singles(&mut self, system: &mut impl System, insn: &Insn) -> Done {
         self.begin_fp(system, insn)?;
@@ -111,7 +111,7 @@ impl Core {
         Ok(())
     }
 
-    /// The flags of FPSCR to those of the processor.
+    /// Copies the flags of FPSCR to the flags of the core.
     #[inline(always)]
     pub(super) fn take_fp_flags(&mut self, system: &mut impl System, insn: &Insn) -> Done {
         self.begin_fp(system, insn)?;
@@ -133,7 +133,7 @@ impl Core {
         Ok(())
     }
 
-    /// Address of VLDR and VSTR; a literal's is the constant.
+    /// Address of VLDR and VSTR; for a literal, the constant.
     #[inline(always)]
     fn single_address(&self, insn: &Insn) -> Done<u32> {
         let address = self.offset_or_literal(insn);
@@ -241,7 +241,7 @@ impl Core {
             }
             Float::ToFixed => {
                 let value = float::to_fixed(d, fixed, float::TOWARDS_ZERO, status);
-                // Sixteen bits are extended to the whole register.
+                // A 16-bit result is extended to the whole register.
                 match (fixed.bits, fixed.unsigned) {
                     (16, false) => value as i16 as u32,
                     _ => value,
@@ -302,7 +302,7 @@ impl Core {
         Ok(())
     }
 
-    /// Loads or stores singles in a row.
+    /// Loads or stores consecutive single-precision registers.
     fn singles(
         &mut self,
         system: &mut impl System,

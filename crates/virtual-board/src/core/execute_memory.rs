@@ -4,7 +4,7 @@ use super::exception::{Done, Trap};
 use super::instruction::{Insn, Mode, Op, Size};
 use super::{Core, System, Transfer, Width, timing};
 
-/// Numbers of the registers in a list, in ascending order.
+/// Register numbers in a list, in ascending order.
 #[inline(always)]
 fn registers(mut list: u32) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
@@ -34,7 +34,7 @@ impl Size {
 }
 
 impl Core {
-    /// Always inlined, so that it is compiled for each width on its own.
+    /// Always inlined, to compile a version for each width.
     #[inline(always)]
     pub(super) fn load_into(
         &mut self,
@@ -57,13 +57,13 @@ impl Core {
         self.store(system, at, self.reg(insn.d()) & at.width.mask())
     }
 
-    /// A load that is compiled once.
+    /// A load that is not inlined.
     #[inline(never)]
     pub(super) fn load_word(&mut self, system: &mut impl System, at: Transfer) -> Done<u32> {
         self.load(system, at)
     }
 
-    /// A store that is compiled once.
+    /// A store that is not inlined.
     #[inline(never)]
     pub(super) fn store_word(
         &mut self,
@@ -74,7 +74,7 @@ impl Core {
         self.store(system, at, value)
     }
 
-    /// Instructions that need words in their place: a usage fault whatever CCR says.
+    /// Checks word alignment, which some instructions need; a usage fault whatever CCR says.
     #[inline(always)]
     pub(super) fn must_align(address: u32) -> Done {
         if address & 3 != 0 {
@@ -83,7 +83,7 @@ impl Core {
         Ok(())
     }
 
-    /// The base register gets its new value; a lower main stack pointer is noted.
+    /// Writes the new value of the base register; for SP, the lowest main stack pointer is recorded.
     #[inline(always)]
     pub(super) fn write_back(&mut self, n: u8, value: u32) {
         if n == 13 {
@@ -93,7 +93,7 @@ impl Core {
         }
     }
 
-    /// Lowest address of a load or store of so many registers, and the base register's new value.
+    /// Lowest address of a load or store of `count` registers, and the new value of the base register.
     pub(super) fn multiple(&self, insn: &Insn, count: u32) -> (u32, u32) {
         let base = self.reg(insn.n());
         if insn.x() & 2 != 0 {
@@ -104,7 +104,7 @@ impl Core {
         }
     }
 
-    /// n + a constant; where n is the program counter the constant is the address.
+    /// Base register plus a constant; if the base is the program counter, the constant is the address.
     #[inline(always)]
     pub(super) fn offset_or_literal(&self, insn: &Insn) -> u32 {
         if insn.n() == 15 {
@@ -114,7 +114,7 @@ impl Core {
         }
     }
 
-    /// Address of a load or store by constant, and the base register's new value.
+    /// Address of a load or store with a constant offset, and the new value of the base register.
     fn indexed(&self, insn: &Insn, pre: bool) -> (u32, u32) {
         let base = self.reg(insn.n());
         let moved = base.wrapping_add(insn.imm);
@@ -230,7 +230,7 @@ impl Core {
     ) -> Done<u32> {
         let (mut address, moved) = self.multiple(insn, insn.imm.count_ones());
         Self::must_align(address)?;
-        // Nothing changes if one of the loads fails.
+        // No register changes if one of the loads fails.
         let mut words = [0; 16];
         for register in registers(insn.imm & 0xffff) {
             words[register] = self.load(system, Transfer::word(address, pc))?;
@@ -306,7 +306,7 @@ impl Core {
         }
     }
 
-    /// Gives the word for the program counter, if that is popped.
+    /// Pops the registers; returns the new program counter if it is in the list.
     #[inline(always)]
     fn pop_list(&mut self, system: &mut impl System, insn: &Insn, pc: u32) -> Done<Option<u32>> {
         let mut at = Transfer::word(self.r[13], pc);
@@ -351,14 +351,13 @@ impl Core {
         if self.exclusive {
             self.store(system, at, self.reg(insn.m()) & at.width.mask())?;
         }
-        // The result: 1 if nothing was stored.
+        // Result: 1 if nothing was stored.
         self.set(insn.d(), u32::from(!self.exclusive));
         self.exclusive = false;
         Ok(())
     }
 
-    /// Loads to the stack pointer or the program counter, tables of branches, moves to the program
-    /// counter.
+    /// Loads into the stack pointer or the program counter, branch tables, moves to the program counter.
     #[inline(never)]
     pub(super) fn execute_jump(
         &mut self,

@@ -1,4 +1,4 @@
-//! Instructions that touch the state of the processor.
+//! Instructions that change the state of the core.
 
 use super::Core;
 use super::Sleep;
@@ -20,7 +20,7 @@ impl Core {
     pub(super) fn execute_special(&mut self, insn: &Insn, op: Special) -> Done {
         match op {
             Special::Nop | Special::Yield | Special::Barrier => {}
-            // Executed where the system is at hand.
+            // Executed in `execute_rest`, which has access to the system.
             Special::Dsb => {}
             Special::Wfe if self.event => self.event = false,
             Special::Wfe => self.fall_asleep(Sleep::Event),

@@ -1,17 +1,17 @@
-//! Where instructions come from: decoded ones by address, the lines of the flash interface.
+//! Instruction fetch: decoded instructions by address, lines of the flash interface.
 
 use super::exception::{Done, Trap};
 use super::instruction::Insn;
 use super::{Core, NO_LINE, System, decode16, decode32, timing};
 
-/// Where the flash begins.
+/// First address of the flash.
 pub(super) const FLASH: u32 = 0x0800_0000;
-/// Halfwords of flash.
+/// Number of halfwords in the flash.
 const FLASH_HALVES: u32 = 1 << 19;
-/// Entries for code elsewhere.
+/// Number of cache entries for code outside of the flash.
 const CACHED: usize = 1024;
 
-/// A decoded instruction outside the flash, with what it was decoded from.
+/// A decoded instruction outside of the flash, with its encoding.
 #[derive(Clone, Copy)]
 pub(super) struct Cached {
     pc: u32,
@@ -28,7 +28,7 @@ impl Cached {
 }
 
 impl Core {
-    /// The instruction at an address, without its time; none if it cannot be read.
+    /// Instruction at an address, without its cycles; `None` if it cannot be read.
     fn decode_raw(system: &mut impl System, pc: u32) -> Option<(Insn, [u16; 2])> {
         let first = system.fetch(pc).ok()?;
         if !decode32::is_wide(first) {
@@ -39,8 +39,7 @@ impl Core {
         Some((insn, [first, second]))
     }
 
-    /// The instruction at an address with its cycles, which depend on what follows and where it
-    /// jumps to.
+    /// Instruction at an address with its cycles, which depend on the next instruction and on the branch target.
     fn decode(system: &mut impl System, pc: u32) -> Option<(Insn, [u16; 2])> {
         let (mut insn, halves) = Self::decode_raw(system, pc)?;
         let next = pc.wrapping_add(u32::from(insn.size));
@@ -56,7 +55,7 @@ impl Core {
         Some((insn, halves))
     }
 
-    /// Decodes an instruction of the flash for good.
+    /// Decodes an instruction in flash and stores it in the table.
     #[cold]
     #[inline(never)]
     pub(super) fn decode_flash(&mut self, system: &mut impl System, pc: u32) -> Done {
@@ -70,7 +69,7 @@ impl Core {
         Ok(())
     }
 
-    /// An instruction that the table of the flash does not reach.
+    /// Instruction beyond the present table of decoded flash.
     #[inline(never)]
     pub(super) fn fetch_elsewhere(&mut self, system: &mut impl System, pc: u32) -> Done<Insn> {
         if pc.wrapping_sub(FLASH) >> 1 < FLASH_HALVES {
@@ -96,8 +95,8 @@ impl Core {
         Ok(entry.insn)
     }
 
-    /// Decoded instructions of these addresses are forgotten, and those before them, which may
-    /// reach into them or owe their time to what follows.
+    /// Discards the decoded instructions of these addresses. A few instructions before them are also discarded: they
+    /// may extend into the range, or their cycles may depend on it.
     pub(super) fn forget_code(&mut self, first: u32, last: u32) {
         let index = |address: u32| (address.saturating_sub(FLASH) >> 1) as usize;
         let end = (index(last) + 1).min(self.decoded.len());
@@ -106,7 +105,7 @@ impl Core {
         self.line = NO_LINE;
     }
 
-    /// Execution enters another line of 16 bytes; `last` is the last halfword of the instruction.
+    /// Enters another line of 16 bytes; `last` is the address of the instruction's last halfword.
     #[inline(never)]
     pub(super) fn enter_line(&mut self, system: &mut impl System, pc: u32, last: u32) -> Done {
         let mut address = if pc >> 4 == self.line { last } else { pc };

@@ -1,11 +1,12 @@
-//! Single-precision arithmetic as FPv4-SP does it (ARMv7-M Architecture Reference Manual, A2.5).
+//! Single-precision arithmetic of FPv4-SP (ARMv7-M Architecture Reference Manual, A2.5).
 //!
-//! Every operation takes bits and the status register, gives bits and adds the cumulative exception
-//! flags: all rounding modes, flush to zero, default NaN, propagation of NaN. Results are exact.
+//! Each operation takes operands as bits and the status register, returns bits and adds the cumulative exception flags.
+//! All rounding modes, flush to zero, default NaN and NaN propagation are implemented. Results are exact.
 //!
-//! Each has two ways. The host's own arithmetic serves when it must give the same: rounding to
-//! nearest, no flush to zero, no default NaN, the inexact flag set already, and a result that is an exact
-//! zero or so far from zero and infinity that no other flag can rise. Everything else goes through integers.
+//! Each operation has a fast and an exact version. The fast version uses the host's arithmetic if the result is certain
+//! to be the same: rounding to nearest, no flush to zero, no default NaN, inexact flag already set, and a result that
+//! is an exact zero or far enough from zero and infinity that no other flag can be set. The exact version uses
+//! integers.
 
 /// Bits of the status and control register.
 pub mod fpscr {
@@ -31,7 +32,7 @@ pub mod fpscr {
     pub const DZC: u32 = 1 << 1;
     /// Invalid operation.
     pub const IOC: u32 = 1;
-    /// Bits that hold something.
+    /// Implemented bits.
     pub const WRITABLE: u32 = NZCV | AHP | DN | FZ | RMODE | IDC | 0x1f;
 }
 
@@ -49,25 +50,25 @@ const INFINITY: u32 = 0x7f80_0000;
 const DEFAULT_NAN: u32 = 0x7fc0_0000;
 const QUIET: u32 = 1 << 22;
 
-/// True when the host's arithmetic may be used: see the module.
+/// True if the host's arithmetic may be used: see the module.
 #[inline(always)]
 fn plain(status: u32) -> bool {
     status & (DN | FZ | RMODE | IXC) == IXC
 }
 
-/// Neither near zero, nor infinite, nor NaN: biased exponent 2 to 254.
+/// True if the value is not near zero, infinite or NaN: biased exponent 2 to 254.
 #[inline(always)]
 fn ordinary(bits: u32) -> bool {
     ((bits >> 23 & 0xff).wrapping_sub(2)) < 253
 }
 
-/// [`ordinary`], or a zero: of a sum, where a zero is always exact.
+/// True if [`ordinary`], or zero: a sum of zero is always exact.
 #[inline(always)]
 fn ordinary_sum(bits: u32) -> bool {
     ordinary(bits) || bits << 1 == 0
 }
 
-/// A number taken apart.
+/// An unpacked number.
 #[derive(Clone, Copy)]
 enum Value {
     Zero(bool),
@@ -77,7 +78,7 @@ enum Value {
     Finite(Exact),
 }
 
-/// ± mantissa · 2^exponent. The lowest bit of the mantissa may stand for all below it.
+/// ± mantissa · 2^exponent. The lowest bit of the mantissa may be sticky: it then stands for all lower bits.
 #[derive(Clone, Copy)]
 pub(super) struct Exact {
     pub(super) negative: bool,
@@ -85,12 +86,12 @@ pub(super) struct Exact {
     pub(super) exponent: i32,
 }
 
-/// Where a result goes: bits of exponent and of fraction.
+/// Format of a result: numbers of exponent and fraction bits.
 #[derive(Clone, Copy)]
 pub(super) struct Format {
     pub(super) exponent: u32,
     pub(super) fraction: u32,
-    /// All exponents are numbers: neither infinity nor NaN.
+    /// True if every exponent is a number: no infinity, no NaN (alternative half precision).
     pub(super) alternative: bool,
 }
 
@@ -108,7 +109,7 @@ const fn infinity(negative: bool) -> u32 {
     zero(negative) | INFINITY
 }
 
-/// Takes a single apart; with flush to zero a denormal becomes zero.
+/// Unpacks a single-precision number; with flush to zero a denormal becomes zero.
 fn unpack(bits: u32, status: &mut u32) -> Value {
     let (negative, exponent, fraction) = (bits >> 31 != 0, bits >> 23 & 0xff, bits & 0x7f_ffff);
     match (exponent, fraction) {
@@ -132,7 +133,7 @@ fn unpack(bits: u32, status: &mut u32) -> Value {
     }
 }
 
-/// The result of an operation that has no meaning.
+/// Result of an invalid operation.
 fn invalid(status: &mut u32) -> u32 {
     *status |= IOC;
     DEFAULT_NAN
@@ -153,7 +154,7 @@ fn quiet(bits: u32, status: &mut u32) -> u32 {
     }
 }
 
-/// The NaN that comes out when one goes in: the first signalling one, else the first.
+/// NaN result for NaN operands: the first signalling NaN, else the first NaN.
 fn propagate(values: &[Value], status: &mut u32) -> Option<u32> {
     let nans = || {
         values.iter().filter_map(|value| match value {
@@ -165,7 +166,7 @@ fn propagate(values: &[Value], status: &mut u32) -> Option<u32> {
     Some(quiet(first, status))
 }
 
-/// Shifts right; what falls out stays as the lowest bit.
+/// Shifts right; the lowest bit of the result is sticky.
 fn shift_right(mantissa: u128, by: u32) -> u128 {
     if by == 0 {
         return mantissa;
@@ -176,10 +177,10 @@ fn shift_right(mantissa: u128, by: u32) -> u128 {
     mantissa >> by | u128::from(mantissa << (128 - by) != 0)
 }
 
-/// Rounds to nearest, to even: the mode 0.
+/// Mode 0: round to nearest, ties to even.
 const NEAREST: u32 = 0;
 
-/// Rounds an exact value that is not zero into a format (FPRound).
+/// Rounds an exact value other than zero to a format (FPRound).
 pub(super) fn round(value: Exact, format: Format, mode: u32, status: &mut u32) -> u32 {
     let Exact {
         negative,
@@ -226,8 +227,8 @@ pub(super) fn round(value: Exact, format: Format, mode: u32, status: &mut u32) -
     sign | (((biased as u32) << fraction) + (whole - hidden))
 }
 
-/// A mantissa shifted left by `shift` (right if negative) and its rest: 0 none, 1 below a half, 2 a
-/// half, 3 above.
+/// Mantissa shifted left by `shift` (right if negative), and a code of the remainder: 0 none, 1 below one half, 2 one
+/// half, 3 above one half.
 fn split(mantissa: u128, shift: i32) -> (u32, u32) {
     if shift >= 0 {
         return ((mantissa << shift) as u32, 0);
@@ -271,11 +272,11 @@ fn round_single(value: Exact, status: &mut u32) -> u32 {
     round(value, SINGLE, *status >> 22 & 3, status)
 }
 
-/// The sum of two exact values; zero has the sign that the rounding mode gives.
+/// Sum of two exact values; the sign of a zero depends on the rounding mode.
 fn sum(a: Exact, b: Exact, status: &mut u32) -> u32 {
     let top = |v: &Exact| v.exponent - v.mantissa.leading_zeros() as i32;
     let (large, small) = if top(&a) >= top(&b) { (a, b) } else { (b, a) };
-    // The larger one up to bit 120: what the smaller one loses is far below the last place.
+    // The larger operand is shifted up to bit 120, so bits lost from the smaller one are far below the last place.
     let up = large.mantissa.leading_zeros() - 7;
     let (mantissa, exponent) = (large.mantissa << up, large.exponent - up as i32);
     let distance = small.exponent - exponent;
@@ -348,7 +349,7 @@ pub fn sub(a: u32, b: u32, status: &mut u32) -> u32 {
     sub_exact(a, b, status)
 }
 
-/// A NaN that is subtracted keeps its sign.
+/// a − b; a subtracted NaN keeps its sign.
 fn sub_exact(a: u32, b: u32, status: &mut u32) -> u32 {
     let nan = b << 1 > INFINITY << 1;
     add_exact(a, if nan { b } else { b ^ SIGN }, status)
@@ -368,7 +369,7 @@ fn mul_exact(a: u32, b: u32, status: &mut u32) -> u32 {
     }
 }
 
-/// The exact product of two values that are not NaN; none of infinity and zero.
+/// Exact product of two values other than NaN; `None` for infinity times zero.
 fn product(a: Value, b: Value) -> Option<Value> {
     let negative = |v| match v {
         Value::Zero(s) | Value::Infinity(s) => s,
@@ -393,7 +394,7 @@ fn product(a: Value, b: Value) -> Option<Value> {
 pub fn mul(a: u32, b: u32, status: &mut u32) -> u32 {
     if plain(*status) {
         let result = (f32::from_bits(a) * f32::from_bits(b)).to_bits();
-        // A zero times a number is exact; what became zero is not.
+        // Zero times a number is exact; a zero by underflow is not.
         let nothing = result << 1 == 0 && (a << 1 == 0 || b << 1 == 0);
         if ordinary(result) || nothing {
             return result;
@@ -458,7 +459,7 @@ pub fn sqrt(a: u32, status: &mut u32) -> u32 {
             if plain(*status) {
                 return f32::from_bits(a).sqrt().to_bits();
             }
-            // An even exponent, and bits enough that the root has more than its 24.
+            // The exponent is made even, and the mantissa long enough for more than 24 bits of root.
             let up = 80 + (v.exponent & 1) as u32;
             let (mantissa, exponent) = (v.mantissa << up, v.exponent - up as i32);
             let root = mantissa.isqrt();
@@ -472,7 +473,7 @@ pub fn sqrt(a: u32, status: &mut u32) -> u32 {
     }
 }
 
-/// c + a · b, the product rounded too.
+/// c + a · b; the product is rounded, too.
 #[inline]
 pub fn multiply_add(c: u32, a: u32, b: u32, status: &mut u32) -> u32 {
     let product = mul(a, b, status);
@@ -483,8 +484,8 @@ pub fn multiply_add(c: u32, a: u32, b: u32, status: &mut u32) -> u32 {
 #[inline]
 pub fn fma(c: u32, a: u32, b: u32, status: &mut u32) -> u32 {
     if plain(*status) {
-        // The product is exact in double precision. The sum is rounded to odd, so that rounding it
-        // again to single precision gives what one rounding would.
+        // The product is exact in double precision. The sum is rounded to odd, so a second rounding to single precision
+        // gives the same result as a single rounding.
         let p = f64::from(f32::from_bits(a)) * f64::from(f32::from_bits(b));
         let c = f64::from(f32::from_bits(c));
         let s = p + c;

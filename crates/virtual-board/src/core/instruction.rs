@@ -1,9 +1,9 @@
 //! A decoded instruction.
 //!
-//! Everything that depends on the place is bound when it is decoded: targets of branches and
-//! addresses of literals are absolute, a program counter that is read as an operand is a constant.
+//! Everything that depends on the address is resolved when decoding: branch targets and literal addresses are absolute,
+//! and a program counter as an operand is a constant.
 
-/// Arithmetic and logic of two operands.
+/// Arithmetic and logic operations on two operands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum Alu {
@@ -52,10 +52,10 @@ impl Shift {
     }
 }
 
-/// Type of a shift by a constant as `x` holds it: the four of [`Shift`], and rotate with extend.
+/// Types of a constant shift in `x`: the four of [`Shift`], and this one, rotate with extend.
 pub(super) const RRX: u8 = 4;
 
-/// What a load or store moves.
+/// Size of a load or store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum Size {
@@ -66,7 +66,7 @@ pub(super) enum Size {
     SignedByte,
 }
 
-/// How a load whose result is the stack pointer or the program counter finds its address.
+/// Addressing mode; stored for loads into the stack pointer or the program counter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum Mode {
@@ -118,7 +118,7 @@ pub(super) enum Dsp {
     Umaal,
 }
 
-/// Instructions that touch the state of the processor.
+/// Instructions that change the state of the core.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum Special {
@@ -138,7 +138,7 @@ pub(super) enum Special {
     Cps,
 }
 
-/// Floating point beyond the frequent operations.
+/// Less frequent floating-point operations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum Float {
@@ -158,18 +158,18 @@ pub(super) enum Float {
     /// `imm` bit 0: upper half.
     FromHalf,
     ToHalf,
-    /// Two core registers and two single registers (m, m + 1); `x` bit 0 to the core.
+    /// Two core registers and two single-precision registers (m, m + 1); `x` bit 0: to the core.
     MovTwo,
     ReadStatus,
     WriteStatus,
-    /// Multiple; `imm` registers, `x` bit 0 write back, bit 1 decrement before, bit 2 doubles.
+    /// `imm` registers; `x` bit 0 writes back, bit 1 decrements before, bit 2 double-precision registers.
     LoadMultiple,
     StoreMultiple,
     LoadDouble,
     StoreDouble,
 }
 
-/// What an instruction does. Names follow the manual; an `S` at the end sets the flags.
+/// Operation. Names follow the manual; an `S` at the end means that the flags are set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Op {
     /// Not decoded yet.
@@ -206,7 +206,7 @@ pub(super) enum Op {
     AluImmS(Alu),
     AluReg(Alu),
     AluRegS(Alu),
-    /// `x`: type of the shift, `imm`: by how much.
+    /// `x`: type of the shift, `imm`: its amount.
     AluShift(Alu),
     AluShiftS(Alu),
     ShiftReg(Shift),
@@ -214,9 +214,9 @@ pub(super) enum Op {
     TestImm(Test),
     TestReg(Test),
     TestShift(Test),
-    /// The stack pointer = n + imm.
+    /// SP = n + imm.
     SpImm,
-    /// The stack pointer from a shifted operand; bit 7 of `x` sets the flags.
+    /// SP from a shifted operand; bit 7 of `x` sets the flags.
     SpShift(Alu),
     SpMov,
     Mul,
@@ -252,7 +252,7 @@ pub(super) enum Op {
     LoadLit(Size),
     LoadPre(Size),
     LoadPost(Size),
-    /// Destination 13 or 15.
+    /// Load into register 13 or 15.
     LoadTo(Mode),
     LoadUser(Size),
     StrImm,
@@ -278,7 +278,7 @@ pub(super) enum Op {
     /// `x`: bit 0 halfwords; n 15: `imm` is the base.
     Table,
     B,
-    /// If Z; bit 7 of `x` inverts this and the following.
+    /// Branch if Z; bit 7 of `x` inverts the condition of this and the following branches.
     BranchZero,
     BranchCarry,
     BranchNegative,
@@ -291,7 +291,7 @@ pub(super) enum Op {
     Blx,
     MovPc,
     AddPc,
-    /// If n is 0.
+    /// Branch if n is 0 (CBZ).
     BranchRegister,
     It,
     Special(Special),
@@ -311,22 +311,22 @@ pub(super) enum Op {
     Vmls,
     Vfma,
     Vfms,
-    /// `imm` bit 0: a quiet NaN is invalid; bit 1: against zero.
+    /// `imm` bit 0: a quiet NaN is invalid; bit 1: compare with zero.
     Vcmp,
-    /// The flags of FPSCR to those of the processor.
+    /// Copies the flags of FPSCR to the flags of the core.
     VmrsFlags,
     Float(Float),
 }
 
-/// A decoded instruction: what it does and its operands.
+/// A decoded instruction: operation and operands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Insn {
     pub(super) op: Op,
-    /// Cycles without wait states; of a branch, when it is not taken.
+    /// Cycles without wait states; for a branch, if not taken.
     pub(super) cycles: u8,
-    /// Bytes.
+    /// Length, bytes.
     pub(super) size: u8,
-    /// d, n, m and x, a byte each: as one number they stay in a register of the host.
+    /// d, n, m and x, one byte each; packed so that they stay in one register of the host.
     registers: u32,
     pub(super) imm: u32,
 }
@@ -346,7 +346,7 @@ impl Insn {
         Self { op, ..Self::EMPTY }
     }
 
-    /// With registers as encoded.
+    /// An instruction with registers as encoded.
     pub(super) const fn regs(op: Op, d: u32, n: u32, m: u32) -> Self {
         Self {
             op,
@@ -355,48 +355,47 @@ impl Insn {
         }
     }
 
-    /// With a constant.
     pub(super) const fn with_imm(mut self, imm: u32) -> Self {
         self.imm = imm;
         self
     }
 
-    /// With a constant, and the third source or the variant.
+    /// Sets the constant, and the third source or the variant.
     pub(super) const fn with(self, imm: u32, x: u32) -> Self {
         self.with_imm(imm).with_x(x)
     }
 
-    /// With the third source or the variant.
+    /// Sets the third source or the variant.
     pub(super) const fn with_x(mut self, x: u32) -> Self {
         self.registers = self.registers & 0xff_ffff | x << 24;
         self
     }
 
-    /// The destination.
+    /// Destination register.
     #[inline(always)]
     pub(super) const fn d(self) -> u8 {
         self.registers as u8
     }
 
-    /// The first source.
+    /// First source register.
     #[inline(always)]
     pub(super) const fn n(self) -> u8 {
         (self.registers >> 8) as u8
     }
 
-    /// The second source.
+    /// Second source register.
     #[inline(always)]
     pub(super) const fn m(self) -> u8 {
         (self.registers >> 16) as u8
     }
 
-    /// The third source, or what the operation says; of a branch the cycles to refill the pipeline.
+    /// Third source register, or the variant of the operation; for a branch, the cycles to refill the pipeline.
     #[inline(always)]
     pub(super) const fn x(self) -> u8 {
         (self.registers >> 24) as u8
     }
 
-    /// The same inside an IT block, where 16-bit instructions but comparisons set no flags.
+    /// The instruction inside an IT block, where 16-bit instructions set no flags, except comparisons.
     pub(super) fn in_block(mut self) -> Self {
         if self.size != 2 {
             return self;
@@ -427,22 +426,22 @@ impl Insn {
 pub(super) const UNDEFINED: Insn = Insn::new(Op::Undefined);
 pub(super) const UNPREDICTABLE: Insn = Insn::new(Op::Unpredictable);
 
-/// A register that most instructions cannot use: stack pointer or program counter.
+/// True for a register that most instructions cannot use: stack pointer or program counter.
 pub(super) const fn bad(register: u32) -> bool {
     register == 13 || register == 15
 }
 
-/// Address of a literal: from the aligned program counter on, as an instruction reads it.
+/// Address of a literal, relative to the aligned program counter.
 pub(super) const fn literal(pc: u32, offset: u32) -> u32 {
     (pc.wrapping_add(4) & !3).wrapping_add(offset)
 }
 
-/// An offset to be added, negative if `up` is not set.
+/// Offset to be added; negated if not `up`.
 pub(super) const fn directed(up: bool, offset: u32) -> u32 {
     if up { offset } else { offset.wrapping_neg() }
 }
 
-/// The hints NOP, YIELD, WFE, WFI and SEV by their number.
+/// Hints NOP, YIELD, WFE, WFI and SEV by their number.
 pub(super) const fn hint(number: u32) -> Insn {
     Insn::new(Op::Special(match number {
         1 => Special::Yield,

@@ -1,17 +1,17 @@
-//! Loads and stores: what the page of the address allows goes straight to the chip; private
-//! peripherals, protected or unaligned places take another look.
+//! Loads and stores. Accesses to pages without restrictions go directly to the chip; private peripherals, protected or
+//! unaligned addresses need further checks.
 
 use super::exception::{Done, Trap};
 use super::mpu::{Access, Mode};
 use super::scb::ccr;
 use super::{Core, NO_LINE, System, Transfer, Width, fetch};
 
-/// The private peripheral bus, but DBGMCU, which is the chip's.
+/// True for the private peripheral bus, except DBGMCU, which belongs to the chip.
 fn is_private(address: u32) -> bool {
     address >> 20 == 0xe00 && address & 0xf_f000 != 0x4_2000
 }
 
-/// The bytes of an access, numbered.
+/// Single-byte accesses that make up an access, numbered from 0.
 fn bytes(at: Transfer) -> impl Iterator<Item = (u32, Transfer)> {
     (0..at.width.bytes()).map(move |k| {
         let (address, width) = (at.address.wrapping_add(k), Width::Byte);
@@ -49,7 +49,7 @@ impl Core {
         self.store_checked(system, at, value)
     }
 
-    /// A bus fault, unless handlers of faults are to ignore them.
+    /// Bus fault of a data access, ignored if CCR.BFHFNMIGN is set and the priority is negative.
     #[cold]
     fn data_bus_error(&mut self, address: u32) -> Done<u32> {
         if self.scb.ccr & ccr::BFHFNMIGN != 0 && self.execution_priority() < 0 {
@@ -104,8 +104,8 @@ impl Core {
         Err(Trap::DataMpu)
     }
 
-    /// True if an access is unaligned and made by bytes, which costs what the bus needs more: one cycle
-    /// for two halves, two for byte, half and byte.
+    /// True if an access is unaligned and is split into bytes. Adds the cycles of the additional bus accesses: one for
+    /// two halfwords, two for byte, halfword and byte.
     #[inline]
     fn splits(&mut self, at: Transfer) -> Done<bool> {
         if at.is_aligned() {
@@ -118,7 +118,7 @@ impl Core {
         Ok(true)
     }
 
-    /// Access with the rights of unprivileged code (LDRT, STRT).
+    /// Makes an access with unprivileged rights (LDRT, STRT).
     pub(super) fn unprivileged<T>(&mut self, access: impl FnOnce(&mut Self) -> Done<T>) -> Done<T> {
         let (view, user, ipsr) = (self.view, self.user_thread, self.ipsr);
         if view == Mode::Privileged {
@@ -131,7 +131,7 @@ impl Core {
         result
     }
 
-    /// Protection as mode, masks and registers say now; `force` after registers have changed.
+    /// Updates the memory protection for present mode and masks; `force` after a change of its registers.
     pub(super) fn update_view(&mut self, force: bool) {
         let fault = self.faultmask || self.nvic.active & 0b1100 != 0;
         let view = if fault && !self.mpu.checks_faults() {

@@ -1,36 +1,33 @@
 //! Cortex-M4F (ARMv7E-M with FPv4-SP): instructions, exceptions and the private peripherals.
 //!
-//! [`Core`] executes an image out of the memories that a [`System`] offers. Everything from
-//! 0xE000_0000 to 0xE00F_FFFF (NVIC, SCB, SysTick, DWT, MPU, floating-point registers; not DBGMCU)
-//! is inside the core.
+//! [`Core`] executes an image from the memories of a [`System`]. Everything from 0xE000_0000 to 0xE00F_FFFF is inside
+//! the core, except DBGMCU: NVIC, SCB, SysTick, DWT, MPU, floating-point registers.
 //!
 //! # Instructions
 //!
-//! An instruction is decoded when it is executed first and kept by its address, so its operands need
-//! no more decoding; code in flash that changes is forgotten ([`System::take_changed_code`]), code in
-//! RAM is compared with what was decoded each time. All of Thumb-2, DSP and FPv4-SP is there. What
-//! the architecture calls UNPREDICTABLE is a finding and is then taken as undefined.
+//! An instruction is decoded at its first execution and cached by address. The cache is invalidated when code in flash
+//! changes ([`System::take_changed_code`]); code in RAM is compared with the decoded code at each execution. All of
+//! Thumb-2, DSP and FPv4-SP is implemented. An instruction that the architecture calls UNPREDICTABLE is a finding, then
+//! executes as undefined.
 //!
 //! # Accuracy
 //!
 //! Results, flags, floating-point status and faults are exact, with these differences to silicon:
 //!
-//! - Loads and stores of several registers and divisions are not interrupted in the middle: an
-//!   exception is taken up to 16 cycles later than there.
+//! - Multiple loads and stores and divisions are not interrupted: an exception is taken up to 16 cycles later.
 //! - A bus error on a store is precise; on silicon the write buffer makes most of them imprecise.
-//! - The write buffer is not seen otherwise either: a store is done when the next instruction begins.
-//! - An exception that arrives while another is entered is taken first (late arrival); one that
-//!   arrives while registers are restored is taken after the return instead of in its middle.
-//! - The cycle counter of the DWT stands still during sleep. Other counters, comparators, trace and
-//!   flash patch hold what is written and do nothing.
+//! - The write buffer has no other effect either: a store is complete when the next instruction begins.
+//! - An exception that arrives during the entry of another one is taken first (late arrival). An exception that arrives
+//!   while registers are restored is taken after the return, not during it.
+//! - The cycle counter of the DWT stops during sleep. Other counters, comparators, trace and flash patch only store the
+//!   written values.
 //!
-//! Cycles are those of the Cortex-M4 Technical Reference Manual, table 3-1 and section 3.3, as
-//! `timing` applies them: each instruction by itself, pairs of neighbours where one
-//! waits for the other, plus what the chip adds (wait states, bus). Where the manual gives a range
-//! the model takes one number: a taken branch costs 2 cycles (register: 3), one more if it lands on
-//! an unaligned 32-bit instruction, a division 2 to 12 by the lengths of its operands. Loops of
-//! ordinary code are within about 5 % of that manual's numbers; a single instruction may be off by
-//! a cycle.
+//! Cycles are those of the Cortex-M4 Technical Reference Manual, table 3-1 and section 3.3, as applied by `timing`: a
+//! time for each instruction, adjustments for pairs of adjacent instructions, plus the time added by the chip (wait
+//! states, bus). Where the manual gives a range the model uses one number. A taken branch costs 2 cycles (by register:
+//! 3), and one more if its target is an unaligned 32-bit instruction. A division costs 2 to 12 cycles, by the lengths
+//! of its operands. Loops of ordinary code are within about 5 % of the manual's numbers; a single instruction may be
+//! off by one cycle.
 
 mod debug;
 mod decode16;
@@ -78,32 +75,32 @@ use self::scb::Scb;
 use self::systick::SysTick;
 use crate::time::Cycles;
 
-/// Why [`Core::run`] came back.
+/// Reason why [`Core::run`] returned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stop {
-    /// The time is over.
+    /// The given cycle was reached.
     Until,
-    /// The program asked for a reset; [`System::request_reset`] was called.
+    /// The program requested a reset; [`System::request_reset`] was called.
     Reset,
-    /// The processor locked up: a fault while none can be taken. It comes once; afterwards the core
-    /// only lets time pass, until a reset or a non-maskable interrupt.
+    /// The core locked up: a fault occurred while no fault can be taken. Reported once; afterwards only time passes
+    /// until a reset or a non-maskable interrupt.
     LockUp,
-    /// The program is about to execute this address, or is at a BKPT there.
+    /// The core is about to execute this address, or is at a BKPT there.
     Breakpoint(u32),
-    /// The instruction before did an access that is watched.
+    /// The previous instruction accessed a watched address.
     Watchpoint {
-        /// Address that is watched.
+        /// Watched address.
         address: u32,
-        /// The instruction.
+        /// Address of the instruction.
         pc: u32,
-        /// A store.
+        /// True for a store.
         write: bool,
     },
-    /// One instruction was executed, as asked for.
+    /// The requested single step is done.
     Step,
 }
 
-/// What the core waits for.
+/// Sleep state of the core.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Sleep {
     Awake,
@@ -114,7 +111,7 @@ enum Sleep {
     LockedUp,
 }
 
-/// No line of 16 bytes.
+/// Marks that no line of 16 bytes is current.
 const NO_LINE: u32 = u32::MAX;
 
 /// A Cortex-M4F.
@@ -123,39 +120,39 @@ pub struct Core {
     r: [u32; 16],
     pc: u32,
     cycles: Cycles,
-    /// Where instructions come from at present, in lines of 16 bytes.
+    /// Current line of 16 bytes from which instructions are fetched.
     line: u32,
     /// ITSTATE.
     it: u8,
-    /// Something is to be looked at before the next instruction.
+    /// True if interrupts, sleep or debugging must be checked before the next instruction.
     attend: bool,
-    /// Until when [`Core::run`] is to run.
+    /// Cycle at which [`Core::run`] returns.
     until: Cycles,
-    /// N is the highest bit of `n`, Z is that `z` is 0.
+    /// Flags: N is the highest bit of `n`; Z is set if `z` is 0.
     n: u32,
     z: u32,
     c: bool,
     v: bool,
     q: bool,
-    /// GE, a bit each.
+    /// GE flags, one bit each.
     ge: u32,
-    /// Floating-point instructions may execute without another look.
+    /// True if floating-point instructions may execute without further checks.
     fp_ready: bool,
     fpscr: u32,
     s: [u32; 32],
-    /// Until when the floating-point unit divides.
+    /// Cycle until which the floating-point unit is busy with a division.
     fp_busy: Cycles,
-    /// Decoded instructions of the flash, by halfword.
+    /// Decoded instructions in flash, by halfword.
     decoded: Vec<Insn>,
-    /// Decoded instructions of elsewhere.
+    /// Decoded instructions outside of flash.
     cached: Vec<Cached>,
     /// Pages of 16 MiB whose accesses need no check.
     plain: [bool; 256],
-    /// Whether all of the flash may be executed.
+    /// True if the whole flash is executable.
     flash_executes: bool,
-    /// What `plain` was made for.
+    /// Mode for which `plain` was computed.
     view: mpu::Mode,
-    /// The stack pointer that is not in `r`.
+    /// The stack pointer, MSP or PSP, that is not in `r`.
     other_sp: u32,
     /// Thread mode uses the process stack (CONTROL.SPSEL).
     process_stack: bool,
@@ -171,10 +168,10 @@ pub struct Core {
     event: bool,
     exclusive: bool,
     sleep: Sleep,
-    /// The sleep asks for SLEEPDEEP.
+    /// The present sleep is with SLEEPDEEP set.
     deep_sleep: bool,
     stop: Option<Stop>,
-    /// What a trap is about: the address of a fault, the value of an exception return.
+    /// Value of a trap: the address of a fault, or the value of an exception return.
     trap_value: u32,
     nvic: Nvic,
     scb: Scb,
@@ -196,7 +193,7 @@ impl Default for Core {
 }
 
 impl Core {
-    /// A core before its first reset.
+    /// Creates a core before its first reset.
     pub fn new() -> Self {
         Self {
             r: [0; 16],
@@ -250,8 +247,8 @@ impl Core {
         }
     }
 
-    /// Reset: stack pointer and program counter from the vectors at 0, everything private as after
-    /// power-on. Cycles, counters, breakpoints and decoded instructions stay.
+    /// Resets the core: stack pointer and program counter come from the vectors at 0, private peripherals start as
+    /// after power-on. Cycles, counters, breakpoints and decoded instructions are kept.
     pub fn reset(&mut self, system: &mut impl System) {
         let old = std::mem::take(self);
         self.cycles = old.cycles;

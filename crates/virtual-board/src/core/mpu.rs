@@ -1,27 +1,26 @@
 //! Memory protection unit of ARMv7-M: eight regions with subregions.
 //!
-//! A decision costs a walk over the regions, so decisions are kept: for each 16 MiB of addresses
-//! whether all of it may be read and written, and for each 32 bytes of the two RAMs what the walk
-//! gave. Nothing smaller than 32 bytes has permissions of its own.
+//! A check walks over the regions, so its result is cached: for each page of 16 MiB, whether it is entirely readable
+//! and writable; for each granule of 32 bytes in the two RAMs, the permissions. No region is smaller than 32 bytes.
 
 const ENABLE: u32 = 1;
 const HFNMIENA: u32 = 2;
 const PRIVDEFENA: u32 = 4;
 const REGIONS: usize = 8;
 
-/// What an access wants.
+/// Kind of a data access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Access {
     Read,
     Write,
 }
 
-/// Who accesses, as an index into what is kept.
+/// Rights of an access.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Mode {
     Privileged,
     Unprivileged,
-    /// Hard fault, NMI or FAULTMASK without HFNMIENA: as if the unit were off.
+    /// Hard fault, NMI or FAULTMASK without HFNMIENA: the MPU is bypassed.
     Unchecked,
 }
 
@@ -32,12 +31,12 @@ struct Region {
     control: u32,
 }
 
-/// Bits of a kept decision.
+/// Bits of a cached result.
 const KNOWN: u8 = 0x80;
 const READ: u8 = 1;
 const WRITE: u8 = 2;
 
-/// Granules of 32 bytes: 128 KiB at 0x2000_0000 (SRAM1, SRAM2), 64 KiB at 0x1000_0000 (CCM).
+/// Numbers of 32-byte granules: 128 KiB at 0x2000_0000 (SRAM1, SRAM2), 64 KiB at 0x1000_0000 (CCM).
 const SRAM_GRANULES: usize = 4096;
 const GRANULES: usize = SRAM_GRANULES + 2048;
 
@@ -46,7 +45,7 @@ pub(super) struct Mpu {
     control: u32,
     selected: u32,
     regions: [Region; REGIONS],
-    /// Decisions for unprivileged and privileged accesses; empty while off.
+    /// Cached results for unprivileged and privileged accesses; empty while the MPU is off.
     granules: Vec<[u8; 2]>,
 }
 
@@ -66,7 +65,7 @@ impl Region {
         self.control & 1 != 0
     }
 
-    /// The exponent of the size: 5 to 32.
+    /// Exponent of the size, 5 to 32.
     fn exponent(&self) -> u32 {
         (self.control >> 1 & 31) + 1
     }
@@ -86,7 +85,7 @@ impl Region {
         inside && (exponent < 8 || self.control >> (8 + subregion) & 1 == 0)
     }
 
-    /// Readable and writable.
+    /// Permissions, READ and WRITE.
     fn permissions(&self, privileged: bool) -> u8 {
         match (self.control >> 24 & 7, privileged) {
             (1, true) | (2, true) | (3, _) => READ | WRITE,
@@ -113,7 +112,7 @@ impl Mpu {
         self.control & ENABLE != 0
     }
 
-    /// HFNMIENA: faults and the non-maskable interrupt are checked too.
+    /// True if HFNMIENA is set: faults and the non-maskable interrupt are also checked.
     pub(super) fn checks_faults(&self) -> bool {
         self.control & HFNMIENA != 0
     }
@@ -131,7 +130,7 @@ impl Mpu {
         }
     }
 
-    /// Writes a register; everything kept is forgotten.
+    /// Writes a register and clears the cache.
     pub(super) fn write(&mut self, offset: u32, value: u32) {
         match offset {
             4 => self.control = value & (ENABLE | HFNMIENA | PRIVDEFENA),
@@ -153,13 +152,13 @@ impl Mpu {
         }
     }
 
-    /// Whether all of a page of 16 MiB may be read and written.
+    /// True if the whole page of 16 MiB is readable and writable.
     pub(super) fn page_is_open(&self, page: u32, mode: Mode) -> bool {
         if !self.enabled() || mode == Mode::Unchecked {
             return true;
         }
         if self.regions.iter().any(|r| r.overlaps_page(page)) {
-            // Uniform if one region, the highest that touches the page, covers all of it.
+            // The page is uniform if the highest region that overlaps it covers all of it.
             let Some(last) = self.regions.iter().rfind(|r| r.overlaps_page(page)) else {
                 return false;
             };
@@ -171,8 +170,8 @@ impl Mpu {
         self.control & PRIVDEFENA != 0 && mode == Mode::Privileged
     }
 
-    /// Whether instructions may be fetched from all of a page of 16 MiB, one that the default map lets
-    /// execute.
+    /// True if instructions may be fetched from the whole page of 16 MiB; the page must be executable in the default
+    /// map.
     pub(super) fn page_executes(&self, page: u32, mode: Mode) -> bool {
         let by_default = self.control & PRIVDEFENA != 0 && mode == Mode::Privileged;
         let touched = || self.regions.iter().any(|r| r.overlaps_page(page));
@@ -187,7 +186,7 @@ impl Mpu {
         }
     }
 
-    /// Whether a load or store may go on; the private peripherals are not asked for.
+    /// True if a load or store is permitted; not for the private peripherals.
     pub(super) fn allows_data(&mut self, address: u32, access: Access, mode: Mode) -> bool {
         if !self.enabled() || mode == Mode::Unchecked {
             return true;
@@ -213,7 +212,7 @@ impl Mpu {
         permissions & wanted != 0
     }
 
-    /// Whether an instruction may be fetched. The default map forbids peripherals and devices.
+    /// True if an instruction fetch is permitted. The default map forbids peripherals and devices.
     pub(super) fn allows_fetch(&self, address: u32, mode: Mode) -> bool {
         let default = !matches!(address >> 28, 4 | 5 | 0xa..=0xf);
         if !self.enabled() || mode == Mode::Unchecked {
@@ -249,13 +248,13 @@ mod tests {
         mpu
     }
 
-    /// Exponent of a size in the field of the register.
+    /// Size field of the register for an exponent.
     const fn size(exponent: u32) -> u32 {
         (exponent - 1) << 1 | 1
     }
 
     #[test]
-    fn a_guard_of_32_bytes_forbids_these_and_no_others() {
+    fn guard_region_of_32_bytes_forbids_only_its_bytes() {
         let guard = (0x2000_1000, size(5));
         let mut mpu = unit(&[guard], ENABLE | PRIVDEFENA);
         for address in (0x2000_0f00..0x2000_1100u32).step_by(4) {
@@ -273,8 +272,8 @@ mod tests {
     }
 
     #[test]
-    fn the_highest_region_wins_and_subregions_fall_through() {
-        // 64 KiB writable; above it 2 KiB read-only with the subregions 0 and 7 off.
+    fn highest_region_wins_and_disabled_subregions_fall_through() {
+        // 64 KiB writable. On top, 2 KiB read-only with subregions 0 and 7 disabled.
         let regions = [
             (0x2000_0000, RW | size(16)),
             (0x2000_0800, RO | 0x81 << 8 | size(11)),
@@ -325,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn execute_never_and_the_default_map_forbid_fetching() {
+    fn execute_never_and_default_map_forbid_fetching() {
         let regions = [
             (0x2000_0000, 1 << 28 | RW | size(17)),
             (0x4000_0000, RW | size(20)),
@@ -348,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_is_open_only_if_all_of_it_is() {
+    fn page_is_open_only_if_all_of_it_is() {
         let all = [(0, RW | size(32))];
         assert!(unit(&all, ENABLE).page_is_open(0x20, Mode::Unprivileged));
         let read_only = [(0, RW | size(32)), (0x0800_0000, RO | size(20))];

@@ -1,12 +1,11 @@
-//! Nested vectored interrupt controller: which exceptions are pending, active and enabled, and how
-//! urgent they are.
+//! Nested vectored interrupt controller: pending, active and enabled exceptions, and their priorities.
 //!
-//! Exceptions are numbered as in IPSR: 1 reset to 15 SysTick, 16 and on the interrupt lines. Sets of
-//! them have exception n at bit n.
+//! Exceptions are numbered as in IPSR: 1 (reset) to 15 (SysTick), interrupt lines from 16 on. In a set of exceptions,
+//! exception n is bit n.
 
 use crate::time::Cycles;
 
-/// Numbers of the exceptions that the processor itself has.
+/// Numbers of the core's own exceptions.
 pub mod exception {
     /// Non-maskable interrupt.
     pub const NMI: u16 = 2;
@@ -26,11 +25,11 @@ pub mod exception {
     pub const PENDSV: u16 = 14;
     /// System timer.
     pub const SYSTICK: u16 = 15;
-    /// The first interrupt line.
+    /// First interrupt line.
     pub const FIRST_LINE: u16 = 16;
 }
 
-/// Interrupt lines of the STM32F405.
+/// Number of interrupt lines of the STM32F405.
 pub const LINES: u32 = 82;
 
 /// Exceptions that cannot be disabled.
@@ -43,7 +42,7 @@ const ALWAYS: u128 = 1 << exception::NMI
 
 const LINE_MASK: u128 = (1 << LINES) - 1;
 
-/// Priority below all: the core runs in thread mode with nothing masked.
+/// Lowest priority: thread mode with nothing masked.
 pub(super) const THREAD: i32 = 256;
 
 #[derive(Clone, Debug)]
@@ -51,15 +50,15 @@ pub(super) struct Nvic {
     pub(super) pending: u128,
     pub(super) active: u128,
     pub(super) enabled: u128,
-    /// Lines that are asserted.
+    /// Asserted lines.
     lines: u128,
-    /// Of exceptions 0 to 127; the upper four bits count.
+    /// Priorities of exceptions 0 to 127; only the upper four bits are implemented.
     priorities: [u8; 128],
     /// PRIGROUP.
     pub(super) group: u32,
-    /// When each became pending, for the latency.
+    /// Cycle at which each exception became pending, for the latency.
     pub(super) since: Box<[Cycles; 128]>,
-    /// An interrupt became pending since the last look: an event, if SEVONPEND asks for it.
+    /// True if an exception became pending since the last check: an event for WFE if SEVONPEND is set.
     pub(super) arrived: bool,
 }
 
@@ -79,7 +78,7 @@ impl Default for Nvic {
 }
 
 impl Nvic {
-    /// Takes the levels of the lines: one that rises, or is high and not served, becomes pending.
+    /// Sets the levels of the lines. A line becomes pending if it rises, or if it is high and not active.
     pub(super) fn set_lines(&mut self, lines: u128, cycle: Cycles) {
         let lines = (lines & LINE_MASK) << exception::FIRST_LINE;
         let rising = lines & !self.lines;
@@ -116,12 +115,12 @@ impl Nvic {
         self.enabled >> number & 1 != 0
     }
 
-    /// Something is pending that is enabled.
+    /// True if an enabled exception is pending.
     pub(super) fn waiting(&self) -> bool {
         self.pending & self.enabled != 0
     }
 
-    /// Priority of an exception: the lower the more urgent.
+    /// Priority of an exception; a lower number is more urgent.
     pub(super) fn priority(&self, number: u16) -> i32 {
         match number {
             exception::NMI => -2,
@@ -130,7 +129,7 @@ impl Nvic {
         }
     }
 
-    /// The part of a priority that decides on preemption.
+    /// Group priority, which decides on pre-emption.
     pub(super) fn group_of(&self, priority: i32) -> i32 {
         if priority < 0 {
             return priority;
@@ -138,7 +137,7 @@ impl Nvic {
         priority & !((2 << self.group) - 1)
     }
 
-    /// The pending and enabled exception that comes first, with its priority.
+    /// Pending and enabled exception of highest priority, with its priority.
     pub(super) fn first(&self) -> Option<(u16, i32)> {
         let mut rest = self.pending & self.enabled;
         let mut best: Option<(u16, i32)> = None;
@@ -153,7 +152,7 @@ impl Nvic {
         best
     }
 
-    /// The priority of what is active, without masks.
+    /// Priority of the active exceptions, without masks.
     pub(super) fn active_priority(&self) -> i32 {
         let mut rest = self.active;
         let mut priority = THREAD;
@@ -165,7 +164,7 @@ impl Nvic {
         self.group_of(priority)
     }
 
-    /// A word of a register array of one bit a line.
+    /// Word of a register array with one bit for each line.
     pub(super) fn word(set: u128, index: u32) -> u32 {
         if index > 2 {
             return 0;
@@ -173,7 +172,7 @@ impl Nvic {
         (set >> exception::FIRST_LINE >> (32 * index)) as u32
     }
 
-    /// The set of exceptions that a word of such an array names.
+    /// Set of exceptions from a word of a register array.
     pub(super) fn set_of(value: u32, index: u32) -> u128 {
         if index > 2 {
             return 0;
@@ -181,7 +180,7 @@ impl Nvic {
         (u128::from(value) << (32 * index) & LINE_MASK) << exception::FIRST_LINE
     }
 
-    /// Four priorities, of exceptions `first` and on.
+    /// Priorities of four exceptions from `first` on.
     pub(super) fn priority_word(&self, first: u32) -> u32 {
         let mut word = 0;
         for k in 0..4 {
@@ -191,7 +190,7 @@ impl Nvic {
         word
     }
 
-    /// Sets the priorities that `mask` names.
+    /// Sets the priorities of the bytes in `mask`.
     pub(super) fn set_priority_word(&mut self, first: u32, value: u32, mask: u32) {
         for k in 0..4 {
             if mask >> (8 * k) & 1 == 0 {
@@ -206,7 +205,7 @@ impl Nvic {
         }
     }
 
-    /// Pends what a write to a set-pending register names.
+    /// Sets exceptions pending, by a write to a set-pending register.
     pub(super) fn pend_all(&mut self, set: u128, cycle: Cycles) {
         self.pend_set(set & !self.pending, cycle);
     }

@@ -1,19 +1,19 @@
-//! Private peripheral bus, 0xE000_0000 to 0xE00F_FFFF: registers of NVIC, SCB, SysTick, DWT, MPU,
-//! floating point; stubs of ITM, flash patch and debug.
+//! Private peripheral bus, 0xE000_0000 to 0xE00F_FFFF: registers of NVIC, SCB, SysTick, DWT, MPU and floating point;
+//! stubs of ITM, flash patch and debug.
 
 use super::nvic::{Nvic, exception as number};
 use super::scb::{CPUID, IDENTIFICATION, MEDIA, VECTKEY, VECTKEYSTAT, ccr, fpccr};
 use super::{BusError, Core, Stop, System, Transfer};
 use crate::finding::Kind;
 
-/// Exceptions that SHCSR enables: memory management, bus and usage fault.
+/// Exceptions enabled in SHCSR, and their bits: memory management, bus and usage fault.
 const FAULTS: [(u16, u32); 3] = [
     (number::MEM_MANAGE, 16),
     (number::BUS_FAULT, 17),
     (number::USAGE_FAULT, 18),
 ];
 
-/// Bits of SHCSR that tell what is active.
+/// Active exceptions in SHCSR, and their bits.
 const ACTIVE: [(u16, u32); 7] = [
     (number::MEM_MANAGE, 0),
     (number::BUS_FAULT, 1),
@@ -24,7 +24,7 @@ const ACTIVE: [(u16, u32); 7] = [
     (number::SYSTICK, 11),
 ];
 
-/// Bits of SHCSR that tell what is pending.
+/// Pending exceptions in SHCSR, and their bits.
 const PENDED: [(u16, u32); 4] = [
     (number::USAGE_FAULT, 12),
     (number::MEM_MANAGE, 13),
@@ -32,16 +32,16 @@ const PENDED: [(u16, u32); 4] = [
     (number::SVCALL, 15),
 ];
 
-/// A bit of a set, at another place.
+/// Bit of an exception in a set, moved to the position `bit`.
 const fn moved(set: u128, (exception, bit): (u16, u32)) -> u32 {
     ((set >> exception & 1) as u32) << bit
 }
 
-/// TRCENA in DEMCR.
+/// DEMCR: TRCENA.
 const TRCENA: u32 = 1 << 24;
 
 impl Core {
-    /// Cycles that the core was not asleep.
+    /// Cycles in which the core was not asleep.
     fn awake(&self) -> u64 {
         self.cycles - self.asleep
     }
@@ -83,7 +83,7 @@ impl Core {
                 let first = 4 + (address - 0xe000_ed18);
                 self.nvic.set_priority_word(first, value, mask);
             }
-            // Bits are cleared by writing them: no need of what else is in the word.
+            // Bits written as one are cleared, so the rest of the word is not needed.
             0xe000_ed28 => self.scb.cfsr &= !value,
             _ => {
                 let old = if mask == u32::MAX {
@@ -106,7 +106,7 @@ impl Core {
     fn private_read(&mut self, system: &mut impl System, address: u32, pc: u32) -> u32 {
         let array = (address & 0x7f) >> 2;
         match address {
-            // Stimulus ports of the ITM are always ready; everything else of it reads 0.
+            // Stimulus ports of the ITM are always ready; its other registers read as 0.
             0xe000_0000..0xe000_0080 => 1,
             0xe000_0e00..0xe000_1000 => 0,
             0xe000_1000..0xe000_1060 => self.dwt.read(address & 0xff, self.awake()),
@@ -261,7 +261,7 @@ impl Core {
         }
     }
 
-    /// AIRCR: a write without the key is lost.
+    /// Writes AIRCR; without the key, the write is ignored.
     fn write_reset_control(&mut self, system: &mut impl System, value: u32) {
         if value >> 16 != VECTKEY {
             return;

@@ -1,39 +1,39 @@
-//! Where the time goes: cycles by instruction, and by exception how often and how long.
+//! Profile: cycles for each instruction, counts and durations for each exception.
 
 use super::Core;
 use super::fetch::FLASH;
 use crate::time::Cycles;
 
-/// What an exception took.
+/// Counts and durations of an exception.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ExceptionProfile {
-    /// How often it ended.
+    /// Number of returns from the exception.
     pub count: u64,
-    /// Cycles of all of them, without what preempted them.
+    /// Cycles of all executions, without pre-empting exceptions.
     pub total: Cycles,
-    /// The longest from entry to return, with what preempted it.
+    /// Longest time from entry to return, with pre-empting exceptions, cycles.
     pub longest: Cycles,
-    /// The longest without what preempted it.
+    /// Longest execution without pre-empting exceptions, cycles.
     pub longest_own: Cycles,
-    /// The longest from becoming pending to the first instruction.
+    /// Longest time from becoming pending to the first instruction, cycles.
     pub longest_latency: Cycles,
 }
 
-/// An exception that has not returned yet.
+/// An exception that has not yet returned.
 #[derive(Clone, Copy, Debug)]
 struct Running {
     exception: u16,
     begin: Cycles,
-    /// Cycles of what preempted it.
+    /// Cycles of pre-empting exceptions.
     others: Cycles,
 }
 
-/// Where the time goes.
+/// Profile of a run.
 #[derive(Clone, Debug)]
 pub struct Profile {
-    /// By halfword of flash.
+    /// Cycles for each halfword of flash.
     flash: Vec<u64>,
-    /// Cycles of instructions elsewhere, and of fetching one of the flash for the first time.
+    /// Cycles of instructions outside of flash, and of the first fetch of instructions in flash.
     elsewhere: Cycles,
     exceptions: Vec<ExceptionProfile>,
     running: Vec<Running>,
@@ -51,7 +51,7 @@ impl Default for Profile {
 }
 
 impl Profile {
-    /// Cycles of each instruction of the flash that took some, by address.
+    /// Instructions in flash that took cycles, by address, with their cycles.
     pub fn instructions(&self) -> impl Iterator<Item = (u32, Cycles)> {
         let addresses = (FLASH..).step_by(2);
         addresses
@@ -59,13 +59,13 @@ impl Profile {
             .filter(|&(_, cycles)| cycles != 0)
     }
 
-    /// Cycles of instructions outside the flash, and of fetching one in it for the first time: whether
-    /// its condition lets it execute is seen later.
+    /// Cycles of instructions outside of flash, and of the first fetch of each instruction in flash. At the first fetch
+    /// the instruction's condition is not yet evaluated.
     pub fn elsewhere(&self) -> Cycles {
         self.elsewhere
     }
 
-    /// What an exception took.
+    /// Counts and durations of an exception.
     pub fn exception(&self, number: u16) -> ExceptionProfile {
         let found = self.exceptions.get(usize::from(number));
         found.copied().unwrap_or_default()
@@ -119,13 +119,13 @@ impl Profile {
 }
 
 impl Core {
-    /// Begins to note where the time goes, or ends it; off by default, and then free.
+    /// Starts a new profile or ends profiling. Profiling is off by default and then costs no time.
     pub fn set_profiling(&mut self, on: bool) {
         self.profile = on.then(Box::default);
         self.attend = true;
     }
 
-    /// Where the time went so far.
+    /// Profile so far; `None` if profiling is off.
     pub fn profile(&self) -> Option<&Profile> {
         self.profile.as_deref()
     }

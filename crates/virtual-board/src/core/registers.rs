@@ -1,41 +1,41 @@
-//! Registers as a debugger sees them, and what the core counted.
+//! Registers for a debugger, and counters of the core.
 
 use super::Core;
 use crate::time::Cycles;
 
 impl Core {
-    /// Cycles since power came on first; resets do not begin anew.
+    /// Cycles since the first power-on; not cleared by a reset.
     pub fn cycles(&self) -> Cycles {
         self.cycles
     }
 
-    /// Lets cycles pass in which the core does nothing, for instance while reset is held.
+    /// Lets cycles pass in which the core does nothing, for example while reset is held.
     pub fn add_cycles(&mut self, cycles: Cycles) {
         self.cycles += cycles;
         self.attend = true;
     }
 
-    /// Instructions executed.
+    /// Number of instructions executed.
     pub fn instructions(&self) -> u64 {
         self.instructions
     }
 
-    /// Cycles in which the core slept.
+    /// Cycles in which the core was asleep.
     pub fn asleep(&self) -> Cycles {
         self.asleep
     }
 
-    /// How often an exception was entered.
+    /// Number of times that an exception was entered.
     pub fn taken(&self, exception: u16) -> u64 {
         self.taken.get(usize::from(exception)).copied().unwrap_or(0)
     }
 
-    /// The lowest that the main stack pointer ever was.
+    /// Lowest value of the main stack pointer so far.
     pub fn lowest_msp(&self) -> u32 {
         self.lowest_msp
     }
 
-    /// A register: 13 the stack pointer in use, 14 the link register, 15 the program counter.
+    /// Value of a register: 13 is the present stack pointer, 14 the link register, 15 the program counter.
     pub fn register(&self, number: usize) -> u32 {
         match number {
             15 => self.pc,
@@ -55,12 +55,12 @@ impl Core {
         }
     }
 
-    /// The address of the next instruction.
+    /// Address of the next instruction.
     pub fn pc(&self) -> u32 {
         self.pc
     }
 
-    /// A single-precision register, as bits.
+    /// Value of a single-precision register, as bits.
     pub fn single(&self, number: usize) -> u32 {
         self.s[number & 31]
     }
@@ -70,17 +70,17 @@ impl Core {
         self.s[number & 31] = bits;
     }
 
-    /// Status and control of floating point.
+    /// Floating-point status and control register.
     pub fn fpscr(&self) -> u32 {
         self.fpscr
     }
 
-    /// Sets status and control of floating point.
+    /// Sets the floating-point status and control register.
     pub fn set_fpscr(&mut self, value: u32) {
         self.fpscr = value & super::float::fpscr::WRITABLE;
     }
 
-    /// The main stack pointer.
+    /// Main stack pointer.
     pub fn msp(&self) -> u32 {
         if self.process_stack {
             self.other_sp
@@ -89,7 +89,7 @@ impl Core {
         }
     }
 
-    /// The process stack pointer.
+    /// Process stack pointer.
     pub fn psp(&self) -> u32 {
         if self.process_stack {
             self.r[13]
@@ -115,14 +115,14 @@ impl Core {
         }
     }
 
-    /// The stack pointer in use gets a value.
+    /// Sets the present stack pointer.
     #[inline(always)]
     pub(super) fn set_sp(&mut self, value: u32) {
         self.r[13] = value & !3;
         self.note_stack();
     }
 
-    /// The stack pointer may be lower than ever.
+    /// Updates the lowest main stack pointer.
     #[inline(always)]
     pub(super) fn note_stack(&mut self) {
         if self.r[13] < self.lowest_msp && !self.process_stack {
@@ -136,12 +136,12 @@ impl Core {
             | u32::from(self.fp_active) << 2
     }
 
-    /// The number of the exception that is handled; 0 in thread mode.
+    /// Number of the active exception; 0 in thread mode.
     pub fn exception(&self) -> u16 {
         self.ipsr
     }
 
-    /// Flags, exception and execution state in one.
+    /// Program status register: flags, exception and execution state.
     pub fn xpsr(&self) -> u32 {
         let it = u32::from(self.it);
         self.apsr()
@@ -151,7 +151,7 @@ impl Core {
             | u32::from(self.ipsr)
     }
 
-    /// Sets flags and state of the IT block; the exception stays.
+    /// Sets flags and IT state; the exception number is unchanged.
     pub fn set_xpsr(&mut self, value: u32) {
         self.set_apsr(value);
         self.it = it_state(value);
@@ -181,8 +181,7 @@ impl Core {
     }
 }
 
-/// The state of the IT block in a program status register; what an interrupted LDM leaves there is
-/// none.
+/// IT state in a program status register. The state of an interrupted LDM counts as none.
 pub(super) fn it_state(psr: u32) -> u8 {
     let it = (psr >> 25 & 3 | psr >> 8 & 0xfc) as u8;
     if it & 15 == 0 { 0 } else { it }

@@ -1,4 +1,4 @@
-//! The loop: look up, take exceptions, execute until there is something to look at, sleep.
+//! Main loop: update the chip, take exceptions, execute until the next check is needed, sleep.
 
 use super::exception::Trap;
 use super::instruction::{Insn, Op};
@@ -9,8 +9,7 @@ use crate::finding::Kind;
 use crate::time::Cycles;
 
 impl Core {
-    /// Runs until a cycle, or until something stops the core. The last instruction may end a few
-    /// cycles later.
+    /// Runs until a cycle, or until an event stops the core. The last instruction may end a few cycles later.
     pub fn run(&mut self, system: &mut impl System, until: Cycles) -> Stop {
         loop {
             let due = self.look_up(system, until);
@@ -52,7 +51,7 @@ impl Core {
         }
     }
 
-    /// Executes one instruction, or takes one exception; sleeps until `until` at most.
+    /// Executes one instruction or takes one exception; a sleep ends at `until` at the latest.
     pub fn step(&mut self, system: &mut impl System, until: Cycles) -> Stop {
         self.debug.step = true;
         let stop = self.run(system, until);
@@ -60,7 +59,7 @@ impl Core {
         stop
     }
 
-    /// Lets the chip go on until a cycle while the core stands still, as under a debugger.
+    /// Runs the chip until a cycle while the core is halted, as by a debugger.
     pub fn stand_still(&mut self, system: &mut impl System, until: Cycles) {
         while self.cycles < until {
             let due = self.look_up(system, until);
@@ -70,7 +69,7 @@ impl Core {
         self.attend = true;
     }
 
-    /// Lets the chip do what is due and looks at what it did; gives when the next thing is due.
+    /// Lets the chip handle its events and updates exceptions; returns the cycle of the next event.
     fn look_up(&mut self, system: &mut impl System, until: Cycles) -> Cycles {
         self.attend = false;
         self.until = until;
@@ -92,11 +91,11 @@ impl Core {
         due.min(until)
     }
 
-    /// Ends sleep if there is a reason; an exception that is taken ends it too.
+    /// Ends sleep on a wake-up condition; a taken exception also ends sleep.
     fn wake(&mut self) {
         let awake = match self.sleep {
             Sleep::Awake | Sleep::LockedUp => return,
-            // What PRIMASK alone holds back wakes without being taken.
+            // An exception masked only by PRIMASK wakes the core and is not taken.
             Sleep::Interrupt => self.nvic.first().is_some_and(|(_, priority)| {
                 self.nvic.group_of(priority) < self.masked_priority(false)
             }),
@@ -107,21 +106,20 @@ impl Core {
         }
     }
 
-    /// Time passes in sleep.
+    /// Lets time pass in sleep.
     fn pass(&mut self, until: Cycles) {
         let until = until.max(self.cycles + 1);
         self.asleep += until - self.cycles;
         self.cycles = until;
     }
 
-    /// Executes instructions until something is to be looked at. A trap comes with the IT state
-    /// that its instruction had.
+    /// Executes instructions until the next check is needed. A trap is returned with the IT state of its instruction.
     fn execute_until_limit<const PROBE: bool>(
         &mut self,
         system: &mut impl System,
     ) -> Option<(Trap, u8)> {
         loop {
-            // Apart from the core, so that an instruction is read where it stands.
+            // The table is taken out of the core, so that instructions are borrowed without a copy.
             let decoded = std::mem::take(&mut self.decoded);
             let end = self.execute_decoded::<PROBE>(system, &decoded);
             self.decoded = decoded;
@@ -134,7 +132,7 @@ impl Core {
         }
     }
 
-    /// Apart, so that the loop keeps its values in registers of the host.
+    /// Not inlined, so that the loop keeps its values in registers of the host.
     #[inline(never)]
     fn execute_decoded<const PROBE: bool>(
         &mut self,
@@ -178,7 +176,7 @@ impl Core {
                 }
                 break Some(Trap::Undecoded);
             }
-            // After decoding, so that each instruction is asked about once.
+            // The breakpoint is checked after decoding, so only once for each instruction.
             if PROBE && !self.debug.step && self.debug.stops_at(pc) {
                 self.stop = Some(Stop::Breakpoint(pc));
                 break None;
@@ -223,7 +221,7 @@ impl Core {
     }
 }
 
-/// The next state of an IT block (ITAdvance).
+/// Next state of an IT block (ITAdvance).
 fn advance_it(it: u8) -> u8 {
     if it & 7 == 0 {
         0

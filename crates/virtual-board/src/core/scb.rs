@@ -1,4 +1,4 @@
-//! System control block: registers that configure the processor or tell what went wrong.
+//! System control block: configuration of the core, fault status.
 
 /// Bits of the configurable fault status register: memory management, bus, usage.
 pub(super) mod cfsr {
@@ -59,7 +59,7 @@ pub(super) struct Scb {
     pub(super) fpccr: u32,
     pub(super) fpcar: u32,
     pub(super) fpdscr: u32,
-    /// Bits of DEMCR but TRCENA.
+    /// DEMCR without TRCENA.
     pub(super) demcr: u32,
 }
 
@@ -96,6 +96,6 @@ pub(super) const CPUID: u32 = 0x410f_c241;
 /// MVFR0 and MVFR1.
 pub(super) const MEDIA: [u32; 2] = [0x1011_0021, 0x1100_0011];
 
-/// VECTKEY, high half of a write to AIRCR, and what reads there.
+/// Key in the upper halfword of a write to AIRCR, and the value read there.
 pub(super) const VECTKEY: u32 = 0x05fa;
 pub(super) const VECTKEYSTAT: u32 = 0xfa05_0000;

@@ -1,5 +1,5 @@
-//! Frames on the stack: saving and restoring registers around exceptions, floating point at once or
-//! lazily (ARMv7-M Architecture Reference Manual, B1.5.6 to B1.5.8).
+//! Exception frames: saving and restoring registers around exceptions; floating-point registers at once or lazily
+//! (ARMv7-M Architecture Reference Manual, B1.5.6 to B1.5.8).
 
 use super::exception::{Done, Trap};
 use super::nvic::exception as number;
@@ -7,17 +7,17 @@ use super::registers::it_state;
 use super::scb::{ccr, fpccr};
 use super::{Core, System, Transfer, mpu, timing};
 
-/// Bytes of a frame without and with floating point.
+/// Length of a frame without and with floating-point registers, bytes.
 const BASIC: u32 = 0x20;
 const EXTENDED: u32 = 0x68;
 /// Control bits of FPSCR that a new context gets from FPDSCR.
 const FP_DEFAULTS: u32 = 0x07c0_0000;
-/// A bit of EXC_RETURN: the frame is without floating point.
+/// EXC_RETURN: the frame has no floating-point registers.
 const BASIC_FRAME: u32 = 0x10;
 
 impl Core {
-    /// Saves registers on the stack in use. Gives the value of EXC_RETURN, and whether all could be
-    /// written; the stack pointer moves in any case.
+    /// Saves registers on the present stack. Returns EXC_RETURN and the result of the stores; the stack pointer moves
+    /// in any case.
     pub(super) fn push_frame(&mut self, system: &mut impl System) -> (u32, Done) {
         let fp = self.fp_active;
         let size = if fp { EXTENDED } else { BASIC };
@@ -51,12 +51,12 @@ impl Core {
         (value, result)
     }
 
-    /// Word `k` of a frame.
+    /// Access to word `k` of a frame.
     fn on_stack(&self, frame: u32, k: u32) -> Transfer {
         Transfer::word(frame.wrapping_add(4 * k), self.pc)
     }
 
-    /// S0 to S15 and FPSCR.
+    /// Saves S0 to S15 and FPSCR.
     fn save_singles(&mut self, system: &mut impl System, address: u32) -> Done {
         self.cycles += timing::FP_CONTEXT;
         for k in 0..16 {
@@ -66,7 +66,7 @@ impl Core {
         self.store_word(system, self.on_stack(address, 16), self.fpscr)
     }
 
-    /// Notes where the floating-point registers go if they are needed (UpdateFPCCR).
+    /// Reserves the space for lazy saving of the floating-point registers (UpdateFPCCR).
     fn leave_unsaved(&mut self, address: u32) {
         let current = self.execution_priority();
         let above = |exception| self.nvic.group_of(self.nvic.priority(exception)) < current;
@@ -83,8 +83,8 @@ impl Core {
         self.fp_ready = false;
     }
 
-    /// The first floating-point instruction in a context: may it, are there registers of another
-    /// context to save, does a new one begin (ExecuteFPCheck).
+    /// Prepares the first floating-point instruction of a context: checks access, saves the registers of another
+    /// context, starts a new context (ExecuteFPCheck).
     #[cold]
     #[inline(never)]
     pub(super) fn prepare_fp(&mut self, system: &mut impl System) -> Done {
@@ -102,7 +102,7 @@ impl Core {
         Ok(())
     }
 
-    /// CPACR allows floating point here.
+    /// True if CPACR allows floating point in the present mode.
     fn fp_allowed(&self) -> bool {
         match self.scb.cpacr >> 20 & 3 {
             3 => true,
@@ -127,7 +127,7 @@ impl Core {
         Ok(())
     }
 
-    /// Restores registers as EXC_RETURN says. False: what was restored does not fit the mode.
+    /// Restores registers according to EXC_RETURN. False if the restored exception number does not match the mode.
     pub(super) fn pop_frame(&mut self, system: &mut impl System, value: u32) -> Done<bool> {
         let (thread, process) = (value & 8 != 0, value & 4 != 0);
         let extended = value & BASIC_FRAME == 0;
@@ -164,7 +164,7 @@ impl Core {
         Ok(thread == (exception == 0))
     }
 
-    /// Reads a frame; floating-point registers go to their place.
+    /// Loads a frame; floating-point registers are restored directly.
     fn load_frame(
         &mut self,
         system: &mut impl System,
@@ -180,7 +180,7 @@ impl Core {
             return Ok(words);
         }
         if self.scb.fpccr & fpccr::LSPACT != 0 {
-            // Nobody used them: they are still in place.
+            // The floating-point registers were not used and are still valid.
             self.scb.fpccr &= !fpccr::LSPACT;
             return Ok(words);
         }
@@ -194,7 +194,7 @@ impl Core {
         Ok(words)
     }
 
-    /// Handler mode, or thread mode that was not made unprivileged.
+    /// True in handler mode, and in thread mode unless CONTROL.nPRIV is set.
     pub(super) fn privileged(&self) -> bool {
         self.ipsr != 0 || !self.user_thread
     }

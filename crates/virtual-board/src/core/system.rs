@@ -1,4 +1,4 @@
-//! What the core needs of the chip around it.
+//! Interface of the chip to the core.
 
 use crate::finding::Kind;
 use crate::time::Cycles;
@@ -15,7 +15,7 @@ pub enum Width {
 }
 
 impl Width {
-    /// Bytes.
+    /// Number of bytes.
     pub const fn bytes(self) -> u32 {
         match self {
             Self::Byte => 1,
@@ -24,13 +24,13 @@ impl Width {
         }
     }
 
-    /// The bits of a word that it has.
+    /// Bits of a word that the width covers.
     pub const fn mask(self) -> u32 {
         u32::MAX >> (32 - 8 * self.bytes())
     }
 }
 
-/// What an access moves where, and the instruction that makes it.
+/// An access: address, width, and the instruction that makes it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Transfer {
     /// Address of the first byte.
@@ -42,19 +42,19 @@ pub struct Transfer {
 }
 
 impl Transfer {
-    /// A word.
+    /// A word access.
     #[inline(always)]
     pub const fn word(address: u32, pc: u32) -> Self {
         let width = Width::Word;
         Self { address, width, pc }
     }
 
-    /// The value of the word around it that it reads.
+    /// Value of the access within its aligned word.
     pub const fn part_of(self, word: u32) -> u32 {
         word >> (8 * (self.address & 3)) & self.width.mask()
     }
 
-    /// A value at its place in the word around it, and the bits of the word that it writes.
+    /// Value shifted to its position in the aligned word, and the bits that the access writes.
     pub const fn in_word(self, value: u32) -> (u32, u32) {
         let shift = 8 * (self.address & 3);
         let mask = self.width.mask() << shift;
@@ -68,50 +68,46 @@ impl Transfer {
     }
 }
 
-/// The bus answered with an error; the core takes a bus fault.
+/// The bus reported an error; the core takes a bus fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BusError;
 
-/// The chip as the core sees it: everything but the private peripheral bus (0xE000_0000 to
-/// 0xE00F_FFFF), which is the core's own.
+/// The chip around the core: everything except the private peripheral bus (0xE000_0000 to 0xE00F_FFFF), which belongs
+/// to the core.
 ///
-/// Accesses come aligned to their width: the core splits what is not. `cycle` is the core's clock;
-/// what an access takes beyond the core's own time (wait states, the bus, a flash that is busy) is
-/// added to it.
+/// Accesses are aligned to their width: the core splits unaligned ones. `cycle` is the clock of the core; an access
+/// adds its time beyond the core's own (wait states, bus, busy flash).
 pub trait System {
-    /// A halfword of program, without side effect and without time, for decoding.
+    /// Halfword of program, for decoding; no side effects, takes no time.
     fn fetch(&mut self, address: u32) -> Result<u16, BusError>;
-    /// The program enters another line of 16 bytes, by a jump or by going on.
+    /// Fetches from another line of 16 bytes that the program enters, by a jump or sequentially.
     fn enter_line(&mut self, address: u32, cycle: &mut Cycles);
-    /// A load.
+    /// Loads a value.
     fn read(&mut self, at: Transfer, cycle: &mut Cycles) -> Result<u32, BusError>;
-    /// A store.
+    /// Stores a value.
     fn write(&mut self, at: Transfer, value: u32, cycle: &mut Cycles) -> Result<(), BusError>;
-    /// The core looks up from its instructions at this cycle at the latest. An access that changes
-    /// what is to come, an interrupt line for example, sets it to 0.
+    /// Latest cycle at which the core must interrupt execution and call [`Self::advance`]. An access that affects this,
+    /// such as a change of an interrupt line, sets the limit to 0.
     fn limit(&self) -> Cycles;
-    /// Does what is due at `cycle`, and sets the limit anew, to `until` at most. Gives when the next
-    /// thing is due, which is what a sleeping core waits for.
+    /// Handles the events due at `cycle` and sets a new limit, at most `until`. Returns the cycle of the next event,
+    /// for which a sleeping core waits.
     fn advance(&mut self, cycle: Cycles, until: Cycles) -> Cycles;
     /// Levels of the interrupt lines, line n at bit n.
     fn lines(&self) -> u128;
-    /// Whether the non-maskable interrupt was asked for since the last call; looked at after
-    /// [`Self::advance`].
+    /// True if the non-maskable interrupt was requested since the last call; called after [`Self::advance`].
     fn take_nmi(&mut self) -> bool {
         false
     }
-    /// Addresses of program that changed since the last call, first and last: decoded instructions of
-    /// these are forgotten.
+    /// First and last address of program that changed since the last call; the core discards its decoded instructions.
     fn take_changed_code(&mut self) -> Option<(u32, u32)>;
-    /// Whether the core must stop at once, because the chip is to be reset; looked at after
-    /// [`Self::advance`].
+    /// True if the core must stop at once, because the chip is to be reset; called after [`Self::advance`].
     fn must_stop(&self) -> bool {
         false
     }
-    /// The program waits for the end of all its accesses (DSB).
+    /// Executes a DSB: all accesses of the program are complete.
     fn synchronise(&mut self) {}
-    /// The program asked for a reset (SYSRESETREQ).
+    /// Requests a reset by the program (SYSRESETREQ).
     fn request_reset(&mut self);
-    /// Notes what the program does wrong.
+    /// Notes an error of the program.
     fn note(&mut self, kind: Kind, pc: u32, cycle: Cycles, text: String);
 }

@@ -1,6 +1,6 @@
-//! System timer: counts down, at 0 it pends its exception, one tick later it begins anew.
+//! SysTick timer: counts down, sets its exception pending at 0, and reloads one tick later.
 //!
-//! The counter is not stepped: its value follows from the cycle.
+//! The counter is not stepped: its value is computed from the cycle.
 
 use crate::time::{Cycles, NEVER};
 
@@ -10,23 +10,23 @@ const CLKSOURCE: u32 = 4;
 const COUNTFLAG: u32 = 1 << 16;
 const MASK: u32 = 0xff_ffff;
 
-/// Ten milliseconds are not known; one is 18 750 of HCLK/8 at 150 MHz (RM0090, 12.1.2).
+/// TENMS is not 10 ms (SKEW): 18 750 is 1 ms of HCLK/8 at 150 MHz (RM0090, 12.1.2).
 const CALIBRATION: u32 = 0x4000_493e;
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct SysTick {
     control: u32,
     reload: u32,
-    /// Value of the counter at tick `tick`.
+    /// Counter value at tick number `tick`.
     value: u32,
     tick: u64,
     flag: bool,
-    /// Cycle at which the counter reaches 0 next.
+    /// Cycle at which the counter next reaches 0.
     zero: Option<Cycles>,
 }
 
 impl SysTick {
-    /// Ticks of its clock up to a cycle; HCLK/8 ticks at every eighth cycle.
+    /// Clock ticks up to a cycle; HCLK/8 ticks at every eighth cycle.
     fn ticks(&self, cycle: Cycles) -> u64 {
         if self.control & CLKSOURCE != 0 {
             cycle
@@ -56,7 +56,7 @@ impl SysTick {
         self.reload - ((gone - value - 1) % period) as u32
     }
 
-    /// Begins anew from what the counter holds at this cycle.
+    /// Moves the reference point of value and tick to this cycle.
     fn rebase(&mut self, cycle: Cycles) {
         self.value = self.value_at(cycle);
         self.tick = self.ticks(cycle);
@@ -74,18 +74,18 @@ impl SysTick {
         };
     }
 
-    /// The cycle at which something is due.
+    /// Cycle at which the counter next reaches 0.
     pub(super) fn deadline(&self) -> Cycles {
         self.zero.unwrap_or(NEVER)
     }
 
-    /// Does what was due up to this cycle; true if the exception becomes pending.
+    /// Handles the zeros up to this cycle; true if the exception becomes pending.
     pub(super) fn advance(&mut self, cycle: Cycles) -> bool {
         let Some(zero) = self.zero.filter(|&zero| zero <= cycle) else {
             return false;
         };
         self.flag = true;
-        // From the zero on, in case several periods went by.
+        // Several periods may have passed since the zero.
         self.value = 0;
         self.tick = self.ticks(zero);
         self.rebase(cycle);
@@ -93,7 +93,7 @@ impl SysTick {
         self.control & TICKINT != 0
     }
 
-    /// Reads a register by its offset from 0xE000_E010; `advance` was called before.
+    /// Reads a register by its offset from 0xE000_E010; `advance` must have been called.
     pub(super) fn read(&mut self, offset: u32, cycle: Cycles) -> u32 {
         match offset {
             0 => {
@@ -107,7 +107,7 @@ impl SysTick {
         }
     }
 
-    /// Writes a register by its offset; `advance` was called before.
+    /// Writes a register by its offset; `advance` must have been called.
     pub(super) fn write(&mut self, offset: u32, value: u32, cycle: Cycles) {
         self.rebase(cycle);
         match offset {
@@ -130,7 +130,7 @@ impl SysTick {
 mod tests {
     use super::*;
 
-    /// A counter that is stepped, tick by tick.
+    /// Reference counter, stepped tick by tick.
     struct Stepped {
         value: u32,
         reload: u32,
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn counts_as_a_stepped_counter_does_with_reloads_in_between() {
+    fn counter_matches_a_stepped_counter_through_reloads() {
         for source in [CLKSOURCE, 0] {
             let mut timer = SysTick::default();
             let mut stepped = Stepped {
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_look_counts_one_zero_and_keeps_the_phase() {
+    fn late_advance_counts_one_zero_and_keeps_the_phase() {
         let mut timer = SysTick::default();
         timer.write(4, 99, 0);
         timer.write(0, ENABLE | TICKINT | CLKSOURCE, 0);
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reload_of_zero_stops_the_counter_at_zero() {
+    fn reload_of_zero_stops_the_counter_at_zero() {
         let mut timer = SysTick::default();
         timer.write(4, 5, 0);
         timer.write(0, ENABLE | TICKINT | CLKSOURCE, 0);

@@ -1,37 +1,37 @@
 //! Cycles of instructions (Cortex-M4 Technical Reference Manual r0p1, table 3-1 and section 3.3.2).
 //!
-//! An instruction has its cycles from when it is decoded. Three things depend on the neighbour that
-//! follows and are charged to the first of the two:
+//! The cycles of an instruction are set when it is decoded. Three effects depend on the next instruction and are
+//! charged to the first of the pair:
 //!
 //! - a load of one register, followed by a load or store whose address does not depend on it, takes
 //!   1 cycle instead of 2;
 //! - a data-processing result that the next instruction uses as an address costs 1 cycle;
 //! - a floating-point result that the next floating-point instruction uses costs 1 cycle.
 //!
-//! The cycles to refill the pipeline, which the manual gives as 1 to 3, are: 1 for a branch whose
-//! target the instruction holds, 2 for one to a register, 3 if the target comes from memory; one
-//! more if a branch of the first sort lands on a 32-bit instruction that is not aligned to 4.
+//! Refilling the pipeline, which the manual gives as 1 to 3 cycles, takes 1 cycle for a branch to a constant target, 2
+//! for a branch to a register, 3 if the target comes from memory. A branch to a constant target takes one more if the
+//! target is a 32-bit instruction not aligned to 4.
 
 use super::instruction::{Dsp, Float, Insn, Mode, Op, Special};
 
-/// Refill of the pipeline after a jump to a register.
+/// Refill of the pipeline after a branch to a register.
 pub(super) const REFILL_REGISTER: u64 = 2;
-/// Refill of the pipeline after a jump to an address from memory.
+/// Refill of the pipeline after a branch to an address from memory.
 pub(super) const REFILL_LOADED: u64 = 3;
-/// From the exception until its first instruction, with memory that does not wait.
+/// From an exception to its first instruction, with memory without wait states.
 pub(super) const ENTRY: u64 = 12;
-/// Of these, what stacking takes.
+/// Part of `ENTRY` for stacking.
 pub(super) const STACKING: u64 = 8;
-/// From the return of an exception until the interrupted instruction.
+/// From an exception return to the interrupted instruction.
 pub(super) const RETURN: u64 = 10;
-/// From the return of an exception until the first instruction of the next one.
+/// From an exception return to the first instruction of the next exception.
 pub(super) const TAIL_CHAIN: u64 = 6;
-/// Saving or restoring 16 singles and the status register.
+/// Saving or restoring 16 single-precision registers and the status register.
 pub(super) const FP_CONTEXT: u64 = 17;
 /// Cycles of division and square root.
 pub(super) const FP_DIVISION: u64 = 14;
 
-/// What counts for the time of an instruction and its neighbours.
+/// Class of an instruction for timing.
 #[derive(PartialEq, Eq)]
 enum Class {
     /// A branch whose target is a constant.
@@ -82,7 +82,7 @@ pub(super) fn is_direct_branch(insn: &Insn) -> bool {
     class(insn) == Class::Branch
 }
 
-/// Singles that a floating-point instruction reads.
+/// True if a floating-point instruction reads this single-precision register.
 fn reads_single(insn: &Insn, register: u8) -> bool {
     use Float::{Fnma, Fnms, FromFixed, Nmla, Nmls, Nmul, ToFixed};
     let (d, n, m) = (insn.d(), insn.n(), insn.m());
@@ -105,7 +105,7 @@ fn reads_single(insn: &Insn, register: u8) -> bool {
     }
 }
 
-/// Whether a load or store has its address from a register.
+/// True if the address of a load or store depends on this register.
 fn address_from(insn: &Insn, register: u8) -> bool {
     use Op::*;
     let by_register = match insn.op {
@@ -120,13 +120,13 @@ fn address_from(insn: &Insn, register: u8) -> bool {
     by_register || (base && insn.n() == register)
 }
 
-/// Whether the cycles of an instruction depend on the one behind it.
+/// True if the cycles of an instruction depend on the next one.
 pub(super) fn depends_on_follower(insn: &Insn) -> bool {
     matches!(class(insn), Class::Load | Class::Data | Class::Float)
 }
 
-/// Gives an instruction its cycles, and a branch those to refill the pipeline; `unaligned`: it
-/// jumps to a 32-bit instruction that is not aligned to 4.
+/// Sets the cycles of an instruction, and for a branch those to refill the pipeline. `unaligned`: the target is a
+/// 32-bit instruction not aligned to 4.
 pub(super) fn set_cycles(insn: &mut Insn, follower: Option<&Insn>, unaligned: bool) {
     let mut cycles = alone(insn);
     if is_direct_branch(insn) {
@@ -149,7 +149,7 @@ pub(super) fn set_cycles(insn: &mut Insn, follower: Option<&Insn>, unaligned: bo
     insn.cycles = cycles.min(255) as u8;
 }
 
-/// Cycles of an instruction by itself.
+/// Cycles of an instruction without its neighbours.
 fn alone(insn: &Insn) -> u32 {
     let registers = insn.imm.count_ones();
     match insn.op {
@@ -160,11 +160,11 @@ fn alone(insn: &Insn) -> u32 {
         Op::LoadTo(Mode::Literal | Mode::Offset | Mode::Pre | Mode::Post | Mode::Register) => 2,
         Op::Ldrd | Op::Strd => 3,
         Op::Ldm | Op::Stm | Op::Push | Op::Pop => 1 + registers,
-        // With the program counter, which the list does not name.
+        // The program counter is not in the list.
         Op::PopPc => 2 + registers,
         Op::Table => 2,
         Op::Mla | Op::Mls => 1,
-        // The rest depends on the operands.
+        // Minimum; the rest depends on the operands.
         Op::Udiv | Op::Sdiv => 2,
         Op::Dsp(Dsp::Usad) => 1,
         Op::Special(Special::Mrs | Special::Msr) => 2,

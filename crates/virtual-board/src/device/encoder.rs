@@ -1,10 +1,10 @@
-//! Incremental encoder: lines of a disc on a wheel as two square waves a quarter period apart.
+//! Incremental encoder: the lines of a code disc on a wheel give two square waves, a quarter period apart.
 //!
-//! After the data sheets of optical encoders as the Broadcom HEDS-5540 (500 lines) and its kin with
-//! 2048 lines on the shaft. Turning forward A leads B: a timer in encoder mode counts up.
+//! Modelled on the data sheets of optical encoders such as the Broadcom HEDS-5540 (500 lines), with 2048 lines on the
+//! wheel shaft. In forward rotation A leads B, so a timer in encoder mode counts up.
 //!
-//! The wheel's angle is a parabola of time between two calls of [`Encoder::motion`]; the instant at
-//! which it meets the next edge of a line is the root of a quadratic equation, so no time is stepped.
+//! Between two calls of [`Encoder::motion`] the angle is a quadratic function of time. The time of the next edge is a
+//! root of a quadratic equation, so no time step is needed.
 
 use super::{later, span_s};
 use crate::chip::Drive;
@@ -12,41 +12,40 @@ use crate::time::Time;
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
-/// Edges that are late because the angle was corrected follow each other so closely, ps: 100 ns.
+/// Interval of the catch-up edges after a correction of the angle: 100 ns.
 const CATCH_UP: Time = Time::from_nanos(100);
 
 characteristics! {
     /// An encoder.
     pub struct EncoderConfig {
-        /// Lines of the disc; four counts each. Default 2048.
+        /// Lines of the code disc, each with four counts. Default 2048.
         pub lines: u32 = 2048;
-        /// Angle of the disc, counts, at the wheel's angle 0. From 0 to less than 1 it decides where in
-        /// the first count the wheel stands.
+        /// Position of the disc at wheel angle 0, counts; values below 1 set the position within the first count.
         pub phase: f64 = 0.5;
     }
 }
 
-/// One of the two lines.
+/// Output line of the encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Line {
-    /// Leads when turning forward.
+    /// Leads in forward rotation.
     A,
-    /// Lags.
+    /// Lags in forward rotation.
     B,
 }
 
-/// What can be wrong with it. Several may be at once.
+/// Faults of an encoder; several may be present at once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EncoderFault {
-    /// A stands at this level.
+    /// A is stuck at this level.
     pub stuck_a: Option<bool>,
-    /// B stands at this level.
+    /// B is stuck at this level.
     pub stuck_b: Option<bool>,
-    /// The lines are swapped.
+    /// The two lines are swapped.
     pub swapped: bool,
 }
 
-/// A disturbance of a line: its level is the other one.
+/// A glitch: the level of a line is inverted for a time.
 #[derive(Clone, Copy, Debug)]
 struct Glitch {
     line: Line,
@@ -61,21 +60,21 @@ pub struct Encoder {
     fault: EncoderFault,
     /// Counts per radian.
     scale: f64,
-    /// The motion: since when, counts, counts/s, counts/s².
+    /// Start time of the present motion; position, counts; speed, counts/s; acceleration, counts/s².
     from: Time,
     position: f64,
     speed: f64,
     acceleration: f64,
-    /// The wheel stands in the count from this number to the next.
+    /// Present count: the position is between this count and the next.
     count: i64,
-    /// When the count changes next, and to what.
+    /// Time of the next change of the count, and the count after it.
     edge: (Time, i64),
     glitches: VecDeque<Glitch>,
     now: Time,
 }
 
 impl Encoder {
-    /// At rest at angle 0.
+    /// Creates an encoder at rest at angle 0.
     pub fn new(config: EncoderConfig) -> Self {
         let phase = config.phase;
         Self {
@@ -93,9 +92,8 @@ impl Encoder {
         }
     }
 
-    /// From now on the wheel's angle (rad) moves on from here with this speed (rad/s) and acceleration
-    /// (rad/s²). Where this is not where the last motion ended, the edges in between follow at once,
-    /// 100 ns apart.
+    /// Sets the motion from `at` on: angle in rad, speed in rad/s, acceleration in rad/s². If the angle differs from
+    /// the end of the last motion, the missing edges follow at intervals of 100 ns.
     pub fn motion(&mut self, at: Time, angle_rad: f64, speed_rad_s: f64, acceleration_rad_s2: f64) {
         self.advance(at);
         self.from = at;
@@ -105,23 +103,23 @@ impl Encoder {
         self.find_edge();
     }
 
-    /// Breaks it, or mends it.
+    /// Sets or clears faults.
     pub fn set_fault(&mut self, fault: EncoderFault) {
         self.fault = fault;
     }
 
-    /// Disturbs a line for a time (200 ns, say). Disturbances are told in the order of time.
+    /// Inverts a line for a time, such as 200 ns. Glitches must be added in the order of time.
     pub fn glitch(&mut self, line: Line, from: Time, width: Time) {
         let to = from + width;
         self.glitches.push_back(Glitch { line, from, to });
     }
 
-    /// Counts from the angle 0 of the disc: what a perfect counter would have.
+    /// Count from angle 0 of the disc, as a perfect counter would have it.
     pub fn count(&self) -> i64 {
         self.count
     }
 
-    /// When a level changes next, as far as it is known now.
+    /// Time of the next change of a level, as far as known.
     pub fn next(&self) -> Time {
         let glitch = self.glitches.iter().fold(Time::NEVER, |next, g| {
             let due = if g.from > self.now { g.from } else { g.to };
@@ -130,7 +128,7 @@ impl Encoder {
         self.edge.0.min(glitch)
     }
 
-    /// Goes on until a time.
+    /// Advances to a time.
     pub fn advance(&mut self, to: Time) {
         while self.edge.0 <= to {
             self.now = self.edge.0;
@@ -165,28 +163,28 @@ impl Encoder {
         )
     }
 
-    /// How A and B are driven.
+    /// Drives of A and B.
     pub fn drives(&self) -> (Drive, Drive) {
         let (a, b) = self.levels();
         (Drive::to(a), Drive::to(b))
     }
 
-    /// Finds the next change of the count after now.
+    /// Finds the next change of the count.
     fn find_edge(&mut self) {
         let t = span_s(self.from, self.now);
         let speed = self.speed + self.acceleration * t;
         let position = self.position + (self.speed + 0.5 * self.acceleration * t) * t;
-        // Distances to the two edges between which the count stands.
+        // Distances to the edges on both sides of the present count.
         let up = (self.count + 1) as f64 - position;
         let down = self.count as f64 - position;
-        // A wheel that has just passed an edge stands on it, but for rounding.
+        // A wheel that has just passed an edge is on the edge, except for rounding.
         const ROUNDING: f64 = 1e-6;
         self.edge = if up < -ROUNDING {
             (self.now + CATCH_UP, self.count + 1)
         } else if down > ROUNDING {
             (self.now + CATCH_UP, self.count - 1)
         } else {
-            // The edge ahead, unless the wheel turns round before it.
+            // The edge ahead, unless the wheel reverses before it.
             let (ahead, behind) = ((up.max(0.0), 1), (-down.min(0.0), -1));
             let (ahead, behind) = if speed >= 0.0 {
                 (ahead, behind)
@@ -201,10 +199,10 @@ impl Encoder {
         };
     }
 
-    /// When the wheel has gone a distance (counts, not negative) in a direction (1 or −1), s from now;
-    /// infinite if never.
+    /// Time until the wheel has moved by a distance (counts, not negative) in a direction (1 or −1), s; infinite if
+    /// never.
     fn reach(&self, (distance, direction): (f64, i64), speed: f64) -> f64 {
-        // Seen so that the direction is positive.
+        // Transformed so that the direction is positive.
         let sign = direction as f64;
         let (d, v, a) = (distance, sign * speed, sign * self.acceleration);
         let square = v * v + 2.0 * a * d;
@@ -213,10 +211,10 @@ impl Encoder {
         }
         let root = square.sqrt();
         if v >= 0.0 {
-            // Also at a = 0, and without cancellation.
+            // Valid also for a = 0; avoids cancellation.
             if d == 0.0 { 0.0 } else { 2.0 * d / (v + root) }
         } else {
-            // It turns round first.
+            // The wheel reverses first.
             (root - v) / a
         }
     }

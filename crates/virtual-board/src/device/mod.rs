@@ -1,10 +1,9 @@
-//! Parts that are soldered to a board.
+//! Parts soldered to a board.
 //!
-//! Each part is a plain struct. What happens at its terminals is told with the exact time, in the
-//! order of time; what it shows is asked for at a time. A part that changes by itself says when
-//! ([`Contact::next`] and so on); whoever composes a board ([`crate::chip::Circuit`]) calls its
-//! `advance` then. Noise comes from a generator of the part's own, so that parts neither
-//! disturb each other nor depend on the order in which they are asked.
+//! Each part is a plain struct. Changes at its terminals are passed with their exact times, in the order of time; its
+//! outputs are read for a given time. A part that changes by itself reports the time of the next change
+//! ([`Contact::next`] and others), and the board's circuit ([`crate::chip::Circuit`]) then calls `advance`. Each part
+//! has its own noise generator, so parts are independent of each other and of the order of the calls.
 
 mod encoder;
 pub mod olimex_h405;
@@ -21,15 +20,15 @@ pub use switches::Contact;
 
 use crate::time::Time;
 
-/// Seconds from one time to a later one; 0 if it is not later.
+/// Time from `from` to `to`, s; 0 if `to` is not later.
 fn span_s(from: Time, to: Time) -> f64 {
     (to - from).0 as f64 * 1e-12
 }
 
-/// The time so many seconds later; [`Time::NEVER`] if that is not to be told.
+/// Time `seconds` after `from`; [`Time::NEVER`] if out of range or NaN.
 fn later(from: Time, seconds: f64) -> Time {
     let ps = seconds * 1e12;
-    // 2⁶³ ps are a hundred days.
+    // 2⁶³ ps are about a hundred days.
     if ps.is_nan() || ps >= 9.2e18 {
         return Time::NEVER;
     }

@@ -1,7 +1,7 @@
-//! The bare Olimex STM32-H405: pins that the board itself uses, and pins that the chip's boot loader uses.
+//! The bare Olimex STM32-H405: pins used by the board itself, and pins used by the chip's boot loader.
 //!
-//! Sources: the board's files in NuttX (`boards/arm/stm32/olimex-stm32-h405`), ChibiOS
-//! (`os/hal/boards/OLIMEX_STM32_H405`), Zephyr (`boards/arm/olimex_stm32_h405`) and, for USB_P, of the robot phobos.
+//! Sources: board files in NuttX (`boards/arm/stm32/olimex-stm32-h405`), ChibiOS (`os/hal/boards/OLIMEX_STM32_H405`)
+//! and Zephyr (`boards/arm/olimex_stm32_h405`); for USB_P, those of the robot phobos.
 
 use crate::chip::{Net, Pin, Usable};
 
@@ -24,7 +24,7 @@ const fn usable(
     }
 }
 
-/// Pins with a net of the board.
+/// Nets of the board, one for each connected pin.
 pub const NETS: &[Net] = &[
     usable('A', 0, "BUT", "user button", Usable::Input),
     net('A', 11, "USBDM", "USB data"),
@@ -49,14 +49,14 @@ pub const NETS: &[Net] = &[
     net('H', 1, "OSC_OUT", "crystal of 8 MHz"),
 ];
 
-/// A pin of the boot loader in ROM.
+/// A pin used by the boot loader in ROM.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LoaderPin {
     /// The pin.
     pub pin: Pin,
-    /// What the loader has on it.
+    /// Signal of the loader on this pin.
     pub signal: &'static str,
-    /// True if the loader drives it.
+    /// True if the loader drives the pin.
     pub driven: bool,
 }
 

@@ -1,31 +1,30 @@
-//! Supplies: a voltage that is told over time, a battery with its resistance and the regulator behind
-//! it, a divider with a capacitor.
+//! Supplies: a profile over time; a battery with resistance and regulator; a divider with capacitor.
 
 use super::span_s;
 use crate::time::Time;
 
-/// A quantity over time: straight lines between points, constant before the first and after the last.
+/// A quantity over time: linear between points, constant before the first point and after the last.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Profile {
     points: Vec<(Time, f64)>,
 }
 
 impl Profile {
-    /// Constant.
+    /// A constant profile.
     pub fn constant(value: f64) -> Self {
         Self {
             points: vec![(Time(0), value)],
         }
     }
 
-    /// Through points in the order of time; two at one time are a step.
+    /// A profile through points in the order of time; two points at the same time are a step.
     pub fn through(points: impl IntoIterator<Item = (Time, f64)>) -> Self {
         let mut points: Vec<_> = points.into_iter().collect();
         points.sort_by_key(|p| p.0);
         Self { points }
     }
 
-    /// The value at a time; at a step the later one. Without any point 0.
+    /// Value at a time; at a step, the value after it; 0 without points.
     pub fn at(&self, at: Time) -> f64 {
         let after = self.points.partition_point(|p| p.0 <= at);
         let before = after.checked_sub(1).and_then(|i| self.points.get(i));
@@ -39,28 +38,28 @@ impl Profile {
         }
     }
 
-    /// The next point after a time: where the slope or the value changes.
+    /// Time of the next point after a time, where slope or value changes.
     pub fn next(&self, after: Time) -> Time {
         let index = self.points.partition_point(|p| p.0 <= after);
         self.points.get(index).map_or(Time::NEVER, |p| p.0)
     }
 }
 
-/// A battery and the 3.3 V regulator behind it.
+/// A battery and its 3.3 V regulator.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Supply {
-    /// Voltage without load, V.
+    /// Open-circuit voltage, V.
     pub open_v: Profile,
     /// Resistance of cells and leads, Ω.
     pub resistance_ohm: f64,
-    /// What the regulator gives as long as it can, V.
+    /// Nominal output of the regulator, V.
     pub regulated_v: f64,
-    /// What it needs above that, V.
+    /// Drop-out voltage of the regulator, V.
     pub dropout_v: f64,
 }
 
 impl Supply {
-    /// A battery of constant voltage with 50 mΩ; 3.3 V with 1.1 V of drop-out, as an LM1117 has.
+    /// A battery of constant open-circuit voltage with 50 mΩ; the regulator has 3.3 V and 1.1 V drop-out, as an LM1117.
     pub fn battery(volts: f64) -> Self {
         Self {
             open_v: Profile::constant(volts),
@@ -70,18 +69,18 @@ impl Supply {
         }
     }
 
-    /// Voltage at the drivers under a current, V.
+    /// Battery voltage at the drivers under a current, V.
     pub fn battery_v(&self, at: Time, amperes: f64) -> f64 {
         (self.open_v.at(at) - self.resistance_ohm * amperes).max(0.0)
     }
 
-    /// Voltage behind the regulator, V.
+    /// Output voltage of the regulator, V.
     pub fn logic_v(&self, at: Time, amperes: f64) -> f64 {
         (self.battery_v(at, amperes) - self.dropout_v).clamp(0.0, self.regulated_v)
     }
 }
 
-/// Two resistors, and a capacitor across the lower one.
+/// A voltage divider with a capacitor across the lower resistor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Divider {
     share: f64,
@@ -92,7 +91,7 @@ pub struct Divider {
 }
 
 impl Divider {
-    /// Settled at an input of `volts`.
+    /// A divider settled at an input of `volts`.
     pub fn new(upper_ohm: f64, lower_ohm: f64, farad: f64, volts: f64) -> Self {
         let share = lower_ohm / (upper_ohm + lower_ohm);
         Self {
@@ -104,13 +103,13 @@ impl Divider {
         }
     }
 
-    /// The input has this voltage from now on.
+    /// Sets the input voltage from `at` on.
     pub fn input(&mut self, at: Time, volts: f64) {
         self.output(at);
         self.input_v = volts;
     }
 
-    /// The output at a time, V.
+    /// Output at a time, V.
     pub fn output(&mut self, at: Time) -> f64 {
         let target = self.share * self.input_v;
         if self.tau_s > 0.0 {
@@ -131,7 +130,7 @@ mod tests {
     const MS: u64 = 1_000_000_000;
 
     #[test]
-    fn a_profile_goes_through_its_points_and_steps() {
+    fn profile_passes_through_its_points_and_steps() {
         let times = [(10, 12.0), (20, 8.0), (20, 0.0), (30, 0.0), (30, 12.0)];
         let profile = Profile::through(times.map(|(ms, v)| (Time(ms * MS), v)));
         for (ms, volts) in [
@@ -149,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn a_battery_sags_and_the_regulator_drops_out() {
+    fn battery_sags_under_load_and_the_regulator_drops_out() {
         let mut supply = Supply::battery(12.0);
         assert!((supply.battery_v(Time(0), 8.0) - 11.6).abs() < 1e-12);
         assert_eq!(supply.logic_v(Time(0), 8.0), 3.3);
@@ -158,11 +157,11 @@ mod tests {
     }
 
     #[test]
-    fn the_divider_of_the_supply_has_eight_tenths_of_a_millisecond() {
+    fn supply_divider_has_a_time_constant_of_0_82_ms() {
         let mut divider = Divider::new(47e3, 10e3, 100e-9, 12.0);
         assert!((divider.output(Time(MS)) - 12.0 / 5.7).abs() < 1e-12);
         divider.input(Time(MS), 0.0);
-        // 47 kΩ and 10 kΩ in parallel times 100 nF: 0.8246 ms to 1/e.
+        // 47 kΩ and 10 kΩ in parallel times 100 nF: time constant 0.8246 ms.
         let at = Time(MS + 824_561_404);
         assert!((divider.output(at) - 12.0 / 5.7 / std::f64::consts::E).abs() < 1e-6);
     }

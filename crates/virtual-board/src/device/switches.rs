@@ -1,13 +1,13 @@
-//! Contacts (button, strap, emergency stop) with bounce.
+//! Mechanical contacts (button, strap, emergency stop) with bounce.
 
 use crate::noise::Noise;
 use crate::time::Time;
 use std::collections::VecDeque;
 
-/// A mechanical contact.
+/// A mechanical contact with bounce.
 ///
-/// It closes and opens with bounce: for up to the bounce time it makes and breaks at random, as the
-/// data sheets of small switches state as their largest bounce (5 ms for a tactile switch).
+/// After closing or opening, the contact changes randomly for up to the bounce time, the largest bounce in the data
+/// sheet (5 ms for a tactile switch).
 #[derive(Clone, Debug)]
 pub struct Contact {
     closed: bool,
@@ -17,7 +17,7 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// A contact with its state and the largest time for which it bounces.
+    /// A contact with its state and the largest bounce time.
     pub fn new(closed: bool, bounce: Time, seed: u64) -> Self {
         Self {
             closed,
@@ -27,14 +27,14 @@ impl Contact {
         }
     }
 
-    /// Moves it at a time, which is not before earlier movements have ended.
+    /// Opens or closes the contact at a time, not before the end of earlier changes.
     pub fn set(&mut self, closed: bool, at: Time) {
         let last = self.edges.back().map_or(self.closed, |e| e.1);
         if closed == last {
             return;
         }
         self.edges.push_back((at, closed));
-        // Even numbers of bounces, each somewhere in what is left of the time.
+        // A random number of bounces, each in the remaining bounce time.
         let mut from = at;
         let end = at + self.bounce;
         for _ in 0..self.noise.bits() % 6 {
@@ -49,17 +49,17 @@ impl Contact {
         }
     }
 
-    /// Whether it conducts at the time of the latest call.
+    /// True if the contact conducts at the time of the latest call.
     pub fn is_closed(&self) -> bool {
         self.closed
     }
 
-    /// When the contact changes next.
+    /// Time of the next change of the contact.
     pub fn next(&self) -> Time {
         self.edges.front().map_or(Time::NEVER, |e| e.0)
     }
 
-    /// Goes on until a time.
+    /// Advances to a time.
     pub fn advance(&mut self, to: Time) {
         while let Some((_, closed)) = self.edges.pop_front_if(|(at, _)| *at <= to) {
             self.closed = closed;
@@ -74,7 +74,7 @@ mod tests {
     const MS: u64 = 1_000_000_000;
 
     #[test]
-    fn a_button_bounces_within_its_time_and_then_stands() {
+    fn button_bounces_within_the_bounce_time_then_settles() {
         let mut longest = 0;
         for seed in 0..50 {
             let mut button = Contact::new(false, Time(5 * MS), seed);
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn without_bounce_one_edge_and_none_for_the_same_state() {
+    fn contact_without_bounce_has_one_edge_per_change() {
         let mut strap = Contact::new(true, Time(0), 1);
         strap.set(true, Time(MS));
         assert_eq!(strap.next(), Time::NEVER);

@@ -7,9 +7,9 @@ use std::fmt;
 /// A source line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Place<'a> {
-    /// The file, with its directory as the compiler saw it.
+    /// File, with its directory at compile time.
     pub file: &'a str,
-    /// The line, from 1.
+    /// Line number, from 1.
     pub line: u32,
 }
 
@@ -19,7 +19,7 @@ impl fmt::Display for Place<'_> {
     }
 }
 
-/// Code of one source line without a gap.
+/// Contiguous code of one source line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Row {
     start: u32,
@@ -28,7 +28,7 @@ struct Row {
     line: u32,
 }
 
-/// The whole table, by address.
+/// The whole table, in the order of addresses.
 #[derive(Debug, Default)]
 pub(super) struct Lines {
     rows: Vec<Row>,
@@ -38,8 +38,8 @@ pub(super) struct Lines {
 type Slice<'a> = EndianSlice<'a, LittleEndian>;
 
 impl Lines {
-    /// From the sections of a file; `is_loaded` tells code from what the linker threw away but the
-    /// table still lists. What cannot be read is left out.
+    /// Reads the table from the sections of a file. `is_loaded` excludes addresses of code removed by the linker and
+    /// still in the table. Unreadable parts are omitted.
     pub fn read<'a>(section: impl Fn(&str) -> &'a [u8], is_loaded: impl Fn(u32) -> bool) -> Self {
         let load = |id: SectionId| -> Result<Slice<'a>, gimli::Error> {
             Ok(EndianSlice::new(section(id.name()), LittleEndian))
@@ -55,7 +55,7 @@ impl Lines {
         let mut units = dwarf.units();
         while let Ok(Some(header)) = units.next() {
             if let Ok(unit) = dwarf.unit(header) {
-                // A damaged unit ends early; the others are whole.
+                // A damaged unit ends early; other units are not affected.
                 let _ = reading.unit(&dwarf, &unit);
             }
         }
@@ -71,7 +71,7 @@ impl Lines {
         (pc < row.end).then(|| self.place(row)).flatten()
     }
 
-    /// Line 0 is code that belongs to no line.
+    /// Source line of a row; line 0 marks code without a source line.
     fn place(&self, row: &Row) -> Option<Place<'_>> {
         let file = self.files.get(row.file as usize)?;
         (row.line > 0).then_some(Place {
@@ -139,7 +139,7 @@ impl<F: Fn(u32) -> bool> Reading<F> {
     }
 }
 
-/// A file's name with its directories.
+/// Name of a file, with its directories.
 fn name<'a>(
     dwarf: &Dwarf<Slice<'a>>,
     unit: &Unit<Slice<'a>>,
@@ -151,7 +151,7 @@ fn name<'a>(
         path = directory.to_string_lossy().into_owned();
     }
     if let Some(file) = header.file(number) {
-        // Directory 0 is the unit's own.
+        // Directory 0 is the directory of the unit.
         let directory = file.directory(header);
         let directory = directory.filter(|_| file.directory_index() != 0);
         for part in directory.into_iter().chain([file.path_name()]) {

@@ -1,8 +1,7 @@
-//! An image: the ELF file that a debug probe would write into the flash.
+//! An image: the ELF file that a debug probe writes into the flash.
 //!
-//! [`Image::parse`] checks everything that running it relies on; what is wrong is told with the field,
-//! its value and what is allowed. Symbols and debug information may be missing: then functions or
-//! source lines are not known.
+//! [`Image::parse`] checks everything that execution relies on; an error names the field, its value and the allowed
+//! values. Symbols and debug information are optional: without them, functions or source lines are unknown.
 
 mod lines;
 
@@ -19,26 +18,26 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// Flash of the STM32F405xG.
+/// Address range of the flash of the STM32F405xG.
 pub const FLASH: Range<u32> = 0x0800_0000..0x0810_0000;
-/// SRAM1 and SRAM2.
+/// Address range of SRAM1 and SRAM2.
 pub const SRAM: Range<u32> = 0x2000_0000..0x2002_0000;
-/// Core-coupled memory.
+/// Address range of the core-coupled memory.
 pub const CCM: Range<u32> = 0x1000_0000..0x1001_0000;
 
-/// Entries of the table of vectors: 16 of the core, 82 interrupts of the chip.
+/// Number of vectors: 16 of the core, 82 interrupts of the chip.
 const VECTORS: usize = 98;
 
-/// Why a file is no image for this chip.
+/// Reason why a file is not an image for this chip.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImageError {
-    /// The file.
+    /// Name of the file.
     pub file: String,
-    /// What of it is wrong.
+    /// Invalid field.
     pub field: &'static str,
-    /// What it is.
+    /// Value of the field.
     pub value: String,
-    /// What it must be.
+    /// Allowed values.
     pub allowed: &'static str,
 }
 
@@ -56,12 +55,12 @@ impl fmt::Display for ImageError {
 
 impl std::error::Error for ImageError {}
 
-/// Bytes that go into the flash.
+/// Content of a part of the flash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Segment {
-    /// Where they go.
+    /// First address.
     pub address: u32,
-    /// What they are.
+    /// Content.
     pub data: Vec<u8>,
 }
 
@@ -75,11 +74,11 @@ impl Segment {
 /// A function or a variable.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Symbol {
-    /// Its name as one writes it in the source, without hash.
+    /// Name as in the source, without hash.
     pub name: String,
-    /// Its first address (of a function, without the Thumb bit).
+    /// First address (for a function, without the Thumb bit).
     pub address: u32,
-    /// Its length in bytes; 0 if it is not known.
+    /// Length, bytes; 0 if unknown.
     pub size: u32,
 }
 
@@ -88,9 +87,9 @@ pub struct Symbol {
 pub struct Image {
     bytes: Vec<u8>,
     segments: Vec<Segment>,
-    /// By address.
+    /// Functions in the order of their addresses.
     functions: Vec<Symbol>,
-    /// By the name in the file and by the readable one.
+    /// Address and length, by the name in the file and by the readable name.
     names: HashMap<String, (u32, u32)>,
     lines: OnceLock<Lines>,
 }
@@ -110,7 +109,7 @@ impl Image {
         }
     }
 
-    /// Checks the bytes of a file; `file` is its name in errors.
+    /// Checks the content of a file; `file` is the name for errors.
     pub fn parse(file: &str, bytes: Vec<u8>) -> Result<Self, ImageError> {
         Self::check(bytes).map_err(|(field, value, allowed)| ImageError {
             file: file.to_owned(),
@@ -135,17 +134,17 @@ impl Image {
         })
     }
 
-    /// The file itself, for those who read more of it (the log's format strings, say).
+    /// The whole file, for readers of further sections, such as the log's format strings.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// What goes into the flash.
+    /// Segments to be written to the flash.
     pub fn segments(&self) -> &[Segment] {
         &self.segments
     }
 
-    /// Writes it into the bytes of a flash whose first has the address of [`FLASH`].
+    /// Writes the segments to a flash whose first byte has the first address of [`FLASH`].
     pub fn load(&self, flash: &mut [u8]) {
         for segment in &self.segments {
             let start = (segment.address - FLASH.start) as usize;
@@ -155,22 +154,22 @@ impl Image {
         }
     }
 
-    /// The address of a function or variable by its name, as it is in the file or in the source.
+    /// Address of a function or variable, by its name in the file or in the source.
     pub fn symbol(&self, name: &str) -> Option<u32> {
         self.names.get(name).map(|s| s.0)
     }
 
-    /// The function in which an address lies.
+    /// Function that contains an address.
     pub fn function(&self, pc: u32) -> Option<&Symbol> {
         let pc = pc & !1;
         let after = self.functions.partition_point(|s| s.address <= pc);
         let symbol = self.functions.get(after.checked_sub(1)?)?;
-        // One that does not say how long it is reaches to the next.
+        // A function of unknown length extends to the next one.
         (symbol.size == 0 || pc - symbol.address < symbol.size).then_some(symbol)
     }
 
-    /// The exceptions with a handler of their own, and the handler's name: those whose vector is not
-    /// the one that most interrupts share.
+    /// Exceptions with their own handlers, and the names of the handlers. The vector shared by most interrupts is
+    /// excluded.
     pub fn handlers(&self) -> Vec<(u16, String)> {
         let flash = self.segments.iter().find(|s| s.address == FLASH.start);
         let words = flash.map_or(&[][..], |s| s.data.as_chunks::<4>().0);
@@ -193,12 +192,12 @@ impl Image {
         .collect()
     }
 
-    /// The source line of an address; where functions were inlined, the innermost.
+    /// Source line of an address; for inlined functions, the innermost.
     pub fn line(&self, pc: u32) -> Option<Place<'_>> {
         self.lines().find(pc & !1)
     }
 
-    /// A place in the program in words: function and source line as far as they are known.
+    /// Text for an address: function and source line, as far as known.
     pub fn describe(&self, pc: u32) -> String {
         let mut text = format!("{pc:#010x}");
         if let Some(symbol) = self.function(pc) {
@@ -210,7 +209,7 @@ impl Image {
         text
     }
 
-    /// The raw bytes of a section; a section that takes no room in the file has none.
+    /// Raw bytes of a section; none for a section without content in the file.
     pub fn section(&self, name: &str) -> Option<&[u8]> {
         let elf = ElfFile32::<LittleEndian>::parse(&*self.bytes).ok()?;
         let (start, length) = elf.section_by_name(name)?.file_range()?;
@@ -227,7 +226,7 @@ impl Image {
     }
 }
 
-/// Field, value, what is allowed.
+/// Field, value, allowed values.
 type Wrong = (&'static str, String, &'static str);
 
 fn cut(error: object::Error, bytes: &[u8]) -> Wrong {
@@ -235,7 +234,7 @@ fn cut(error: object::Error, bytes: &[u8]) -> Wrong {
     ("the file", value, "a whole ELF file")
 }
 
-/// Whether it is a linked program for a 32-bit Arm.
+/// Checks that the file is a linked program for a 32-bit Arm.
 fn check_header(bytes: &[u8]) -> Result<(), Wrong> {
     if bytes.is_empty() {
         return Err(("the file", "empty".into(), "an ELF file"));
@@ -303,7 +302,7 @@ fn segments(elf: &ElfFile32<'_, LittleEndian>, bytes: &[u8]) -> Result<Vec<Segme
     Ok(segments)
 }
 
-/// The program's beginning, checked as the stack pointer is.
+/// Checks the initial stack pointer and the reset vector.
 fn vectors(segments: &[Segment]) -> Result<(), Wrong> {
     let first = segments
         .iter()
@@ -316,7 +315,7 @@ fn vectors(segments: &[Segment]) -> Result<(), Wrong> {
     };
     let sp = u32::from_le_bytes([a, b, c, d]);
     let reset = u32::from_le_bytes([e, f, g, h]);
-    // The stack grows down from its first address, which may be the memory's end.
+    // The stack grows down from its first address, which may be the end of the memory.
     let in_memory = [SRAM, CCM].iter().any(|m| sp > m.start && sp <= m.end);
     if !in_memory || sp % 4 != 0 {
         return Err((
@@ -341,7 +340,7 @@ fn symbols(elf: &ElfFile32<'_, LittleEndian>) -> (Vec<Symbol>, Names) {
     let (mut functions, mut names) = (Vec::new(), Names::new());
     for symbol in elf.symbols() {
         let Ok(raw) = symbol.name() else { continue };
-        // `$t`, `$d` and so on mark what is code and what is data.
+        // `$t`, `$d` and similar symbols mark code and data.
         if raw.is_empty() || raw.starts_with('$') || symbol.is_undefined() {
             continue;
         }

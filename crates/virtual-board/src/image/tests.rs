@@ -1,4 +1,4 @@
-//! Images made by hand and by another writer of debug information.
+//! Images built by hand and with another writer of debug information.
 
 use super::*;
 use gimli::write::{
@@ -10,16 +10,16 @@ use gimli::{Encoding, Format, LineEncoding};
 /// Parts of an ELF file.
 #[derive(Clone)]
 pub(crate) struct Builder {
-    /// Physical address, virtual address, bytes.
+    /// Physical address, virtual address, content.
     pub segments: Vec<(u32, u32, Vec<u8>)>,
-    /// Name, address, size, whether it is a function.
+    /// Name, address, size, true for a function.
     pub symbols: Vec<(String, u32, u32, bool)>,
-    /// Name, bytes.
+    /// Name, content.
     pub sections: Vec<(String, Vec<u8>)>,
 }
 
 impl Builder {
-    /// Vectors, then `code` at 0x08000100; the stack at the end of the SRAM.
+    /// Vectors, then `code` at 0x08000100; the stack pointer is at the end of the SRAM.
     pub fn new(code: &[u8]) -> Self {
         let mut flash = vec![0xff; 0x100];
         flash[..4].copy_from_slice(&0x2002_0000u32.to_le_bytes());
@@ -42,7 +42,8 @@ impl Builder {
         self
     }
 
-    /// A line table (DWARF 5, by gimli's writer): address, file, line; the last address ends it.
+    /// Adds a line table (DWARF 5, by gimli's writer) with rows of address, file and line; `end` is the end of the last
+    /// row.
     pub fn lines(mut self, rows: &[(u32, &str, u64)], end: u32) -> Self {
         let encoding = Encoding {
             address_size: 4,
@@ -113,7 +114,7 @@ impl Builder {
                 let at = strings.len() as u32;
                 strings.extend_from_slice(title.as_bytes());
                 strings.push(0);
-                // Global function or object, in section 1 whatever it is.
+                // Global function or object, in section 1 whatever its kind.
                 let info = if *function { 0x12 } else { 0x11 } | 1 << 16;
                 for field in [at, *address, *size, info] {
                     table.extend_from_slice(&field.to_le_bytes());
@@ -179,9 +180,9 @@ fn error(bytes: Vec<u8>) -> String {
 }
 
 #[test]
-fn segments_go_to_their_physical_addresses() {
+fn segments_are_loaded_at_their_physical_addresses() {
     let mut builder = Builder::new(&CODE);
-    // Initial values of variables: loaded behind the code, to be copied to the SRAM by the program.
+    // Initial values of variables: stored behind the code, to be copied to the SRAM by the program.
     builder
         .segments
         .push((0x0801_0000, 0x2000_0000, vec![1, 2, 3]));
@@ -193,14 +194,14 @@ fn segments_go_to_their_physical_addresses() {
 }
 
 #[test]
-fn without_symbols_and_lines_an_image_is_still_read() {
+fn image_without_symbols_and_lines_is_accepted() {
     let image = Builder::new(&CODE).image();
     assert_eq!(image.describe(0x0800_0110), "0x08000110");
     assert_eq!(image.symbol("main"), None);
 }
 
 #[test]
-fn functions_and_variables_have_their_names() {
+fn functions_and_variables_are_found_by_name_and_address() {
     let image = Builder::new(&CODE)
         .function(
             "_ZN4core3fmt5Write9write_fmt17h0123456789abcdefE",
@@ -229,7 +230,7 @@ fn functions_and_variables_have_their_names() {
 }
 
 #[test]
-fn lines_are_those_of_the_table() {
+fn source_lines_match_the_table() {
     let rows = [
         (0x0800_0100, "main.rs", 10),
         (0x0800_0104, "lib/inlined.rs", 77),
@@ -237,7 +238,7 @@ fn lines_are_those_of_the_table() {
         (0x0800_010c, "main.rs", 12),
     ];
     let image = Builder::new(&CODE).lines(&rows, 0x0800_0110).image();
-    // Line 0 belongs to no line; beyond the end of the sequence there is nothing.
+    // Line 0 is no source line; addresses beyond the end of the sequence have no line.
     for (pc, line) in [
         (0x0800_0103, Some("/source/main.rs:10")),
         (0x0800_0104, Some("/source/lib/inlined.rs:77")),
@@ -251,13 +252,13 @@ fn lines_are_those_of_the_table() {
 }
 
 #[test]
-fn lines_of_code_that_the_linker_threw_away_are_left_out() {
+fn lines_of_removed_code_are_omitted() {
     let image = Builder::new(&CODE).lines(&[(0, "gone.rs", 3)], 64).image();
     assert!(image.line(0).is_none());
 }
 
 #[test]
-fn sections_are_given_raw() {
+fn section_returns_raw_bytes() {
     let mut builder = Builder::new(&CODE);
     builder.sections.push((".defmt".into(), vec![7, 8, 9]));
     let image = builder.image();
@@ -266,7 +267,7 @@ fn sections_are_given_raw() {
 }
 
 #[test]
-fn what_is_no_image_is_told_with_its_field_and_value() {
+fn invalid_file_is_rejected_with_field_and_value() {
     let good = Builder::new(&CODE).build();
     let with = |at: usize, bytes: &[u8]| {
         let mut file = good.clone();
@@ -292,7 +293,7 @@ fn what_is_no_image_is_told_with_its_field_and_value() {
     ] {
         assert_eq!(found, format!("x.elf: {expected}"));
     }
-    // Cut anywhere, it is an error or, where only names of sections are gone, still an image.
+    // A cut file is an error, or still an image if only section names are missing.
     let vectors_end = 52 + 32 + 0x100 + CODE.len();
     for length in 0..vectors_end {
         let cut = Image::parse("x", good[..length].to_vec());
@@ -301,13 +302,13 @@ fn what_is_no_image_is_told_with_its_field_and_value() {
 }
 
 #[test]
-fn images_for_other_chips_are_refused() {
+fn image_for_another_chip_is_rejected() {
     let change = |at: usize, value: u32| {
         let mut builder = Builder::new(&CODE);
         builder.segments[0].2[at..at + 4].copy_from_slice(&value.to_le_bytes());
         error(builder.build())
     };
-    // 192 KiB of contiguous memory; no memory at all; a reset vector in Arm state; one elsewhere.
+    // 192 KiB of contiguous memory; no memory; a reset vector in Arm state; a reset vector outside the image.
     for (at, value, text) in [
         (0, 0x2003_0000, "the initial stack pointer is 0x20030000"),
         (0, 0x0000_0000, "the initial stack pointer is 0x00000000"),

@@ -1,6 +1,6 @@
-//! What a debug probe would see.
+//! Features of a debug probe.
 //!
-//! | module | what it holds |
+//! | module | content |
 //! |---|---|
 //! | [`rtt`] | the log channel in the target's memory |
 //! | [`profile`] | time by function and by interrupt |

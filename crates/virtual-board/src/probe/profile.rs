@@ -1,4 +1,4 @@
-//! Where the time of a board goes: by function, by source line and by interrupt.
+//! Profile of a board: time by function, source line and interrupt.
 
 use crate::board::Board;
 use crate::core::ExceptionProfile;
@@ -7,28 +7,28 @@ use crate::time::Cycles;
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// What is not in a function of the image.
+/// Table entry for the cycles that belong to no function of the image.
 const ELSEWHERE: &str = "(outside the flash, and first fetches)";
 
-/// What an interrupt or another exception took.
+/// Times of an interrupt or another exception.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct InterruptTime {
-    /// Its name.
+    /// Name of the handler.
     pub name: String,
-    /// What it took.
+    /// Counts and durations.
     pub times: ExceptionProfile,
 }
 
 /// Cycles of a function.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FunctionTime {
-    /// Its name; where there are no symbols its address.
+    /// Name; without symbols, the address.
     pub name: String,
-    /// Cycles in it, without what it called.
+    /// Cycles in the function, without called functions.
     pub cycles: Cycles,
 }
 
-/// Where the time of a board went.
+/// Times of a board.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Times {
     functions: Vec<FunctionTime>,
@@ -39,8 +39,8 @@ pub struct Times {
 }
 
 impl Times {
-    /// From the cycles of each instruction (address, cycles), and those of interrupts. Both tables come
-    /// with the greatest first.
+    /// Creates the tables from the cycles of each instruction (address, cycles) and the times of interrupts. Both
+    /// tables are sorted, largest first.
     pub fn new(
         image: &Image,
         instructions: impl IntoIterator<Item = (u32, Cycles)>,
@@ -61,7 +61,7 @@ impl Times {
         let mut functions: Vec<_> = functions
             .map(|(name, cycles)| FunctionTime { name, cycles })
             .collect();
-        // Stable: equals stay in the order of their names.
+        // The sort is stable: functions with equal cycles stay in the order of their names.
         functions.sort_by_key(|f| std::cmp::Reverse(f.cycles));
         let mut interrupts: Vec<_> = interrupts
             .into_iter()
@@ -76,8 +76,8 @@ impl Times {
         }
     }
 
-    /// Of a board with this image, since its profile began ([`crate::core::Core::set_profiling`]); none
-    /// if it did not. Its core ran at `frequency_hz`.
+    /// Times of a board with this image since its profiling began ([`crate::core::Core::set_profiling`]); `None`
+    /// without profiling. The core ran at `frequency_hz`.
     pub fn of(image: &Image, board: &Board, frequency_hz: f64) -> Option<Self> {
         let profile = board.core().profile()?;
         let interrupts = image.handlers().into_iter().map(|(number, name)| {
@@ -93,17 +93,17 @@ impl Times {
         Some(times)
     }
 
-    /// Frequency of the core's clock, Hz: cycles in a second.
+    /// Frequency of the core clock, Hz.
     pub fn frequency_hz(&self) -> f64 {
         self.frequency_hz
     }
 
-    /// Functions, the one that took most first.
+    /// Functions, sorted by cycles, largest first.
     pub fn functions(&self) -> &[FunctionTime] {
         &self.functions
     }
 
-    /// Interrupts that ran, the one that took most first.
+    /// Interrupts that occurred, sorted by total cycles, largest first.
     pub fn interrupts(&self) -> &[InterruptTime] {
         &self.interrupts
     }
@@ -113,10 +113,10 @@ impl Times {
         self.functions.iter().map(|f| f.cycles).sum()
     }
 
-    /// Folded stacks, a line each: `board;function;file:line cycles`. Speedscope and flamegraph tools
-    /// read it. Callers are not known, so a stack is a function and the line in it.
+    /// Folded stacks for Speedscope and flame graph tools, one per line: `board;function;file:line cycles`. Callers are
+    /// not known, so a stack consists of a function and its source line.
     pub fn folded(&self, board: &str) -> String {
-        // `;` divides frames, the last space the number.
+        // `;` separates frames, the last space the number.
         let frame = |text: &str| text.replace(';', ":");
         let lines = self.lines.iter().map(|((function, line), cycles)| {
             let mut stack = format!("{};{}", frame(board), frame(function));
@@ -129,7 +129,7 @@ impl Times {
     }
 }
 
-/// Two tables: the functions that take most, and the interrupts.
+/// Two tables: the functions with the most cycles, and the interrupts.
 impl fmt::Display for Times {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         const SHOWN: usize = 30;
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn cycles_are_added_up_by_function() {
+    fn cycles_are_summed_by_function_and_sorted() {
         let times = times();
         let found: Vec<_> = times
             .functions()
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_has_microseconds() {
+    fn table_shows_interrupt_times_in_microseconds() {
         let text = times().to_string();
         let line = text.lines().find(|l| l.ends_with("ADC"));
         assert_eq!(

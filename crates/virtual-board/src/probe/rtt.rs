@@ -1,16 +1,16 @@
-//! SEGGER RTT: the log that a program writes into a ring in its memory and a probe reads out.
+//! SEGGER RTT: the log that a program writes to a ring buffer in its memory and a probe reads.
 //!
-//! After SEGGER UM08001, "Real Time Transfer". The control block begins with `SEGGER RTT`, then the
-//! numbers of up and down channels, then the channels of six words each: name, buffer, size, write
-//! offset (the target's), read offset (the host's), flags. What the target does when the ring is full
-//! is its own matter, by the flags, which a host may set ([`Rtt::set_blocking`]) and may forget to set back.
+//! Source: SEGGER UM08001, "Real Time Transfer". The control block begins with `SEGGER RTT`, followed by the numbers of
+//! up and down channels and the channels. A channel has six words: name, buffer, size, write offset (target), read
+//! offset (host), flags. The flags select the target's behaviour when the buffer is full. A host may set them
+//! ([`Rtt::set_blocking`]) and may fail to reset them.
 
 /// First bytes of the control block.
 const IDENTITY: &[u8; 16] = b"SEGGER RTT\0\0\0\0\0\0";
-/// Offset of the first up channel, and the length of a channel.
+/// Offset of the first up channel in the control block, and length of a channel, bytes.
 const CHANNEL: usize = 24;
 const CHANNEL_LENGTH: usize = 24;
-/// Flags: the target waits for the host.
+/// Flags: the target waits for the host if the buffer is full.
 const BLOCKING: u8 = 2;
 
 /// The host's side of up channel 0.
@@ -18,17 +18,17 @@ const BLOCKING: u8 = 2;
 pub struct Rtt {
     /// First address of the memory.
     base: u32,
-    /// Where the control block is, if it is known.
+    /// Address of the control block, if known.
     block: Option<u32>,
-    /// By a symbol, so that it is not looked for.
+    /// True if the address comes from a symbol: the memory is not searched.
     fixed: bool,
     reading: bool,
 }
 
-/// The fields of the channel.
+/// Fields of the channel.
 #[derive(Clone, Copy)]
 struct Channel {
-    /// Offsets in the memory of the fields and of the ring.
+    /// Offsets in the memory of the channel's fields and of the ring buffer.
     fields: usize,
     ring: usize,
     size: usize,
@@ -37,8 +37,8 @@ struct Channel {
 }
 
 impl Rtt {
-    /// For a memory that begins at `base`; `block` is the address of `_SEGGER_RTT`. Without it the
-    /// memory is searched.
+    /// Creates the host side for a memory that begins at `base`. `block` is the address of `_SEGGER_RTT`; without it,
+    /// the memory is searched.
     pub fn new(base: u32, block: Option<u32>) -> Self {
         Self {
             base,
@@ -48,12 +48,12 @@ impl Rtt {
         }
     }
 
-    /// The host stops reading, or goes on. The channel's mode stays as it is.
+    /// Stops or resumes reading. The mode of the channel is unchanged.
     pub fn set_reading(&mut self, reading: bool) {
         self.reading = reading;
     }
 
-    /// Reads what is there and appends it to `out`.
+    /// Reads all available bytes and appends them to `out`.
     pub fn poll(&mut self, memory: &mut [u8], out: &mut Vec<u8>) {
         let Some(channel) = self.channel(memory) else {
             return;
@@ -79,7 +79,7 @@ impl Rtt {
         }
     }
 
-    /// Has the target wait for the host when the ring is full, as a host does that begins to read.
+    /// Makes the target wait when the buffer is full, as a host does that starts to read.
     pub fn set_blocking(&mut self, memory: &mut [u8]) {
         if let Some(channel) = self.channel(memory) {
             let at = channel.fields + 20;
@@ -87,7 +87,7 @@ impl Rtt {
         }
     }
 
-    /// Sets the host's offset so that the ring has no room left, as a host leaves it that hangs.
+    /// Sets the read offset so that the buffer is full, as a stalled host leaves it.
     pub fn leave_full(&mut self, memory: &mut [u8]) {
         if let Some(channel) = self.channel(memory) {
             let (at, next) = (channel.fields + 16, (channel.write + 1) % channel.size);
@@ -148,7 +148,7 @@ mod tests {
     const RING: usize = 0x100;
     const SIZE: usize = 16;
 
-    /// The target's side, written after the manual.
+    /// The target side, according to the manual.
     struct Target {
         memory: Vec<u8>,
     }
@@ -170,7 +170,7 @@ mod tests {
             self.memory[at..at + 4].copy_from_slice(&word.to_le_bytes());
         }
 
-        /// Writes what fits; how much that was.
+        /// Writes the bytes that fit; returns their number.
         fn write(&mut self, bytes: &[u8]) -> usize {
             let (at, read) = (BLOCK + 36, word(&self.memory, BLOCK + 40).unwrap() as usize);
             for (k, &byte) in bytes.iter().enumerate() {
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn every_byte_comes_once_and_in_order_whatever_the_pieces() {
+    fn every_byte_arrives_once_and_in_order() {
         for block in [None, Some(BASE + BLOCK as u32)] {
             let mut target = Target::new();
             let mut rtt = Rtt::new(BASE, block);
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_host_that_stops_reading_lets_the_ring_fill() {
+    fn buffer_fills_while_the_host_does_not_read() {
         let mut target = Target::new();
         let mut rtt = Rtt::new(BASE, None);
         let mut out = Vec::new();
@@ -219,7 +219,7 @@ mod tests {
         assert_eq!(target.write(&[7; 20]), SIZE - 1);
         rtt.poll(&mut target.memory, &mut out);
         assert_eq!((out.len(), target.write(&[7])), (0, 0));
-        // It left without setting the mode back: it stays.
+        // The host stopped without resetting the mode.
         assert_eq!(word(&target.memory, BLOCK + 44), Some(2));
         rtt.set_reading(true);
         rtt.poll(&mut target.memory, &mut out);
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_without_a_channel_is_left_alone() {
+    fn memory_without_a_valid_channel_is_unchanged() {
         let mut rtt = Rtt::new(BASE, None);
         let (mut memory, mut out) = (vec![0x55u8; 0x200], Vec::new());
         rtt.poll(&mut memory, &mut out);

@@ -1,4 +1,4 @@
-//! The wire: what all nodes drive, what each of them reads, when.
+//! The wire: levels driven by all nodes, levels read by each node, time.
 
 use super::can_node::{CanNode, Noise};
 use super::frame::Frame;
@@ -10,49 +10,49 @@ use crate::time::Time;
 /// A level of the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
-    /// Driven; wins.
+    /// Driven by at least one node; wins.
     Dominant,
-    /// Not driven.
+    /// Driven by no node.
     Recessive,
 }
 
-/// What can be wrong with the wire and the transceivers.
+/// Faults of the wire and the transceivers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Fault {
-    /// The bus has this level whatever the nodes drive; none: as they drive.
+    /// The bus is stuck at this level; `None`: not stuck.
     Level(Option<Level>),
-    /// What a node's transceiver still does.
+    /// State of a node's transceiver.
     Transceiver {
         /// The node.
         node: usize,
-        /// It puts on the bus what the controller sends.
+        /// True if the transceiver drives the bus as the controller requests.
         sends: bool,
-        /// It gives the controller what is on the bus; if not, the controller reads recessive.
+        /// True if the transceiver passes the bus level to the controller; otherwise the controller reads recessive.
         hears: bool,
     },
-    /// A node hangs on another piece of the cut wire; all are on piece 0 at first.
+    /// Piece of the cut wire that a node is connected to; initially all nodes are on piece 0.
     Piece {
         /// The node.
         node: usize,
-        /// The piece, below 256.
+        /// Number of the piece, below 256.
         piece: u8,
     },
     /// Each node reads each bit wrongly with this probability.
     Noise(f64),
 }
 
-/// A sending that ended.
+/// A transmission that has ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Record {
-    /// The node that sent.
+    /// Transmitting node.
     pub node: usize,
-    /// What it sent.
+    /// Transmitted frame.
     pub frame: Frame,
     /// Sample point of the start of frame.
     pub start: Time,
-    /// Sample point of the last bit, or of the bit in which the error was seen.
+    /// Sample point of the last bit, or of the bit in which the error was detected.
     pub end: Time,
-    /// The error that ended it.
+    /// Error that ended the transmission.
     pub error: Option<ErrorKind>,
 }
 
@@ -60,26 +60,24 @@ pub struct Record {
 ///
 /// # Causality
 ///
-/// Boards run by themselves for a quantum of time at most `quantum`, then the wire follows with
-/// [`Wire::advance`]. It knows then when each mailbox was requested. A frame that began before is
-/// followed for a quantum more, so that its end, which is 44 bits after its beginning at least, is
-/// told before the boards get there. So, at any quantum up to 42 bits:
+/// Each board runs alone for at most `quantum`, then the wire follows with [`Wire::advance`] and knows when each
+/// mailbox was requested. A frame that began before is simulated for one more quantum. Its end is at least 44 bits
+/// after its start, so the boards receive the end in time. Consequences, for a quantum of up to 42 bits:
 ///
-/// - exact: starts of frames, who wins the arbitration, ends of sending and receiving;
-/// - told up to a quantum late, while the time told is exact: starts of frames, lost arbitrations,
-///   errors in the first quantum of a frame, the end of waiting for eleven recessive bits. The wire
-///   itself goes on exactly;
-/// - obeyed up to a quantum late: a reset or a new mode of a node, and a fault injected for now, while
-///   a frame goes on; so a node that was reset in the middle of a frame may still acknowledge it;
-/// - a mailbox that is aborted in the same quantum in which it would have begun does not begin.
+/// - Exact: starts of frames, the winner of arbitration, ends of transmission and reception.
+/// - Delivered up to a quantum late, with the exact time: starts of frames, lost arbitrations, errors in the first
+///   quantum of a frame, the end of waiting for eleven recessive bits. The wire itself is exact.
+/// - Effective up to a quantum late while a frame is on the bus: a reset or mode change of a node, and a fault injected
+///   for the present. So a node that was reset in the middle of a frame may still acknowledge the frame.
+/// - A mailbox aborted in the quantum in which its transmission would have begun does not begin.
 #[derive(Clone)]
 pub struct Wire {
     pub(super) can_nodes: Vec<CanNode>,
-    /// Dominant drivers at each piece.
+    /// Number of dominant drivers on each piece.
     pub(super) drivers: Vec<u16>,
     pub(super) forced: Option<Level>,
     pub(super) noise: Noise,
-    /// From a controller's output to all inputs: twice that of a transceiver and of the wire between.
+    /// Delay from a controller's output to all inputs: twice that of a transceiver, plus the wire.
     pub(super) delay: Time,
     quantum: Time,
     now: Time,
@@ -91,7 +89,7 @@ pub struct Wire {
 }
 
 impl Wire {
-    /// A wire for so many nodes, whose boards run in quanta of at most `quantum`. The seed is that of
+    /// Creates a wire for `nodes` nodes whose boards run in quanta of at most `quantum`. `seed` is for
     /// [`Fault::Noise`].
     pub fn new(nodes: usize, quantum: Time, seed: u64) -> Self {
         Self {
@@ -110,12 +108,12 @@ impl Wire {
         }
     }
 
-    /// Keeps what was sent from now on, for [`Self::take_records`].
+    /// Records transmissions from now on, for [`Self::take_records`].
     pub fn record(&mut self) {
         self.records.get_or_insert_default();
     }
 
-    /// What was sent since the last call.
+    /// Transmissions since the last call.
     pub fn take_records(&mut self) -> Vec<Record> {
         self.records
             .as_mut()
@@ -123,7 +121,7 @@ impl Wire {
             .unwrap_or_default()
     }
 
-    /// Counts of a node.
+    /// Statistics of a node.
     pub fn statistics(&self, node: usize) -> Statistics {
         self.can_nodes
             .get(node)
@@ -131,15 +129,14 @@ impl Wire {
             .unwrap_or_default()
     }
 
-    /// Brings a fault about at this time, at the earliest where the wire is: up to a quantum ahead of
-    /// the boards.
+    /// Injects a fault at `at`, but not before the wire's present time, which is up to a quantum ahead of the boards.
     pub fn inject(&mut self, at: Time, fault: Fault) {
         let at = at.max(self.now);
         let place = self.faults.partition_point(|&(time, _)| time <= at);
         self.faults.insert(place, (at, fault));
     }
 
-    /// Goes on to `until`, to where all nodes have run.
+    /// Advances to `until`, the time to which all nodes have run.
     pub fn advance(&mut self, until: Time, nodes: &mut [&mut dyn Node]) {
         self.collect(nodes);
         let horizon = until + self.quantum;
@@ -169,7 +166,7 @@ impl Wire {
         }
     }
 
-    /// Takes what the nodes did.
+    /// Takes the actions of the nodes.
     fn collect(&mut self, nodes: &mut [&mut dyn Node]) {
         for (i, (node, can_node)) in nodes.iter_mut().zip(&mut self.can_nodes).enumerate() {
             while let Some((at, action)) = node.take_action() {
@@ -189,7 +186,8 @@ impl Wire {
         self.actions.sort_by_key(|&(at, _, _)| at);
     }
 
-    /// The node that has something to do next, and when; never, if that is not before `until`.
+    /// Node with the next event, and the time of the event. If no event is due before `until`, the time is
+    /// [`Time::NEVER`].
     fn next(&mut self, until: Time) -> (usize, Time) {
         if self.asleep {
             let wake = self.quiet_until();
@@ -212,7 +210,7 @@ impl Wire {
         quiet.min().unwrap_or(Time::NEVER)
     }
 
-    /// After a time in which nothing happened, all nodes' bits go on.
+    /// Resumes the bit clocks of all nodes after an idle period.
     fn wake(&mut self, now: Time) {
         self.asleep = false;
         let delay = self.delay;
@@ -222,7 +220,7 @@ impl Wire {
         }
     }
 
-    /// A node samples a bit or begins one.
+    /// Samples a bit of a node, or begins its next bit.
     fn step(&mut self, i: usize, at: Time, nodes: &mut [&mut dyn Node]) {
         let can_node = &mut self.can_nodes[i];
         if can_node.clock.sampled {
@@ -257,14 +255,14 @@ impl Wire {
         }
     }
 
-    /// Sleeps when nothing goes on.
+    /// Suspends the bit clocks while the bus is idle.
     fn doze(&mut self, at: Time) {
         let still = self.forced.is_none() && self.noise.is_off();
         let driven = self.can_nodes.iter().any(|s| s.dominant);
         self.asleep = still && !driven && self.quiet_until() > at;
     }
 
-    /// Counts the nodes for which the bus is not idle.
+    /// Updates the number of nodes for which the bus is not idle.
     fn occupy(&mut self, is_busy: bool) {
         if is_busy {
             self.busy += 1;
@@ -273,7 +271,7 @@ impl Wire {
         }
     }
 
-    /// The level that a node reads, true for dominant.
+    /// Level that a node reads; true is dominant.
     fn input(&mut self, i: usize) -> bool {
         let can_node = &self.can_nodes[i];
         let level = can_node.is_reading() && self.level(can_node.piece);
@@ -287,7 +285,7 @@ impl Wire {
         }
     }
 
-    /// A node drives another level from now on.
+    /// Sets the level that a node drives.
     fn drive(&mut self, i: usize, dominant: bool, at: Time) {
         let can_node = &mut self.can_nodes[i];
         let before = can_node.is_driving();
@@ -306,7 +304,7 @@ impl Wire {
         self.changed(piece, level, at);
     }
 
-    /// The level of a piece may have changed: all that read it follow an edge to dominant.
+    /// Synchronizes the readers of a piece after an edge to dominant.
     fn changed(&mut self, piece: usize, before: bool, at: Time) {
         let level = self.level(piece);
         if level == before || !level {
@@ -323,7 +321,7 @@ impl Wire {
         }
     }
 
-    /// Tells a node what happened to it, if anything did.
+    /// Delivers pending events to a node; true if there were any.
     fn deliver(&mut self, i: usize, at: Time, nodes: &mut [&mut dyn Node]) -> bool {
         let controller = &mut self.can_nodes[i].controller;
         if controller.happened.is_empty() {
@@ -349,7 +347,7 @@ impl Wire {
         true
     }
 
-    /// What a node did takes effect.
+    /// Applies an action of a node.
     fn act(&mut self, i: usize, action: Action, nodes: &mut [&mut dyn Node]) {
         let now = self.now;
         self.rouse();
@@ -387,7 +385,7 @@ impl Wire {
         }
     }
 
-    /// Changes something about the nodes or the wire and looks at all levels anew.
+    /// Applies a change to nodes or wire, then updates all levels.
     fn redrive(&mut self, change: impl FnOnce(&mut Self)) {
         let before: Vec<bool> = (0..self.drivers.len()).map(|p| self.level(p)).collect();
         change(self);
@@ -403,7 +401,7 @@ impl Wire {
         }
     }
 
-    /// A fault comes about.
+    /// Applies a fault.
     fn strike(&mut self, fault: Fault) {
         self.rouse();
         match fault {

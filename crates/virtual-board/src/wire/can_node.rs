@@ -1,23 +1,22 @@
-//! A node as it hangs on the wire: clock, levels, transceiver.
+//! A node on the bus: clock, levels, transceiver.
 
 use super::controller::Controller;
 use super::node::Settings;
 use super::timing::{BitClock, BitTiming};
 use crate::time::Time;
 
-/// A node at the wire.
 #[derive(Clone)]
 pub(super) struct CanNode {
     pub controller: Controller,
     pub clock: BitClock,
-    /// What it drives.
+    /// True if the node drives dominant.
     pub dominant: bool,
-    /// What it read last.
+    /// Level that the node read last; true is dominant.
     pub read: bool,
     pub sends: bool,
     pub hears: bool,
     pub piece: usize,
-    /// When it has to do something next, as the bus sees it.
+    /// Time of the node's next event, as seen on the bus.
     pub due: Time,
 }
 
@@ -39,12 +38,12 @@ impl CanNode {
         self.controller.settings().is_some_and(of)
     }
 
-    /// Whether what it drives is on the bus.
+    /// True if the node's dominant level reaches the bus.
     pub fn is_driving(&self) -> bool {
         self.dominant && self.sends && self.with(|s| s.sends)
     }
 
-    /// Whether it reads the bus.
+    /// True if the node reads the bus.
     pub fn is_reading(&self) -> bool {
         self.hears && self.with(|s| s.hears)
     }
@@ -60,12 +59,12 @@ impl CanNode {
     }
 }
 
-/// Bits read wrongly.
+/// Bit errors of reading.
 #[derive(Clone)]
 pub(super) struct Noise {
     rate: f64,
     state: u64,
-    /// Bits that are still read rightly.
+    /// Number of correct bits left before the next error.
     left: u64,
 }
 
@@ -87,7 +86,7 @@ impl Noise {
         self.draw();
     }
 
-    /// A geometric distribution: the number of right bits before a wrong one.
+    /// Draws the number of correct bits before an error from a geometric distribution.
     fn draw(&mut self) {
         self.state ^= self.state << 13;
         self.state ^= self.state >> 7;

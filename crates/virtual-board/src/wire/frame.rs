@@ -1,4 +1,4 @@
-//! Classical CAN frames: fields, checksum, bit stuffing, the sequence on the wire (ISO 11898-1).
+//! Classical CAN frames: fields, checksum, bit stuffing, sequence of bits on the bus (ISO 11898-1).
 
 /// Identifier of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -19,7 +19,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// A data frame; of more than eight bytes the first eight. An identifier is cut to its width.
+    /// A data frame. Only the first eight bytes of `data` are used; the identifier is truncated to its width.
     pub fn new(id: Id, data: &[u8]) -> Self {
         let length = data.len().min(8);
         let mut bytes = [0; 8];
@@ -27,12 +27,12 @@ impl Frame {
         Self::raw(id, false, length as u8, bytes)
     }
 
-    /// A remote frame that asks for so many bytes.
+    /// A remote frame that requests `length` bytes.
     pub fn remote(id: Id, length: u8) -> Self {
         Self::raw(id, true, length, [0; 8])
     }
 
-    /// A frame of its fields. A length code above 8, which the standard allows, means eight bytes.
+    /// A frame from its fields. A length code above 8, which the standard allows, means eight bytes.
     pub fn raw(id: Id, remote: bool, code: u8, data: [u8; 8]) -> Self {
         let id = match id {
             Id::Standard(id) => Id::Standard(id & 0x7ff),
@@ -54,17 +54,17 @@ impl Frame {
         self.id
     }
 
-    /// Whether it asks for data and carries none.
+    /// True for a remote frame, which requests data and carries none.
     pub fn is_remote(&self) -> bool {
         self.remote
     }
 
-    /// The data length code as it is sent.
+    /// Data length code as transmitted.
     pub fn code(&self) -> u8 {
         self.code
     }
 
-    /// The bytes carried.
+    /// Data bytes.
     pub fn data(&self) -> &[u8] {
         &self.data[..self.count()]
     }
@@ -77,8 +77,7 @@ impl Frame {
         }
     }
 
-    /// The order in which frames win the arbitration: the bits of the arbitration field, the lowest
-    /// wins.
+    /// Priority in arbitration: the bits of the arbitration field; the lowest value wins.
     pub fn priority(&self) -> u32 {
         let remote = u32::from(self.remote);
         match self.id {
@@ -87,7 +86,7 @@ impl Frame {
         }
     }
 
-    /// The bits on the wire from the start of frame to the end of the end-of-frame field.
+    /// Bits on the bus, from the start of frame to the end-of-frame field.
     pub fn bits(&self) -> Bits {
         let mut bits = Stuffer::default();
         bits.put(0, 1);
@@ -115,54 +114,53 @@ impl Frame {
     }
 }
 
-/// Bits behind the stuffed ones: delimiter of the checksum, acknowledgement and its delimiter, end of
-/// frame.
+/// Bits behind the stuffed part: checksum delimiter, acknowledgement and its delimiter, end of frame.
 const TAIL: usize = 3 + 7;
 
-/// Remainder of the checksum after another bit.
+/// Remainder of the checksum after one more bit.
 pub(crate) const fn crc_step(crc: u16, bit: bool) -> u16 {
     let next = crc << 1;
     let feedback = (crc >> 14 & 1 == 1) != bit;
     (if feedback { next ^ 0x4599 } else { next }) & 0x7fff
 }
 
-/// The bits of a frame as they are on the wire, stuff bits included.
+/// Bits of a frame on the bus, including stuff bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Bits {
     recessive: [u64; 3],
     stuffed: [u64; 3],
     length: u8,
-    /// The last bit of the arbitration field.
+    /// Index of the last bit of the arbitration field.
     arbitration: u8,
 }
 
 impl Bits {
-    /// How many there are, without the intermission.
+    /// Number of bits, without the intermission.
     pub fn length(&self) -> usize {
         self.length.into()
     }
 
-    /// Whether bit `i` is recessive, the level of a logical 1.
+    /// True if bit `i` is recessive, the level of a logical 1.
     pub fn recessive(&self, i: usize) -> bool {
         self.recessive[i / 64] >> (i % 64) & 1 == 1
     }
 
-    /// Whether bit `i` is a stuff bit.
+    /// True if bit `i` is a stuff bit.
     pub fn is_stuff_bit(&self, i: usize) -> bool {
         self.stuffed[i / 64] >> (i % 64) & 1 == 1
     }
 
-    /// Whether bit `i` belongs to the arbitration field.
+    /// True if bit `i` belongs to the arbitration field.
     pub(crate) fn is_arbitration(&self, i: usize) -> bool {
         i <= self.arbitration.into()
     }
 
-    /// The bit in which receivers acknowledge.
+    /// Index of the acknowledgement slot.
     pub fn acknowledgement(&self) -> usize {
         self.length() - 9
     }
 
-    /// All bits, true for recessive.
+    /// All bits; true is recessive.
     pub fn iter(&self) -> impl Iterator<Item = bool> + '_ {
         (0..self.length()).map(|i| self.recessive(i))
     }
@@ -175,7 +173,7 @@ impl Bits {
     }
 }
 
-/// Puts stuff bits in and sums up.
+/// Inserts stuff bits and computes the checksum.
 #[derive(Default)]
 struct Stuffer {
     bits: Bits,
@@ -227,7 +225,7 @@ impl Stuffer {
 mod tests {
     use super::*;
 
-    /// Taken apart by the rules of the standard, backwards to how it was put together.
+    /// Stuffed bits decoded by the rules of the standard, independently of the encoder.
     fn destuffed(bits: &Bits) -> Vec<bool> {
         let mut out: Vec<bool> = Vec::new();
         let (mut run, mut last) = (0, None);
@@ -245,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn priority_is_the_order_of_the_arbitration_field() {
+    fn priority_orders_frames_as_arbitration_does() {
         let mut frames = Vec::new();
         for id in [0x100u32, 0x101, 0x7ff] {
             for remote in [false, true] {
@@ -258,7 +256,7 @@ mod tests {
         for a in &frames {
             for b in &frames {
                 let (x, y) = (destuffed(&a.bits()), destuffed(&b.bits()));
-                // The first different bit: dominant wins.
+                // At the first different bit, dominant wins.
                 let wins = x.iter().zip(&y).find(|(p, q)| p != q);
                 if let Some((p, q)) = wins {
                     assert_eq!(a.priority().cmp(&b.priority()), p.cmp(q), "{a:?} {b:?}");

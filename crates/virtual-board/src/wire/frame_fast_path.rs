@@ -1,22 +1,21 @@
-//! The undisturbed middle of a frame in one go.
+//! The undisturbed middle of a frame in one step.
 //!
-//! While one node sends and all others receive the same without error, nothing of the protocol can
-//! happen before the checksum's end: bits are only handed on. What is left is when each node samples
-//! and which edges it follows, which is computed as in the single steps. Where any condition does not
-//! hold, the wire takes single steps; the outcome is the same.
+//! While one node transmits and all others receive the same bits without error, the protocol has no event before the
+//! end of the checksum. Only the sample times of each node and its synchronization to edges remain; they are computed
+//! as in single steps. If any condition does not hold, the wire takes single steps; the result is the same.
 
 use super::bus::Wire;
 use crate::time::Time;
 
-/// Fewer bits are not worth it.
+/// Minimum number of bits for the fast path.
 const FEWEST: usize = 4;
-/// Bits at the end of a frame in which nodes answer: from the last bit before the delimiter of the
-/// checksum on.
+/// Bits at the end of a frame that need single steps, because nodes may respond: from the last bit before the checksum
+/// delimiter on.
 const TAIL: usize = 11;
 
 impl Wire {
-    /// Goes over bits that the node sends, all of them sampled before `limit`, if that is possible
-    /// just now: the node is about to begin a bit, and all others have sampled the one before.
+    /// Processes bits of the sender in one step, all sampled before `limit`; false if that is not possible. The sender
+    /// must be about to begin a bit, and all other nodes must have sampled the previous bit.
     pub(super) fn fast_forward(&mut self, sender: usize, limit: Time) -> bool {
         let Some((from, to)) = self.stretch(sender, limit) else {
             return false;
@@ -25,7 +24,7 @@ impl Wire {
             return false;
         };
         let bits = *bits;
-        // Beginnings of the bits, with that of the one behind.
+        // Start times of the bits, and of the bit after them.
         let mut begins = [Time(0); 160];
         let mut clock = self.can_nodes[sender].clock;
         for begin in &mut begins[from..to] {
@@ -68,7 +67,7 @@ impl Wire {
         true
     }
 
-    /// The bits that can be gone over: from the one that the sender begins next to before another.
+    /// Range of bits for the fast path: from the sender's next bit to the bit at the end, exclusive.
     fn stretch(&self, sender: usize, limit: Time) -> Option<(usize, usize)> {
         let can_node = &self.can_nodes[sender];
         let (bits, from) = can_node.controller.sending()?;
@@ -91,14 +90,14 @@ impl Wire {
         if !heard || !follow {
             return None;
         }
-        // Others sample a bit later than the sender by less than a bit.
+        // Other nodes sample later than the sender by less than one bit.
         let span = limit - can_node.clock.next_time();
         let fit = (span.0 / can_node.clock.bit().0.max(1)).saturating_sub(2);
         let to = to.min(from + fit as usize);
         (to >= from + FEWEST).then_some((from, to))
     }
 
-    /// The sender drives the last bit gone over.
+    /// Sets the level that the sender drives after the last processed bit.
     fn drove(&mut self, sender: usize) {
         let can_node = &mut self.can_nodes[sender];
         let before = std::mem::replace(&mut can_node.dominant, can_node.read);

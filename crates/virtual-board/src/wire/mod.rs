@@ -1,16 +1,16 @@
 //! The CAN bus between boards, exact to the bit and, within a bit, to the time quantum.
 //!
-//! | file | what it holds |
+//! | file | content |
 //! |---|---|
-//! | [`frame`] | frames, their bits on the wire with checksum and stuff bits |
-//! | [`timing`] | bit timing, synchronisation |
-//! | `receiver` | a frame taken apart bit by bit |
+//! | [`frame`] | frames and their bits on the bus, with checksum and stuff bits |
+//! | [`timing`] | bit timing, synchronization |
+//! | `receiver` | parsing of a frame bit by bit |
 //! | `controller` | the protocol of one node: arbitration, errors, counters |
-//! | `can_node` | a node at the wire: clock, transceiver |
-//! | [`bus`] | the wire: levels, time, faults |
-//! | `frame_fast_path` | the undisturbed middle of a frame in one go |
-//! | [`node`] | what a wire and its nodes tell each other |
-//! | [`virtual_node`] | nodes without a board: a sender, a babbling node, a listener |
+//! | `can_node` | a node on the bus: clock, transceiver |
+//! | [`bus`] | the bus: levels, time, faults |
+//! | `frame_fast_path` | the undisturbed middle of a frame in one step |
+//! | [`node`] | actions and events exchanged between the bus and its nodes |
+//! | [`virtual_node`] | nodes without a board: sender, babbling node, listener |
 
 pub mod bus;
 mod can_node;

@@ -1,4 +1,4 @@
-//! What a wire and its nodes tell each other.
+//! Actions and events exchanged between a wire and its nodes.
 
 use super::frame::Frame;
 use super::timing::BitTiming;
@@ -7,22 +7,22 @@ use crate::time::Time;
 /// Errors that a controller detects on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ErrorKind {
-    /// Six equal bits where stuff bits are.
+    /// Six equal bits in the stuffed part.
     Stuff,
-    /// A bit of fixed level had the other.
+    /// Wrong level of a bit with fixed level.
     Form,
-    /// Nobody acknowledged.
+    /// No node acknowledged.
     Acknowledgement,
-    /// Sent recessive, read dominant.
+    /// A recessive bit was transmitted, a dominant bit was read.
     BitRecessive,
-    /// Sent dominant, read recessive.
+    /// A dominant bit was transmitted, a recessive bit was read.
     BitDominant,
-    /// The checksum does not fit.
+    /// The checksum is wrong.
     Crc,
 }
 
 impl ErrorKind {
-    /// All of them, at their index.
+    /// All kinds, in the order of their indices.
     pub const ALL: [Self; 6] = [
         Self::Stuff,
         Self::Form,
@@ -32,7 +32,7 @@ impl ErrorKind {
         Self::Crc,
     ];
 
-    /// The name in tables and in JSON.
+    /// Name in tables and in JSON.
     pub fn name(self) -> &'static str {
         match self {
             Self::Stuff => "stuff",
@@ -45,23 +45,23 @@ impl ErrorKind {
     }
 }
 
-/// How a controller takes part.
+/// Settings of a controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
-    /// Whether it takes part at all.
+    /// True if the controller takes part in the bus.
     pub on: bool,
-    /// Its bit timing.
+    /// Bit timing.
     pub timing: BitTiming,
-    /// It leaves bus-off by itself.
+    /// True if the controller recovers from bus-off automatically.
     pub recover: bool,
-    /// Its output reaches the transceiver.
+    /// True if the controller's output reaches the transceiver.
     pub sends: bool,
-    /// The transceiver's output reaches it.
+    /// True if the transceiver's output reaches the controller.
     pub hears: bool,
 }
 
 impl Settings {
-    /// An ordinary controller with this bit timing.
+    /// Settings of an ordinary controller with this bit timing.
     pub fn new(timing: BitTiming) -> Self {
         Self {
             on: true,
@@ -73,54 +73,54 @@ impl Settings {
     }
 }
 
-/// What a node does, told to the wire after the quantum in which it did.
+/// Action of a node, delivered to the wire after the quantum in which it occurred.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Action {
-    /// The controller is cut from the bus at once and forgets everything: a reset.
+    /// Reset: the controller leaves the bus at once and loses all state.
     Reset,
-    /// The controller takes part in another way. To leave it finishes what goes on; to take part it
-    /// waits for eleven recessive bits.
+    /// Changes the settings. A controller that leaves the bus completes the present frame; one that joins waits for
+    /// eleven recessive bits.
     Set(Settings),
-    /// A mailbox is to be sent.
+    /// Requests transmission of a mailbox.
     Request {
-        /// Its number; the lowest goes first among equal identifiers.
+        /// Number of the mailbox; among equal identifiers, the lowest goes first.
         mailbox: u8,
         /// The frame.
         frame: Frame,
     },
-    /// A mailbox is not to be sent any more. One that is being sent ends first.
+    /// Cancels transmission of a mailbox. A transmission in progress ends first.
     Abort {
-        /// Its number.
+        /// Number of the mailbox.
         mailbox: u8,
     },
 }
 
-/// What happens to a node.
+/// Kind of an event.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum What {
-    /// Eleven recessive bits were seen: it takes part now.
+    /// The controller detected eleven recessive bits and takes part from now on.
     Joined,
-    /// It has left, as it was asked to.
+    /// The controller left the bus, as requested.
     Left,
-    /// The start of frame of a mailbox.
+    /// Transmission of a mailbox began.
     Started {
         /// The mailbox.
         mailbox: u8,
     },
-    /// A mailbox was sent and acknowledged.
+    /// A mailbox was transmitted and acknowledged.
     Sent {
         /// The mailbox.
         mailbox: u8,
         /// Sample point of the start of frame.
         start: Time,
     },
-    /// A mailbox lost the arbitration or met an error.
+    /// A mailbox lost arbitration or met an error.
     Failed {
         /// The mailbox.
         mailbox: u8,
-        /// Lost the arbitration.
+        /// True if arbitration was lost.
         lost: bool,
-        /// It is sent again.
+        /// True if the transmission will be repeated.
         again: bool,
     },
     /// A frame was received.
@@ -132,20 +132,20 @@ pub enum What {
     },
     /// An error was detected.
     Error(ErrorKind),
-    /// The counters have changed otherwise.
+    /// The error counters changed for another reason.
     Counted,
-    /// Too many errors: it is off the bus now.
+    /// Bus-off: too many errors.
     Off,
-    /// It is back from bus-off.
+    /// The controller recovered from bus-off.
     Recovered,
 }
 
-/// What happens to a node, with its error counters then.
+/// An event of a node, with its error counters at that time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Event {
-    /// When.
+    /// Time of the event.
     pub at: Time,
-    /// What.
+    /// Kind of the event.
     pub what: What,
     /// Transmit error counter, up to 255.
     pub tec: u8,
@@ -153,11 +153,11 @@ pub struct Event {
     pub rec: u8,
 }
 
-/// A controller on the wire.
+/// A controller on the bus.
 pub trait Node {
-    /// The next thing that it did, in order of time, each once.
+    /// Next action of the node, in order of time; each is returned once.
     fn take_action(&mut self) -> Option<(Time, Action)>;
-    /// Something happens to it. Times lie ahead where they can be known ahead (see
-    /// [`Wire`](super::Wire)), in order.
+    /// Delivers an event, in order of time. The time may be in the future if it is known ahead (see
+    /// [`Wire`](super::Wire)).
     fn event(&mut self, event: Event);
 }

@@ -1,37 +1,37 @@
-//! Takes a frame apart bit by bit as it arrives.
+//! Parser of an incoming frame, bit by bit.
 
 use super::frame::{Frame, Id, crc_step};
 use super::node::ErrorKind;
 
-/// What a bit meant to a receiver.
+/// Meaning of a bit for a receiver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Step {
-    /// Nothing in particular.
+    /// No event.
     More,
-    /// The checksum is complete and right: the bit after the next acknowledges.
+    /// The checksum is complete and correct: the bit after the next one acknowledges.
     Acknowledge,
-    /// The frame is valid for a receiver: the last but one bit of the end of frame.
+    /// The frame is valid for a receiver: last but one bit of the end of frame.
     Valid,
-    /// The last bit of the end of frame.
+    /// Last bit of the end of frame.
     End,
-    /// The last bit of the end of frame was dominant: no error, but an overload frame follows.
+    /// Dominant last bit of the end of frame: no error, but an overload frame follows.
     Overload,
-    /// An error, which is signalled from the next bit on.
+    /// An error, to be signalled from the next bit on.
     Error(ErrorKind),
 }
 
-/// Bits of a data frame before its data, from the start of frame on.
+/// Bits from the start of frame to the data field, for both identifier lengths.
 const STANDARD: u16 = 19;
 const EXTENDED: u16 = 39;
 
-/// A frame on its way in.
+/// A frame being received.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Receiver {
     run: u8,
     last: bool,
-    /// Bits so far without stuff bits.
+    /// Bits so far, without stuff bits.
     count: u16,
-    /// Bits without stuff bits up to the end of the checksum, once the length code has arrived.
+    /// Bits up to the end of the checksum, without stuff bits; known once the length code has arrived.
     total: Option<u16>,
     crc: u16,
     identifier: u32,
@@ -39,17 +39,16 @@ pub(crate) struct Receiver {
     remote: bool,
     code: u8,
     data: u64,
-    /// Bits after the checksum.
+    /// Bits since the end of the checksum.
     tail: u8,
 }
 
 impl Receiver {
-    /// Bits so far without stuff bits.
+    /// Bits so far, without stuff bits.
     pub fn count(&self) -> u16 {
         self.count
     }
 
-    /// The frame as it arrived.
     pub fn frame(&self) -> Frame {
         let id = if self.extended {
             Id::Extended(self.identifier)
@@ -65,7 +64,7 @@ impl Receiver {
         Frame::raw(id, self.remote, self.code, data.to_be_bytes())
     }
 
-    /// The next bit.
+    /// Takes the next bit.
     pub fn step(&mut self, dominant: bool) -> Step {
         if self.total == Some(self.count) && self.run != 5 {
             return self.tail(dominant);
@@ -99,7 +98,7 @@ impl Receiver {
             13 => self.extended = bit,
             14..=31 if self.extended => self.identifier = self.identifier << 1 | value,
             32 if self.extended => self.remote = bit,
-            // The checksum.
+            // Checksum.
             n if self.total.is_some_and(|total| n >= total - 15) => {}
             n if n >= head => self.data = self.data << 1 | u64::from(bit),
             n if n >= head - 4 => {
@@ -142,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_sent_arrives() {
+    fn received_frame_equals_the_sent_frame() {
         let frames = [
             Frame::new(Id::Standard(0), &[0; 8]),
             Frame::new(Id::Standard(0x7ff), &[0xff; 8]),
@@ -165,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn every_single_flipped_bit_is_an_error_or_harmless_where_the_standard_says_so() {
+    fn single_bit_flip_is_an_error_except_in_the_acknowledgement_and_last_bit() {
         let frame = Frame::new(Id::Standard(0x2a5), &[0x12, 0x34, 0x5f]);
         let bits = frame.bits();
         let n = bits.length();
@@ -174,7 +173,7 @@ mod tests {
             let (steps, _) = receive(line.take(n.max(flipped + 1)));
             let error = steps.iter().any(|s| matches!(s, Step::Error(_)));
             let valid = steps.contains(&Step::Valid);
-            // The acknowledgement slot may have either level, the last bit too.
+            // Either level is valid in the acknowledgement slot and in the last bit.
             let harmless = flipped == n - 9 || flipped == n - 1;
             assert_eq!(valid && !error, harmless, "bit {flipped}");
         }

@@ -1,17 +1,17 @@
-//! What became of a node's frames.
+//! Statistics of a node.
 
 use super::node::ErrorKind;
 
-/// Counts of one node since the beginning.
+/// Counts of one node since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Statistics {
-    /// Frames sent and acknowledged.
+    /// Frames transmitted and acknowledged.
     pub sent: u64,
     /// Frames received without error.
     pub received: u64,
-    /// Frames given up before they were sent.
+    /// Frames cancelled before transmission.
     pub given_up: u64,
-    /// Arbitrations lost; the frame goes later.
+    /// Lost arbitrations; the frame is transmitted later.
     pub arbitrations_lost: u64,
     /// Errors by kind, in the order of [`ErrorKind::ALL`].
     pub errors: [u64; 6],
@@ -19,7 +19,7 @@ pub struct Statistics {
     pub error_frames: u64,
     /// Overload flags sent.
     pub overloads: u64,
-    /// How often it went off the bus.
+    /// Number of times in bus-off.
     pub bus_offs: u64,
 }
 

@@ -4,12 +4,12 @@ use super::*;
 use crate::noise::Noise;
 use crate::time::Time;
 
-/// Quantum of the boards.
+/// Simulation step of the boards.
 const QUANTUM: Time = Time::from_micros(20);
-/// A bit at 1 Mbit/s.
+/// Length of a bit at 1 Mbit/s, ps.
 const BIT: u64 = 1_000_000;
 
-/// A wire with nodes at it.
+/// A wire with virtual nodes.
 struct Bench {
     wire: Wire,
     quantum: Time,
@@ -19,7 +19,7 @@ struct Bench {
     now: Time,
 }
 
-/// A node and what happens to it.
+/// A node with a record of its events.
 struct Watched<'a>(&'a mut VirtualNode, &'a mut Vec<Event>);
 
 impl Node for Watched<'_> {
@@ -65,7 +65,7 @@ impl Bench {
         events.filter(|event| of(&event.what)).copied().collect()
     }
 
-    /// Frames that a node received, with the time of their end.
+    /// Frames that a node received, with the times of their ends.
     fn received(&self, node: usize) -> Vec<(Time, Frame)> {
         let events = self.happened[node].iter();
         let frames = events.filter_map(|event| match event.what {
@@ -75,7 +75,7 @@ impl Bench {
         frames.collect()
     }
 
-    /// Forces the bus to be dominant for some time.
+    /// Forces the bus dominant for some time.
     fn disturb(&mut self, from: Time, span: Time) {
         let dominant = Fault::Level(Some(Level::Dominant));
         self.wire.inject(from, dominant);
@@ -83,14 +83,13 @@ impl Bench {
     }
 }
 
-/// Bits that a frame occupies the bus, with the intermission.
+/// Bits for which a frame occupies the bus, including the intermission.
 fn bus_bits(frame: &Frame) -> u64 {
     frame.bits().length() as u64 + 3
 }
 
-/// The largest difference of clocks, as a part of one, at which two nodes with this timing understand
-/// each other (CAN specification 2.0, section 9: ten bits between edges, thirteen bits to the sample
-/// behind an error flag).
+/// Largest relative clock deviation at which two nodes with this timing can communicate. CAN specification 2.0, section
+/// 9: ten bits between edges, thirteen bits to the sample after an error flag.
 fn tolerance(timing: &BitTiming) -> f64 {
     let (bit, jump) = (f64::from(timing.quanta()), f64::from(timing.jump));
     let phase = f64::from(timing.segment1.min(timing.segment2));
@@ -106,7 +105,7 @@ fn standard(id: u16, data: &[u8]) -> Frame {
 }
 
 #[test]
-fn a_frame_takes_its_bits_and_arrives_at_all() {
+fn frame_takes_its_bits_and_arrives_at_all_nodes() {
     for data in [&[][..], &[0; 8], &[0xff; 8], &[0x55, 0xaa]] {
         let mut bench = Bench::equal(3);
         let frame = standard(0x123, data);
@@ -119,19 +118,19 @@ fn a_frame_takes_its_bits_and_arrives_at_all() {
         let What::Sent { start, .. } = sent.what else {
             panic!();
         };
-        // From the sample point of the first bit to that of the last.
+        // The time from the sample point of the first bit to the sample point of the last.
         let bits = frame.bits().length() as u64;
-        // The acknowledgement comes late by twice the delay, which the sender follows by its jump
-        // width, a seventh of a bit.
+        // The acknowledgement is late by twice the delay; the sender synchronizes by its jump width, a seventh of a
+        // bit.
         let span = (sent.at - start).0.abs_diff((bits - 1) * BIT + BIT / 7);
         assert!(span < 10, "{span}");
-        // The start of frame: a bit after the request at most, sampled at 6/7 of it.
+        // Start of frame: within a bit after the request, sampled at 6/7 of the bit.
         assert!(start > micros(100) && start < micros(102), "{start}");
         for node in [1, 2] {
             let received = bench.received(node);
             assert_eq!(received.len(), 1);
             assert_eq!(received[0].1, frame);
-            // A bit before the sender's last, but for delay and quanta.
+            // One bit before the sender's last bit, except for delay and quanta.
             let before = sent.at.0 as i64 - received[0].0.0 as i64;
             assert!((before - BIT as i64).abs() < 300_000, "{before}");
         }
@@ -141,7 +140,7 @@ fn a_frame_takes_its_bits_and_arrives_at_all() {
 }
 
 #[test]
-fn the_lowest_identifier_wins_and_the_others_follow() {
+fn lowest_identifier_wins_and_the_others_follow() {
     let mut bench = Bench::equal(4);
     let frames = [
         standard(0x200, &[1]),
@@ -156,7 +155,7 @@ fn the_lowest_identifier_wins_and_the_others_follow() {
     let records = bench.wire.take_records();
     let order: Vec<_> = records.iter().map(|r| (r.node, r.error)).collect();
     assert_eq!(order, [(1, None), (3, None), (2, None), (0, None)]);
-    // Back to back: a frame, three bits of intermission, the next.
+    // Frames follow each other after three bits of intermission.
     for pair in records.windows(2) {
         let bits = bus_bits(&pair[0].frame);
         let span = (pair[1].start - pair[0].start).0;
@@ -173,7 +172,7 @@ fn random_frame(random: &mut Noise, id: u16) -> Frame {
 }
 
 #[test]
-fn what_happens_does_not_depend_on_the_quantum_and_is_told_ahead() {
+fn events_are_independent_of_the_quantum_and_delivered_ahead() {
     let mut outcomes = Vec::new();
     for quantum in [1, 7, 20, 40].map(micros) {
         let mut bench = Bench::equal(3);
@@ -207,10 +206,10 @@ fn what_happens_does_not_depend_on_the_quantum_and_is_told_ahead() {
 }
 
 #[test]
-fn a_corrupted_frame_is_sent_again_within_the_recovery_time() {
+fn corrupted_frame_is_retransmitted_within_the_recovery_time() {
     let mut bench = Bench::equal(3);
     bench.nodes[0].send(micros(100), standard(0x123, &[0xff; 8]));
-    // A recessive bit of the data becomes dominant for all.
+    // A recessive bit of the data becomes dominant for all nodes.
     bench.disturb(micros(150), micros(1));
     bench.run(micros(600));
     let records = bench.wire.take_records();
@@ -228,7 +227,7 @@ fn a_corrupted_frame_is_sent_again_within_the_recovery_time() {
             (error.len(), error[0].tec, error[0].rec)
         })
         .collect();
-    // The sender's error counts 8, those of its hearers, whom its flag tells, 1.
+    // The sender's error counts 8. The receivers detect only its flag, which counts 1.
     assert_eq!(counters, [(1, 8, 0), (1, 0, 1), (1, 0, 1)]);
     for node in [1, 2] {
         assert_eq!(bench.received(node).len(), 1);
@@ -239,9 +238,9 @@ fn a_corrupted_frame_is_sent_again_within_the_recovery_time() {
 }
 
 #[test]
-fn a_receiver_that_alone_sees_an_error_counts_nine() {
+fn receiver_that_alone_detects_an_error_counts_nine() {
     let mut bench = Bench::equal(3);
-    // Node 2 misses the beginning, then hears the middle of a frame.
+    // Node 2 misses some bits in the middle of a frame.
     let deaf = |hears| Fault::Transceiver {
         node: 2,
         sends: true,
@@ -253,7 +252,7 @@ fn a_receiver_that_alone_sees_an_error_counts_nine() {
     bench.run(micros(600));
     let errors = bench.events(2, |w| matches!(w, What::Error(_) | What::Counted));
     let counts: Vec<_> = errors.iter().map(|e| (e.what, e.rec)).collect();
-    // Its own flag, then a dominant bit behind it: the others' flags.
+    // The detected error counts 1. The dominant bit after the node's own flag, from the other nodes' flags, counts 8.
     let own = (What::Error(ErrorKind::Stuff), 1);
     assert_eq!(counts, [own, (What::Counted, 9)]);
     assert_eq!(bench.wire.statistics(0).sent, 1);
@@ -261,7 +260,7 @@ fn a_receiver_that_alone_sees_an_error_counts_nine() {
 }
 
 #[test]
-fn equal_identifiers_with_other_data_are_an_error() {
+fn equal_identifiers_with_different_data_are_an_error() {
     let mut bench = Bench::equal(3);
     bench.nodes[0].send(micros(100), standard(0x123, &[0x00]));
     bench.nodes[1].send(micros(100), standard(0x123, &[0x01]));
@@ -270,7 +269,7 @@ fn equal_identifiers_with_other_data_are_an_error() {
     assert_eq!(errors[0].what, What::Error(ErrorKind::BitRecessive));
     let errors = bench.events(0, |w| matches!(w, What::Error(_)));
     assert!(!errors.is_empty());
-    // Equal data: both have sent it.
+    // With equal data, both nodes complete the transmission.
     let mut bench = Bench::equal(3);
     for node in [0, 1] {
         bench.nodes[node].send(micros(100), standard(0x123, &[0x01]));
@@ -284,14 +283,14 @@ fn equal_identifiers_with_other_data_are_an_error() {
 }
 
 #[test]
-fn a_sender_alone_becomes_passive_and_waits_longer() {
+fn sender_without_receivers_becomes_passive_and_waits_longer() {
     let mut bench = Bench::equal(1);
     let frame = standard(0x123, &[1]);
     bench.nodes[0].send(micros(100), frame);
     bench.run(micros(10_000));
     let records = bench.wire.take_records();
-    // From the acknowledgement slot: delimiter and end of frame do not come; a flag of 6, a delimiter
-    // of 8, 3 of intermission; passive, 8 more.
+    // From the acknowledgement slot, instead of delimiter and end of frame: flag of 6, delimiter of 8, intermission of
+    // 3; if passive, 8 more.
     let slot = frame.bits().acknowledgement() as u64;
     for (k, pair) in records.windows(2).enumerate() {
         let bits = (pair[1].start - pair[0].start).0.div_ceil(1000) / (BIT / 1000);
@@ -304,7 +303,7 @@ fn a_sender_alone_becomes_passive_and_waits_longer() {
 }
 
 #[test]
-fn a_bus_held_dominant_takes_the_sender_off_and_it_comes_back() {
+fn stuck_dominant_bus_causes_bus_off_and_recovery() {
     let mut bench = Bench::equal(2);
     bench.nodes[0].send(micros(100), standard(0x123, &[1]));
     bench.disturb(micros(120), micros(2000));
@@ -324,7 +323,7 @@ fn a_bus_held_dominant_takes_the_sender_off_and_it_comes_back() {
 }
 
 #[test]
-fn pieces_of_a_cut_wire_live_by_themselves() {
+fn pieces_of_a_cut_wire_are_separate_buses() {
     let mut bench = Bench::equal(4);
     let cut = |node, piece| Fault::Piece { node, piece };
     for node in [2, 3] {
@@ -340,7 +339,7 @@ fn pieces_of_a_cut_wire_live_by_themselves() {
         let sender = node / 2 + 1;
         assert!(received.iter().all(|(_, f)| f.data() == [sender as u8]));
     }
-    // A node alone is not acknowledged.
+    // A node without others is not acknowledged.
     bench.wire.inject(micros(400), cut(3, 2));
     bench.nodes[3].send(micros(500), standard(3, &[]));
     bench.run(micros(1000));
@@ -349,7 +348,7 @@ fn pieces_of_a_cut_wire_live_by_themselves() {
 }
 
 #[test]
-fn a_babbling_node_starves_lower_priorities_only() {
+fn babbling_node_starves_only_lower_priorities() {
     for (id, passes) in [(0x000, false), (0x7ff, true)] {
         let mut bench = Bench::equal(3);
         bench.run(micros(100));
@@ -365,7 +364,7 @@ fn a_babbling_node_starves_lower_priorities_only() {
 }
 
 #[test]
-fn another_bit_rate_spoils_the_bus_until_that_node_is_passive() {
+fn node_with_a_wrong_bit_rate_causes_errors_until_passive() {
     let normal = Settings::new(BitTiming::megabit());
     let slow = Settings::new(BitTiming::new(500_000, (5, 1), 1, 0));
     let mut bench = Bench::new(&[normal, normal, slow]);
@@ -381,7 +380,7 @@ fn another_bit_rate_spoils_the_bus_until_that_node_is_passive() {
 }
 
 #[test]
-fn clocks_may_differ_as_far_as_the_specification_says() {
+fn clocks_may_differ_within_the_tolerance_of_the_specification() {
     let spoiled = |timing: (u32, u32, u32), part: f64| {
         let (one, two, jump) = timing;
         let tolerance = tolerance(&BitTiming::new(500_000, (one, two), jump, 0));
@@ -400,7 +399,8 @@ fn clocks_may_differ_as_far_as_the_specification_says() {
             .map(|k| bench.wire.statistics(k).error_frames)
             .sum::<u64>()
     };
-    // Second segments of more than a quantum more than is used, as edges are seen to a quantum.
+    // The second segment exceeds the used part by more than a quantum, because edges are detected with a resolution of
+    // a quantum.
     for timing in [(13, 2, 1), (11, 4, 3), (11, 4, 4), (10, 5, 1)] {
         assert_eq!(spoiled(timing, 0.7), 0, "{timing:?}");
         assert!(spoiled(timing, 2.5) > 0, "{timing:?}");
@@ -408,7 +408,7 @@ fn clocks_may_differ_as_far_as_the_specification_says() {
 }
 
 #[test]
-fn noise_costs_time_and_never_gives_wrong_frames() {
+fn noise_delays_frames_and_never_corrupts_them() {
     let mut bench = Bench::equal(3);
     bench.wire.inject(micros(50), Fault::Noise(2e-4));
     let mut random = Noise::new(3);
@@ -419,7 +419,7 @@ fn noise_costs_time_and_never_gives_wrong_frames() {
     bench.run(micros(60_000));
     assert_eq!(bench.wire.statistics(0).sent, 100);
     let errors: u64 = (0..3).map(|k| bench.wire.statistics(k).error_frames).sum();
-    // 60 000 bits at three nodes, 36 read wrongly, on the idle bus too; each is seen by three at most.
+    // 60 000 bits at three nodes, with 36 read errors, some on the idle bus. Each error affects at most three nodes.
     assert!((18..160).contains(&errors), "{errors}");
     for node in [1, 2] {
         let received = bench.received(node);
@@ -429,7 +429,7 @@ fn noise_costs_time_and_never_gives_wrong_frames() {
 }
 
 #[test]
-fn a_dominant_bit_in_the_intermission_is_an_overload_and_no_error() {
+fn dominant_bit_in_the_intermission_is_an_overload_and_no_error() {
     let two = || {
         let mut bench = Bench::equal(2);
         for id in [0x123, 0x124] {
@@ -451,17 +451,17 @@ fn a_dominant_bit_in_the_intermission_is_an_overload_and_no_error() {
     }
     let records = bench.wire.take_records();
     let bits = (records[1].start - records[0].end).0 / BIT;
-    // One bit of the intermission, flag 6, delimiter 8, intermission 3, then the start.
+    // One bit of the intermission, flag of 6, delimiter of 8, intermission of 3, then the start.
     assert!((18..=20).contains(&bits), "{bits}");
 }
 
 #[test]
-fn the_fast_path_and_single_steps_come_to_the_same() {
+fn fast_path_and_single_steps_give_the_same_result() {
     let outcome = |fast: bool| {
         let node = |ppb| Settings::new(BitTiming::new(1_000_000, (5, 1), 1, ppb));
         let mut bench = Bench::new(&[node(0), node(120_000), node(-90_000), node(700)]);
         if !fast {
-            // Noise that never strikes: the wire may not sleep or be fast-forwarded.
+            // Noise with a negligible rate prevents idling and the fast path.
             bench.wire.inject(Time(0), Fault::Noise(1e-300));
         }
         let mut random = Noise::new(11);
@@ -470,7 +470,7 @@ fn the_fast_path_and_single_steps_come_to_the_same() {
             let frame = random_frame(&mut random, i % 7 * 16 + i % 4);
             bench.nodes[usize::from(i % 4)].send(at, frame);
         }
-        // Corrupted here and there.
+        // Some frames are corrupted.
         for i in 0..40 {
             let at = micros(500 + 1003 * i);
             bench.disturb(at, micros(1));

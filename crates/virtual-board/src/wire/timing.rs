@@ -1,23 +1,23 @@
-//! Bit timing: quanta, segments, synchronisation (ISO 11898-1, section on bit timing).
+//! Bit timing: quanta, segments, synchronization (ISO 11898-1, section on bit timing).
 
 use crate::time::Time;
 
-/// How a controller divides a bit.
+/// Bit timing of a controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BitTiming {
-    /// A time quantum, 2⁻³² ps.
+    /// Length of a time quantum, 2⁻³² ps.
     pub quantum: u64,
-    /// Quanta of the propagation and first phase segment together.
+    /// Quanta of propagation segment and first phase segment together.
     pub segment1: u32,
     /// Quanta of the second phase segment.
     pub segment2: u32,
-    /// Quanta by which a bit is made longer or shorter to follow an edge, at most.
+    /// Synchronization jump width: most quanta by which an edge lengthens or shortens a bit.
     pub jump: u32,
 }
 
 impl BitTiming {
-    /// A timing with `segment1 + segment2 + 1` quanta in a bit at this rate, the controller's clock
-    /// too fast by `fast_ppb` parts in 10⁹.
+    /// A timing with `segment1 + segment2 + 1` quanta in a bit at this rate; the controller's clock is `fast_ppb` parts
+    /// in 10⁹ too fast.
     pub fn new(rate_hz: u64, segments: (u32, u32), jump: u32, fast_ppb: i64) -> Self {
         let (segment1, segment2) = segments;
         let quanta = u64::from(1 + segment1 + segment2);
@@ -31,7 +31,7 @@ impl BitTiming {
         }
     }
 
-    /// 1 Mbit/s, sampled at 6/7 of a bit, exact clock.
+    /// 1 Mbit/s, sampled at 6/7 of a bit, with an exact clock.
     pub fn megabit() -> Self {
         Self::new(1_000_000, (5, 1), 1, 0)
     }
@@ -47,27 +47,27 @@ impl BitTiming {
     }
 }
 
-/// Where a controller is in its bits. Quanta are counted from the origin; they do not move when it
-/// follows an edge, only the bits do.
+/// Position of a controller within its bits. Quanta are counted from the origin; synchronization to an edge moves the
+/// bits, not the quanta.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct BitClock {
     timing: BitTiming,
     origin: Time,
     /// First quantum of the bit.
     first: u64,
-    /// Quantum at whose beginning the bit is sampled, and at which the next bit begins.
+    /// Quantum at whose start the bit is sampled, and quantum at which the next bit begins.
     sample: u64,
     next: u64,
-    /// Whether the bit was sampled.
+    /// True if the bit was sampled.
     pub sampled: bool,
-    /// An edge was followed since the last sample.
+    /// True if the clock synchronized to an edge since the last sample.
     followed: bool,
-    /// An edge was seen whose quantum lies beyond the bit.
+    /// Quantum of an edge beyond the present bit.
     early: Option<u64>,
 }
 
 impl BitClock {
-    /// A bit begins now.
+    /// Begins a bit now.
     pub fn new(timing: BitTiming, now: Time) -> Self {
         let mut clock = Self {
             timing,
@@ -100,23 +100,23 @@ impl BitClock {
         Time(self.origin.0 + span as u64)
     }
 
-    /// The first quantum that begins at a time or later.
+    /// First quantum that begins at `time` or later.
     fn quantum(&self, time: Time) -> u64 {
         let span = u128::from((time - self.origin).0) << 32;
         span.div_ceil(u128::from(self.timing.quantum)) as u64
     }
 
-    /// When the bit is sampled.
+    /// Sample time of the bit.
     pub fn sample_time(&self) -> Time {
         self.time(self.sample)
     }
 
-    /// When the next bit begins.
+    /// Start time of the next bit.
     pub fn next_time(&self) -> Time {
         self.time(self.next)
     }
 
-    /// Begins the next bit. `hard` and `behind` are as in [`Self::edge`], for an edge seen before.
+    /// Begins the next bit. `hard` and `behind` are as in [`Self::edge`], for an edge detected earlier.
     pub fn advance(&mut self, hard: bool, behind: bool) {
         let edge = self.early.take();
         self.begin(self.next);
@@ -125,14 +125,14 @@ impl BitClock {
         }
     }
 
-    /// After the bit was sampled nothing was followed yet in what comes.
+    /// Marks the bit as sampled; synchronization to another edge is allowed again.
     pub fn sample(&mut self) {
         self.sampled = true;
         self.followed = false;
     }
 
-    /// Follows an edge from recessive to dominant that the controller sees at `time`. `hard`: a bit
-    /// begins anew with it; `behind`: it may follow an edge that comes late.
+    /// Synchronizes to an edge from recessive to dominant that the controller detects at `time`. `hard`: the edge
+    /// restarts the bit. `behind`: synchronization to a late edge is allowed.
     pub fn edge(&mut self, time: Time, hard: bool, behind: bool) {
         let edge = self.quantum(time);
         if edge >= self.next && self.sampled {
@@ -151,7 +151,7 @@ impl BitClock {
             self.followed = true;
             self.begin(edge);
         } else if self.sampled {
-            // Too early for the next bit: the rest of this one is shortened.
+            // The edge is early for the next bit: the rest of this bit is shortened.
             self.followed = true;
             self.next = (self.next - jump).max(edge);
         } else if edge > self.first && behind {
@@ -162,8 +162,8 @@ impl BitClock {
         }
     }
 
-    /// Goes on by whole bits to the one in which `now` is, after a time in which nothing happened. Bits
-    /// are sampled earlier by `delay`.
+    /// Advances by whole bits to the bit that contains `now`, after an idle period. Bits are sampled earlier by
+    /// `delay`.
     pub fn skip(&mut self, now: Time, delay: Time) {
         let bit = u64::from(self.timing.quanta());
         let quantum = self.quantum(now);
@@ -179,13 +179,13 @@ impl BitClock {
 mod tests {
     use super::*;
 
-    /// Ten quanta of 100 ns in a bit.
+    /// A clock with ten quanta of 100 ns in a bit.
     fn clock(jump: u32) -> BitClock {
         BitClock::new(BitTiming::new(1_000_000, (6, 3), jump, 0), Time(0))
     }
 
     #[test]
-    fn a_bit_has_its_sample_point_and_its_length() {
+    fn bit_has_the_configured_sample_point_and_length() {
         let mut clock = clock(1);
         assert_eq!(clock.sample_time(), Time::from_nanos(700));
         assert_eq!(clock.next_time(), Time::from_nanos(1000));
@@ -195,35 +195,35 @@ mod tests {
     }
 
     #[test]
-    fn edges_move_the_sample_point_by_the_jump_width_at_most() {
-        // Late by three quanta.
+    fn edges_move_the_sample_point_by_at_most_the_jump_width() {
+        // The edge is three quanta late.
         for (jump, sample) in [(1, 800), (2, 900), (4, 1000)] {
             let mut clock = clock(jump);
             clock.edge(Time::from_nanos(300), false, true);
             assert_eq!(clock.sample_time(), Time::from_nanos(sample));
-            // One edge a bit.
+            // Only one edge in each bit counts.
             clock.edge(Time::from_nanos(500), false, true);
             assert_eq!(clock.sample_time(), Time::from_nanos(sample));
         }
-        // Early by two quanta.
+        // The edge is two quanta early.
         for (jump, next) in [(1, 900), (2, 800), (3, 800)] {
             let mut clock = clock(jump);
             clock.sample();
             clock.edge(Time::from_nanos(800), false, true);
             assert_eq!(clock.next_time(), Time::from_nanos(next));
         }
-        // A sender of a dominant bit does not wait for its own edge.
+        // The sender of a dominant bit does not synchronize to its own late edge.
         let mut sender = clock(4);
         sender.edge(Time::from_nanos(300), false, false);
         assert_eq!(sender.sample_time(), Time::from_nanos(700));
-        // A start of frame begins the bit anew, on a quantum.
+        // A start of frame restarts the bit, on a quantum.
         let mut idle = clock(1);
         idle.edge(Time::from_nanos(430), true, true);
         assert_eq!(idle.sample_time(), Time::from_nanos(1200));
     }
 
     #[test]
-    fn a_skip_keeps_the_grid() {
+    fn skip_keeps_the_grid_of_bits() {
         let mut clock = clock(1);
         for (now, sampled) in [(12_345_600, false), (12_346_778, true), (12_346_999, true)] {
             clock.skip(Time::from_nanos(now), Time::from_nanos(50));

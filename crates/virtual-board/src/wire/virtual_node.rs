@@ -5,10 +5,10 @@ use super::node::{Action, Event, Node, Settings, What};
 use crate::time::Time;
 use std::collections::VecDeque;
 
-/// Mailboxes of a virtual node.
+/// Number of mailboxes of a virtual node.
 const MAILBOXES: u8 = 3;
 
-/// A controller without a board: it sends what it is given.
+/// A controller without a board that sends the frames given to it.
 #[derive(Clone)]
 pub struct VirtualNode {
     actions: VecDeque<(Time, Action)>,
@@ -18,7 +18,7 @@ pub struct VirtualNode {
 }
 
 impl VirtualNode {
-    /// A controller with these settings, on the bus from the beginning.
+    /// A controller with these settings, on the bus from the start.
     pub fn new(settings: Settings) -> Self {
         Self {
             actions: VecDeque::from([(Time(0), Action::Set(settings))]),
@@ -28,12 +28,12 @@ impl VirtualNode {
         }
     }
 
-    /// Sends a frame, not before this time. Frames are sent in the order given.
+    /// Sends a frame at this time or later. Frames are sent in the order given.
     pub fn send(&mut self, at: Time, frame: Frame) {
         self.waiting.push_back((at, frame));
     }
 
-    /// Sends this frame without end, as often as the bus lets it, or stops doing so.
+    /// Sends a frame continuously, as often as the bus allows; `None` stops that.
     pub fn babble(&mut self, frame: Option<Frame>) {
         self.babble = frame;
     }

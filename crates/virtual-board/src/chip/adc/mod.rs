@@ -1,20 +1,19 @@
 //! Analogue converter ADC1.
 //!
-//! Source: reference manual RM0090, chapter 13, and the data sheet. A conversion samples for the time of
-//! SMPRx, then takes as many clocks as its result has bits; the voltage is taken at the instant at which
-//! sampling ends, over the supply, which is the reference too. A trigger takes two (regular group) or three (injected group) clocks to start a
-//! conversion, the longest times of the data sheet.
+//! Source: reference manual RM0090, chapter 13, and the data sheet. A conversion samples for the time of SMPRx, then
+//! takes one clock for each bit of the result. The voltage is sampled at the end of the sampling time; the supply is
+//! the reference. From a trigger to the conversion pass two clocks (regular group) or three (injected group), the
+//! longest times of the data sheet.
 //!
-//! Where the manual leaves something open:
+//! Choices where the manual is unclear:
 //!
-//! - After an overrun in DMA mode nothing is asked of the stream until the DMA bit is cleared and set.
-//! - A datum that comes when the one before was not fetched is the one that is lost.
-//! - A program that clears EOC itself has fetched the datum.
+//! - After an overrun in DMA mode, DMA requests stop until the DMA bit is cleared and set again.
+//! - In an overrun the new result is lost, not the unread one.
+//! - A program that clears EOC itself counts as having read the result.
 //!
-//! Not modelled: ADC2 and ADC3, dual and triple modes, continuous and discontinuous modes, an injected
-//! group that follows by itself, offsets (JOFRx), resolutions below 12 bits, results aligned to the left,
-//! the analogue watchdog, triggers but TRGO of TIM1 to TIM5, channels inside the chip; switching one on is a
-//! finding. The capacitor that samples takes no charge from the pin.
+//! Not modelled: ADC2 and ADC3; dual and triple modes; continuous and discontinuous modes; automatic injection; offsets
+//! (JOFRx); resolutions below 12 bits; left alignment; analogue watchdog; triggers other than TRGO of TIM1 to TIM5;
+//! internal channels. Enabling one is a finding. The sampling capacitor draws no charge from the pin.
 
 mod registers;
 #[cfg(test)]
@@ -35,64 +34,63 @@ use crate::noise::Noise;
 use crate::time::{Cycles, NEVER, Time};
 use registers::*;
 
-/// From switching on to the first conversion.
+/// Time from switching on to the first conversion.
 const STABILISATION: Time = Time::from_micros(3);
-/// Limits of the clock above and below this supply, and the lowest (data sheet), Hz.
+/// Supply limit, V; highest clock frequency above and below it, and lowest frequency, Hz (data sheet).
 const FULL_SPEED_V: f64 = 2.4;
 const MOST_HZ: [u64; 2] = [36_000_000, 18_000_000];
 const LEAST_HZ: u64 = 600_000;
-/// Clocks from a trigger to the start, regular and injected.
+/// Clocks from a trigger to the start of a conversion: regular, injected.
 const LATENCY: [u64; 2] = [2, 3];
 /// Clocks of a conversion after sampling: one for each bit.
 const CONVERTING: u64 = 12;
 
-/// Conversions so far.
+/// Counts of conversions and overruns.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Of the regular group.
+    /// Conversions of the regular group.
     pub regular: u64,
-    /// Of the injected group.
+    /// Conversions of the injected group.
     pub injected: u64,
     /// Overruns.
     pub overruns: u64,
 }
 
-/// What the converter is at.
+/// Conversion in progress.
 #[derive(Clone, Copy, Debug)]
 struct Conversion {
     injected: bool,
     channel: u32,
-    /// When sampling ends.
+    /// Cycle at which sampling ends.
     sampled: Cycles,
 }
 
-/// The converter.
 #[derive(Clone)]
 pub(crate) struct Adc {
-    /// Registers that only hold what is written, by offset over 4.
+    /// Registers that only store the written value, by offset / 4.
     plain: [u32; COUNT],
     common: u32,
     sr: u32,
     data: u32,
     injected_data: [u32; 4],
-    /// Places in the sequences of the regular and of the injected group, while they run.
+    /// Positions in the sequences of the regular and the injected group; `None` if the group does not run.
     places: [Option<u32>; 2],
     conversion: Option<Conversion>,
-    /// Cycles of the core in one of the converter's clock, as the conversion began.
+    /// Core cycles in one clock of the converter when the conversion began.
     clock: u64,
-    /// The datum was not fetched yet.
+    /// The program has not yet read the latest result of the regular group.
     unread: bool,
-    /// The stream is asked for nothing more: it ended its block without DDS, or an overrun.
+    /// DMA requests have stopped: the block ended without DDS, or an overrun occurred.
     silent: bool,
     stable: Time,
-    /// Channels whose pin was looked at since the converter was switched on.
+    /// Channels whose pin was checked since the converter was switched on, one bit each.
     checked: u32,
-    /// What is left of a conversion and of its sampling, while the clock is off.
+    /// Cycles left of the conversion and of its sampling, while the clock is off.
     gated: Option<[Cycles; 2]>,
     noise: Noise,
-    /// Made at the first conversion.
+    /// Created at the first conversion.
     nonlinearity: Option<Nonlinearity>,
-    /// When the injected group was started last.
+    /// Cycle of the latest start of the injected group.
     started: Cycles,
     counts: Counts,
 }
@@ -124,7 +122,7 @@ impl Default for Adc {
 }
 
 impl Adc {
-    /// After a reset of the converter: what is soldered and what its silicon has stays.
+    /// Resets the converter; noise, nonlinearity and conversion counts are kept.
     pub fn reset(&mut self) {
         let gated = self.gated.map(|_| [0; 2]);
         *self = Self {
@@ -136,12 +134,12 @@ impl Adc {
         };
     }
 
-    /// After a reset of the chip, with the noise that it has from here on.
+    /// Sets the noise generator after a reset of the chip.
     pub fn begin(&mut self, noise: Noise) {
         self.noise = noise;
     }
 
-    /// Its noise, which outlives a reset.
+    /// Noise generator, to be kept over a reset.
     pub fn into_noise(self) -> Noise {
         self.noise
     }
@@ -151,12 +149,12 @@ impl Adc {
         self.counts
     }
 
-    /// When the injected group was started last.
+    /// Cycle of the latest start of the injected group.
     pub fn started(&self) -> Cycles {
         self.started
     }
 
-    /// The converter's clock is switched off or on.
+    /// Stops the converter while its clock is off, or resumes it.
     pub fn gate(&mut self, off: bool, shared: &mut Shared) {
         match (off, self.gated) {
             (true, None) => self.gated = Some(self.left(shared)),
@@ -168,7 +166,7 @@ impl Adc {
         }
     }
 
-    /// Stops the conversion; gives what is left of it and of its sampling.
+    /// Stops the conversion. Returns the remaining cycles until its end and until its sampling point.
     fn left(&self, shared: &mut Shared) -> [Cycles; 2] {
         let (now, due) = (shared.now, shared.due(Unit::Adc));
         let sampled = self.conversion.map_or(0, |c| c.sampled);
@@ -179,7 +177,7 @@ impl Adc {
         [due, sampled].map(|at| at.saturating_sub(now))
     }
 
-    /// Lets the conversion go on of which this is left.
+    /// Resumes a conversion with these remaining cycles.
     fn go_on(&mut self, [end, sampled]: [Cycles; 2], shared: &mut Shared) {
         let now = shared.now;
         let Some(conversion) = &mut self.conversion else {
@@ -206,12 +204,12 @@ impl Adc {
         self.reg(CR2)
     }
 
-    /// Cycles of the core in one of the converter's clock.
+    /// Core cycles in one clock of the converter.
     fn clock(&self, shared: &Shared) -> u64 {
         shared.clocks.apb2 * 2 * (u64::from(self.common >> 16 & 3) + 1)
     }
 
-    /// Clocks of sampling of a channel.
+    /// Sampling time of a channel, clocks.
     fn sampling(&self, channel: u32) -> u64 {
         let bits = match channel {
             0..=9 => self.reg(SMPR2) >> (3 * channel),
@@ -220,7 +218,7 @@ impl Adc {
         SAMPLING[bits as usize & 7]
     }
 
-    /// Channel at a place of a sequence. A short injected one ends with JSQ4.
+    /// Channel at a position of a sequence. An injected sequence shorter than four ends with JSQ4.
     fn channel(&self, injected: bool, place: u32) -> u32 {
         let register = match (injected, place) {
             (true, _) => {
@@ -234,7 +232,6 @@ impl Adc {
         register & 31
     }
 
-    /// Places of a sequence.
     fn length(&self, injected: bool) -> u32 {
         match (self.cr1() & SCAN, injected) {
             (0, _) => 1,
@@ -247,7 +244,7 @@ impl Adc {
         &mut self.places[usize::from(injected)]
     }
 
-    /// TRGO of a timer rises or falls.
+    /// Handles an edge of a timer's TRGO.
     pub fn trigger(&mut self, timer: timer::Kind, rises: bool, shared: &mut Shared) {
         let cr2 = self.cr2();
         if cr2 & ADON == 0 || self.gated.is_some() {
@@ -279,10 +276,10 @@ impl Adc {
         }
     }
 
-    /// Starts a group, by a trigger or by the program.
+    /// Starts a group, by trigger or by the program.
     fn start(&mut self, injected: bool, shared: &mut Shared) {
         if !injected && self.sr & OVR != 0 && self.notices_overruns() {
-            // The manual: ignored until the overrun's flag is cleared.
+            // Manual: ignored until the overrun flag is cleared.
             return;
         }
         if self.place(injected).is_some() {
@@ -297,7 +294,7 @@ impl Adc {
         *self.place(injected) = Some(0);
         if injected {
             self.started = shared.now;
-            // What the regular group is at begins anew afterwards.
+            // The interrupted conversion of the regular group restarts afterwards.
             self.conversion = None;
         }
         if self.conversion.is_none() {
@@ -306,7 +303,7 @@ impl Adc {
         }
     }
 
-    /// The group whose turn it is begins to sample its next channel after `wait` cycles.
+    /// Starts sampling the next channel after `wait` cycles; the injected group goes first.
     fn sample_next(&mut self, wait: Cycles, shared: &mut Shared) {
         let (injected, place) = match self.places {
             [_, Some(place)] => (true, place),
@@ -331,7 +328,7 @@ impl Adc {
         shared.schedule(Unit::Adc, sampled + CONVERTING * self.clock);
     }
 
-    /// The result of twelve bits for a channel's voltage where its sampling ended.
+    /// 12-bit result for the voltage of a channel at the end of its sampling.
     fn convert(&mut self, channel: u32, shared: &mut Shared) -> u32 {
         let volts = match pin(channel) {
             Some(pin) => {
@@ -359,7 +356,7 @@ impl Adc {
         transfer::count(ratio, curve.at(ratio), converter_noise, &mut self.noise)
     }
 
-    /// Whether an overrun of the regular group is noticed.
+    /// True if overruns of the regular group are detected.
     fn notices_overruns(&self) -> bool {
         self.cr2() & (DMA | EOCS) != 0
     }
@@ -368,7 +365,7 @@ impl Adc {
         self.counts.regular += 1;
         let ends = self.advance(false);
         let cr2 = self.cr2();
-        // Beyond the stream's block nothing is asked for, and nothing is an overrun.
+        // After the end of the DMA block there are no requests and no overruns.
         let ended = cr2 & DMA != 0 && self.silent;
         if self.unread && self.notices_overruns() && !ended {
             self.sr |= OVR;
@@ -385,7 +382,7 @@ impl Adc {
         self.ask(shared);
     }
 
-    /// A place was converted; whether the sequence ends with it.
+    /// Advances to the next position; true at the end of the sequence.
     fn advance(&mut self, injected: bool) -> bool {
         let length = self.length(injected);
         let place = self.place(injected);
@@ -394,14 +391,14 @@ impl Adc {
         next >= length
     }
 
-    /// Asks the stream for the datum that waits, if the program wants that.
+    /// Requests a DMA transfer of the unread result, if enabled.
     pub fn ask(&mut self, shared: &mut Shared) {
         if self.cr2() & DMA != 0 && self.unread && !self.silent {
             shared.effect(Effect::Dma(Request::Adc1));
         }
     }
 
-    /// The stream has moved the last datum of its block.
+    /// Stops the requests, unless DDS is set: the stream has moved the last item of its block.
     pub fn block_ended(&mut self) {
         self.silent |= self.cr2() & DDS == 0;
     }

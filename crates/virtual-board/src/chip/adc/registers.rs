@@ -4,7 +4,7 @@ use super::super::pin::Pin;
 use super::super::register::{Register, narrow, word};
 use super::super::timer::Kind;
 
-// Places.
+// Offsets.
 pub(super) const SR: u32 = 0x00;
 pub(super) const CR1: u32 = 0x04;
 pub(super) const CR2: u32 = 0x08;
@@ -24,7 +24,7 @@ pub(super) const DR: u32 = 0x4c;
 pub(super) const CSR: u32 = 0x300;
 pub(super) const CCR: u32 = 0x304;
 pub(super) const CDR: u32 = 0x308;
-/// Registers that hold what is written.
+/// Number of registers that only store the written value.
 pub(super) const COUNT: usize = JSQR as usize / 4 + 1;
 
 #[rustfmt::skip]
@@ -55,13 +55,13 @@ pub(super) const JEXTEN: u32 = 3 << 20;
 pub(super) const JSWSTART: u32 = 1 << 22;
 pub(super) const EXTEN: u32 = 3 << 28;
 pub(super) const SWSTART: u32 = 1 << 30;
-/// Of CCR: MULTI, the DMA mode of several converters, VBATE, TSVREFE.
+/// CCR: MULTI, DMA mode of several converters, VBATE, TSVREFE.
 pub(super) const UNKNOWN_COMMON: u32 = 0x00c0_c01f;
 
-/// Clocks of sampling, by SMPx.
+/// Sampling times by SMPx, clocks.
 pub(super) const SAMPLING: [u64; 8] = [3, 15, 28, 56, 84, 112, 144, 480];
 
-/// The timer whose TRGO starts the regular group, by EXTSEL; others are not modelled.
+/// Timer whose TRGO starts the regular group, by EXTSEL; other triggers are not modelled.
 pub(super) fn regular_trigger(select: u32) -> Option<Kind> {
     match select & 15 {
         6 => Some(Kind::Tim2),
@@ -70,7 +70,7 @@ pub(super) fn regular_trigger(select: u32) -> Option<Kind> {
     }
 }
 
-/// The same of the injected group, by JEXTSEL.
+/// Timer whose TRGO starts the injected group, by JEXTSEL; other triggers are not modelled.
 pub(super) fn injected_trigger(select: u32) -> Option<Kind> {
     match select & 15 {
         1 => Some(Kind::Tim1),
@@ -81,7 +81,7 @@ pub(super) fn injected_trigger(select: u32) -> Option<Kind> {
     }
 }
 
-/// The pin of a channel; those from 16 on are inside the chip.
+/// Pin of a channel; channels from 16 on are internal.
 pub(super) fn pin(channel: u32) -> Option<Pin> {
     match channel {
         0..=7 => Some(Pin::of(0, channel)),

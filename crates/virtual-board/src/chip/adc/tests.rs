@@ -1,11 +1,11 @@
-//! Times are counted by hand from RM0090 and the data sheet: a regular conversion starts two clocks
-//! after its trigger, an injected one three; a clock is two cycles.
+//! Expected times are calculated from RM0090 and the data sheet. A regular conversion starts two clocks after its
+//! trigger, an injected one three. A clock is two cycles.
 
 use super::*;
 use crate::chip::circuit::Circuit;
 use crate::chip::pin::Pin;
 
-/// Each pin has a voltage of its own, in counts: a hundred times its number in port and channel.
+/// A circuit with a voltage of 100 counts times the channel number at each pin.
 #[derive(Clone)]
 struct Levels;
 
@@ -20,7 +20,7 @@ impl Circuit for Levels {
     }
 }
 
-/// Whether the datum that is asked for is fetched.
+/// Response of the DMA stream to a request: reads the result or not.
 #[derive(Clone, Copy, PartialEq)]
 enum Stream {
     Fetches,
@@ -30,19 +30,19 @@ enum Stream {
 struct Bench {
     adc: Adc,
     shared: Shared,
-    /// Times at which transfers were asked for, and what was fetched.
+    /// Cycles of the DMA requests, and the results read.
     asked: Vec<Cycles>,
     data: Vec<u32>,
     stream: Stream,
 }
 
-/// CR1 of the bench: scans, interrupts of the injected group and of overruns.
+/// CR1 of the bench: scan mode, interrupts of injected group and overrun.
 const SCANNED: u32 = SCAN | JEOCIE | OVRIE;
-/// CR2 of the bench: TIM2's trigger, stream.
+/// CR2 of the bench: trigger by TIM2, DMA.
 const STREAMED: u32 = ADON | DMA | DDS | 6 << 24 | 1 << 28;
 
 impl Bench {
-    /// Two regular channels of 15 clocks, 1 and 2; one injected of 28, 3. No noise.
+    /// A noiseless converter. Regular channels 1 and 2 sample for 15 clocks, injected channel 3 for 28.
     fn new(cr1: u32, cr2: u32) -> Self {
         let mut bench = Self {
             adc: Adc::default(),
@@ -99,7 +99,7 @@ impl Bench {
         }
     }
 
-    /// Runs up to and including `end`.
+    /// Advances to `end`, inclusive.
     fn pass(&mut self, end: Cycles) -> &mut Self {
         while self.shared.arrive(Unit::Adc, end) {
             self.adc.event(&mut self.shared);
@@ -114,8 +114,8 @@ impl Bench {
 }
 
 #[test]
-fn the_voltage_counts_where_sampling_ends() {
-    /// Rises by a count in each cycle of 16 MHz.
+fn voltage_is_taken_at_the_end_of_sampling() {
+    /// A voltage that rises by one count in each cycle at 16 MHz.
     #[derive(Clone)]
     struct Ramp;
     impl Circuit for Ramp {
@@ -130,14 +130,14 @@ fn the_voltage_counts_where_sampling_ends() {
 }
 
 #[test]
-fn an_injected_conversion_goes_first_and_the_regular_one_begins_anew() {
+fn injected_group_interrupts_and_the_regular_conversion_restarts() {
     let mut bench = Bench::new(SCANNED, STREAMED);
     bench.trigger().pass(1070).command(JSWSTART).pass(1070 + 86);
-    // 3 clocks, then 28 + 12.
+    // 3 clocks, then 28 + 12 clocks.
     assert!(bench.interrupted());
     assert_eq!(bench.read(JDR1), 300);
     bench.pass(2000);
-    // The second regular one was cut and is converted anew.
+    // The second regular conversion was aborted and restarts.
     assert_eq!(bench.asked, [1058, 1070 + 86 + 54]);
     assert_eq!(bench.data, [100, 200]);
     bench.write(&[(SR, !JEOC)]);
@@ -145,23 +145,23 @@ fn an_injected_conversion_goes_first_and_the_regular_one_begins_anew() {
 }
 
 #[test]
-fn a_regular_trigger_waits_for_the_injected_group() {
+fn regular_trigger_waits_for_the_injected_group() {
     let mut bench = Bench::new(SCANNED, STREAMED);
     bench.command(JSWSTART).pass(1010).trigger().pass(2000);
     assert_eq!(bench.asked, [1086 + 54, 1086 + 108]);
 }
 
 #[test]
-fn a_short_injected_sequence_ends_with_its_last_place() {
+fn short_injected_sequence_ends_with_jsq4() {
     let mut bench = Bench::new(SCANNED, STREAMED);
-    // Two of four: JSQ3 and JSQ4.
+    // Two channels of at most four: JSQ3 and JSQ4.
     bench.write(&[(JSQR, 1 << 20 | 9 << 10 | 12 << 15)]);
     bench.command(JSWSTART).pass(2000);
     assert_eq!((bench.read(JDR1), bench.read(0x40)), (900, 1200));
 }
 
 #[test]
-fn triggers_are_heard_on_the_edges_that_are_chosen() {
+fn trigger_acts_on_the_selected_edges() {
     for (edges, rising, falling) in [(0, 0, 0), (1, 1, 0), (2, 0, 1), (3, 1, 1)] {
         let mut bench = Bench::new(0, ADON | 1 << 16 | edges << 20);
         for (level, end, injected) in [(true, 1500, rising), (false, 2000, rising + falling)] {
@@ -174,21 +174,21 @@ fn triggers_are_heard_on_the_edges_that_are_chosen() {
 }
 
 #[test]
-fn a_datum_that_nobody_fetches_is_an_overrun_that_ends_the_scans() {
+fn unread_result_is_an_overrun_that_stops_the_regular_group() {
     let mut bench = Bench::new(SCANNED, STREAMED);
     bench.stream = Stream::Sleeps;
     bench.trigger().pass(2000);
     assert_eq!(bench.read(SR) & OVR, OVR);
     assert!(bench.interrupted());
     assert_eq!(bench.shared.kinds(), [Kind::Lost]);
-    // Triggers are ignored; the injected group is not concerned.
+    // Regular triggers are ignored; the injected group is not affected.
     bench.trigger().command(JSWSTART).pass(3000);
     let counts = bench.adc.counts();
     assert_eq!(
         [counts.regular, counts.injected, counts.overruns],
         [2, 1, 1]
     );
-    // The flag cleared, conversions come, but nothing is asked of the stream.
+    // After the flag is cleared, conversions run without DMA requests.
     bench.stream = Stream::Fetches;
     bench.asked.clear();
     bench.write(&[(SR, 0)]).trigger().pass(4000);
@@ -200,7 +200,7 @@ fn a_datum_that_nobody_fetches_is_an_overrun_that_ends_the_scans() {
 }
 
 #[test]
-fn overruns_are_noticed_with_each_end_of_conversion_and_not_with_that_of_the_sequence() {
+fn overrun_is_detected_with_eocs_and_not_without() {
     let mut bench = Bench::new(SCANNED, ADON);
     bench.command(SWSTART).pass(2000);
     assert_eq!(bench.read(SR), STRT | EOC);
@@ -215,7 +215,7 @@ fn overruns_are_noticed_with_each_end_of_conversion_and_not_with_that_of_the_seq
 }
 
 #[test]
-fn after_a_block_without_dds_nothing_is_asked_for_and_nothing_is_lost() {
+fn block_end_without_dds_stops_requests_and_overruns() {
     let mut bench = Bench::new(SCANNED, STREAMED & !DDS);
     bench.trigger().pass(2000);
     bench.adc.block_ended();
@@ -225,7 +225,7 @@ fn after_a_block_without_dds_nothing_is_asked_for_and_nothing_is_lost() {
 }
 
 #[test]
-fn what_is_not_modelled_is_found() {
+fn enabling_an_unmodelled_feature_is_a_finding() {
     for (offset, value) in [
         (CR1, 1 << 10),
         (CR1, 1 << 11),
@@ -246,7 +246,7 @@ fn what_is_not_modelled_is_found() {
 }
 
 #[test]
-fn a_trigger_while_the_group_is_converted_is_lost() {
+fn trigger_during_its_own_group_is_lost() {
     let mut bench = Bench::new(SCANNED, STREAMED);
     bench.trigger().pass(1020).trigger().pass(2000);
     assert_eq!(bench.asked, [1058, 1112]);
@@ -259,12 +259,12 @@ fn a_trigger_while_the_group_is_converted_is_lost() {
 }
 
 #[test]
-fn clocks_and_times_beyond_the_data_sheets_are_found() {
+fn violated_limits_of_clock_and_start_up_are_findings() {
     let mut bench = Bench::new(SCANNED, STREAMED);
     bench.shared.clocks.hclk_hz = 168_000_000;
     bench.trigger();
     assert_eq!(bench.shared.kinds(), [Kind::ClockLimit]);
-    // 21 MHz is too fast below 2.4 V.
+    // 21 MHz exceeds the limit below 2.4 V.
     for (volts, found) in [(3.3, vec![]), (2.0, vec![Kind::ClockLimit])] {
         let mut bench = Bench::new(SCANNED, STREAMED);
         bench.shared.clocks.hclk_hz = 42_000_000;
@@ -278,13 +278,13 @@ fn clocks_and_times_beyond_the_data_sheets_are_found() {
 }
 
 #[test]
-fn settings_that_change_during_a_conversion_are_found() {
+fn settings_changed_during_a_conversion_are_a_finding() {
     for write in [(SQR3, 5), (SMPR2, 0), (CCR, 1 << 16)] {
         let mut bench = Bench::new(SCANNED, STREAMED);
         bench.trigger().pass(1010).write(&[write]);
         assert_eq!(bench.shared.kinds(), [Kind::Forbidden], "{write:?}");
     }
-    // A new sequence is converted from its beginning.
+    // A new sequence starts from its beginning.
     let mut bench = Bench::new(SCANNED, STREAMED);
     bench.trigger().pass(1070).write(&[(SQR3, 2 | 1 << 5)]);
     bench.pass(2000);
@@ -292,7 +292,7 @@ fn settings_that_change_during_a_conversion_are_found() {
 }
 
 #[test]
-fn without_its_clock_a_conversion_stands_still() {
+fn conversion_pauses_while_the_clock_is_off() {
     let mut bench = Bench::new(SCANNED, STREAMED);
     bench.trigger().pass(1050);
     bench.adc.gate(true, &mut bench.shared);

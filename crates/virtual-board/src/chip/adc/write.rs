@@ -1,4 +1,4 @@
-//! What follows from writing a register (RM0090, 13.13).
+//! Effects of writing the registers (RM0090, 13.13).
 
 use super::registers::*;
 use super::{Adc, Conversion, STABILISATION};
@@ -56,7 +56,7 @@ impl Adc {
         }
     }
 
-    /// A sequence that is written while it is converted begins anew.
+    /// Restarts a sequence that is written while it is converted.
     pub(super) fn write_sequence(&mut self, injected: bool, shared: &mut Shared) {
         if self.place(injected).is_none() {
             return;

@@ -2,7 +2,7 @@
 
 use crate::time::{Cycles, NEVER};
 
-/// Messages in a FIFO.
+/// Number of messages in a FIFO.
 const DEPTH: usize = 3;
 
 /// RFxR: release the output mailbox, overrun, full.
@@ -10,7 +10,7 @@ pub(super) const RFOM: u32 = 1 << 5;
 pub(super) const FOVR: u32 = 1 << 4;
 pub(super) const FULL: u32 = 1 << 3;
 
-/// A message as the registers RIxR, RDTxR, RDLxR, RDHxR show it.
+/// Message in the format of the registers RIxR, RDTxR, RDLxR, RDHxR.
 pub(super) type Message = [u32; 4];
 
 #[derive(Clone, Debug)]
@@ -18,7 +18,7 @@ pub(super) struct Fifo {
     messages: [Message; DEPTH],
     count: usize,
     flags: u32,
-    /// When the release that was asked for is done.
+    /// Cycle at which the requested release completes.
     pub release: Cycles,
 }
 
@@ -34,7 +34,7 @@ impl Default for Fifo {
 }
 
 impl Fifo {
-    /// The register RFxR.
+    /// Value of the register RFxR.
     pub fn status(&self) -> u32 {
         let release = if self.release == NEVER { 0 } else { RFOM };
         self.count as u32 | self.flags | release
@@ -45,7 +45,7 @@ impl Fifo {
         self.messages[0][word]
     }
 
-    /// Writes RFxR; `release` is when a release asked for now is done.
+    /// Writes RFxR; `release` is the cycle at which a release requested now completes.
     pub fn write(&mut self, value: u32, release: Cycles) {
         self.flags &= !value;
         if value & RFOM != 0 && self.count > 0 && self.release == NEVER {
@@ -53,7 +53,7 @@ impl Fifo {
         }
     }
 
-    /// The release is done.
+    /// Completes the release.
     pub fn released(&mut self) {
         self.release = NEVER;
         if self.count > 0 {
@@ -62,7 +62,7 @@ impl Fifo {
         }
     }
 
-    /// A message arrives; whether the last one was lost, which it takes the place of then.
+    /// Stores a received message. True if the FIFO was full: the message then overwrites the newest one.
     pub fn push(&mut self, message: Message) -> bool {
         let full = self.count == DEPTH;
         if !full {

@@ -1,25 +1,25 @@
 //! Filter banks: which frames go into which FIFO (RM0090, "Identifier filtering").
 //!
-//! Not modelled: lists, and filters of 16 bits; using one is a finding.
+//! Not modelled: identifier lists and 16-bit filters; using one is a finding.
 
 use crate::wire::{Frame, Id};
 
 /// Banks of CAN1 and CAN2 together.
 pub(super) const BANKS: usize = 28;
-/// All banks, a bit each.
+/// One bit for each bank.
 pub(super) const ALL: u32 = (1 << BANKS) - 1;
 /// FMR: initialisation mode of the filters.
 pub(super) const FINIT: u32 = 1;
 
-/// The filters' registers.
+/// Registers of the filters.
 #[derive(Clone)]
 pub(super) struct Filters {
     pub fmr: u32,
-    /// List instead of mask: counted, not modelled.
+    /// Identifier list instead of mask: counted in filter numbers, not modelled otherwise.
     pub mode: u32,
-    /// 32 bits instead of twice 16, which is not modelled.
+    /// One 32-bit filter instead of two 16-bit filters, which are not modelled.
     pub scale: u32,
-    /// FIFO 1 instead of FIFO 0.
+    /// Assigned to FIFO 1 instead of FIFO 0.
     pub assignment: u32,
     pub active: u32,
     pub banks: [[u32; 2]; BANKS],
@@ -38,14 +38,14 @@ impl Default for Filters {
     }
 }
 
-/// Where a frame goes: the FIFO, and the number of the filter among those of the FIFO.
+/// Destination of a frame: the FIFO, and the number of the matching filter within the FIFO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Match {
     pub fifo: usize,
     pub index: u8,
 }
 
-/// A frame's identifier as in the registers of 32 bits: STID, EXID, IDE, RTR.
+/// Identifier of a frame in the format of the 32-bit registers: STID, EXID, IDE, RTR.
 pub(super) fn wide(frame: &Frame) -> u32 {
     let remote = u32::from(frame.is_remote()) << 1;
     match frame.id() {
@@ -55,29 +55,29 @@ pub(super) fn wide(frame: &Frame) -> u32 {
 }
 
 impl Filters {
-    /// True if a bank in use is not one mask of 32 bits.
+    /// True if an active bank is not a single 32-bit mask.
     pub fn are_unknown(&self) -> bool {
         self.fmr & FINIT == 0 && self.active & (self.mode | !self.scale) != 0
     }
 
-    /// Where a frame goes: by the first bank that it passes.
+    /// Destination of a frame, from the first matching bank.
     pub fn find(&self, frame: &Frame) -> Option<Match> {
         if self.fmr & FINIT != 0 {
             return None;
         }
         let id = wide(frame);
         let mut numbers = [0u8; 2];
-        // Banks from CAN2SB on are CAN2's.
+        // Banks from CAN2SB on belong to CAN2.
         let own = ((self.fmr >> 8 & 0x3f) as usize).min(BANKS);
         for (bank, [value, mask]) in self.banks[..own].iter().enumerate() {
             let bit = |register: u32| register >> bank & 1;
             let fifo = bit(self.assignment) as usize;
-            // Bit 0 is not used.
+            // Bit 0 is unused.
             if bit(self.active) == 1 && (id ^ value) & mask & !1 == 0 {
                 let index = numbers[fifo];
                 return Some(Match { fifo, index });
             }
-            // Numbers count inactive banks too: two in a list, two of 16 bits instead of one of 32.
+            // Filter numbers also count inactive banks: a list counts twice, and so do 16-bit filters.
             numbers[fifo] += 1 << bit(self.mode) << bit(!self.scale);
         }
         None
@@ -89,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_mask_that_a_frame_passes_counts_the_filters_before_it() {
+    fn first_matching_mask_selects_fifo_and_filter_number() {
         let mut filters = Filters {
             fmr: 0x2a1c_0e00,
             scale: 0b1_1011,
@@ -98,8 +98,8 @@ mod tests {
             active: 0b1_0011,
             ..Filters::default()
         };
-        // A standard data frame, to FIFO 0; an extended one, to FIFO 1; all others. Bank 2 has two masks of 16
-        // bits, bank 3 is a list of two.
+        // Bank 0: standard data frames, to FIFO 0. Bank 1: extended frames, to FIFO 1. Bank 4: all others. Bank 2 has
+        // two 16-bit masks, bank 3 is a list of two identifiers.
         filters.banks[0] = [7 << 21, 0xffe0_0006];
         filters.banks[1] = [7 << 3 | 4, !0];
         let find = |filters: &Filters, frame| filters.find(&frame).map(|m| (m.fifo, m.index));
@@ -110,7 +110,7 @@ mod tests {
         assert_eq!(find(&filters, remote), Some((0, 5)));
         filters.active = 1;
         assert_eq!(find(&filters, extended), None);
-        // Banks from the fourth on are CAN2's.
+        // Banks from the fourth on belong to CAN2.
         (filters.active, filters.fmr) = (1 << 4, 0x2a1c_0400);
         assert_eq!(find(&filters, standard), None);
         assert!(!filters.are_unknown());

@@ -2,12 +2,12 @@
 
 use crate::wire::{Frame, Id};
 
-// Bits of TSR of mailbox 0; those of the next lie 8 bits higher.
+// Bits of TSR for mailbox 0; those of each next mailbox are 8 bits higher.
 bits! { pub(super):
     RQCP 0, TXOK 1, ALST 2, TERR 3, ABRQ 7
 }
 
-/// TIxR: request, remote, extended.
+/// TIxR: transmit request, remote frame, extended identifier.
 pub(super) const TXRQ: u32 = 1;
 const RTR: u32 = 1 << 1;
 const IDE: u32 = 1 << 2;
@@ -21,12 +21,11 @@ pub(super) struct Mailbox {
 }
 
 impl Mailbox {
-    /// Whether it waits to be sent or is being sent.
+    /// True while the mailbox waits or is being transmitted.
     pub fn is_pending(&self) -> bool {
         self.words[0] & TXRQ != 0
     }
 
-    /// What it holds.
     pub fn frame(&self) -> Frame {
         let [id, control, low, high] = self.words;
         let data = (u64::from(high) << 32 | u64::from(low)).to_le_bytes();
@@ -38,7 +37,7 @@ impl Mailbox {
         Frame::raw(identifier, id & RTR != 0, (control & 15) as u8, data)
     }
 
-    /// It is empty again, with what became of the last attempt; nothing, if there was none.
+    /// Empties the mailbox. `flags` is the result of the last attempt, or 0 without an attempt.
     pub fn complete(&mut self, flags: u32) {
         self.words[0] &= !TXRQ;
         let kept = if flags == 0 { ALST | TERR } else { 0 };
@@ -46,7 +45,7 @@ impl Mailbox {
     }
 }
 
-/// The mailboxes' part of TSR.
+/// Bits of TSR for all mailboxes.
 pub(super) fn status(mailboxes: &[Mailbox; 3]) -> u32 {
     let mut status = 0;
     for (k, mailbox) in mailboxes.iter().enumerate() {

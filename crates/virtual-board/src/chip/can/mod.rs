@@ -1,14 +1,22 @@
 //! CAN controller CAN1 (bxCAN): registers, mailboxes, FIFOs, filters, interrupts.
 //!
-//! The protocol itself is run by [`crate::wire`]; what the program asks for goes there as actions,
-//! what happens on the bus comes back as events at their times.
+//! [`crate::wire`] runs the protocol: requests of the program go there as actions, and the bus returns events with
+//! their times.
 //!
-//! Not modelled: silent and loopback modes, sending once (NART) or in the order of requests (TXFP), FIFOs that
-//! keep what they have (RFLM), waking by the bus, filters that are not masks of 32 bits, of which switching one
-//! on is a finding; the bits RXM, SAMP and RX of MSR, which read as on an idle bus; the freeze while a
-//! debugger halts the core (DBF with its bit of DBGMCU); a clock that is switched off while the
-//! controller takes part, which goes on then. The time stamps are always 0, as the time-triggered mode
-//! does not work on this chip.
+//! Not modelled; enabling one of these is a finding:
+//!
+//! - silent and loopback modes
+//! - single transmission (NART), transmission in the order of requests (TXFP), locked FIFOs (RFLM)
+//! - wake-up by the bus
+//! - filters other than 32-bit masks
+//!
+//! Not modelled, without a finding:
+//!
+//! - the bits RXM, SAMP and RX of MSR, which read as on an idle bus
+//! - the freeze while a debugger halts the core (DBF with its bit of DBGMCU)
+//! - a clock that is switched off: the controller continues to take part
+//!
+//! Time stamps are always 0, because the time-triggered mode does not work on this chip.
 
 mod fifo;
 mod filter;
@@ -33,7 +41,7 @@ use std::collections::VecDeque;
 /// The highest bit rate, bit/s.
 const MAX_RATE: u64 = 1_000_000;
 
-/// How the controller takes part.
+/// Operating mode of the controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Mode {
     #[default]
@@ -42,27 +50,26 @@ enum Mode {
     Normal,
 }
 
-/// The controller.
 #[derive(Clone, Default)]
 pub(crate) struct Can {
     mcr: u32,
     /// ERRI, SLAKI.
     msr: u32,
     ier: u32,
-    /// Flags and last error.
+    /// Flags and the last error code.
     esr: u32,
     btr: u32,
     tec: u8,
     rec: u8,
-    /// What is acknowledged, and where it is to go.
+    /// Acknowledged mode, and the requested one.
     mode: Mode,
     target: Mode,
     mailboxes: [Mailbox; 3],
-    /// The mailbox on the bus, as far as is known here.
+    /// Mailbox being transmitted, according to the latest event.
     sending: Option<usize>,
     fifos: [Fifo; 2],
     filters: Filters,
-    /// Messages lost since the power came on first.
+    /// Messages lost since the first power-on.
     lost: u64,
     actions: VecDeque<(Time, Action)>,
     events: VecDeque<Event>,
@@ -77,8 +84,8 @@ impl Can {
         }
     }
 
-    /// A reset, of the chip or of the controller alone. What the program did before still reaches the
-    /// wire, and then the reset.
+    /// Resets the controller, alone or with the chip. Earlier actions of the program still reach the wire before the
+    /// reset.
     pub fn reset(&mut self, shared: &mut Shared) {
         let old = std::mem::replace(self, Self::after_reset());
         (self.actions, self.lost) = (old.actions, old.lost);
@@ -107,7 +114,7 @@ impl Can {
         }
     }
 
-    /// The bit rate is within what the controller can do.
+    /// Notes a bit rate above the controller's limit.
     fn judge_rate(&self, shared: &mut Shared) {
         let clock = shared.clocks.hclk_hz / shared.clocks.apb1;
         let timing = self.timing(shared);
@@ -149,7 +156,7 @@ impl Can {
         }
     }
 
-    /// Where the bits INRQ and SLEEP lead from where it is.
+    /// Mode requested by INRQ and SLEEP in the present mode.
     fn wanted(&self) -> Mode {
         let (init, sleep) = (self.mcr & INRQ != 0, self.mcr & SLEEP != 0);
         match self.mode {
@@ -160,8 +167,8 @@ impl Can {
         }
     }
 
-    /// Begins to go to a mode. To leave the bus takes until what goes on has ended, to join it eleven
-    /// recessive bits; all else is done at once.
+    /// Starts a change of mode. Leaving the bus waits until the present transmission or reception has ended; joining it
+    /// takes eleven recessive bits. All other changes are immediate.
     fn go(&mut self, target: Mode, shared: &mut Shared) {
         self.target = target;
         self.events
@@ -237,7 +244,7 @@ impl Can {
     }
 
     fn write_fifo(&mut self, k: usize, value: u32, shared: &mut Shared) {
-        // The release takes the controller two cycles of its clock.
+        // A release takes two clock cycles of the controller.
         let release = shared.now + 2 * shared.clocks.apb1;
         self.fifos[k].write(value, release);
         self.plan(shared);
@@ -287,7 +294,7 @@ impl Can {
         *register = value;
     }
 
-    /// Levels of the four interrupt lines.
+    /// Updates the four interrupt lines.
     fn lines(&self, shared: &mut Shared) {
         let enabled = |bit: u32| self.ier & bit != 0;
         let complete = self.mailboxes.iter().any(|m| m.flags & RQCP != 0);
@@ -307,7 +314,7 @@ impl Can {
         shared.line(Interrupt::Can1Sce, change);
     }
 
-    /// Puts the next event or release on the schedule.
+    /// Schedules the next event or FIFO release.
     fn plan(&self, shared: &mut Shared) {
         let event = self.events.front().map(|e| shared.base.cycle_of(e.at));
         let releases = self.fifos.iter().map(|fifo| fifo.release);
@@ -317,7 +324,7 @@ impl Can {
         }
     }
 
-    /// Takes what will happen on the bus.
+    /// Queues an event of the bus.
     pub fn post(&mut self, event: Event, shared: &mut Shared) {
         self.events.push_back(event);
         if self.events.len() == 1 {
@@ -387,7 +394,7 @@ impl Can {
         }
     }
 
-    /// Sets a flag of ESR; its interrupt follows the flag's edge.
+    /// Sets a flag of ESR; a rising flag raises ERRI if its interrupt is enabled.
     fn raise(&mut self, flag: u32, enable: u32) {
         if self.esr & flag == 0 && self.ier & enable != 0 {
             self.msr |= ERRI;

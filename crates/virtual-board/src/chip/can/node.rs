@@ -1,4 +1,4 @@
-//! The chip as a node of the wire.
+//! The chip as a node on the bus.
 
 use super::super::{Chip, Signal};
 use crate::finding::Kind;
@@ -6,12 +6,12 @@ use crate::time::Time;
 use crate::wire::{Action, Event, Node};
 
 impl Chip {
-    /// Messages that its controller lost because a FIFO was full.
+    /// Messages lost because a receive FIFO was full.
     pub fn can_overruns(&self) -> u64 {
         self.units.can1.lost()
     }
 
-    /// Whether a signal of the controller is on a pin; a finding, if not.
+    /// True if a signal of the controller is routed to a pin; otherwise a finding.
     fn is_routed(&mut self, signal: Signal, name: &str) -> bool {
         let found = self.units.gpio.pin_of(signal).is_some();
         if !found {

@@ -1,4 +1,4 @@
-//! Places and bits of the registers (RM0090, "CAN registers").
+//! Offsets and bits of the registers (RM0090, "CAN registers").
 
 use super::super::register::{Register, word};
 use super::filter::ALL;
@@ -14,10 +14,10 @@ pub(super) const MCR_RESET: u32 = 1 << 16 | SLEEP;
 bits! { pub(super):
     INAK 0, SLAK 1, ERRI 2, SLAKI 4, TXM 8
 }
-/// The last sample and the level of the pin: recessive.
+/// Last sample and level of the pin: recessive.
 pub(super) const RECESSIVE: u32 = 3 << 10;
 
-/// IER.
+/// Bits of IER.
 pub(super) const TMEIE: u32 = 1;
 pub(super) const FMPIE: [u32; 2] = [1 << 1, 1 << 4];
 pub(super) const FFIE: [u32; 2] = [1 << 2, 1 << 5];
@@ -33,14 +33,14 @@ bits! { pub(super):
 }
 pub(super) const LEC: u32 = 7 << 4;
 
-/// BTR.
+/// Bits of BTR.
 pub(super) const SILM: u32 = 1 << 31;
 pub(super) const LBKM: u32 = 1 << 30;
 pub(super) const BTR_BITS: u32 = 0xc37f_03ff;
 
 const TDTR_BITS: u32 = 0xffff_010f;
 pub(super) const FMR_BITS: u32 = 0x3f01;
-/// FMR: reserved bits that are ones.
+/// FMR: reserved bits whose reset value is one.
 pub(super) const FMR_ONES: u32 = 0x2a1c_0000;
 
 pub(super) const MAILBOXES: u32 = 0x180;
@@ -75,7 +75,6 @@ macro_rules! registers {
     };
 }
 
-/// All registers.
 pub(super) const REGISTERS: [Register; 89] = registers!(
     outgoing: 0 1 2;
     incoming: 0 1;

@@ -1,13 +1,13 @@
-//! The controller through its registers, on a wire with others.
+//! The controller, accessed through its registers, on a bus with other nodes.
 
 use super::*;
 use crate::chip::{Bare, testing};
 use crate::time::Cycles;
 use crate::wire::{Fault, Id, Level, Node, VirtualNode, Wire};
 
-/// Core cycles in a microsecond; APB1 has a quarter of them.
+/// Core cycles in 1 µs; APB1 runs at a quarter of the core clock.
 const MICRO: Cycles = 168;
-/// A quantum, core cycles.
+/// Simulation step, core cycles.
 const QUANTUM: Cycles = 20 * MICRO;
 
 const MCR: u32 = 0x00;
@@ -20,7 +20,7 @@ const BTR: u32 = 0x1c;
 const RDT0R: u32 = 0x1b4;
 const FMR: u32 = 0x200;
 
-/// A board with nothing but its controller.
+/// A board with nothing but the CAN controller.
 type Board = testing::Bench<Can>;
 
 impl Board {
@@ -28,10 +28,10 @@ impl Board {
         let mut board = Self::around(Bare, Unit::Can1, Can::after_reset());
         board.write(&[(MCR, INRQ | ABOM)]);
         assert_eq!(board.read(MSR) & 3, INAK);
-        // One filter that takes all into FIFO 0.
+        // One filter that passes all frames to FIFO 0.
         board.write(&[(FMR, 0x2a1c_0e01), (0x20c, 1)]);
         board.write(&[(0x21c, 1), (FMR, 0x2a1c_0e00)]);
-        // 42 MHz in six, seven quanta.
+        // 42 MHz / 6 / 7 time quanta.
         board.write(&[(BTR, 4 << 16 | 5)]);
         board
     }
@@ -57,7 +57,7 @@ impl Node for Board {
     }
 }
 
-/// Boards and one virtual node at a wire.
+/// Boards and one virtual node on a bus.
 struct Bench {
     wire: Wire,
     boards: Vec<Board>,
@@ -79,7 +79,7 @@ impl Bench {
         }
     }
 
-    /// Boards that have joined, and the virtual node if asked for.
+    /// A bench whose boards have joined the bus; the virtual node joins if `other`.
     fn joined(boards: usize, other: bool) -> Self {
         let mut bench = Self::new(boards);
         if other {
@@ -96,7 +96,7 @@ impl Bench {
         bench
     }
 
-    /// Runs to this many microseconds.
+    /// Runs to `micros` µs after the start.
     fn run(&mut self, micros: u64) {
         while self.now < micros * MICRO {
             self.now += QUANTUM;
@@ -117,14 +117,14 @@ impl Bench {
 }
 
 #[test]
-fn it_leaves_its_initialisation_after_eleven_recessive_bits_and_not_before() {
+fn controller_joins_after_eleven_recessive_bits() {
     let mut bench = Bench::new(1);
     let dominant = Fault::Level(Some(Level::Dominant));
     bench.wire.inject(Time(0), dominant);
     bench.board().write(&[(MCR, ABOM)]);
     bench.run(10_000);
     assert_eq!(bench.board().read(MSR) & 3, INAK);
-    // The way back to the initialisation does not need the bus.
+    // The return to initialisation mode does not need the bus.
     bench.board().write(&[(MCR, ABOM | INRQ)]);
     assert_eq!(bench.board().read(MSR) & 3, INAK);
     bench.board().write(&[(MCR, ABOM)]);
@@ -132,14 +132,14 @@ fn it_leaves_its_initialisation_after_eleven_recessive_bits_and_not_before() {
     bench.wire.inject(free, Fault::Level(None));
     bench.run(10_060);
     assert_eq!(bench.board().read(MSR) & 3, INAK);
-    // 11 bits, to the next quantum.
+    // 11 bits, rounded up to the next simulation step.
     bench.run(10_080);
     bench.board().run(10_080 * MICRO + 1);
     assert_eq!(bench.board().read(MSR) & 3, 0);
 }
 
 #[test]
-fn a_frame_is_sent_received_and_told_to_the_cycle() {
+fn frame_raises_transmit_and_receive_interrupts_at_their_cycles() {
     let mut bench = Bench::joined(2, false);
     let begin = bench.now;
     for board in &mut bench.boards {
@@ -149,7 +149,7 @@ fn a_frame_is_sent_received_and_told_to_the_cycle() {
     assert_eq!(bench.board().read(TSR) >> 24, 0b0001_1001);
     let frame = Frame::new(Id::Standard(0x123), &[1, 2, 3, 4]);
     let mut changes = Vec::new();
-    // Boards look at every cycle.
+    // The boards are checked in every cycle.
     while changes.len() < 2 {
         let quantum = bench.now;
         for cycle in quantum..quantum + QUANTUM {
@@ -168,8 +168,7 @@ fn a_frame_is_sent_received_and_told_to_the_cycle() {
     let [(1, received), (0, sent)] = changes[..] else {
         panic!("{changes:?}");
     };
-    // From the first edge to the sample point of the last bit, the first edge a bit after the request
-    // at most.
+    // Earliest time from the request to the sample point of the last bit; the first edge follows within one bit.
     let bits = frame.bits().length() as u64;
     let earliest = (bits - 1) * MICRO + MICRO * 6 / 7;
     let later = sent.checked_sub(earliest);
@@ -199,7 +198,7 @@ fn order(bench: &mut Bench) -> Vec<Id> {
 }
 
 #[test]
-fn mailboxes_go_by_identifier() {
+fn mailboxes_are_sent_in_order_of_identifier() {
     let mut bench = Bench::joined(2, false);
     let board = bench.board();
     for (mailbox, id) in [(0, 0x300), (1, 0x100), (2, 0x200)] {
@@ -209,14 +208,14 @@ fn mailboxes_go_by_identifier() {
     let status = board.read(TSR);
     assert_eq!(status >> 26 & 7, 0, "no mailbox is free");
     assert_eq!((status >> 29, status >> 24 & 3), (0b001, 0));
-    // All three are asked for within one bit: the first bit decides.
+    // All three requests come within one bit, so the identifier decides.
     bench.run(1000);
     let expected = [0x100, 0x200, 0x300].map(Id::Standard);
     assert_eq!(order(&mut bench), expected);
 }
 
 #[test]
-fn equal_identifiers_go_by_the_number_of_the_mailbox() {
+fn equal_identifiers_are_sent_in_order_of_mailbox_number() {
     let mut bench = Bench::joined(2, false);
     for mailbox in [2, 1, 0] {
         bench.board().request(mailbox, 0x100, mailbox);
@@ -228,7 +227,7 @@ fn equal_identifiers_go_by_the_number_of_the_mailbox() {
 }
 
 #[test]
-fn nobody_acknowledges_counts_to_128_and_no_further() {
+fn missing_acknowledgement_stops_the_error_counter_at_128() {
     let mut bench = Bench::joined(1, false);
     let board = bench.board();
     board.write(&[(IER, ERRIE | EPVIE)]);
@@ -244,7 +243,7 @@ fn nobody_acknowledges_counts_to_128_and_no_further() {
     board.write(&[(MSR, ERRI)]);
     assert!(!board.shared.is_high(Interrupt::Can1Sce));
     assert_eq!(board.read(TSR) >> 26 & 7, 0b110);
-    // Another comes: the frame gets through.
+    // Another node joins: the frame is acknowledged.
     let on = Settings::new(BitTiming::megabit());
     bench.other = VirtualNode::new(on);
     bench.run(20_400);
@@ -254,7 +253,7 @@ fn nobody_acknowledges_counts_to_128_and_no_further() {
 }
 
 #[test]
-fn an_abort_frees_what_waits_at_once_and_what_is_sent_at_its_end() {
+fn abort_frees_a_waiting_mailbox_at_once_and_a_transmitting_one_at_its_end() {
     let mut bench = Bench::joined(1, true);
     bench.board().request(0, 0x100, 0);
     bench.board().request(1, 0x101, 0);
@@ -263,7 +262,7 @@ fn an_abort_frees_what_waits_at_once_and_what_is_sent_at_its_end() {
     let board = bench.board();
     board.run(now);
     board.write(&[(TSR, ABRQ | ABRQ << 8)]);
-    // Mailbox 0 is on the wire, mailbox 1 waits.
+    // Mailbox 0 is being transmitted, mailbox 1 waits.
     let status = board.read(TSR);
     assert_eq!(status & 0xff, ABRQ);
     assert_eq!(status >> 8 & 0xff, RQCP);
@@ -274,7 +273,7 @@ fn an_abort_frees_what_waits_at_once_and_what_is_sent_at_its_end() {
     assert_eq!(order(&mut bench), [Id::Standard(0x100)]);
     assert_eq!(bench.wire.statistics(0).given_up, 1);
 
-    // Without an acknowledgement it is given up with the first error.
+    // Without an acknowledgement, the transmission ends at the first error.
     let mut bench = Bench::joined(1, false);
     bench.board().request(0, 0x100, 0);
     bench.run(140);
@@ -288,12 +287,12 @@ fn an_abort_frees_what_waits_at_once_and_what_is_sent_at_its_end() {
 }
 
 #[test]
-fn off_the_bus_it_comes_back_by_itself_or_when_the_program_says_so() {
+fn bus_off_recovers_automatically_or_by_the_program() {
     for recover in [true, false] {
         let mut bench = Bench::joined(2, false);
         let mcr = if recover { ABOM } else { 0 };
         bench.board().write(&[(MCR, mcr), (IER, ERRIE | BOFIE)]);
-        // It sends but reads recessive.
+        // The transceiver transmits, but its receive output stays recessive.
         let transceiver = |hears| Fault::Transceiver {
             node: 0,
             sends: true,
@@ -320,22 +319,22 @@ fn off_the_bus_it_comes_back_by_itself_or_when_the_program_says_so() {
             bench.run(10_100);
             assert_eq!(bench.board().read(MSR) & 3, INAK);
             bench.board().write(&[(MCR, 0)]);
-            // Eleven bits to join.
+            // Joining takes eleven bits.
             from = bench.now / MICRO + 11;
         }
-        // 128 times eleven bits; the quanta before and after.
+        // 128 times eleven bits, with a margin of a few simulation steps.
         bench.run(from + 128 * 11 - 60);
         assert_eq!(bench.board().read(ESR) & BOFF, BOFF);
         bench.run(from + 128 * 11 + 120);
         let board = bench.board();
         assert_eq!(board.read(ESR), 0);
-        // The frame that was to be sent is sent now.
+        // The pending frame has been transmitted.
         assert_eq!(board.read(TSR) & 0xff, RQCP | TXOK);
     }
 }
 
 #[test]
-fn a_fourth_frame_overruns_and_is_found() {
+fn fourth_frame_overruns_the_fifo_and_is_a_finding() {
     let mut bench = Bench::joined(1, true);
     bench.board().write(&[(IER, FFIE[0])]);
     for id in 0..4 {
@@ -352,7 +351,7 @@ fn a_fourth_frame_overruns_and_is_found() {
     assert!(!board.shared.is_high(Interrupt::Can1Rx0));
     board.write(&[(IER, FOVIE[0])]);
     assert!(board.shared.is_high(Interrupt::Can1Rx0));
-    // The fourth took the place of the third.
+    // The fourth frame replaced the third.
     for id in [0, 1, 3] {
         assert_eq!(board.read(OUTPUTS), id << 21);
         board.write(&[(RF0R, RFOM)]);
@@ -362,7 +361,7 @@ fn a_fourth_frame_overruns_and_is_found() {
 }
 
 #[test]
-fn what_the_manual_forbids_is_found_and_changes_nothing() {
+fn forbidden_writes_are_findings_without_effect() {
     let mut bench = Bench::joined(1, false);
     let board = bench.board();
     let btr = board.read(BTR);
@@ -379,7 +378,7 @@ fn what_the_manual_forbids_is_found_and_changes_nothing() {
     board.write(&[(MCR, ABOM | TTCM)]);
     assert_eq!(board.found(Kind::Forbidden), 5);
     assert_eq!(board.found(Kind::ClockLimit), 0);
-    // The divider as it is after a reset: 42 MHz by eight.
+    // Reset value of BTR: 42 MHz divided by eight.
     let mut bench = Bench::new(1);
     let board = bench.board();
     board.write(&[(BTR, 0x0123_0000), (MCR, ABOM)]);
@@ -388,7 +387,7 @@ fn what_the_manual_forbids_is_found_and_changes_nothing() {
 }
 
 #[test]
-fn to_leave_the_bus_it_waits_for_the_end_of_its_frame() {
+fn leaving_the_bus_waits_for_the_end_of_the_frame() {
     let mut bench = Bench::joined(1, true);
     bench.board().request(0, 0x100, 0);
     bench.run(120);
@@ -401,7 +400,7 @@ fn to_leave_the_bus_it_waits_for_the_end_of_its_frame() {
 }
 
 #[test]
-fn a_reset_in_the_middle_of_a_frame_cuts_it() {
+fn reset_aborts_a_frame_in_progress() {
     let mut bench = Bench::joined(2, false);
     bench.board().request(0, 0x100, 0);
     bench.run(120);
@@ -416,7 +415,7 @@ fn a_reset_in_the_middle_of_a_frame_cuts_it() {
 }
 
 #[test]
-fn what_is_not_modelled_is_found() {
+fn enabling_an_unmodelled_feature_is_a_finding() {
     let mut bench = Bench::new(1);
     let board = bench.board();
     for (offset, value) in [
@@ -432,6 +431,6 @@ fn what_is_not_modelled_is_found() {
     ] {
         board.write(&[(MCR, INRQ | ABOM), (offset, value)]);
     }
-    // One each for BTR, IER, MCR and the filters.
+    // One finding each for BTR, IER, MCR and the filters.
     assert_eq!(board.found(Kind::NotModelled), 4);
 }

@@ -1,16 +1,15 @@
 //! DMA controllers.
 //!
-//! Source: reference manual RM0090, chapter 10. Requests of ADC1 and USART3 are connected. A
-//! request is served at once: what arbitration and the buses take, some ten cycles, is left out, so that
-//! the memory port is never late. An item for a peripheral is read at the request, where the chip has it
-//! one request earlier. A stream that is switched off stops at once and says so by TCIF.
+//! Source: reference manual RM0090, chapter 10. Requests of ADC1 and USART3 are connected. A request is served at once:
+//! the time of arbitration and buses, about ten cycles, is omitted, so the memory port is never late. An item for a
+//! peripheral is read at its request, while the chip reads it one request earlier. A stream that is disabled stops at
+//! once and sets TCIF.
 //!
-//! A stream that is switched on with flags of its own up does not start (the manual forbids it): that
-//! and setting up a stream that runs are findings and change nothing.
+//! A stream does not start while one of its flags is set (forbidden by the manual). Such a start is a finding; so is
+//! writing the setup of a running stream, which has no effect.
 //!
-//! Not modelled: the FIFO, double buffers, transfers from memory to memory, addresses of peripherals that
-//! go on, the peripheral as flow controller, bursts; a stream that is to do one is a finding and does not
-//! start.
+//! Not modelled: FIFO, double buffers, memory-to-memory transfers, incremented peripheral addresses, the peripheral as
+//! flow controller, bursts. Enabling a stream that needs one is a finding, and the stream does not start.
 
 mod stream;
 #[cfg(test)]
@@ -44,14 +43,14 @@ macro_rules! streams {
 
 const REGISTERS: &[Register] = streams!(0 1 2 3 4 5 6 7);
 
-/// Which controller.
+/// One of the two controllers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Controller {
     Dma1,
     Dma2,
 }
 
-/// Stream and channel of a request (RM0090, tables of the requests' mapping).
+/// Stream and channel of each request (RM0090, tables of the request mapping).
 #[rustfmt::skip]
 const REQUESTS: [(Controller, usize, u32, Request); 5] = [
     (Controller::Dma1, 1, 4, Request::Usart3Rx), (Controller::Dma1, 3, 4, Request::Usart3Tx),
@@ -64,12 +63,11 @@ fn shift(stream: usize) -> u32 {
     [0, 6, 16, 22][stream % 4]
 }
 
-/// A controller.
 #[derive(Clone)]
 pub(crate) struct Dma {
     controller: Controller,
     streams: [Stream; 8],
-    /// The stream that listens to each request.
+    /// Stream assigned to each request.
     listeners: [Option<usize>; Request::COUNT],
 }
 
@@ -87,17 +85,17 @@ impl Dma {
         format!("DMA{} stream {stream}", self.controller as usize + 1)
     }
 
-    /// The stream that listens to a request.
+    /// Stream assigned to a request.
     pub fn listener(&self, request: Request) -> Option<usize> {
         self.listeners[request as usize]
     }
 
-    /// The next item of a stream: from where, to where.
+    /// Next item of a stream: source, destination, width.
     pub fn item(&self, stream: usize) -> (u32, u32, Width) {
         self.streams[stream].item()
     }
 
-    /// An item was moved, or met a bus error. True if a block ended.
+    /// Records a moved item, or a bus error if not `done`. True if a block ended.
     pub fn moved(&mut self, stream: usize, done: bool, shared: &mut Shared) -> bool {
         let s = &mut self.streams[stream];
         let ended = done && s.moved();
@@ -119,7 +117,7 @@ impl Dma {
         ended
     }
 
-    /// Which stream listens to what.
+    /// Updates the assignment of streams to requests.
     fn listen(&mut self) {
         self.listeners = [None; Request::COUNT];
         for &(controller, stream, channel, request) in REQUESTS.iter().rev() {
@@ -151,14 +149,14 @@ impl Dma {
         let s = &mut self.streams[k];
         let interrupts = TCIE | HTIE | TEIE | DMEIE;
         if s.is_on() {
-            // Only the interrupts may be changed, and the stream switched off.
+            // While the stream runs, only the interrupt enables and EN may change.
             if (value ^ s.cr) & !(EN | interrupts) != 0 {
                 self.refuse(k, "set up while it runs", shared);
             }
             let s = &mut self.streams[k];
             s.cr = s.cr & !(EN | interrupts) | value & (EN | interrupts);
             if value & EN == 0 {
-                // The manual's way to tell that the last transfer has ended.
+                // According to the manual, TCIF shows that the last transfer has ended.
                 s.flags |= TCIF;
                 self.listen();
             }
@@ -178,7 +176,7 @@ impl Dma {
         shared.note(Kind::Forbidden, format!("{}: {why}", self.name(k)));
     }
 
-    /// Judges how a stream is set up; whether it starts.
+    /// Checks the setup of a stream; true if the stream starts.
     fn may_start(&self, k: usize, shared: &mut Shared) -> bool {
         let s = &self.streams[k];
         if s.flags != 0 {
@@ -234,7 +232,7 @@ impl Peripheral for Dma {
             0x08 => s.peripheral,
             0x0c => s.memory[0],
             0x10 => s.memory[1],
-            // The FIFO is empty.
+            // The FIFO is always empty.
             _ => s.fcr & !0x38 | 4 << 3,
         }
     }

@@ -1,4 +1,4 @@
-//! A stream: its registers and the items that it moves.
+//! A stream: registers and item addresses.
 
 use crate::core::Width;
 
@@ -27,9 +27,9 @@ pub(super) struct Stream {
     pub memory: [u32; 2],
     pub fcr: u32,
     pub flags: u32,
-    /// Items of a block.
+    /// Items in a block.
     block: u32,
-    /// Bytes of the block that memory's address has come along.
+    /// Increment of the memory address since the start of the block, bytes.
     along: u32,
 }
 
@@ -50,7 +50,7 @@ impl Stream {
         self.cr >> 25 & 7
     }
 
-    /// Width of an item: without FIFO the peripheral's on both sides.
+    /// Width of an item: without FIFO, the peripheral's width on both sides.
     pub fn width(&self) -> Width {
         match self.cr >> 11 & 3 {
             0 => Width::Byte,
@@ -59,18 +59,18 @@ impl Stream {
         }
     }
 
-    /// True if an interrupt is asked for.
+    /// True if an enabled interrupt flag is set.
     pub fn active(&self) -> bool {
         let on = |flag: u32, enable: u32| self.flags & flag != 0 && self.cr & enable != 0;
         on(TCIF, TCIE) || on(HTIF, HTIE) || on(TEIF, TEIE)
     }
 
-    /// Is switched on: a block begins.
+    /// Starts a block when the stream is enabled.
     pub fn begin(&mut self) {
         (self.block, self.along) = (self.ndtr, 0);
     }
 
-    /// The next item: from where, to where.
+    /// Next item: source, destination, width.
     pub fn item(&self) -> (u32, u32, Width) {
         let memory = self.memory[0].wrapping_add(self.along);
         match self.cr & DIR {
@@ -79,7 +79,7 @@ impl Stream {
         }
     }
 
-    /// An item was moved. True if the block ended with it.
+    /// Records a moved item. True if the block ended.
     pub fn moved(&mut self) -> bool {
         self.ndtr -= 1;
         if self.cr & MINC != 0 {
@@ -100,7 +100,7 @@ impl Stream {
         true
     }
 
-    /// An access met a bus error: the stream stops.
+    /// Stops the stream after a bus error.
     pub fn fail(&mut self) {
         self.flags |= TEIF;
         self.cr &= !EN;

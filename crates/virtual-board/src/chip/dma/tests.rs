@@ -3,7 +3,7 @@ use crate::chip::testing::shared;
 
 const PERIPHERAL: u32 = 0x4001_204c;
 const FIRST: u32 = 0x2000_0100;
-/// Widths of the peripheral and of memory.
+/// Widths of peripheral and memory: halfwords.
 const HALVES: u32 = 1 << 11 | 1 << 13;
 
 // Registers of stream 0.
@@ -13,7 +13,7 @@ const PAR: u32 = 0x18;
 const M0AR: u32 = 0x1c;
 const FCR: u32 = 0x24;
 
-/// Stream 0 of DMA2, ADC1's on channel 0.
+/// Stream 0 of DMA2 with ADC1 on channel 0.
 struct Bench {
     dma: Dma,
     shared: Shared,
@@ -42,7 +42,7 @@ impl Bench {
         self.dma.read(offset, &mut self.shared)
     }
 
-    /// ADC1 asks: the item that is moved, and whether a block ended; nothing, if no stream listens.
+    /// Serves a request of ADC1: the item moved and true if a block ended; `None` if no stream is assigned.
     fn ask(&mut self) -> Option<((u32, u32, Width), bool)> {
         let stream = self.dma.listener(Request::Adc1)?;
         let item = self.dma.item(stream);
@@ -64,7 +64,7 @@ impl Bench {
 }
 
 #[test]
-fn a_ring_goes_round_and_tells_of_its_halves() {
+fn circular_stream_flags_half_and_full_transfer() {
     let mut bench = Bench::new(4, 0, HTIE | TCIE | CIRC | MINC | HALVES);
     let mut seen = Vec::new();
     for _ in 0..6 {
@@ -88,7 +88,7 @@ fn a_ring_goes_round_and_tells_of_its_halves() {
 }
 
 #[test]
-fn a_single_block_goes_either_way_and_ends() {
+fn single_block_moves_in_both_directions_and_ends() {
     for direction in [0, TO_PERIPHERAL] {
         let mut bench = Bench::new(2, 0, direction | MINC | HALVES);
         for (memory, ends) in [(FIRST, false), (FIRST + 2, true)] {
@@ -106,8 +106,8 @@ fn a_single_block_goes_either_way_and_ends() {
 }
 
 #[test]
-fn requests_find_their_streams() {
-    // RM0090, tables of the requests' mapping: controller, stream, channel.
+fn requests_are_routed_to_the_streams_of_the_manual() {
+    // RM0090, tables of the request mapping: controller, stream, channel.
     for (controller, stream, channel, request) in [
         (Controller::Dma2, 4, 0, Request::Adc1),
         (Controller::Dma1, 1, 4, Request::Usart3Rx),
@@ -124,7 +124,7 @@ fn requests_find_their_streams() {
 }
 
 #[test]
-fn a_running_stream_must_not_be_set_up_and_stops_when_told() {
+fn running_stream_rejects_setup_and_stops_when_disabled() {
     let mut bench = Bench::new(4, 0, CIRC | MINC | HALVES);
     for (offset, value) in [(NDTR, 9), (PAR, 0), (M0AR, 0), (FCR, 4), (CR, EN)] {
         let before = bench.read(offset);
@@ -140,7 +140,7 @@ fn a_running_stream_must_not_be_set_up_and_stops_when_told() {
 }
 
 #[test]
-fn a_stream_does_not_start_with_its_flags_up() {
+fn stream_with_flags_set_does_not_start() {
     let mut bench = Bench::new(4, 0, MINC | HALVES);
     let cr = bench.read(CR);
     bench.write(&[(CR, cr & !EN), (CR, cr)]);
@@ -153,7 +153,7 @@ fn a_stream_does_not_start_with_its_flags_up() {
 }
 
 #[test]
-fn a_bus_error_stops_the_stream() {
+fn bus_error_stops_the_stream() {
     let mut bench = Bench::new(4, 0, TEIE | CIRC | MINC | HALVES);
     bench.broken = true;
     assert!(!bench.ask().unwrap().1);
@@ -164,7 +164,7 @@ fn a_bus_error_stops_the_stream() {
 }
 
 #[test]
-fn what_is_not_modelled_or_set_up_wrongly_is_found() {
+fn unmodelled_or_wrong_setup_of_a_stream_is_a_finding() {
     for (cr, kind, starts) in [
         (2 << 6, Kind::NotModelled, false),
         (PFCTRL, Kind::NotModelled, false),

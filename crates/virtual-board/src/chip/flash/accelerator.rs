@@ -1,38 +1,37 @@
-//! The flash's accelerator: what a read takes.
+//! The flash accelerator: time of a read.
 //!
-//! The flash is read by lines of 16 bytes; a read takes one cycle and the wait states. While a line is
-//! executed the next one is fetched ahead, if prefetch is on. Lines that the core had to wait for stand
-//! in an instruction cache of 64 lines, those read as data in a cache of 8; the least recently used
-//! goes first (RM0090, 3.5.2).
+//! The flash is read in lines of 16 bytes; a read takes one cycle plus the wait states. With prefetch on, the next line
+//! is fetched while a line is executed. Lines for which the core had to wait are kept in an instruction cache of 64
+//! lines; lines read as data are kept in a data cache of 8 lines. Replacement is least recently used (RM0090, 3.5.2).
 //!
-//! The manual copies a line into the cache when it is "not present in the currently used instruction
-//! line, in the prefetched instruction line or in the instruction cache". So a prefetched line that is
-//! there in time is not copied; one that is still being read when the core wants it counts as not
-//! present. A read under way is never broken off: what comes next waits for it.
+//! According to the manual, a line is copied into the cache when it is "not present in the currently used instruction
+//! line, in the prefetched instruction line or in the instruction cache". So a line prefetched in time is not copied; a
+//! line still being read when the core needs it counts as not present. A read in progress is never aborted: the next
+//! read waits for it.
 
 use crate::time::Cycles;
 
-/// Lines of the flash.
+/// Number of lines of the flash.
 const LINES: usize = (1 << 20) / 16;
-/// No line.
+/// Marks an unused entry.
 const NONE: u32 = u32::MAX;
 
-/// Uses that a cache remembers; then it keeps only the latest of each entry.
+/// Length of the log of uses; a full log is compacted to the latest use of each entry.
 const REMEMBERED: usize = 1 << 12;
 
-/// A cache of whole lines; the least recently used goes first.
+/// A cache of whole lines with least-recently-used replacement.
 #[derive(Clone, Debug)]
 struct Cache<const N: usize> {
-    /// Place of each line in the cache plus one; zero if it is not there.
+    /// Cache entry of each line, plus one; zero if the line is not cached.
     place: Box<[u8; LINES]>,
     line: [u32; N],
-    /// Entries in the order of their uses.
+    /// Log of the entries used, oldest first.
     uses: Box<[u8; REMEMBERED]>,
-    /// How many uses there are.
+    /// Number of uses in the log.
     used: usize,
-    /// Uses before this one are not the latest of their entries.
+    /// Index into the log: the latest use of each entry is here or later.
     oldest: usize,
-    /// The latest use of each entry.
+    /// Index of the latest use of each entry.
     latest: [u16; N],
     on: bool,
 }
@@ -69,7 +68,7 @@ impl<const N: usize> Cache<N> {
         self.used += 1;
     }
 
-    /// Keeps only the latest use of each entry.
+    /// Compacts the log to the latest use of each entry.
     #[cold]
     #[inline(never)]
     fn forget(&mut self) {
@@ -87,7 +86,7 @@ impl<const N: usize> Cache<N> {
         self.place[line as usize % LINES] != 0
     }
 
-    /// Where a line is, which is then the latest used.
+    /// Entry of a cached line, which becomes the most recently used.
     #[inline]
     fn hit(&mut self, line: u32) -> Option<usize> {
         let entry = usize::from(self.place[line as usize % LINES]).checked_sub(1)?;
@@ -95,7 +94,7 @@ impl<const N: usize> Cache<N> {
         Some(entry)
     }
 
-    /// Puts a line that is not there in the place of the one used longest ago; gives the place.
+    /// Stores an uncached line in the least recently used entry; returns the entry.
     fn fill(&mut self, line: u32) -> usize {
         let entry = loop {
             let used = self.oldest;
@@ -121,10 +120,10 @@ pub(super) struct Accelerator {
     prefetch: bool,
     instructions: Cache<64>,
     data: Cache<8>,
-    /// Contents of the data cache: what the program reads even after the flash was changed.
+    /// Content of the data cache, returned to the program even after the flash has changed.
     stale: [[u8; 16]; 8],
     current: u32,
-    /// The line fetched ahead, and when the flash is free.
+    /// Prefetched line, and the cycle at which the flash is free again.
     ahead: (u32, Cycles),
 }
 
@@ -141,7 +140,7 @@ impl Accelerator {
         }
     }
 
-    /// New settings by ACR.
+    /// Applies the settings of ACR.
     pub fn set(&mut self, acr: u32) {
         self.wait_states = u64::from(acr & 7);
         self.prefetch = acr & 1 << 8 != 0;
@@ -156,7 +155,7 @@ impl Accelerator {
         }
     }
 
-    /// The program enters a line.
+    /// Fetches from a line that the program enters.
     #[inline]
     pub fn enter(&mut self, line: u32, cycle: &mut Cycles) {
         if line == self.current {
@@ -195,7 +194,7 @@ impl Accelerator {
         }
     }
 
-    /// The program reads data in a line of these bytes; gives the bytes that it sees.
+    /// Reads data in a line with the content `bytes`; returns the bytes that the program sees.
     #[inline]
     pub fn load<'a>(&'a mut self, line: u32, bytes: &'a [u8], cycle: &mut Cycles) -> &'a [u8] {
         if self.wait_states == 0 && !self.data.on {
@@ -227,7 +226,7 @@ mod tests {
         art
     }
 
-    /// Cycles to enter lines one after the other, each taking `work` cycles to execute.
+    /// Stall cycles of entering each of `lines` in turn, with `work` cycles of execution in each.
     fn run(art: &mut Accelerator, lines: impl Iterator<Item = u32>, work: u64) -> Vec<u64> {
         let mut cycle = 1000;
         lines
@@ -242,28 +241,28 @@ mod tests {
     }
 
     #[test]
-    fn each_line_waits_without_the_accelerator() {
+    fn every_line_stalls_without_prefetch_and_cache() {
         let mut art = set(5);
         assert_eq!(run(&mut art, 0..4, 8), [5, 5, 5, 5]);
     }
 
     #[test]
-    fn prefetch_hides_the_wait_of_lines_in_a_row() {
+    fn prefetch_hides_the_stalls_of_sequential_lines() {
         let mut art = set(5 | 1 << 8);
-        // Eight instructions of one cycle: the next line is there after six.
+        // Eight instructions of one cycle each: the next line arrives after six.
         assert_eq!(run(&mut art, 0..4, 8), [5, 0, 0, 0]);
-        // Four of them: two cycles are missing each time.
+        // Four instructions: two cycles are missing at each line.
         let mut art = set(5 | 1 << 8);
         assert_eq!(run(&mut art, 100..104, 4), [5, 2, 2, 2]);
     }
 
     #[test]
-    fn lines_in_a_row_that_prefetch_brings_too_late_are_cached() {
+    fn sequential_lines_prefetched_too_late_are_cached() {
         let mut art = set(5 | 3 << 8);
-        // Four cycles in each line: prefetch needs six.
+        // Four cycles in each line: a prefetch takes six.
         assert_eq!(run(&mut art, 100..104, 4), [5, 2, 2, 2]);
         assert_eq!(run(&mut art, 100..104, 4), [0, 0, 0, 0]);
-        // Eight cycles in each: only the first was missed, and stands in the cache.
+        // Eight cycles in each line: only the first line is a miss and is cached.
         let mut art = set(5 | 3 << 8);
         run(&mut art, 100..104, 8);
         let cached: Vec<_> = (100..104)
@@ -273,21 +272,21 @@ mod tests {
     }
 
     #[test]
-    fn a_jump_waits_for_the_read_that_is_under_way() {
+    fn jump_waits_for_the_prefetch_in_progress() {
         let mut art = set(5 | 1 << 8);
-        // One cycle after line 100 was entered the prefetch of 101 has five to go.
+        // One cycle after line 100 was entered, the prefetch of line 101 needs five more.
         assert_eq!(run(&mut art, [100, 200].into_iter(), 1), [5, 5 + 5]);
         let mut art = set(5 | 1 << 8);
         assert_eq!(run(&mut art, [100, 200].into_iter(), 6), [5, 5]);
     }
 
     #[test]
-    fn the_cache_forgets_what_was_used_longest_ago_as_a_list_would() {
+    fn cache_replaces_the_least_recently_used_line() {
         let mut art = set(5 | 1 << 9);
         let mut list: Vec<u32> = Vec::new();
         let mut state = 1u32;
         let mut cycle = 0;
-        // Uses are forgotten on the way.
+        // The log is compacted several times.
         for _ in 0..20_000 {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             let line = state >> 16 & 0x7f;
@@ -306,12 +305,12 @@ mod tests {
     }
 
     #[test]
-    fn a_loop_runs_from_the_cache_and_64_lines_fit() {
+    fn loop_of_64_lines_runs_from_the_cache() {
         let mut art = set(5 | 1 << 9);
         let lap: Vec<u32> = (0..64).map(|k| 7 * k).collect();
         assert_eq!(run(&mut art, lap.iter().copied(), 1), [5; 64]);
         assert_eq!(run(&mut art, lap.iter().copied(), 1), [0; 64]);
-        // With one more line, always the one that is needed next has gone.
+        // With one line more than the cache holds, each line is replaced before its next use.
         let lap: Vec<u32> = (0..65).map(|k| 7 * k + 3).collect();
         for _ in 0..2 {
             assert_eq!(run(&mut art, lap.iter().copied(), 1), [5; 65]);

@@ -1,23 +1,22 @@
-//! Sectors of the flash, and how long operations take.
+//! Sectors of the flash, and durations of operations.
 
 use crate::core::Width;
 use crate::time::Time;
 
-/// Length of the main memory.
+/// Length of the main memory, bytes.
 pub(super) const LENGTH: usize = 1 << 20;
 /// First address of the main memory.
 pub(super) const BASE: u32 = super::super::FLASH;
-/// How many sectors there are.
 pub(super) const SECTORS: u32 = 12;
 
-/// The place in the main memory at an address.
+/// Offset in the main memory of an address.
 #[inline]
 pub(super) fn main(address: u32) -> Option<usize> {
     let at = address.wrapping_sub(BASE) as usize;
     if at < LENGTH {
         return Some(at);
     }
-    // With the boot pin low the flash is seen at 0 too.
+    // With the boot pin low, the flash is also mapped at 0.
     ((address as usize) < LENGTH).then_some(address as usize)
 }
 
@@ -33,7 +32,7 @@ pub(super) fn sector(number: u32) -> Option<(usize, usize)> {
     Some((first, first + length - 1))
 }
 
-/// Programming a byte, half or word, typically.
+/// Typical time to program a byte, halfword or word.
 pub(super) const PROGRAM: Time = Time::from_micros(16);
 
 const fn millis(millis: u64) -> Time {
@@ -47,18 +46,18 @@ const ERASE: [[Time; 3]; 3] = [
     [millis(250), millis(550), millis(1000)],
 ];
 
-/// What an operation is done with: PSIZE.
+/// Program and erase parallelism: PSIZE.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Parallelism(pub u32);
 
 impl Parallelism {
-    /// The access that it programs with; eight bytes are beyond the core.
+    /// True if a store of this width matches; 64 bits exceed the core's stores.
     pub fn is(self, width: Width) -> bool {
         self.0 == width.bytes().trailing_zeros()
     }
 
-    /// Whether the supply suffices (RM0090, table of program and erase parallelism); eight bytes need
-    /// a higher voltage at a pin.
+    /// True if the supply suffices (RM0090, table of program and erase parallelism); 64 bits need a higher voltage at a
+    /// pin.
     pub fn is_allowed(self, volts: f64) -> bool {
         match self.0 {
             0 => volts >= 1.7,
@@ -68,7 +67,6 @@ impl Parallelism {
         }
     }
 
-    /// Time to erase a sector.
     pub fn sector(self, number: u32) -> Time {
         let size = match number {
             0..=3 => 0,
@@ -84,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sectors_follow_each_other() {
+    fn sectors_are_contiguous_and_fill_the_flash() {
         let mut next = 0;
         for number in 0..SECTORS {
             let (first, last) = sector(number).expect("a sector");
@@ -92,7 +90,7 @@ mod tests {
             next = last + 1;
         }
         assert_eq!((next, sector(SECTORS)), (LENGTH, None));
-        // RM0090, table of the sectors.
+        // RM0090, table of flash sectors.
         assert_eq!(sector(4), Some((0x1_0000, 0x1_ffff)));
         assert_eq!(sector(11), Some((0xe_0000, 0xf_ffff)));
     }

@@ -1,16 +1,16 @@
 //! The flash: bytes, wait states, erasing and programming.
 //!
-//! Source: reference manual RM0090, chapter 3; times are typical ones of the data sheet. Erasing sets
-//! bits, programming clears them. While an operation runs, the core waits at its next fetch or load
-//! from the flash, cached or not. A reset during an operation leaves contents that nobody can rely on:
-//! bits of the word programmed at random, bytes of the sector old, erased or something between.
+//! Source: reference manual RM0090, chapter 3; times are the typical values of the data sheet. Erasing sets bits,
+//! programming clears them. While an operation runs, the core stalls at its next fetch or load from the flash, cached
+//! or not. A reset during an operation leaves unreliable content: random bits of the programmed word; bytes of the
+//! sector that are old, erased or in between.
 //!
-//! An instruction cache that is not reset after an erase does no harm here, a data cache gives the old
-//! bytes. The option bytes are those of a new chip, but for the brown-out level of its
+//! An instruction cache that is not reset after an erase has no effect here; a data cache returns the old bytes. The
+//! option bytes are those of a new chip, except the brown-out level, which comes from
 //! [`ChipVariation`](super::ChipVariation).
 //!
-//! Not modelled: programming of 64 bits, erasing everything at once, writing the option bytes, the area
-//! that is programmed once, the boot loader.
+//! Not modelled: 64-bit programming, mass erase, writing the option bytes, the one-time programmable area, the boot
+//! loader.
 
 mod accelerator;
 mod layout;
@@ -38,7 +38,7 @@ const REGISTERS: &[Register] = &[
 bits! {
     EOP 0, OPERR 1, PGPERR 6, PGSERR 7, BSY 16
 }
-/// With the errors of protection and alignment, which do not come up.
+/// Includes the flags of protection and alignment errors, which never occur here.
 const CLEARED_BY_ONE: u32 = EOP | OPERR | 0xf0;
 // Bits of CR.
 bits! {
@@ -52,40 +52,40 @@ bits! {
 /// OPTCR of a new chip: no protection, software watchdog, and locked.
 const OPTCR: u32 = 0x0fff_aaed;
 
-/// The slowest clock of the core for programming and erasing, Hz.
+/// Lowest core clock for programming and erasing, Hz.
 const SLOWEST_HZ: u64 = 1_000_000;
 
-/// What is being done, and takes effect at its end.
+/// Operation in progress; takes effect at its end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Operation {
-    /// A place and a value, and the bits of it that are being cleared.
+    /// Programs a value at a place in the main memory; `clears` are the bits that become zero.
     Program {
         place: usize,
         width: Width,
         clears: u32,
     },
-    /// First and last byte.
+    /// Erases from the first to the last byte.
     Erase { first: usize, last: usize },
 }
 
-/// An operation that the program has begun.
+/// Operation that the program has begun.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FlashOperation {
-    /// When it began.
+    /// Start time.
     pub at: Time,
-    /// How long it takes.
+    /// Duration.
     pub takes: Time,
-    /// Whether it erases.
+    /// True for an erase, false for programming.
     pub erases: bool,
 }
 
-/// Keys given so far to a lock.
+/// Progress of the unlock sequence.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Keys {
     #[default]
     None,
     First,
-    /// A wrong one: no key opens it until a reset.
+    /// A wrong key was written: locked until the next reset.
     Broken,
 }
 
@@ -101,9 +101,8 @@ pub(crate) struct Flash {
     operation: Option<Operation>,
     busy_until: Time,
     changed: Option<(u32, u32)>,
-    /// All operations so far.
     begun: Vec<FlashOperation>,
-    /// Operations that a reset cut short.
+    /// Number of operations interrupted by a reset.
     cuts: u64,
 }
 
@@ -126,7 +125,7 @@ impl Default for Flash {
 }
 
 impl Flash {
-    /// The interface after a reset. The bytes stay, but for an operation that was under way.
+    /// Resets the interface. The content stays, except that of an operation in progress.
     pub fn reset(&mut self, shared: &mut Shared) {
         if let Some(operation) = self.operation.take() {
             self.tear(operation, shared);
@@ -137,28 +136,26 @@ impl Flash {
         self.change(0, LENGTH - 1);
     }
 
-    /// The operations that the program has begun so far.
+    /// Operations that the program has begun so far.
     pub fn begun(&self) -> &[FlashOperation] {
         &self.begun
     }
 
-    /// Its bytes.
     pub fn bytes_mut(&mut self) -> &mut Vec<u8> {
         self.change(0, LENGTH - 1);
         &mut self.bytes
     }
 
-    /// Wait states that the program has set.
     pub fn wait_states(&self) -> u64 {
         self.accelerator.wait_states
     }
 
-    /// Whether lines are fetched ahead.
+    /// True if the next line is prefetched.
     pub fn prefetches(&self) -> bool {
         self.acr & PRFTEN != 0
     }
 
-    /// What an operation leaves that was cut short.
+    /// Leaves the random content of an interrupted operation.
     fn tear(&mut self, operation: Operation, shared: &Shared) {
         self.cuts += 1;
         let mut random = Random::new(shared.variation.seed ^ self.cuts << 32);
@@ -184,14 +181,14 @@ impl Flash {
         }
     }
 
-    /// What stands at an address of the flash or its alias at 0; none elsewhere. For decoding and for
-    /// a debugger: takes no time and knows no cache.
+    /// Value at an address of the flash or of its alias at 0; `None` elsewhere. For decoding and debugging: takes no
+    /// time and bypasses the cache.
     pub fn peek(&self, address: u32, width: Width) -> Option<u32> {
         let at = layout::main(address)?;
         Some(super::bus::get(&self.bytes, at, width))
     }
 
-    /// The same as a load by the program, with what it takes.
+    /// Value of a load by the program; advances `cycle` by the time of the access.
     #[inline]
     pub fn load(&mut self, at: Transfer, cycle: &mut Cycles, shared: &mut Shared) -> Option<u32> {
         let place = layout::main(at.address)?;
@@ -204,14 +201,14 @@ impl Flash {
         Some(super::bus::get(seen, place % 16, at.width))
     }
 
-    /// The core waits until the operation has ended.
+    /// Stalls the core until the operation has ended.
     #[cold]
     fn stall(&mut self, cycle: &mut Cycles, shared: &mut Shared) {
         *cycle = (*cycle).max(shared.base.cycle_of(self.busy_until));
         self.finish(shared);
     }
 
-    /// The operation has ended.
+    /// Completes the operation.
     fn finish(&mut self, shared: &mut Shared) {
         let Some(operation) = self.operation.take() else {
             return;
@@ -235,7 +232,6 @@ impl Flash {
         self.line(shared);
     }
 
-    /// Clears bits.
     fn clear(&mut self, place: usize, width: Width, bits: u32) {
         let value = super::bus::get(&self.bytes, place, width) & !bits;
         super::bus::put(&mut self.bytes, place, width, value);
@@ -248,7 +244,7 @@ impl Flash {
         shared.line(Interrupt::Flash, end || error);
     }
 
-    /// An operation is refused.
+    /// Rejects an operation.
     fn refuse(&mut self, flag: u32, text: String, shared: &mut Shared) {
         self.sr |= flag;
         if self.cr & ERRIE != 0 {
@@ -291,8 +287,8 @@ impl Flash {
         Parallelism(self.cr >> 8 & 3)
     }
 
-    /// Whether the supply suffices for the parallelism that is set; where not, the operation goes on,
-    /// as the chip does not know.
+    /// Notes a supply too low for the selected parallelism. The operation continues, because the chip does not check
+    /// the supply.
     fn judge_supply(&self, shared: &mut Shared) {
         let parallelism = self.parallelism();
         if !parallelism.is_allowed(shared.volts) {
@@ -302,7 +298,7 @@ impl Flash {
         }
     }
 
-    /// A store to an address of the flash; false elsewhere.
+    /// Stores to an address of the flash; false if the address is elsewhere.
     pub fn program(
         &mut self,
         at: Transfer,
@@ -348,7 +344,7 @@ impl Flash {
         self.begin(Operation::Erase { first, last }, takes, shared);
     }
 
-    /// The program enters a line of 16 bytes.
+    /// Fetches from a line of 16 bytes that the program enters.
     #[inline]
     pub fn enter_line(&mut self, address: u32, cycle: &mut Cycles, shared: &mut Shared) {
         if let Some(at) = layout::main(address) {
@@ -359,7 +355,7 @@ impl Flash {
         }
     }
 
-    /// Addresses whose bytes changed since the last call, first and last.
+    /// First and last address of the bytes changed since the last call.
     #[inline]
     pub fn take_changed(&mut self) -> Option<(u32, u32)> {
         self.changed.take()

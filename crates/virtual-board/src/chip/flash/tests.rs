@@ -22,7 +22,7 @@ fn unlocked(shared: &mut Shared) -> Flash {
 }
 
 #[test]
-fn a_word_is_programmed_by_clearing_bits_and_the_core_waits_for_it() {
+fn programming_clears_bits_and_stalls_the_core() {
     let mut shared = shared();
     let mut flash = unlocked(&mut shared);
     flash.write(0x10, PG | 2 << 8, !0, &mut shared);
@@ -41,8 +41,8 @@ fn a_word_is_programmed_by_clearing_bits_and_the_core_waits_for_it() {
 }
 
 #[test]
-fn sectors_are_erased_in_their_time_and_their_places_are_the_manuals() {
-    // Typical times of the data sheet at 32 and 8 bits.
+fn sector_erase_takes_the_data_sheets_time_and_erases_its_sector_only() {
+    // Typical times in the data sheet for 32-bit and 8-bit parallelism.
     for (size, millis) in [(2, 550), (0, 1200)] {
         let mut shared = shared();
         let mut flash = unlocked(&mut shared);
@@ -62,7 +62,7 @@ fn sectors_are_erased_in_their_time_and_their_places_are_the_manuals() {
 }
 
 #[test]
-fn what_the_manual_forbids_is_found_and_changes_nothing() {
+fn forbidden_accesses_are_findings_without_effect() {
     let mut shared = shared();
     let mut flash = Flash::default();
     let mut cycle = 0;
@@ -78,7 +78,7 @@ fn what_the_manual_forbids_is_found_and_changes_nothing() {
     assert!(shared.findings.list().len() >= 3);
 }
 
-/// Errors that a store of this width leaves.
+/// Error flags after a store of this width.
 fn errors_of(flash: &mut Flash, width: Width, shared: &mut Shared) -> u32 {
     flash.write(0x0c, CLEARED_BY_ONE, !0, shared);
     let mut cycle = shared.now;
@@ -87,7 +87,7 @@ fn errors_of(flash: &mut Flash, width: Width, shared: &mut Shared) -> u32 {
 }
 
 #[test]
-fn each_error_has_its_flag() {
+fn each_error_sets_its_flag() {
     let mut shared = shared();
     let mut flash = unlocked(&mut shared);
     assert_eq!(errors_of(&mut flash, Width::Word, &mut shared), PGSERR);
@@ -103,7 +103,7 @@ fn each_error_has_its_flag() {
 }
 
 #[test]
-fn the_end_of_an_operation_interrupts_and_a_write_to_cr_waits_for_it() {
+fn end_of_operation_interrupts_and_a_write_to_cr_stalls_until_then() {
     let mut shared = shared();
     let mut flash = unlocked(&mut shared);
     flash.write(0x10, PG | 2 << 8 | EOPIE, !0, &mut shared);
@@ -120,7 +120,7 @@ fn the_end_of_an_operation_interrupts_and_a_write_to_cr_waits_for_it() {
 }
 
 #[test]
-fn the_supply_and_the_clock_must_suffice() {
+fn low_supply_or_slow_clock_is_a_finding() {
     for (volts, size, hz, findings) in [
         (2.75, 2, 16_000_000, 0),
         (2.65, 2, 16_000_000, 1),
@@ -137,7 +137,7 @@ fn the_supply_and_the_clock_must_suffice() {
 }
 
 #[test]
-fn a_power_cut_leaves_some_bits_of_a_word() {
+fn power_cut_while_programming_leaves_random_bits() {
     let mut shared = shared();
     let mut flash = unlocked(&mut shared);
     let mut torn = 0;
@@ -154,7 +154,7 @@ fn a_power_cut_leaves_some_bits_of_a_word() {
 }
 
 #[test]
-fn a_power_cut_leaves_a_sector_that_is_neither_old_nor_erased() {
+fn power_cut_while_erasing_leaves_a_mixture_of_old_and_erased_bytes() {
     let mut shared = shared();
     let mut flash = unlocked(&mut shared);
     flash.bytes_mut().fill(0x5a);
@@ -173,7 +173,7 @@ fn a_power_cut_leaves_a_sector_that_is_neither_old_nor_erased() {
 }
 
 #[test]
-fn the_data_cache_gives_old_bytes_after_an_erase_until_it_is_reset() {
+fn data_cache_returns_old_bytes_after_an_erase_until_reset() {
     let mut shared = shared();
     let mut flash = unlocked(&mut shared);
     flash.bytes_mut()[0x8000] = 0x12;
@@ -186,7 +186,7 @@ fn the_data_cache_gives_old_bytes_after_an_erase_until_it_is_reset() {
     flash.write(0x10, SER | 2 << 3 | 2 << 8 | STRT, !0, &mut shared);
     assert_eq!(load(&mut flash, &mut shared), Some(0x12));
     assert_eq!(flash.peek(BASE + 0x8000, Width::Byte), Some(0xff));
-    // A reset of the cache while it is on is not one.
+    // Resetting the cache while it is on has no effect.
     flash.write(0x00, DCEN | DCRST | 5, !0, &mut shared);
     assert_eq!(load(&mut flash, &mut shared), Some(0x12));
     assert_eq!(shared.findings.list().len(), 1);

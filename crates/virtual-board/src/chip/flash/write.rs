@@ -3,7 +3,7 @@
 use super::*;
 
 impl Flash {
-    /// A key; whether the lock is open now.
+    /// Takes a key; true if it completes the unlock sequence.
     pub(super) fn key(&mut self, value: u32, shared: &mut Shared) -> bool {
         let given = &mut self.keys;
         match *given {
@@ -22,7 +22,7 @@ impl Flash {
         false
     }
 
-    /// The bus holds a write to a control register while an operation runs.
+    /// Stalls a write to a control register while an operation runs.
     fn wait(&mut self, shared: &mut Shared) {
         if self.operation.is_some() {
             shared.held_until = shared.base.cycle_of(self.busy_until);

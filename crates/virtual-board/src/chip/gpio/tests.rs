@@ -5,7 +5,7 @@ const PB13: Pin = Pin::new('B', 13);
 const PORT_B: u32 = 0x400;
 
 #[test]
-fn an_output_drives_its_pin_and_the_world_hears_of_it() {
+fn output_drives_its_pin_and_the_circuit_is_called() {
     let (mut gpio, mut shared) = (Gpio::default(), shared());
     gpio.begin(&Gpio::default(), &mut shared);
     shared.effects.clear();
@@ -24,14 +24,14 @@ fn an_output_drives_its_pin_and_the_world_hears_of_it() {
             }
         ]
     );
-    // The half that resets.
+    // The halfword of BSRR that resets.
     gpio.write(PORT_B + 0x18, 1 << 29, 0xffff_0000, &mut shared);
     assert_eq!(gpio.read(PORT_B + 0x10, &mut shared) >> 13 & 1, 0);
     assert_eq!(gpio.read(PORT_B + 0x14, &mut shared), 0);
 }
 
 #[test]
-fn pulls_give_way_to_what_is_soldered_and_conflicts_are_found() {
+fn circuit_overrides_pulls_and_a_drive_conflict_is_a_finding() {
     let (mut gpio, mut shared) = (Gpio::default(), shared());
     gpio.write(PORT_B + 0x0c, 0x100 | 1 << 26, !0, &mut shared);
     assert!(gpio.level(PB13));
@@ -44,7 +44,7 @@ fn pulls_give_way_to_what_is_soldered_and_conflicts_are_found() {
 }
 
 #[test]
-fn a_signal_reaches_the_pin_that_has_its_function() {
+fn signal_drives_the_pin_with_its_alternate_function() {
     let (mut gpio, mut shared) = (Gpio::default(), shared());
     gpio.output(Signal::Tim1Ch1, Drive::High, &mut shared);
     gpio.write(0x24, 1, 0xf, &mut shared);
@@ -56,7 +56,7 @@ fn a_signal_reaches_the_pin_that_has_its_function() {
 }
 
 #[test]
-fn a_reset_lets_the_chips_pins_go_and_the_worlds_stay() {
+fn reset_releases_the_chips_pins_and_keeps_the_circuits_drives() {
     let (mut gpio, mut shared) = (Gpio::default(), shared());
     gpio.external(Pin::new('C', 13), Drive::Low, &mut shared);
     gpio.write(PORT_B, 0x280 | 1 << 26, !0, &mut shared);
@@ -69,7 +69,7 @@ fn a_reset_lets_the_chips_pins_go_and_the_worlds_stay() {
 }
 
 #[test]
-fn an_open_drain_pulls_down_only() {
+fn open_drain_output_drives_low_only() {
     let (mut gpio, mut shared) = (Gpio::default(), shared());
     gpio.write(PORT_B + 0x04, 1 << 13, !0, &mut shared);
     gpio.write(PORT_B, 0x280 | 1 << 26, !0, &mut shared);
@@ -81,7 +81,7 @@ fn an_open_drain_pulls_down_only() {
 }
 
 #[test]
-fn an_analogue_pin_reads_low_whatever_is_soldered_to_it() {
+fn analogue_pin_reads_low_at_any_external_level() {
     let (mut gpio, mut shared) = (Gpio::default(), shared());
     gpio.begin(&Gpio::default(), &mut shared);
     gpio.external(PB13, Drive::High, &mut shared);
@@ -97,7 +97,7 @@ fn an_analogue_pin_reads_low_whatever_is_soldered_to_it() {
 }
 
 #[test]
-fn a_pin_that_is_let_go_is_found_when_it_is_read() {
+fn reading_a_released_pin_is_a_finding() {
     let (mut gpio, mut shared) = (Gpio::default(), shared());
     gpio.read(PORT_B + 0x10, &mut shared);
     gpio.external(PB13, Drive::High, &mut shared);
@@ -112,7 +112,7 @@ fn a_pin_that_is_let_go_is_found_when_it_is_read() {
 }
 
 #[test]
-fn a_peripheral_hears_the_level_of_the_pin_that_it_is_given() {
+fn peripheral_receives_the_level_of_its_newly_routed_pin() {
     let (mut gpio, mut shared) = (Gpio::default(), shared());
     gpio.begin(&Gpio::default(), &mut shared);
     let pin = Pin::new('B', 12);
@@ -130,7 +130,7 @@ fn a_peripheral_hears_the_level_of_the_pin_that_it_is_given() {
 }
 
 #[test]
-fn a_reset_of_a_port_lets_its_pins_go() {
+fn port_reset_releases_its_pins() {
     let (mut gpio, mut shared) = (Gpio::default(), shared());
     gpio.write(PORT_B, 0x280 | 1 << 26, !0, &mut shared);
     gpio.reset(1, &mut shared);
@@ -141,7 +141,7 @@ fn a_reset_of_a_port_lets_its_pins_go() {
 }
 
 #[test]
-fn no_signal_has_more_pins_than_there_is_room_for() {
+fn every_signal_has_one_row_of_at_most_four_pins() {
     for (signal, _, pins) in ALTERNATE {
         assert!(pins.len() <= CHOICES, "{signal:?}");
         let rows = ALTERNATE.iter().filter(|(of, ..)| of == signal);
@@ -150,8 +150,8 @@ fn no_signal_has_more_pins_than_there_is_room_for() {
 }
 
 #[test]
-fn a_net_of_the_board_that_is_driven_is_found_and_its_led_and_button_are_not() {
-    /// Only the nets of an H405.
+fn driving_a_board_net_is_a_finding_except_led_and_button() {
+    /// A circuit that has only the nets of an H405 board.
     #[derive(Clone)]
     struct Bare405;
     impl crate::chip::Circuit for Bare405 {

@@ -1,16 +1,16 @@
-//! Reset and clock control: oscillators, PLL, clocks of buses and peripherals, causes of resets.
+//! Reset and clock control: oscillators, PLL, clocks of buses and peripherals, reset causes.
 //!
-//! Source: reference manual RM0090, chapter 7 (STM32F405). Start-up times are typical ones of the data
-//! sheet; ready flags come after them. A clock beyond its limit is a finding when it is switched.
+//! Source: reference manual RM0090, chapter 7 (STM32F405). Start-up times are the typical values of the data sheet;
+//! ready flags are set after them. A clock beyond its limit is a finding when the program sets it.
 //!
-//! A crystal that fails while clock security is off leaves the core without a clock if the core ran on
-//! it: the manual does not say at which frequency the PLL goes on. Then everything that the core's
-//! clock drives stands still, outputs stay as they are, and only the watchdog goes on.
+//! If the crystal fails while clock security is off and the core runs on the crystal, the core has no clock, because
+//! the manual does not specify the frequency of the PLL. Everything driven by the core clock then stops, outputs keep
+//! their levels, and only the watchdog continues.
 //!
-//! Not modelled: clock outputs MCO, PLLI2S, a clock instead of the crystal (HSEBYP), the low-speed
-//! crystal, spread spectrum, trimming of the internal oscillator; switching one of them on is a finding.
-//! Enables for sleep are kept and do nothing. A peripheral can be used in the cycle after its clock was
-//! switched on, where the chip needs two (errata sheet, 2.1.13).
+//! Not modelled: clock outputs MCO, PLLI2S, an external clock instead of the crystal (HSEBYP), the low-speed crystal,
+//! spread spectrum, trimming of the internal oscillator; enabling one is a finding. Clock enables for sleep mode are
+//! stored without effect. A peripheral works from the cycle after its clock was enabled; the chip needs at least two
+//! cycles (errata sheet, 2.1.13), so an earlier access is a finding (see `enabled.rs`).
 
 mod tree;
 
@@ -25,18 +25,18 @@ use crate::finding::Kind;
 use crate::time::{NEVER, Time};
 use tree::Pll;
 
-/// Stands for no clock at all; a cycle is then as long as the time base can have it.
+/// Stands for a stopped clock: the lowest frequency of the time base, Hz.
 const STALLED_HZ: u64 = 1_000;
-/// Start-up of the internal oscillator, the slow one, and the PLL.
+/// Start-up times of the internal oscillator, of the slow oscillator and of the PLL.
 const INTERNAL_START: Time = Time::from_nanos(2_200);
 const SLOW_START: Time = Time::from_micros(15);
 const PLL_LOCK: Time = Time::from_micros(100);
-/// How long the chip stays in reset after the supply is good, and after other resets.
+/// Time in reset after the supply is sufficient, and after other resets.
 const POWER_DELAY: Time = Time::from_micros(1_500);
 const RESET_PULSE: Time = Time::from_micros(20);
 
-// PLLCFGR's bit 29 is reserved and one after a reset; the HALs of the family, the vendor's too, write
-// zero there without harm, so it counts as a bit.
+// Bit 29 of PLLCFGR is reserved with reset value one. HALs of the family, including the vendor's, write zero there
+// without harm, so the bit is not treated as reserved.
 #[rustfmt::skip]
 const REGISTERS: &[Register] = &[
     narrow(0x00, "CR", 0x0f0f_fffb), narrow(0x04, "PLLCFGR", 0x2f43_7fff), narrow(0x08, "CFGR", 0xffff_fcff),
@@ -48,16 +48,16 @@ const REGISTERS: &[Register] = &[
     narrow(0x60, "APB1LPENR", 0x36fe_c9ff), narrow(0x64, "APB2LPENR", 0x0007_5f33),
     narrow(BDCR, "BDCR", 0x0001_8307), narrow(CSR, "CSR", 0xff00_0003), narrow(0x80, "SSCGR", 0xcfff_ffff),
     narrow(0x84, "PLLI2SCFGR", 0x7000_7fc0),
-    // Of the STM32F42x; here it reads as zero, and drivers for the whole family look at it.
+    // A register of the STM32F42x that reads as zero here; drivers for the whole family read it.
     narrow(0x8c, "DCKCFGR", 0),
 ];
 
-/// Offset of the control of the backup domain.
+/// Offset of the backup domain control register.
 pub(crate) const BDCR: u32 = 0x70;
-/// Registers that switch the clocks of peripherals on.
+/// Registers that enable the clocks of peripherals.
 pub(crate) const ENABLES: [u32; 5] = [0x30, 0x34, 0x38, 0x40, 0x44];
 const CSR: u32 = 0x74;
-/// From an enable register back to the reset register of the same peripherals.
+/// Distance from the reset register to the enable register of the same peripherals.
 const RESET_TO_ENABLE: u32 = 0x20;
 
 // Bits of CR.
@@ -65,7 +65,7 @@ bits! {
     HSION 0, HSEON 16, HSEBYP 18, CSSON 19, PLLON 24, PLLI2SON 26
 }
 const TRIM: u32 = 0xf8;
-/// PLLCFGR: the crystal and not the internal oscillator is the PLL's source.
+/// PLLCFGR: the PLL's source is the crystal, not the internal oscillator.
 const PLLSRC: u32 = 1 << 22;
 /// CIR: the crystal failed.
 const CSSF: u32 = 1 << 7;
@@ -74,24 +74,24 @@ const RTCSEL: u32 = 0x300;
 const RTCEN: u32 = 1 << 15;
 const BDRST: u32 = 1 << 16;
 
-/// What comes up some time after it is switched on.
+/// An oscillator or PLL with a start-up time.
 #[derive(Clone, Copy, Debug, Default)]
 struct Oscillator {
     ready: bool,
-    /// When it is ready.
+    /// Time at which the oscillator becomes ready.
     due: Option<Time>,
 }
 
-/// Oscillators at their index; the first three are what the core can run on, by their number in SW.
+/// Indices of the oscillators. The core can run on the first three; their index is the value of SW.
 const INTERNAL: usize = 0;
 const CRYSTAL: usize = 1;
 const PLL: usize = 2;
 const SLOW: usize = 3;
 
-/// Each oscillator's flag in CIR.
+/// Ready flag of each oscillator in CIR.
 const READY_FLAGS: [u32; 4] = [1 << 2, 1 << 3, 1 << 4, 1];
 
-/// What a reset leaves as it is.
+/// State that a reset keeps.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Kept {
     causes: u32,
@@ -102,19 +102,19 @@ pub(crate) struct Kept {
 /// Reset and clock control.
 #[derive(Clone)]
 pub(crate) struct Rcc {
-    /// Registers that only hold what is written, by offset over 4.
+    /// Registers that only store the written value, by offset / 4.
     plain: [u32; 36],
     oscillators: [Oscillator; 4],
-    /// What the core runs on.
+    /// Oscillator or PLL that drives the core.
     system: usize,
     causes: u32,
-    /// Ready flags of CIR, and that of the clock security system.
+    /// Ready flags and clock security flag of CIR.
     flags: u32,
     crystal_dead: bool,
     clocks: Clocks,
-    /// The core's clock has failed.
+    /// True if the core clock has failed.
     stalled: bool,
-    /// When the reset is let go.
+    /// Time at which the reset is released.
     release: Option<Time>,
 }
 
@@ -151,7 +151,7 @@ impl Default for Rcc {
 }
 
 impl Rcc {
-    /// What is kept over a reset: flags until the power goes, the backup domain too.
+    /// State kept over a reset: reset flags except on a power reset, the backup domain except on a power-on.
     pub fn kept(&self, cause: Cause) -> Kept {
         let keep = |kept: bool, value: u32| if kept { value } else { 0 };
         Kept {
@@ -161,7 +161,7 @@ impl Rcc {
         }
     }
 
-    /// After a reset.
+    /// Starts from the reset state.
     pub fn begin(&mut self, kept: Kept, cause: Cause, shared: &mut Shared) {
         self.causes = kept.causes | cause.flags();
         self.clocks = shared.clocks;
@@ -176,7 +176,7 @@ impl Rcc {
         self.plan(shared);
     }
 
-    /// Whether the core stands still: the reset is not let go yet, or its clock has failed.
+    /// True if the core stands still: the reset is not released yet, or the core clock has failed.
     pub fn is_held(&self) -> bool {
         self.stalled || self.release.is_some()
     }
@@ -186,12 +186,12 @@ impl Rcc {
         self.reg(register)
     }
 
-    /// Whether a bit of an enable register is set.
+    /// True if a bit of an enable register is set.
     pub fn is_enabled(&self, register: u32, bit: u32) -> bool {
         self.reg(register) >> bit & 1 != 0
     }
 
-    /// Whether the program holds the peripheral in reset that has this bit of an enable register.
+    /// True if the program holds the peripheral of this enable bit in reset.
     pub fn is_in_reset(&self, register: u32, bit: u32) -> bool {
         self.reg(register - RESET_TO_ENABLE) >> bit & 1 != 0
     }
@@ -204,7 +204,7 @@ impl Rcc {
         &mut self.plain[offset as usize / 4]
     }
 
-    /// The crystal works or fails.
+    /// Handles a failure or recovery of the crystal.
     pub fn crystal(&mut self, works: bool, shared: &mut Shared) {
         self.crystal_dead = !works;
         if works {
@@ -230,7 +230,7 @@ impl Rcc {
         }
     }
 
-    /// The clock security system has seen that the crystal failed.
+    /// Handles a crystal failure detected by the clock security system.
     fn take_over(&mut self, used: bool, shared: &mut Shared) {
         *self.reg_mut(0) &= !HSEON;
         self.flags |= CSSF;
@@ -257,7 +257,7 @@ impl Rcc {
         }
     }
 
-    /// Whether the core runs on an oscillator, directly or through the PLL.
+    /// True if the core runs on an oscillator, directly or through the PLL.
     fn is_used(&self, which: usize) -> bool {
         which == self.system || self.system == PLL && which == self.pll_source()
     }
@@ -298,13 +298,13 @@ impl Rcc {
         shared.schedule(Unit::Rcc, cycle);
     }
 
-    /// The core goes on with another clock.
+    /// Switches the core to another oscillator.
     fn switch(&mut self, system: usize, shared: &mut Shared) {
         self.system = system;
         self.update(shared);
     }
 
-    /// Frequencies anew.
+    /// Recomputes the frequencies.
     fn update(&mut self, shared: &mut Shared) {
         let system_hz = self.source_hz(self.system, shared);
         let clocks = tree::clocks(self.reg(8), system_hz);
@@ -363,7 +363,7 @@ impl Rcc {
         self.plan(shared);
     }
 
-    /// Judges the settings of the PLL as it is switched on.
+    /// Checks the settings of the PLL when it is switched on.
     fn judge_pll(&self, shared: &mut Shared) {
         for text in self.pll(shared).violations() {
             shared.note(Kind::ClockLimit, text);
@@ -390,7 +390,7 @@ impl Rcc {
         self.plan(shared);
     }
 
-    /// Switches to the oscillator that is asked for as soon as it is ready.
+    /// Switches to the requested oscillator once it is ready; true if switched.
     fn follow_switch(&mut self, shared: &mut Shared) -> bool {
         let wanted = (self.reg(8) & 3) as usize;
         let switches = wanted != self.system && self.oscillators[wanted].ready;
@@ -409,7 +409,7 @@ impl Rcc {
         if value & 1 != 0 {
             shared.note(Kind::NotModelled, "the low-speed crystal");
         }
-        // Once chosen, the source stays; drivers of the family write others without harm.
+        // Once selected, the source is fixed; drivers of the family write other values without harm.
         let source = match old & RTCSEL {
             0 => value & RTCSEL,
             chosen => chosen,
@@ -442,7 +442,7 @@ impl Rcc {
 
     fn read_cr(&self) -> u32 {
         let ready = |which: usize, bit: u32| u32::from(self.oscillators[which].ready) << bit;
-        // Calibration by the factory.
+        // Factory calibration.
         let calibration = 0x80 << 8;
         self.reg(0) | ready(INTERNAL, 1) | ready(CRYSTAL, 17) | ready(PLL, 25) | calibration
     }
@@ -452,13 +452,13 @@ impl Rcc {
         shared.line(Interrupt::Rcc, self.flags & enabled != 0);
     }
 
-    /// An oscillator has come up.
+    /// Sets an oscillator ready.
     fn come_up(&mut self, which: usize, shared: &mut Shared) {
         self.oscillators[which] = Oscillator {
             ready: true,
             due: None,
         };
-        // The flag comes only where its interrupt is enabled.
+        // The ready flag is set only if its interrupt is enabled.
         self.flags |= READY_FLAGS[which] & self.reg(0x0c) >> 8;
         if self.stalled && which == self.system {
             self.stalled = false;

@@ -1,7 +1,7 @@
 use super::*;
 use crate::chip::testing::shared;
 
-/// Runs what is due until nothing is, or `until`.
+/// Handles the events due within `micros` µs.
 fn pass(rcc: &mut Rcc, shared: &mut Shared, micros: u64) {
     let end = shared.after(Time::from_micros(micros));
     while shared.arrive(Unit::Rcc, end) {
@@ -22,7 +22,7 @@ fn start(rcc: &mut Rcc, shared: &mut Shared) {
 }
 
 #[test]
-fn clocks_beyond_their_limits_are_found() {
+fn bus_clock_beyond_its_limit_is_a_finding() {
     let (mut rcc, mut shared) = (Rcc::default(), shared());
     start(&mut rcc, &mut shared);
     // APB1 at 84 MHz.
@@ -33,7 +33,7 @@ fn clocks_beyond_their_limits_are_found() {
 }
 
 #[test]
-fn without_clock_security_the_core_stands_still_until_the_crystal_swings_again() {
+fn core_stalls_without_clock_security_until_the_crystal_recovers() {
     let (mut rcc, mut shared) = (Rcc::default(), shared());
     start(&mut rcc, &mut shared);
     shared.effects.clear();
@@ -44,7 +44,7 @@ fn without_clock_security_the_core_stands_still_until_the_crystal_swings_again()
     rcc.crystal(true, &mut shared);
     pass(&mut rcc, &mut shared, 1_900);
     assert!(rcc.is_held(), "2 ms to start");
-    // Then 0.1 ms for the PLL.
+    // The PLL takes another 0.1 ms.
     pass(&mut rcc, &mut shared, 300);
     assert!(!rcc.is_held());
     assert_eq!(shared.effects.back(), Some(&Effect::Frequency(168_000_000)));
@@ -62,7 +62,7 @@ fn a_dead_crystal_is_never_ready() {
 }
 
 #[test]
-fn what_the_core_runs_on_cannot_be_switched_off() {
+fn clock_source_of_the_core_cannot_be_switched_off() {
     let (mut rcc, mut shared) = (Rcc::default(), shared());
     start(&mut rcc, &mut shared);
     for off in [HSEON, PLLON] {
@@ -78,7 +78,7 @@ fn what_the_core_runs_on_cannot_be_switched_off() {
 }
 
 #[test]
-fn ready_flags_come_where_their_interrupt_is_enabled() {
+fn ready_flag_is_set_only_with_its_interrupt_enabled() {
     let (mut rcc, mut shared) = (Rcc::default(), shared());
     rcc.write(0x0c, 1 << 12, !0, &mut shared);
     start(&mut rcc, &mut shared);
@@ -89,7 +89,7 @@ fn ready_flags_come_where_their_interrupt_is_enabled() {
 }
 
 #[test]
-fn a_prescaler_of_a_bus_alone_is_told_too() {
+fn change_of_a_bus_prescaler_alone_is_reported() {
     let (mut rcc, mut shared) = (Rcc::default(), shared());
     rcc.write(0x08, 4 << 10, !0, &mut shared);
     assert_eq!((shared.clocks.apb1, shared.clocks.timer1), (2, 1));
@@ -97,7 +97,7 @@ fn a_prescaler_of_a_bus_alone_is_told_too() {
 }
 
 #[test]
-fn a_reset_bit_resets_at_its_edge() {
+fn reset_bit_resets_its_peripheral_when_it_rises() {
     let (mut rcc, mut shared) = (Rcc::default(), shared());
     rcc.write(0x20, 1 << 25, !0, &mut shared);
     rcc.write(0x20, 1 << 25 | 1, !0, &mut shared);
@@ -116,7 +116,7 @@ fn a_reset_bit_resets_at_its_edge() {
 }
 
 #[test]
-fn causes_add_up_until_they_are_cleared_or_the_power_fails() {
+fn reset_flags_accumulate_until_cleared_or_power_reset() {
     let mut shared = shared();
     let mut rcc = Rcc::default();
     rcc.begin(Kept::default(), Cause::PowerOn, &mut shared);
@@ -126,7 +126,7 @@ fn causes_add_up_until_they_are_cleared_or_the_power_fails() {
         rcc.begin(kept, cause, &mut shared);
         rcc.read(CSR, &mut shared) >> 24
     };
-    // Flags of RM0090, 7.3.21, over bit 24.
+    // Flags of RM0090, 7.3.21, shifted down by 24 bits.
     assert_eq!(after(&mut rcc, Cause::Watchdog), 0x2e);
     assert_eq!(after(&mut rcc, Cause::Software), 0x3e);
     assert_eq!(after(&mut rcc, Cause::BrownOut), 0x06);
@@ -137,7 +137,7 @@ fn causes_add_up_until_they_are_cleared_or_the_power_fails() {
 }
 
 #[test]
-fn the_core_is_let_go_some_time_after_a_reset() {
+fn core_is_released_after_the_reset_delay() {
     for (cause, micros) in [(Cause::PowerOn, 1_500), (Cause::Software, 20)] {
         let (mut rcc, mut shared) = (Rcc::default(), shared());
         rcc.begin(Kept::default(), cause, &mut shared);
@@ -149,7 +149,7 @@ fn the_core_is_let_go_some_time_after_a_reset() {
 }
 
 #[test]
-fn the_backup_domain_outlives_resets_and_its_clock_is_chosen_once() {
+fn backup_domain_outlives_resets_and_its_clock_is_selected_once() {
     let (mut rcc, mut shared) = (Rcc::default(), shared());
     rcc.write(BDCR, 0x8200, !0, &mut shared);
     let kept = rcc.kept(Cause::Watchdog);

@@ -1,20 +1,20 @@
-//! From the settings of PLL and prescalers to frequencies, and their limits.
+//! Frequencies from the settings of PLL and prescalers, and their limits.
 
 use crate::chip::effect::Clocks;
 
-/// The PLL by its register PLLCFGR and the frequency of its source.
+/// The PLL as configured by PLLCFGR and the frequency of its source.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Pll {
     m: u64,
     n: u64,
     q: u64,
-    /// Input of the phase comparator, Hz.
+    /// Input of the phase detector, Hz.
     pub input_hz: u64,
     /// Voltage-controlled oscillator, Hz.
     pub oscillator_hz: u64,
     /// Output for the core, Hz.
     pub core_hz: u64,
-    /// Output for USB, the random numbers and SDIO, Hz.
+    /// Output for USB, random number generator and SDIO, Hz.
     pub usb_hz: u64,
 }
 
@@ -22,7 +22,7 @@ impl Pll {
     pub fn of(pllcfgr: u32, source_hz: u64) -> Self {
         let field = |shift: u32, bits: u32| u64::from(pllcfgr >> shift & bits);
         let (m, n, q) = (field(0, 63), field(6, 511), field(24, 15));
-        // Multiplied first, so that a source that M does not divide keeps its fraction.
+        // The multiplication comes first to keep the fraction of a source that M does not divide.
         let oscillator_hz = source_hz * n / m.max(1);
         Self {
             m,
@@ -35,7 +35,7 @@ impl Pll {
         }
     }
 
-    /// What the manual forbids (RM0090, 7.3.2; data sheet, table of the main PLL).
+    /// Violated limits (RM0090, 7.3.2; data sheet, table of the main PLL).
     pub fn violations(&self) -> Vec<String> {
         let Self { m, n, q, .. } = self;
         let Self {
@@ -78,11 +78,11 @@ impl Pll {
     }
 }
 
-/// Clocks of core and buses by the prescalers in CFGR.
+/// Clocks of core and buses from the prescalers in CFGR.
 pub(super) fn clocks(cfgr: u32, system_hz: u64) -> Clocks {
     let ahb = match cfgr >> 4 & 15 {
         k @ 8..=11 => 2 << (k - 8),
-        // There is no 32.
+        // There is no divider of 32.
         k @ 12..=15 => 64 << (k - 12),
         _ => 1,
     };
@@ -98,7 +98,7 @@ pub(super) fn clocks(cfgr: u32, system_hz: u64) -> Clocks {
     }
 }
 
-/// Clocks that are too fast (data sheet, general operating conditions).
+/// Clocks above their limit (data sheet, general operating conditions).
 pub(super) fn too_fast(clocks: &Clocks, system_hz: u64) -> Vec<String> {
     [
         ("SYSCLK", system_hz, 168_000_000),
@@ -116,7 +116,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn settings_of_the_manuals_examples() {
+    fn pll_frequencies_follow_from_pllcfgr() {
         // 8 MHz / 8 · 336: 168 MHz and 48 MHz.
         let pll = Pll::of(8 | 336 << 6 | 7 << 24, 8_000_000);
         assert_eq!(
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn each_limit_of_the_pll_is_judged() {
+    fn each_violated_limit_of_the_pll_is_reported() {
         for (pllcfgr, word) in [
             (1 | 168 << 6 | 7 << 24, "PLLM"),
             (8 | 49 << 6 | 7 << 24, "PLLN"),
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn prescalers_divide_as_the_manual_says() {
+    fn prescalers_divide_by_the_factors_of_the_manual() {
         for (hpre, divider) in [(0, 1), (7, 1), (8, 2), (11, 16), (12, 64), (15, 512)] {
             assert_eq!(clocks(hpre << 4, 102_400).hclk_hz, 102_400 / divider);
         }

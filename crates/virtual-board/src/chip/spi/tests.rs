@@ -7,12 +7,12 @@ const CR1: u32 = 0;
 const CR2: u32 = 4;
 const SR: u32 = 8;
 const DR: u32 = 12;
-/// Master with its select input held high by software; a clock of PCLK2 / 8.
+/// Master with its select input held high by software; SPI clock PCLK2 / 8.
 const MASTER: u32 = MSTR | SSM | SSI | 2 << 3;
-/// Core cycles of a bit: APB2 at half the core's clock, divided by eight.
+/// Core cycles in one bit: APB2 at half the core clock, divided by eight.
 const BIT: Cycles = 16;
 
-/// Answers each word with its complement and remembers.
+/// A device that answers each word with its complement and records the words.
 #[derive(Clone, Default)]
 struct Mirror {
     words: Vec<(u16, u32, Time)>,
@@ -37,7 +37,7 @@ fn enabled() -> Bench<Spi> {
 }
 
 #[test]
-fn a_word_takes_its_bits_and_is_received_half_a_bit_before_its_end() {
+fn word_is_received_half_a_bit_before_its_end() {
     let mut bench = enabled();
     assert_eq!(bench.read(SR), TXE);
     bench.write(&[(DR, 0x5a)]);
@@ -56,7 +56,7 @@ fn a_word_takes_its_bits_and_is_received_half_a_bit_before_its_end() {
 }
 
 #[test]
-fn waiting_words_follow_without_a_gap() {
+fn waiting_word_follows_without_a_gap() {
     let mut bench = enabled();
     bench.write(&[(CR2, RXNEIE), (DR, 1), (DR, 2)]);
     assert_eq!(bench.read(SR), BSY);
@@ -73,41 +73,41 @@ fn waiting_words_follow_without_a_gap() {
 }
 
 #[test]
-fn words_of_sixteen_bits_and_signals_that_are_looked_for_once() {
+fn words_of_16_bits_transfer_and_pins_are_checked_once() {
     let mut bench = disabled();
     let cr1 = MASTER | DFF | CPOL | CPHA;
     bench.write(&[(CR1, cr1), (CR1, cr1 | SPE), (DR, 0x1234)]);
     bench.run(16 * BIT);
     assert_eq!(bench.read(DR), 0xedcb);
     assert_eq!(bench.world::<Mirror>().words[0].1, 16);
-    // Not with each transfer.
+    // The signals are not checked again.
     bench.write(&[(CR1, cr1), (CR1, cr1 | SPE)]);
     let signals = [Signal::Spi1Sck, Signal::Spi1Miso, Signal::Spi1Mosi];
     assert_eq!(bench.shared.effects, signals.map(Effect::Uses));
 }
 
 #[test]
-fn what_is_not_read_in_time_is_an_overrun() {
+fn unread_word_is_an_overrun() {
     let mut bench = enabled();
     bench.write(&[(CR2, ERRIE), (DR, 1), (DR, 2)]);
     bench.run(16 * BIT);
     assert_eq!(bench.read(SR), TXE | RXNE | OVR);
     assert_ne!(bench.shared.lines, 0);
     assert_eq!(bench.shared.kinds(), [Kind::Lost]);
-    // The first word stays; reading it and then the status clears the flag.
+    // The first word stays; reading DR and then SR clears the flag.
     assert_eq!(bench.read(DR), 0xfe);
     assert_eq!(bench.read(SR), TXE | OVR);
     assert_eq!(bench.read(SR), TXE);
 }
 
 #[test]
-fn mistakes_are_found() {
+fn misuse_of_the_spi_is_a_finding() {
     let mut bench = enabled();
     bench.write(&[(DR, 1), (CR1, MASTER)]);
     assert_eq!(bench.shared.kinds(), [Kind::Forbidden]);
     bench.write(&[(DR, 1)]);
     assert_eq!(bench.shared.kinds(), [Kind::Forbidden; 2]);
-    // Without a level at its select input the master gives up.
+    // A low select input disables the master.
     bench.write(&[(CR1, (MASTER & !SSI) | SPE)]);
     assert_eq!(bench.read(SR) & MODF, MODF);
     assert_eq!(bench.read(CR1) & (SPE | MSTR), 0);
@@ -118,7 +118,7 @@ fn mistakes_are_found() {
     let mut bench = disabled();
     bench.write(&[(CR2, TXDMAEN), (CR1, LSBFIRST)]);
     assert_eq!(bench.shared.kinds(), [Kind::NotModelled; 2]);
-    // PCLK2 beyond its limit divided by two.
+    // The highest PCLK2, divided by two.
     let mut bench = disabled();
     bench.shared.clocks.apb2 = 1;
     bench.write(&[(CR1, MSTR | SSM | SSI | SPE)]);

@@ -1,5 +1,5 @@
-//! Timers, converter and streams together, driven as a program does: through the addresses of their
-//! registers. The core's clock is the internal oscillator, 16 MHz, and so are all others.
+//! Timers, converter and DMA streams together, accessed through their register addresses as a program does. All clocks
+//! are those of the internal oscillator, 16 MHz.
 
 use super::*;
 
@@ -15,14 +15,14 @@ const APB1ENR: u32 = RCC + 0x40;
 const APB2ENR: u32 = RCC + 0x44;
 const APB2RSTR: u32 = RCC + 0x24;
 
-/// Control of a stream: halves, ring, half and end of it tell.
+/// Control of a stream: halfwords, circular, interrupts at half and full transfer.
 const RING: u32 = 1 << 13 | 1 << 11 | 1 << 10 | 1 << 8 | 1 << 4 | 1 << 3;
 
-/// Picoseconds of a cycle.
+/// Duration of a cycle, ps.
 const CYCLE_PS: u64 = 62_500;
 
 impl Bench {
-    /// A chip whose converter has no noise, long after power came on.
+    /// A chip without converter noise, 100 000 cycles after power-on.
     fn precise() -> Self {
         let part = ChipVariation {
             converter_noise: 0.0,
@@ -34,14 +34,14 @@ impl Bench {
         bench
     }
 
-    /// Has pins change at these cycles; the chip looks at its circuit.
+    /// Schedules changes of pins at these cycles.
     fn script(&mut self, script: &[(Cycles, Pin, Drive)]) {
         let change = |&(at, pin, drive)| (Time(at * CYCLE_PS), Change::Pin(pin, drive));
         self.world().due.extend(script.iter().map(change));
         self.chip.refresh();
     }
 
-    /// Each access at the cycle after the one before, whatever it takes.
+    /// Writes each value one cycle after the previous one, whatever time the access takes.
     fn write_all(&mut self, values: &[(u32, u32)]) {
         for (&(address, value), cycle) in values.iter().zip(self.cycle..) {
             self.cycle = cycle;
@@ -63,7 +63,7 @@ impl Bench {
         self.chip.lines() >> interrupt as u32 & 1 != 0
     }
 
-    /// How the chip drove a pin since a cycle, with times from there.
+    /// Changes of a pin's drive from cycle `since` on; their cycles are relative to `since`.
     fn drives(&mut self, of: Pin, since: Cycles) -> Vec<(Cycles, Drive)> {
         let heard = self.world().heard.iter();
         let of_pin = heard.filter(|(_, pin, _)| *pin == of);
@@ -72,7 +72,7 @@ impl Bench {
         late.map(|(at, drive)| (at - since, drive)).collect()
     }
 
-    /// Scans of the six channels of PA0 to PA5 every 1000 cycles into a ring of 24 halves.
+    /// Sets up scans of the six channels PA0 to PA5, every 1000 cycles, into a circular buffer of 24 halfwords.
     fn scans(&mut self) {
         self.write_all(&[
             (AHB1ENR, 1 | 1 << 22),
@@ -102,19 +102,20 @@ const PA8: Pin = Pin::new('A', 8);
 const PB12: Pin = Pin::new('B', 12);
 
 #[test]
-fn scans_at_a_timers_pace_fill_a_ring() {
+fn timer_triggered_scans_fill_a_circular_buffer() {
     let mut bench = Bench::precise();
     bench.scans();
     let start = bench.cycle;
     bench.write_all(&[(TIM2, 1)]);
-    // Counting from the next cycle on; a clock is four cycles: two to start, six conversions of 27.
+    // The timer counts from the next cycle on. A clock of the converter is four cycles: two clocks to start, six
+    // conversions of 27 clocks.
     let first = start + 1 + 1000;
     let scan = 4 * (2 + 6 * 27);
     for (at, halves) in [(first + scan - 1, 5), (first + scan, 6)] {
         bench.run_to(at);
         assert_eq!(bench.chip.conversions().regular, halves);
     }
-    // The second scan fills half of the ring.
+    // The second scan fills half of the buffer.
     bench.run_to(first + 1000 + scan - 1);
     assert!(!bench.line(Interrupt::Dma2Stream0));
     bench.run_to(first + 1000 + scan);
@@ -130,7 +131,7 @@ fn scans_at_a_timers_pace_fill_a_ring() {
 }
 
 #[test]
-fn a_converter_or_stream_without_clock_stands_still() {
+fn converter_and_stream_stop_without_their_clocks() {
     let mut bench = Bench::precise();
     bench.scans();
     bench.write_all(&[(TIM2, 1)]);
@@ -142,7 +143,7 @@ fn a_converter_or_stream_without_clock_stands_still() {
     bench.write_all(&[(APB2ENR, 1 << 8)]);
     bench.run_to(bench.cycle + 10_000);
     assert_eq!(bench.chip.conversions().regular, before + 60);
-    // Without the stream's clock the second datum is an overrun.
+    // Without the clock of the DMA, the second result is an overrun.
     bench.write_all(&[(AHB1ENR, 1)]);
     bench.run_to(bench.cycle + 10_000);
     assert_eq!(bench.chip.conversions().overruns, 1);
@@ -150,7 +151,7 @@ fn a_converter_or_stream_without_clock_stands_still() {
 }
 
 #[test]
-fn a_pin_that_is_not_analogue_is_found_once() {
+fn converting_a_digital_pin_is_a_finding_once() {
     let mut bench = Bench::precise();
     bench.scans();
     bench.write_all(&[(PORT_A, 0xa800_0fcf), (TIM2, 1)]);
@@ -159,8 +160,8 @@ fn a_pin_that_is_not_analogue_is_found_once() {
     assert_eq!(bench.findings(), found);
 }
 
-/// Pulses of PA8 and conversions of PC0 by OC4REF, as a motor's board has them; TIM1's counter starts
-/// at the cycle that is given back. The break input is PB12.
+/// Sets up PWM at PA8, conversions of PC0 triggered by OC4REF, and the break input PB12, as on a motor board. Returns
+/// the cycle at which TIM1's counter starts.
 fn pulses(bench: &mut Bench) -> Cycles {
     bench.write_all(&[
         (AHB1ENR, 7),
@@ -190,11 +191,11 @@ fn pulses(bench: &mut Bench) -> Cycles {
     bench.cycle
 }
 
-/// MOE, BKP, BKE, OSSI.
+/// Bits of BDTR: MOE, BKP, BKE, OSSI.
 const BDTR: u32 = 0xb400;
 
 #[test]
-fn pulses_come_at_their_pin_and_a_break_stops_them_but_not_the_conversions() {
+fn break_stops_the_pwm_and_not_the_conversions() {
     let mut bench = Bench::precise();
     bench.script(&[(100_000, PB12, Drive::Low)]);
     let start = pulses(&mut bench);
@@ -210,7 +211,7 @@ fn pulses_come_at_their_pin_and_a_break_stops_them_but_not_the_conversions() {
     assert!(edges.iter().copied().eq(expected), "{edges:?}");
     assert_eq!(bench.read(TIM1 + 0x44), BDTR & 0x7fff);
     assert_eq!(bench.read(TIM1 + 0x10) & 1 << 7, 1 << 7);
-    // Once a period of 800.
+    // One conversion in each period of 800 cycles.
     assert_eq!(bench.chip.conversions().injected, 10);
     bench.write_all(&[(TIM1 + 0x10, 0), (TIM1 + 0x44, BDTR)]);
     let now = bench.cycle;
@@ -220,7 +221,7 @@ fn pulses_come_at_their_pin_and_a_break_stops_them_but_not_the_conversions() {
 }
 
 #[test]
-fn a_timer_that_is_reset_lets_its_pin_go_and_still_hears_the_break_input() {
+fn reset_timer_releases_its_pin_and_keeps_the_break_level() {
     let mut bench = Bench::precise();
     bench.script(&[(100_000, PB12, Drive::Low)]);
     let start = pulses(&mut bench);
@@ -235,7 +236,7 @@ fn a_timer_that_is_reset_lets_its_pin_go_and_still_hears_the_break_input() {
 }
 
 #[test]
-fn an_encoder_at_two_pins_is_counted() {
+fn encoder_at_two_pins_is_counted() {
     let mut bench = Bench::precise();
     bench.write_all(&[
         (AHB1ENR, 4),
@@ -262,7 +263,7 @@ fn an_encoder_at_two_pins_is_counted() {
 }
 
 #[test]
-fn a_halted_core_stops_the_timers_that_are_chosen() {
+fn halted_core_stops_the_timers_selected_in_dbgmcu() {
     let mut bench = Bench::precise();
     bench.write_all(&[(APB1ENR, 3), (TIM2, 1), (TIM3, 1), (0xe004_2008, 1)]);
     let halt = bench.cycle;
@@ -274,6 +275,6 @@ fn a_halted_core_stops_the_timers_that_are_chosen() {
         bench.cycle = halt + 1100;
         bench.read(timer + 0x24)
     });
-    // Started one after the other, two and one cycles before the halt.
+    // The timers were started two cycles and one cycle before the halt.
     assert_eq!(counts, [102, 1101]);
 }

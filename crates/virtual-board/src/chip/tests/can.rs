@@ -1,23 +1,23 @@
-//! The chip as a node of the wire. Its clock is the internal oscillator.
+//! The chip as a node on the bus, clocked by its internal oscillator.
 
 use super::*;
 use crate::wire::{BitTiming, Frame, Id, Settings, VirtualNode, Wire};
 
 const CAN1: u32 = 0x4000_6400;
-/// Cycles in a microsecond.
+/// Cycles in 1 µs.
 const MICRO: u64 = 16;
 
-/// A chip that has asked for one frame to be sent, with or without its pins.
+/// A chip that has requested one transmission; its pins are routed if `pins`.
 fn sender(pins: bool) -> Bench {
     let mut bench = Bench::new(&[]);
     bench.set(RCC + 0x30, 1 << 1);
     bench.set(RCC + 0x40, 1 << 25);
     if pins {
-        // PB8 and PB9: alternate function 9.
+        // Alternate function 9 at PB8 and PB9.
         bench.write(GPIOB + 0x24, 0x99);
         bench.write(GPIOB, 0x280 | 0xa << 16);
     }
-    // Initialisation; 16 MHz / 2, eight quanta; normal.
+    // Initialisation mode; 16 MHz / 2, eight time quanta; normal mode.
     bench.write(CAN1, 1);
     bench.write(CAN1 + 0x1c, 5 << 16 | 1);
     bench.write(CAN1, 0);
@@ -27,7 +27,7 @@ fn sender(pins: bool) -> Bench {
     bench
 }
 
-/// Frames that another node received from the chip.
+/// Frames of the chip that another node received.
 fn run(bench: &mut Bench, micros: u64) -> Vec<Frame> {
     let mut other = VirtualNode::new(Settings::new(BitTiming::megabit()));
     let mut wire = Wire::new(2, Time::from_micros(20), 1);
@@ -45,7 +45,7 @@ fn run(bench: &mut Bench, micros: u64) -> Vec<Frame> {
 }
 
 #[test]
-fn a_chip_sends_a_frame() {
+fn chip_with_routed_pins_sends_a_frame() {
     let mut bench = sender(true);
     let expected = Frame::new(Id::Standard(0x123), &[0x42]);
     assert_eq!(run(&mut bench, 200), [expected]);
@@ -54,7 +54,7 @@ fn a_chip_sends_a_frame() {
 }
 
 #[test]
-fn without_pins_it_sends_nothing_and_that_is_found() {
+fn chip_without_routed_pins_sends_nothing_and_is_a_finding() {
     let mut bench = sender(false);
     assert_eq!(run(&mut bench, 400), []);
     let kinds: Vec<_> = bench.findings().iter().map(|(kind, _)| *kind).collect();
@@ -63,7 +63,7 @@ fn without_pins_it_sends_nothing_and_that_is_found() {
 }
 
 #[test]
-fn a_reset_of_the_chip_takes_it_off_the_wire() {
+fn reset_of_the_chip_cancels_its_transmission() {
     let mut bench = sender(true);
     bench.chip.restart(Cause::Software, 0);
     assert_eq!(run(&mut bench, 200), []);

@@ -1,46 +1,46 @@
-//! The counter of a timer: where it stands follows from the time.
+//! The counter of a timer; its value is computed from the time.
 
 use crate::time::Cycles;
 
-/// A stretch of counting in one direction, up to the step at which the counter turns or begins anew.
+/// A stretch of counting in one direction, up to the step at which the counter turns or restarts.
 #[derive(Clone, Copy, Debug)]
 struct Leg {
-    /// When the counter stood at `from`, its prescaler at zero.
+    /// Cycle at which the counter was at `from` with the prescaler at zero.
     start: Cycles,
     from: u32,
-    /// Steps until the leg ends; at least one.
+    /// Steps until the leg ends, at least one.
     length: u64,
-    /// The counter was beyond the reload value and runs over at its full width, without an event.
+    /// True if the counter is above the reload value: it counts to its full width, without an event.
     beyond: bool,
 }
 
-/// How a leg ended.
+/// End of a leg.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Turn {
     Overflow,
     Underflow,
-    /// At the full width of a counter that was beyond the reload value.
+    /// At the full width, from above the reload value.
     Wrap,
 }
 
 /// The counter with its prescaler.
 #[derive(Clone, Debug)]
 pub(super) struct Counter {
-    /// Reload value in force.
+    /// Active reload value.
     pub reload: u32,
-    /// Prescaler in force.
+    /// Active prescaler.
     prescaler: u32,
-    /// Cycles of the core in one of the timer's clock.
+    /// Core cycles in one cycle of the timer's clock.
     clock: u64,
-    /// Cycles of the core in one step.
+    /// Core cycles in one step of the counter.
     step: u64,
-    /// The largest value of the counter's width.
+    /// Largest value of the counter's width.
     most: u32,
-    /// Whether it counts up and down in turn.
+    /// True if the counter counts up and down alternately.
     pub centred: bool,
-    /// Direction.
+    /// True if the counter counts up.
     pub up: bool,
-    /// Where it stands while it does not run, and the cycles into the next step.
+    /// Value while stopped, and core cycles into the next step.
     value: u32,
     phase: u64,
     leg: Option<Leg>,
@@ -66,7 +66,7 @@ impl Counter {
         self.clock
     }
 
-    /// The timer's clock has another length. What is left of a step keeps its share.
+    /// Changes the timer's clock; the elapsed fraction of a step is kept.
     pub fn set_clock(&mut self, clock: u64, now: Cycles) {
         let runs = self.leg.is_some();
         self.stop(now);
@@ -78,13 +78,13 @@ impl Counter {
         }
     }
 
-    /// Another prescaler is in force, from the end of a step on.
+    /// Activates a prescaler, at the end of a step.
     pub fn set_prescaler(&mut self, prescaler: u32) {
         self.prescaler = prescaler;
         self.step = self.clock * (u64::from(prescaler) + 1);
     }
 
-    /// The first edge of the timer's clock at `now` or later.
+    /// First edge of the timer's clock at `now` or later.
     pub fn edge(&self, now: Cycles) -> Cycles {
         now.div_ceil(self.clock) * self.clock
     }
@@ -93,7 +93,6 @@ impl Counter {
         self.leg.is_some()
     }
 
-    /// Where it stands.
     pub fn value(&self, now: Cycles) -> u32 {
         let Some(leg) = &self.leg else {
             return self.value;
@@ -106,13 +105,13 @@ impl Counter {
         }
     }
 
-    /// Lets it count from where it stands.
+    /// Starts the counter at its present value.
     pub fn start(&mut self, now: Cycles) {
         let start = now - self.phase.min(now);
         self.begin(self.value, start);
     }
 
-    /// Stops it where it stands.
+    /// Stops the counter at its present value.
     pub fn stop(&mut self, now: Cycles) {
         if let Some(leg) = &self.leg {
             let passed = now.saturating_sub(leg.start) % self.step;
@@ -121,7 +120,7 @@ impl Counter {
         }
     }
 
-    /// Puts it at a value; a running one goes on from there.
+    /// Sets the counter to a value; a running counter continues from there.
     pub fn set(&mut self, value: u32, now: Cycles) {
         let runs = self.leg.is_some();
         self.stop(now);
@@ -131,7 +130,7 @@ impl Counter {
         }
     }
 
-    /// Puts it and its prescaler at the beginning, as an update by software does.
+    /// Resets counter and prescaler, as an update by software does.
     pub fn clear(&mut self, now: Cycles) {
         if self.centred {
             self.up = true;
@@ -143,7 +142,7 @@ impl Counter {
         }
     }
 
-    /// Reload value, direction or alignment have changed.
+    /// Changes reload value, direction or alignment.
     pub fn adapt(&mut self, now: Cycles, change: impl FnOnce(&mut Self)) {
         let runs = self.leg.is_some();
         self.stop(now);
@@ -157,7 +156,7 @@ impl Counter {
         self.value = from;
         self.leg = None;
         if self.reload == 0 {
-            // The manual: the counter is blocked.
+            // Manual: the counter is blocked.
             return;
         }
         if self.centred && (from == 0 || from == self.reload) {
@@ -180,13 +179,13 @@ impl Counter {
         });
     }
 
-    /// When the leg ends.
+    /// Cycle at which the leg ends.
     pub fn end(&self) -> Option<Cycles> {
         let leg = self.leg.as_ref()?;
         Some(leg.start + leg.length * self.step)
     }
 
-    /// How the leg ends.
+    /// Event at the end of the leg.
     pub fn turn(&self) -> Turn {
         match (&self.leg, self.up) {
             (Some(Leg { beyond: true, .. }), _) => Turn::Wrap,
@@ -195,7 +194,7 @@ impl Counter {
         }
     }
 
-    /// Begins the next leg at `end`, with the reload value that is in force now.
+    /// Begins the next leg at `end`, with the active reload value.
     pub fn next_leg(&mut self, turn: Turn, end: Cycles) {
         self.phase = 0;
         let from = match (turn, self.centred) {
@@ -209,7 +208,7 @@ impl Counter {
         self.begin(from, end);
     }
 
-    /// When it comes to stand at a value on this leg.
+    /// Cycle at which the counter reaches a value on this leg; `None` if not on this leg.
     pub fn meets(&self, value: u32) -> Option<Cycles> {
         let leg = self.leg.as_ref()?;
         let steps = if self.up {
@@ -220,7 +219,7 @@ impl Counter {
         (steps < leg.length).then(|| leg.start + steps * self.step)
     }
 
-    /// Leaves out as many stretches of `legs` legs as have passed by `now`, when each is as the other.
+    /// Skips the whole stretches of `legs` count-up or count-down legs that have passed by `now`.
     pub fn skip(&mut self, legs: u64, now: Cycles) {
         if let Some(leg) = &mut self.leg {
             let length = u64::from(self.reload) + u64::from(!self.centred);
@@ -235,11 +234,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_centred_counter_stands_at_its_ends_for_one_step_each() {
+    fn centre_aligned_counter_stays_at_each_end_for_one_step() {
         let mut counter = Counter::new(0xffff);
         (counter.reload, counter.centred) = (6, true);
         counter.start(0);
-        // RM0090, the figure of a centre-aligned counter with a reload value of 6.
+        // RM0090, figure of a centre-aligned counter with reload value 6.
         let mut seen = Vec::new();
         for now in 0..14 {
             if counter.end() == Some(now) {
@@ -251,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn a_counter_beyond_its_reload_value_runs_over_at_its_width() {
+    fn counter_above_its_reload_value_wraps_at_its_width() {
         let mut counter = Counter::new(0xffff);
         counter.set(0xfff0, 0);
         counter.start(0);
@@ -262,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn a_prescaler_keeps_its_place_when_the_counter_stands_still() {
+    fn prescaler_phase_is_kept_while_the_counter_is_stopped() {
         let mut counter = Counter::new(0xffff);
         counter.set_prescaler(9);
         counter.start(0);
@@ -270,13 +269,13 @@ mod tests {
         assert_eq!(counter.value(1000), 2);
         counter.start(1000);
         assert_eq!((counter.value(1004), counter.value(1005)), (2, 3));
-        // Twice as many cycles in a clock: the half of a step that has passed stays half a step.
+        // The clock now takes two core cycles; the elapsed half of a step stays half a step.
         counter.set_clock(2, 1010);
         assert_eq!((counter.value(1019), counter.value(1020)), (3, 4));
     }
 
     #[test]
-    fn skipped_stretches_change_nothing_but_the_time() {
+    fn skipped_stretches_keep_the_value_of_the_counter() {
         let mut counter = Counter::new(0xffff);
         (counter.reload, counter.centred) = (7, true);
         counter.start(0);

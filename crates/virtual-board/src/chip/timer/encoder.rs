@@ -1,4 +1,4 @@
-//! Levels of the inputs, and how an encoder's count (RM0090, 18.3.12): the edges of both.
+//! Input levels, and counting of encoders on all edges (RM0090, 18.3.12).
 
 use super::Timer;
 use super::counter::Turn;
@@ -8,12 +8,12 @@ use crate::chip::pin::Signal;
 use crate::chip::shared::Shared;
 
 impl Timer {
-    /// Whether an encoder is counted.
+    /// True if the timer counts an encoder.
     pub(super) fn is_encoder(&self) -> bool {
         self.reg(SMCR) & 7 == ENCODER
     }
 
-    /// An input has another level.
+    /// Handles a new level of an input.
     pub fn input(&mut self, signal: Signal, level: bool, shared: &mut Shared) {
         if signal == Signal::Tim1Bkin {
             self.break_level = level;
@@ -43,7 +43,7 @@ impl Timer {
         self.plan(shared);
     }
 
-    /// An encoder's input has another level behind its filter.
+    /// Counts an edge of an encoder input behind its filter.
     pub(super) fn encoder_edge(&mut self, which: usize, shared: &mut Shared) {
         if !self.is_encoder() || self.reg(CR1) & CEN == 0 || self.frozen || self.gated {
             return;

@@ -1,8 +1,8 @@
-//! Inputs of a timer: digital filter and encoder.
+//! Inputs of a timer: digital filter and encoder direction.
 
 use crate::time::Cycles;
 
-/// Sampling of an input filter (ICxF): dividers of f_DTS, and samples that must agree.
+/// Settings of an input filter (ICxF): divider of f_DTS, and number of samples that must agree.
 const FILTERS: [(u64, u64); 16] = [
     (0, 0),
     (1, 2),
@@ -22,51 +22,49 @@ const FILTERS: [(u64, u64); 16] = [
     (32, 8),
 ];
 
-/// Setting of a filter.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Filter {
-    /// Cycles of the core from sample to sample.
+    /// Core cycles between samples.
     unit: u64,
-    /// Samples that must agree; none for no filter.
+    /// Number of samples that must agree; 0 without a filter.
     samples: u64,
 }
 
 impl Filter {
-    /// Of ICxF; `timer` is a cycle of the timer's clock and `sampling` one of f_DTS, in cycles of the
-    /// core.
+    /// Settings from ICxF. `timer` is the period of the timer's clock and `sampling` that of f_DTS, in core cycles.
     pub fn of(bits: u32, timer: u64, sampling: u64) -> Self {
         let (divider, samples) = FILTERS[bits as usize & 15];
-        // The first three are sampled by the timer's own clock.
+        // ICxF of 1 to 3 samples with the timer's clock.
         let unit = if bits < 4 { timer } else { sampling * divider };
         Self { unit, samples }
     }
 
-    /// The first sample at `now` or later.
+    /// Cycle of the first sample at `now` or later.
     fn sample(&self, now: Cycles) -> Cycles {
         now.div_ceil(self.unit) * self.unit
     }
 }
 
-/// An input behind its filter.
+/// An input with its filter.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Input {
     /// Level at the pin.
     raw: bool,
     /// Level behind the filter.
     pub level: bool,
-    /// When the filter lets the other level through.
+    /// Cycle at which the filter passes the new level.
     pub due: Option<Cycles>,
-    /// Since when the pin is back at the old level meanwhile.
+    /// Cycle at which the pin returned to the old level meanwhile.
     back: Cycles,
 }
 
 impl Input {
-    /// An input that nobody listens to: levels pass.
+    /// Sets the level of an input that nothing reads, without filtering.
     pub fn follow(&mut self, level: bool) {
         (self.raw, self.level, self.due) = (level, level, None);
     }
 
-    /// The pin has another level. Whether the level behind the filter changes at once.
+    /// Handles a new level at the pin. True if the level behind the filter changes at once.
     pub fn change(&mut self, level: bool, filter: Filter, now: Cycles) -> bool {
         if level == self.raw {
             return false;
@@ -81,7 +79,7 @@ impl Input {
             self.back = now;
             return false;
         }
-        // A return to the old level between two samples was not seen.
+        // A return to the old level between two samples has no effect.
         let unseen = filter.sample(self.back) >= now;
         if !(self.due.is_some_and(|due| due >= now) && unseen) {
             self.due = Some(filter.sample(now) + (filter.samples - 1) * filter.unit);
@@ -89,7 +87,7 @@ impl Input {
         false
     }
 
-    /// The filter's time has come; whether the level behind it changes.
+    /// Ends the filter time; true if the level behind the filter changes.
     pub fn pass(&mut self) -> bool {
         self.due = None;
         let changes = self.level != self.raw;
@@ -98,8 +96,8 @@ impl Input {
     }
 }
 
-/// What an edge of an encoder counts, by which input changed (0 or 1), its new level and that of the other
-/// (RM0090, table of counting direction versus encoder signals).
+/// Count of an encoder edge, +1 or −1. `which` is the input that changed (0 or 1), `level` its new level, `other` the
+/// level of the other input (RM0090, table of counting direction versus encoder signals).
 pub(super) fn counts(which: usize, level: bool, other: bool) -> i32 {
     // TI1 rises while TI2 is low: up.
     let up = (level != other) == (which == 0);
@@ -111,8 +109,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_filter_passes_what_lasts_for_its_samples_and_nothing_shorter() {
-        // A timer at 84 MHz of a core at 168 MHz; f_DTS/32, eight samples: 64 cycles each.
+    fn filter_passes_a_level_only_after_all_its_samples() {
+        // A timer at 84 MHz with a core at 168 MHz. f_DTS/32 and eight samples: 64 cycles between samples.
         let filter = Filter::of(15, 2, 2);
         let mut input = Input::default();
         assert!(!input.change(true, filter, 1000));
@@ -127,23 +125,23 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_between_two_samples_is_not_seen() {
+    fn filter_ignores_a_pulse_between_two_samples() {
         let filter = Filter::of(15, 2, 2);
         let mut input = Input::default();
         input.change(true, filter, 1000);
-        // Back between the samples at 1088 and 1152.
+        // The input returns to its old level between the samples at 1088 and 1152.
         input.change(false, filter, 1090);
         input.change(true, filter, 1150);
         assert_eq!(input.due, Some(1472));
-        // Back at the sample at 1152: it begins anew.
+        // The sample at 1152 has the old level: the filter restarts.
         input.change(false, filter, 1151);
         input.change(true, filter, 1153);
         assert_eq!(input.due, Some(1216 + 448));
     }
 
     #[test]
-    fn filters_of_the_manual_take_their_time() {
-        // ICxF, shortest time that always passes, in cycles of the timer with f_DTS the same.
+    fn filter_times_match_the_manual() {
+        // ICxF, and the shortest pulse that always passes, in cycles of the timer's clock with f_DTS equal to it.
         for (bits, time) in [(1, 2), (3, 8), (4, 12), (7, 32), (10, 80), (15, 256)] {
             let filter = Filter::of(bits, 1, 1);
             assert_eq!(filter.unit * filter.samples, time, "{bits}");
@@ -151,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn four_edges_of_a_quadrature_count_four_one_way_and_minus_four_the_other() {
+    fn quadrature_period_counts_plus_four_forward_and_minus_four_backward() {
         let forward = [(0, true), (1, true), (0, false), (1, false)];
         for (sequence, sum) in [
             (forward.to_vec(), 4),

@@ -1,20 +1,19 @@
-//! Timers TIM1 to TIM5: counting, compare, pulses with break, encoders, triggers.
+//! Timers TIM1 to TIM5: counting, compare, PWM with break, encoders, triggers.
 //!
-//! Source: reference manual RM0090, chapters 17 and 18. The counter is not stepped: its value follows
-//! from the time, and what happens at compare values and at the ends of the count is done when somebody
-//! looks. On the schedule is only what somebody waits for: an interrupt, a trigger, an output.
+//! Source: reference manual RM0090, chapters 17 and 18. The counter is not stepped: its value is computed from the
+//! time. Compare matches and update events are applied at the next access. Only events that something depends on are
+//! scheduled: interrupts, triggers, outputs.
 //!
-//! Where the manual leaves something open:
+//! Choices where the manual is unclear:
 //!
-//! - The counter starts at the second edge of its clock after CEN is set (the manual: CNT_EN is set one
-//!   clock after CEN).
-//! - A counter above its reload value goes on to its full width and begins at 0, without an event.
+//! - The counter starts at the second edge of its clock after CEN is set (manual: CNT_EN is set one clock after CEN).
+//! - A counter above its reload value counts to its full width and continues at 0, without an event.
 //! - TRGO from OCxREF needs neither CCxE nor MOE.
-//! - MOE and the break input act at once; resynchronisation, one or two clocks, is left out.
+//! - MOE and the break input act at once; the one or two clocks of resynchronization are omitted.
 //!
-//! Not modelled: output modes but frozen and PWM, complementary outputs with their dead time, one-pulse mode, AOE, LOCK, input capture, slave
-//! modes other than encoders of which all edges count, DMA requests, OCxCE, CCPC, TI1S, the remapping of OR, a prescaler before an
-//! encoder; switching one on is a finding.
+//! Not modelled: output modes except frozen and PWM; complementary outputs with dead time; one-pulse mode; AOE; LOCK;
+//! input capture; slave modes except encoder mode 3 (all edges count); DMA requests; OCxCE; CCPC; TI1S; the remapping
+//! in OR; a prescaler with an encoder. Enabling one is a finding.
 
 mod counter;
 mod encoder;
@@ -41,43 +40,44 @@ use registers::*;
 #[derive(Clone, Copy, Debug, Default)]
 struct Channel {
     preload: u32,
-    /// Compare value in force.
+    /// Active compare value.
     compare: u32,
     mode: Mode,
     /// OCxREF.
     reference: bool,
-    /// Latest result of the comparison for pulses.
+    /// Latest result of the PWM comparison.
     inside: bool,
     /// Drive of the pin by the output.
     drive: Drive,
 }
 
-/// What somebody waits for.
+/// Events that must be scheduled because something depends on them.
 #[derive(Clone, Copy, Debug, Default)]
 struct Needs {
     update: bool,
-    /// Channels whose compare value matters, a bit each.
+    /// Channels whose compare match is needed, one bit each.
     channels: u32,
 }
 
 #[derive(Clone)]
 pub(crate) struct Timer {
     kind: Kind,
-    /// Registers as they were written, by offset over 4.
+    /// Registers as written, by offset / 4.
     plain: [u32; COUNT],
     counter: Counter,
     channels: [Channel; 4],
-    /// Overflows and underflows until the next update.
+    /// Overflows and underflows left until the next update.
     repetitions: u32,
-    /// What the counter met up to this cycle is done.
+    /// Compare matches up to this cycle have been applied.
     seen: Cycles,
     needs: Needs,
     inputs: [Input; 4],
     break_level: bool,
-    /// True if a filter may be running.
+    /// True if an input filter may be running.
     timed: bool,
-    /// The core is halted and DBGMCU stops the timer then, or its clock is off.
+    /// True while a debugger halts the core and DBGMCU stops the timer.
     frozen: bool,
+    /// True while the timer's clock is off.
     gated: bool,
 }
 
@@ -102,8 +102,8 @@ impl Timer {
         }
     }
 
-    /// A debugger halts the core, or lets it go on, while DBGMCU stops the timer with it. The outputs of
-    /// TIM1 are off meanwhile, as with MOE clear.
+    /// Stops the timer while a debugger halts the core, or resumes it. Meanwhile the outputs of TIM1 are off, as with
+    /// MOE clear.
     pub fn freeze(&mut self, frozen: bool, shared: &mut Shared) {
         self.sync(shared);
         let was = std::mem::replace(&mut self.frozen, frozen);
@@ -113,7 +113,7 @@ impl Timer {
         self.adjust(shared);
     }
 
-    /// The timer's clock is switched off or on.
+    /// Stops the timer while its clock is off, or resumes it.
     pub fn gate(&mut self, off: bool, shared: &mut Shared) {
         if self.gated != off {
             self.sync(shared);
@@ -122,7 +122,7 @@ impl Timer {
         }
     }
 
-    /// The clock security system switches the outputs off, if the break input is enabled.
+    /// Switches the outputs off after a failure of the crystal, if the break input is enabled.
     pub fn clock_failure(&mut self, shared: &mut Shared) {
         if self.reg(BDTR) & BKE != 0 {
             self.sync(shared);
@@ -139,17 +139,17 @@ impl Timer {
         &mut self.plain[offset as usize / 4]
     }
 
-    /// MMS of CR2: what TRGO is.
+    /// MMS of CR2: source of TRGO.
     fn master(&self) -> u32 {
         self.reg(CR2) >> 4 & 7
     }
 
-    /// Eight bits of CCMR of a channel.
+    /// Eight bits of CCMRx for a channel.
     fn mode_bits(&self, k: usize) -> u32 {
         self.reg(if k < 2 { CCMR1 } else { CCMR2 }) >> (8 * (k % 2)) & 0xff
     }
 
-    /// Whether a channel is an output (CCxS).
+    /// True if a channel is an output (CCxS).
     fn is_output(&self, k: usize) -> bool {
         self.mode_bits(k) & 3 == 0
     }
@@ -159,17 +159,17 @@ impl Timer {
         self.reg(CCER) >> (4 * k) & 3
     }
 
-    /// Whether outputs are enabled altogether.
+    /// True if the outputs are enabled as a whole.
     fn main_enabled(&self) -> bool {
         self.kind != Kind::Tim1 || self.reg(BDTR) & MOE != 0 && !self.frozen
     }
 
-    /// Cycles of the core in one of f_DTS.
+    /// Core cycles in one period of f_DTS.
     fn sampling(&self) -> u64 {
         self.counter.clock() << (self.reg(CR1) >> 8 & 3).min(2)
     }
 
-    /// Does what has happened up to now.
+    /// Applies everything that has happened up to now.
     fn sync(&mut self, shared: &mut Shared) {
         self.catch_up(shared);
         let clock = self.kind.clock(&shared.clocks);
@@ -181,7 +181,7 @@ impl Timer {
 
     fn catch_up(&mut self, shared: &mut Shared) {
         let now = shared.now;
-        // Enough legs for everything that comes again to have come once.
+        // After this number of legs the count repeats itself.
         let stretch = 4 * (self.reg(RCR) + 1);
         let mut legs = 0;
         while let Some(end) = self.counter.end() {
@@ -200,15 +200,14 @@ impl Timer {
         self.seen = self.seen.max(now);
     }
 
-    /// Channels whose compare value changes nothing more when it is met, a bit each: their flag is up, and
-    /// their output stands still.
+    /// Channels whose compare match has no effect, one bit each: the flag is set, and the output is frozen.
     fn idle(&self) -> u32 {
         let up = self.reg(SR) >> 1 & !self.needs.channels;
         let still = |k: &usize| self.channels[*k].mode == Mode::Frozen;
         (0..4).filter(still).fold(0, |idle, k| idle | up & 1 << k)
     }
 
-    /// Compare values that the counter met up to `last` on this leg.
+    /// Applies the compare matches up to `last` on this leg.
     fn meet(&mut self, last: Cycles, shared: &mut Shared) {
         let idle = self.idle();
         for k in (0..4).filter(|k| idle >> k & 1 == 0) {
@@ -219,13 +218,13 @@ impl Timer {
         }
     }
 
-    /// The counter has met a channel's compare value.
+    /// Handles a compare match of a channel.
     fn matched(&mut self, k: usize, shared: &mut Shared) {
         if !self.is_output(k) {
             return;
         }
         let compare = self.channels[k].compare;
-        // Both directions meet at the ends of a centre-aligned count.
+        // At the ends of a centre-aligned count the match belongs to both directions.
         let end = compare == 0 || compare == self.counter.reload;
         let wanted = match self.reg(CR1) & CMS {
             0x20 => end || !self.counter.up,
@@ -238,7 +237,7 @@ impl Timer {
         self.compare(k, compare, shared);
     }
 
-    /// CCxIF, with what else it does.
+    /// Sets CCxIF, with its trigger and interrupt.
     fn compare_flag(&mut self, k: usize, shared: &mut Shared) {
         *self.reg_mut(SR) |= 2 << k;
         if k == 0 && self.master() == 3 {
@@ -249,13 +248,13 @@ impl Timer {
         }
     }
 
-    /// A short pulse of TRGO.
+    /// Emits a short pulse of TRGO.
     fn pulse(&self, shared: &mut Shared) {
         self.trgo(true, shared);
         self.trgo(false, shared);
     }
 
-    /// An edge of TRGO.
+    /// Emits an edge of TRGO.
     fn trgo(&self, rises: bool, shared: &mut Shared) {
         shared.effect(Effect::Trigger {
             timer: self.kind,
@@ -263,7 +262,7 @@ impl Timer {
         });
     }
 
-    /// Compares for pulses with the counter at `count`.
+    /// Updates the PWM comparison for the counter at `count`.
     fn compare(&mut self, k: usize, count: u32, shared: &mut Shared) {
         let channel = &mut self.channels[k];
         let inside = output::is_inside(count, channel.compare, self.counter.up);
@@ -282,7 +281,7 @@ impl Timer {
         }
     }
 
-    /// OCxREF has this level now.
+    /// Sets the level of OCxREF.
     fn refer(&mut self, k: usize, reference: bool, shared: &mut Shared) {
         if reference == self.channels[k].reference {
             return;
@@ -296,7 +295,7 @@ impl Timer {
         }
     }
 
-    /// Drives a channel's output anew (RM0090, table of the output control bits).
+    /// Recomputes the drive of a channel's output (RM0090, table of the output control bits).
     fn drive(&mut self, k: usize, shared: &mut Shared) {
         let enables = self.enables(k);
         let level = if enables & 1 == 0 || !self.is_output(k) {
@@ -304,7 +303,7 @@ impl Timer {
         } else if self.main_enabled() {
             Some(self.channels[k].reference != (enables & 2 != 0))
         } else {
-            // The idle level, OISx.
+            // Idle level OISx.
             (self.reg(BDTR) & OSSI != 0).then_some(self.reg(CR2) >> (8 + 2 * k) & 1 != 0)
         };
         let drive = level.map_or(Drive::Open, Drive::to);
@@ -322,7 +321,7 @@ impl Timer {
         }
     }
 
-    /// The end of a leg.
+    /// Ends a leg and begins the next one.
     fn turn(&mut self, end: Cycles, shared: &mut Shared) {
         let turn = self.counter.turn();
         self.ended(turn, shared);
@@ -333,7 +332,7 @@ impl Timer {
         }
     }
 
-    /// The count has come to an end.
+    /// Handles an overflow or underflow.
     fn ended(&mut self, turn: Turn, shared: &mut Shared) {
         if turn == Turn::Wrap {
             return;
@@ -346,7 +345,8 @@ impl Timer {
         }
     }
 
-    /// Compare values above the reload value set their flag where the count ends.
+    /// Sets the flags of channels whose compare value exceeds the reload value; with centre-aligned counting only at
+    /// the overflow.
     fn compare_beyond(&mut self, turn: Turn, shared: &mut Shared) {
         if self.counter.centred && turn == Turn::Underflow {
             return;
@@ -358,7 +358,7 @@ impl Timer {
         }
     }
 
-    /// An update event: preloaded values count from here on.
+    /// Handles an update event: preloaded values become active.
     fn update(&mut self, by_software: bool, shared: &mut Shared) {
         self.counter.reload = self.reg(ARR);
         self.counter.set_prescaler(self.reg(PSC));
@@ -377,7 +377,7 @@ impl Timer {
         }
     }
 
-    /// Levels of the interrupt lines.
+    /// Updates the interrupt lines.
     fn line(&self, shared: &mut Shared) {
         let active = self.reg(SR) & self.reg(DIER);
         for &(interrupt, flags) in self.kind.lines() {
@@ -385,7 +385,7 @@ impl Timer {
         }
     }
 
-    /// Whether the break input says stop.
+    /// True if the break input is active.
     fn is_broken(&self) -> bool {
         let bdtr = self.reg(BDTR);
         bdtr & BKE != 0 && self.break_level == (bdtr & BKP != 0)
@@ -400,7 +400,7 @@ impl Timer {
         self.line(shared);
     }
 
-    /// MOE has changed.
+    /// Applies a change of MOE.
     fn main_changed(&mut self, shared: &mut Shared) {
         for k in 0..4 {
             self.drive(k, shared);
@@ -408,7 +408,7 @@ impl Timer {
         self.judge_needs();
     }
 
-    /// What somebody waits for, from the registers.
+    /// Derives from the registers which events must be scheduled.
     fn judge_needs(&mut self) {
         let dier = self.reg(DIER);
         let master = self.master();
@@ -427,7 +427,7 @@ impl Timer {
         };
     }
 
-    /// Puts on the schedule what is next.
+    /// Schedules the next event.
     fn plan(&mut self, shared: &mut Shared) {
         let mut next = NEVER;
         if self.needs.update
@@ -451,7 +451,7 @@ impl Timer {
         shared.schedule(self.kind.unit(), next);
     }
 
-    /// Filters that have run by now.
+    /// Ends the input filters due by `now`.
     fn end_times(&mut self, now: Cycles, shared: &mut Shared) {
         for which in 0..2 {
             let input = &mut self.inputs[which];
@@ -461,7 +461,7 @@ impl Timer {
         }
     }
 
-    /// Everything that follows from the registers, after one was written.
+    /// Updates everything that depends on the registers after a write.
     fn adjust(&mut self, shared: &mut Shared) {
         let now = shared.now;
         let runs = self.reg(CR1) & CEN != 0 && !self.is_encoder() && !self.frozen && !self.gated;

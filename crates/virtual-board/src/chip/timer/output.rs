@@ -1,6 +1,6 @@
 //! Reference signals of a timer's outputs.
 
-/// A channel's output mode, as OCxM says.
+/// Output mode of a channel, OCxM.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Mode {
     #[default]
@@ -10,7 +10,7 @@ pub(super) enum Mode {
 }
 
 impl Mode {
-    /// None for those that are not modelled: set, clear or toggle on match, forced levels.
+    /// Mode from OCxM; `None` if not modelled: set, clear or toggle on match, forced levels.
     pub fn of(bits: u32) -> Option<Self> {
         match bits & 7 {
             0 => Some(Self::Frozen),
@@ -20,7 +20,7 @@ impl Mode {
         }
     }
 
-    /// The reference signal for the result of the comparison, see [`is_inside`].
+    /// Level of OCxREF for the result of the comparison, see [`is_inside`]; `None` if frozen.
     pub fn reference(self, inside: bool) -> Option<bool> {
         match self {
             Self::Frozen => None,
@@ -30,8 +30,8 @@ impl Mode {
     }
 }
 
-/// The comparison for pulses: a counter that goes up is below the compare value, one that goes down is
-/// not above it (RM0090, OCxM of TIMx_CCMR1).
+/// PWM comparison: true if a counter counting up is below the compare value, or one counting down is not above it
+/// (RM0090, OCxM of TIMx_CCMR1).
 pub(super) fn is_inside(count: u32, compare: u32, up: bool) -> bool {
     if up {
         count < compare
@@ -45,9 +45,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pulse_stands_around_zero_and_has_twice_its_compare_value() {
+    fn pulse_is_centred_on_zero_and_twice_the_compare_value_long() {
         let inside = |up: bool| (0..=10).filter(|&c| is_inside(c, 3, up)).count();
-        // Up: 0, 1, 2; down: 3, 2, 1 (and 0, which is the same as that of up).
+        // Up: 0, 1, 2. Down: 3, 2, 1, and 0, which is the same step as 0 when counting up.
         assert_eq!((inside(true), inside(false)), (3, 4));
         assert_eq!(Mode::Pulse1.reference(false), Some(false));
         assert_eq!(Mode::Pulse2.reference(false), Some(true));

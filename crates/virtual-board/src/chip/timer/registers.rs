@@ -17,7 +17,7 @@ impl Kind {
         Unit::SCHEDULED[Unit::Tim1 as usize + self as usize]
     }
 
-    /// The largest value of the counter.
+    /// Largest value of the counter.
     pub fn most(self) -> u32 {
         match self {
             Self::Tim2 | Self::Tim5 => !0,
@@ -25,7 +25,7 @@ impl Kind {
         }
     }
 
-    /// Cycles of the core in one of the timer's clock.
+    /// Core cycles in one cycle of the timer's clock.
     pub fn clock(self, clocks: &Clocks) -> u64 {
         match self {
             Self::Tim1 => clocks.timer2,
@@ -33,7 +33,7 @@ impl Kind {
         }
     }
 
-    /// Interrupt lines and the flags of SR that each stands for.
+    /// Interrupt lines, each with its flags of SR.
     pub fn lines(self) -> &'static [(Interrupt, u32)] {
         match self {
             Self::Tim1 => &[
@@ -59,7 +59,7 @@ impl Kind {
     }
 }
 
-// Places.
+// Offsets.
 pub(super) const CR1: u32 = 0x00;
 pub(super) const CR2: u32 = 0x04;
 pub(super) const SMCR: u32 = 0x08;
@@ -79,14 +79,14 @@ pub(super) const BDTR: u32 = 0x44;
 pub(super) const DCR: u32 = 0x48;
 pub(super) const DMAR: u32 = 0x4c;
 pub(super) const OR: u32 = 0x50;
-/// Registers of a timer.
+/// Number of registers of a timer.
 pub(super) const COUNT: usize = 21;
 
 // Bits of CR1.
 bits! { pub(super):
     CEN 0, UDIS 1, URS 2, OPM 3, DIR 4
 }
-/// SMS: the edges of two inputs are counted.
+/// SMS: encoder mode that counts the edges of both inputs.
 pub(super) const ENCODER: u32 = 3;
 pub(super) const CMS: u32 = 3 << 5;
 pub(super) const ARPE: u32 = 1 << 7;

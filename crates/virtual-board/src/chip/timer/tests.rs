@@ -1,4 +1,4 @@
-//! Times are counted by hand from RM0090: a counter starts at the second edge of its clock after CEN.
+//! Expected times are calculated from RM0090: a counter starts at the second edge of its clock after CEN.
 
 use super::*;
 use crate::chip::interrupt::Interrupt;
@@ -8,14 +8,14 @@ use crate::chip::testing::shared;
 use crate::finding::Kind as Finding;
 use Drive::{High, Low, Open};
 
-/// When a counter enabled at cycle 0 starts, its clock being the core's.
+/// Cycle at which a counter enabled at cycle 0 starts, if its clock is the core clock.
 const START: Cycles = 1;
 
-/// A timer and what it shares.
+/// A timer with its shared state.
 struct Bench {
     timer: Timer,
     shared: Shared,
-    /// What happened, with its times.
+    /// Effects, each with its cycle.
     seen: Vec<(Cycles, Effect)>,
 }
 
@@ -34,7 +34,7 @@ impl Bench {
             .extend(self.shared.effects.drain(..).map(|effect| (now, effect)));
     }
 
-    /// Runs up to and including `end`.
+    /// Advances to `end`, inclusive.
     fn pass(&mut self, end: Cycles) -> &mut Self {
         let source = self.timer.kind.unit();
         while self.shared.arrive(source, end) {
@@ -62,13 +62,13 @@ impl Bench {
         self
     }
 
-    /// Takes the times at which an effect came.
+    /// Cycles at which an effect occurred.
     fn times(&mut self, of: Effect) -> Vec<Cycles> {
         let found = self.seen.iter().filter(|(_, effect)| *effect == of);
         found.map(|(at, _)| *at).collect()
     }
 
-    /// Takes how an output was driven, with the times.
+    /// Takes the recorded changes of an output, with their cycles.
     fn drives(&mut self, of: Signal) -> Vec<(Cycles, Drive)> {
         let found = self.seen.drain(..).filter_map(|(at, effect)| match effect {
             Effect::Output(signal, drive) if signal == of => Some((at, drive)),
@@ -78,7 +78,7 @@ impl Bench {
     }
 }
 
-/// TIM1 centre-aligned (mode `cms`) to 100, channel 1 with pulses of 30, TRGO at updates.
+/// TIM1 centre-aligned (mode `cms`) up to 100, PWM with compare value 30 on channel 1, TRGO at updates.
 fn centred(cms: u32, repetition: u32) -> Bench {
     let mut bench = Bench::new(Kind::Tim1);
     let mode = cms << 5 | ARPE;
@@ -105,7 +105,7 @@ const TRGO1: Effect = Effect::Trigger {
 };
 
 #[test]
-fn an_edge_aligned_timer_updates_every_reload_plus_one() {
+fn edge_aligned_timer_updates_every_reload_plus_one_steps() {
     let mut bench = Bench::new(Kind::Tim2);
     bench.write(&[(ARR, 874), (CR2, 2 << 4), (EGR, 1)]);
     bench.seen.clear();
@@ -120,9 +120,9 @@ fn an_edge_aligned_timer_updates_every_reload_plus_one() {
 }
 
 #[test]
-fn nothing_is_on_the_schedule_that_nobody_waits_for_and_nothing_is_lost() {
+fn timer_without_consumers_schedules_nothing_and_keeps_its_state() {
     let mut bench = Bench::new(Kind::Tim3);
-    // A channel with pulses, its output off; the clock two cycles, a step six.
+    // A PWM channel with its output off. The timer's clock is two cycles, a step is six.
     bench.shared.clocks.timer1 = 2;
     bench.write(&[
         (PSC, 2),
@@ -134,7 +134,7 @@ fn nothing_is_on_the_schedule_that_nobody_waits_for_and_nothing_is_lost() {
         (CR1, CEN),
     ]);
     assert_eq!(bench.shared.due(Unit::Tim3), NEVER);
-    // Start at 2. The 1000th period has ended and 7 steps have passed, the channel was met 1001 times.
+    // The counter starts at 2. After 1000 periods and 7 steps, the channel has matched 1001 times.
     bench.pass(2 + 6 * (10 * 1000 + 7) + 1);
     assert_eq!(bench.read(CNT), 7);
     assert_eq!(bench.read(SR) & 3, UPDATE | 2);
@@ -145,7 +145,7 @@ fn nothing_is_on_the_schedule_that_nobody_waits_for_and_nothing_is_lost() {
 }
 
 #[test]
-fn a_counter_goes_down_from_its_reload_value() {
+fn down_counter_starts_at_its_reload_value() {
     let mut bench = Bench::new(Kind::Tim4);
     bench.write(&[(ARR, 9), (CR1, DIR), (EGR, 1), (SR, 0), (DIER, UPDATE)]);
     assert_eq!(bench.read(CNT), 9);
@@ -160,23 +160,23 @@ fn a_counter_goes_down_from_its_reload_value() {
 }
 
 #[test]
-fn reload_and_prescaler_wait_for_an_update() {
+fn preloaded_reload_and_prescaler_take_effect_at_the_update() {
     let mut bench = Bench::new(Kind::Tim2);
     bench.write(&[(ARR, 9), (CR1, ARPE | CEN), (EGR, 1), (PSC, 3), (ARR, 4)]);
-    // After UG at 0 the first period is the old one, as an update loads the values.
+    // UG at cycle 0 loads the values valid then, so the first period has the old length.
     bench.pass(9);
     assert_eq!(bench.read(CNT), 9);
     bench.pass(10 + 4 * 4);
     assert_eq!(bench.read(CNT), 4);
     bench.pass(10 + 4 * 5);
     assert_eq!(bench.read(CNT), 0);
-    // Without preload at once; the count is beyond and goes to its width, which is a finding to nobody.
+    // Without preload the new reload value is active at once.
     bench.write(&[(CR1, CEN), (ARR, 99)]).pass(30 + 4 * 99);
     assert_eq!(bench.read(CNT), 99);
 }
 
 #[test]
-fn updates_can_be_disabled_and_flags_left_to_the_counter() {
+fn udis_disables_updates_and_urs_limits_the_flag_to_the_counter() {
     let mut bench = Bench::new(Kind::Tim2);
     bench.write(&[(CR1, URS), (ARR, 9), (CCR1, 5), (CCMR1, 8), (EGR, 1)]);
     assert_eq!(bench.read(SR), 0, "URS");
@@ -188,7 +188,7 @@ fn updates_can_be_disabled_and_flags_left_to_the_counter() {
 }
 
 #[test]
-fn centred_pulses_stand_around_the_underflow() {
+fn centre_aligned_pulses_are_centred_on_the_underflow() {
     let mut bench = centred(1, 0);
     bench.pass(START + 450);
     let edges: Vec<_> = [(30, Low), (170, High), (230, Low), (370, High), (430, Low)]
@@ -199,8 +199,8 @@ fn centred_pulses_stand_around_the_underflow() {
 }
 
 #[test]
-fn repetitions_count_both_ends_of_a_centred_count() {
-    // Reloaded by an update before the start, an odd number ends at the underflow.
+fn repetition_counter_counts_both_ends_of_a_centre_aligned_count() {
+    // RCR was loaded by an update before the start: an odd number ends at the underflow.
     for (repetition, updates) in [
         (1, vec![200, 400, 600, 800]),
         (2, vec![300, 600, 900]),
@@ -211,14 +211,14 @@ fn repetitions_count_both_ends_of_a_centred_count() {
         let expected: Vec<_> = updates.iter().map(|at| at + START).collect();
         assert_eq!(bench.times(TRGO1), expected, "{repetition}");
     }
-    // Written before the start and not loaded: the manual's "update at the overflow".
+    // RCR was written before the start and not loaded: "update at the overflow" in the manual.
     let mut bench = centred(1, 0);
     bench.write(&[(RCR, 1)]).pass(START + 600);
     assert_eq!(bench.times(TRGO1), [101, 301, 501]);
 }
 
 #[test]
-fn another_top_at_an_overflow_is_where_the_count_goes_down_from() {
+fn reload_value_changed_at_the_overflow_is_the_start_of_the_down_count() {
     let mut bench = centred(1, 0);
     bench.write(&[(ARR, 54)]).pass(START + 99);
     assert_eq!(bench.read(CNT), 99);
@@ -231,8 +231,9 @@ fn another_top_at_an_overflow_is_where_the_count_goes_down_from() {
 }
 
 #[test]
-fn compare_flags_of_a_centred_count_follow_its_mode() {
-    // The manual's figure: at 40 on the way down, up, both; at the ends always; beyond at the overflow.
+fn compare_flags_follow_the_centre_aligned_mode() {
+    // Times of the compare flag, as in the manual's figure. Compare value 40: on the way down, up, or both. 0 and 100:
+    // always. 120, beyond the reload value: at the overflow.
     for (cms, at_40) in [(1, vec![160]), (2, vec![40]), (3, vec![40, 160])] {
         for (compare, times) in [
             (40, at_40.clone()),
@@ -256,18 +257,18 @@ fn compare_flags_of_a_centred_count_follow_its_mode() {
 }
 
 #[test]
-fn a_compare_value_counts_from_the_next_update() {
+fn preloaded_compare_value_takes_effect_at_the_next_update() {
     let mut bench = centred(1, 0);
     bench.pass(51).write(&[(CCR1, 60)]);
     bench.pass(301);
     assert_eq!(bench.read(CCR1), 60);
-    // High at 60 on the way down from 100 at 101.
+    // The counter turns at 101. The output becomes high at count 60 on the way down, cycle 141.
     let drives = bench.drives(Signal::Tim1Ch1);
     assert_eq!(drives, [(31, Low), (141, High), (261, Low)]);
 }
 
 #[test]
-fn full_and_empty_pulses_have_no_edges() {
+fn duty_cycles_of_0_and_100_percent_have_no_edges() {
     for (compare, level) in [(0, Low), (100, High), (0xffff, High)] {
         let mut bench = centred(1, 0);
         bench.write(&[(CCR1, compare)]).pass(START + 200);
@@ -279,8 +280,8 @@ fn full_and_empty_pulses_have_no_edges() {
 }
 
 #[test]
-fn outputs_do_what_their_modes_say() {
-    // ARR 9, CCR 4: pulses; then polarity.
+fn pwm_modes_and_polarity_give_the_expected_edges() {
+    // ARR 9, CCR 4: both PWM modes, then inverted polarity.
     for (mode, ccer, levels, times) in [
         (6, 1, [High, Low], [0, 5, 11, 15, 21, 25].as_slice()),
         (7, 1, [High, Low], &[5, 11, 15, 21, 25]),
@@ -297,7 +298,7 @@ fn outputs_do_what_their_modes_say() {
 }
 
 #[test]
-fn a_break_switches_the_outputs_off_until_it_is_gone_and_they_are_enabled_again() {
+fn break_disables_the_outputs_until_inactive_and_moe_is_set_again() {
     let mut bench = centred(1, 0);
     bench.write(&[(BDTR, MOE | OSSI | BKE | BKP), (DIER, BREAK)]);
     bench.seen.clear();
@@ -313,13 +314,13 @@ fn a_break_switches_the_outputs_off_until_it_is_gone_and_they_are_enabled_again(
     assert_eq!(bench.read(BDTR) & MOE, MOE);
     assert_eq!(bench.read(SR) & BREAK, 0);
     assert_eq!(bench.drives(Signal::Tim1Ch1), [(11, High)]);
-    // The updates go on all the time.
+    // Updates continue during the break.
     bench.pass(450);
     assert_eq!(bench.times(TRGO1), [101, 201, 301, 401]);
 }
 
 #[test]
-fn without_off_state_a_break_lets_the_pin_go() {
+fn break_without_ossi_releases_the_pin() {
     let mut bench = centred(1, 0);
     bench.write(&[(BDTR, MOE | BKE)]);
     assert_eq!(bench.read(BDTR) & MOE, 0, "low is active and it is low");
@@ -331,7 +332,7 @@ fn without_off_state_a_break_lets_the_pin_go() {
 }
 
 #[test]
-fn a_failed_clock_breaks_too() {
+fn clock_failure_triggers_the_break_if_enabled() {
     let mut bench = centred(1, 0);
     bench.timer.clock_failure(&mut bench.shared);
     assert_eq!(bench.read(BDTR) & MOE, MOE, "the break is off");
@@ -341,11 +342,12 @@ fn a_failed_clock_breaks_too() {
 }
 
 #[test]
-fn the_reference_of_channel_4_is_a_trigger_once_a_period() {
+fn reference_of_channel_4_triggers_once_per_period() {
     let mut bench = centred(1, 0);
     bench.write(&[(BDTR, 0), (CCMR2, 0x7800), (CCR4, 90), (CR2, 7 << 4)]);
     bench.pass(START + 700);
-    // At once, since nothing was loaded yet; then at 90 on the way up, with the outputs off.
+    // The first trigger is immediate, because no compare value is loaded yet. The other triggers occur at count 90 on
+    // the way up, with the outputs off.
     assert_eq!(bench.times(TRGO1), [0, 291, 491, 691]);
     let falls = Effect::Trigger {
         timer: Kind::Tim1,
@@ -355,7 +357,7 @@ fn the_reference_of_channel_4_is_a_trigger_once_a_period() {
 }
 
 #[test]
-fn trigger_outputs_of_software_enable_and_compare() {
+fn trigger_output_follows_software_update_enable_and_compare() {
     let mut bench = Bench::new(Kind::Tim4);
     let trgo = Effect::Trigger {
         timer: Kind::Tim4,
@@ -366,12 +368,12 @@ fn trigger_outputs_of_software_enable_and_compare() {
     bench.pass(7).write(&[(CR2, 1 << 4), (CR1, CEN)]);
     assert_eq!(bench.times(trgo), [5, 7]);
     bench.write(&[(CR2, 3 << 4)]).pass(25);
-    // Started at 8.
+    // The counter started at 8.
     assert_eq!(bench.times(trgo), [5, 7, 11, 21]);
 }
 
 #[test]
-fn a_halted_or_gated_timer_stands_still() {
+fn halted_or_gated_timer_stops() {
     let mut bench = Bench::new(Kind::Tim5);
     bench.write(&[(PSC, 9), (EGR, 1), (CR1, CEN)]).pass(26);
     bench.timer.freeze(true, &mut bench.shared);
@@ -388,9 +390,9 @@ fn a_halted_or_gated_timer_stands_still() {
 }
 
 #[test]
-fn a_halted_tim1_has_its_outputs_off() {
+fn halted_tim1_has_its_outputs_off() {
     let mut bench = Bench::new(Kind::Tim1);
-    // Channel 1 always active.
+    // Channel 1 is always active.
     bench.write(&[
         (CCR1, 0xffff),
         (CCMR1, 0x60),
@@ -408,7 +410,7 @@ fn a_halted_tim1_has_its_outputs_off() {
 }
 
 #[test]
-fn another_clock_changes_the_pace_from_its_moment_on() {
+fn clock_change_affects_only_later_counts() {
     let mut bench = Bench::new(Kind::Tim2);
     bench.write(&[(CR1, CEN)]).pass(101);
     bench.shared.clocks.timer1 = 4;
@@ -418,7 +420,7 @@ fn another_clock_changes_the_pace_from_its_moment_on() {
 }
 
 #[test]
-fn an_encoder_counts_filtered_edges_both_ways_and_wraps() {
+fn encoder_counts_filtered_edges_in_both_directions_and_wraps() {
     let mut bench = Bench::new(Kind::Tim3);
     bench.write(&[(CCMR1, 0xf1f1), (CCER, 0x11), (SMCR, 3), (CR1, CEN)]);
     use Signal::{Tim3Ch1 as A, Tim3Ch2 as B};
@@ -434,7 +436,7 @@ fn an_encoder_counts_filtered_edges_both_ways_and_wraps() {
     assert_eq!(bench.pass(4000).read(CNT), 2);
     bench.input(A, false).pass(5000).input(B, false);
     assert_eq!(bench.pass(6000).read(CNT), 4);
-    // The other way, below zero.
+    // Backward, below zero.
     let backward = [(B, true), (A, true), (B, false), (A, false)];
     for (k, &(signal, level)) in backward.iter().cycle().take(6).enumerate() {
         bench.input(signal, level).pass(7000 + 1000 * k as u64);
@@ -445,7 +447,7 @@ fn an_encoder_counts_filtered_edges_both_ways_and_wraps() {
 }
 
 #[test]
-fn polarity_turns_an_encoder_round() {
+fn inverted_polarity_reverses_an_encoder() {
     use Signal::{Tim4Ch1 as A, Tim4Ch2 as B};
     for (ccer, count) in [(0, 4), (2, -4)] {
         let mut bench = Bench::new(Kind::Tim4);
@@ -460,7 +462,7 @@ fn polarity_turns_an_encoder_round() {
 }
 
 #[test]
-fn what_is_not_modelled_or_forbidden_is_found() {
+fn unmodelled_or_forbidden_settings_are_findings() {
     for (kind, writes) in [
         (Finding::NotModelled, vec![(DIER, 1 << 8)]),
         (Finding::NotModelled, vec![(SMCR, 4)]),

@@ -60,7 +60,7 @@ impl Timer {
         }
     }
 
-    /// A compare value without preload counts at once.
+    /// Activates a compare value that has no preload.
     fn load_immediate(&mut self, k: usize) {
         if self.mode_bits(k) & 1 << 3 == 0 {
             self.channels[k].compare = self.channels[k].preload;
@@ -78,7 +78,7 @@ impl Timer {
             let text = "CMS: alignment changed while the counter is enabled";
             self.note(finding::Kind::Forbidden, text, shared);
         }
-        // In centre-aligned and encoder modes the direction is the counter's own.
+        // In centre-aligned and encoder modes the counter sets its direction.
         let own = self.is_encoder() || self.counter.centred && centred;
         let up = if own {
             self.counter.up
@@ -99,7 +99,7 @@ impl Timer {
             return;
         }
         if value & CEN != 0 && !self.is_encoder() {
-            // CNT_EN follows CEN by a clock.
+            // CNT_EN follows CEN by one clock.
             let start = self.counter.edge(now) + self.counter.clock();
             self.counter.stop(now);
             if !self.frozen && !self.gated {
@@ -117,7 +117,7 @@ impl Timer {
         if value & (CCPC | TI1S) != 0 {
             self.not_modelled("CCPC, TI1S", shared);
         }
-        // A reference signal that is high already is an edge for who begins to look at it.
+        // When TRGO switches to an OCxREF that is already high, TRGO has an edge.
         let level = |master: u32| master >= 4 && self.channels[master as usize - 4].reference;
         let (was, is) = (level(old >> 4 & 7), level(self.master()));
         if was != is {
@@ -140,7 +140,7 @@ impl Timer {
         }
     }
 
-    /// Written zeros clear; a break that lasts keeps its flag.
+    /// Clears the flags written as zero, except that of an active break input.
     fn write_status(&mut self, value: u32) {
         let keep = if self.is_broken() { BREAK } else { 0 };
         *self.reg_mut(SR) &= value | keep;
@@ -196,7 +196,7 @@ impl Timer {
         let before = std::mem::replace(&mut self.channels[k].mode, mode);
         let count = self.counter.value(shared.now);
         self.compare(k, count, shared);
-        // From one sort of pulses to the other the reference follows from the next match on.
+        // A change between the two PWM modes affects the output from the next match on.
         if before == Mode::Frozen
             && let Some(reference) = mode.reference(self.channels[k].inside)
         {
@@ -212,7 +212,7 @@ impl Timer {
         self.judge_capture(shared);
     }
 
-    /// Captures are not modelled.
+    /// Notes an enabled input capture, which is not modelled.
     fn judge_capture(&mut self, shared: &mut Shared) {
         if self.reg(CR1) & CEN == 0 {
             return;
@@ -226,7 +226,7 @@ impl Timer {
     }
 
     fn write_count(&mut self, value: u32, shared: &mut Shared) {
-        // The counter itself looks which way it goes from 0 and from the reload value.
+        // At 0 and at the reload value, a centre-aligned counter sets its direction itself.
         self.counter.set(value, shared.now);
         self.seen = shared.now;
     }

@@ -9,7 +9,7 @@ const BRR: u32 = 0x08;
 const CR1: u32 = 0x0c;
 const CR2: u32 = 0x10;
 const CR3: u32 = 0x14;
-/// 42 MHz / 42: 1 Mbit/s, a bit is 168 core cycles.
+/// 42 MHz / 42: 1 Mbit/s; a bit is 168 core cycles.
 const BIT: Cycles = 168;
 const FRAME: Cycles = 10 * BIT;
 
@@ -24,7 +24,7 @@ impl Circuit for Line {
     }
 }
 
-/// Enabled, the idle frame of the transmitter behind it.
+/// An enabled USART at the start of its idle frame.
 fn enabled(cr1: u32) -> Bench<Usart> {
     let mut bench = Bench::around(Line::default(), Unit::Usart3, Usart::after_reset());
     bench.write(&[(BRR, 42), (CR1, UE | TE | RE | cr1)]);
@@ -45,7 +45,7 @@ fn sent(bench: &mut Bench<Usart>) -> Vec<(u8, Cycles)> {
 }
 
 #[test]
-fn bytes_follow_each_other_behind_the_idle_frame() {
+fn bytes_follow_the_idle_frame_without_a_gap() {
     let mut bench = enabled(TCIE);
     bench.write(&[(DR, 0x12)]);
     assert_eq!(bench.read(SR) & (TXE | TC), 0);
@@ -65,7 +65,7 @@ fn bytes_follow_each_other_behind_the_idle_frame() {
 }
 
 #[test]
-fn bytes_arrive_and_then_the_line_is_idle() {
+fn received_byte_is_followed_by_the_idle_flag() {
     let mut bench = idle();
     bench.write(&[(CR1, UE | TE | RE | RXNEIE | IDLEIE)]);
     bench.part.receive(0x41, &mut bench.shared);
@@ -83,7 +83,7 @@ fn bytes_arrive_and_then_the_line_is_idle() {
 }
 
 #[test]
-fn a_byte_that_is_not_fetched_is_an_overrun() {
+fn unread_byte_is_an_overrun() {
     let mut bench = idle();
     bench.part.receive(1, &mut bench.shared);
     bench.part.receive(2, &mut bench.shared);
@@ -91,14 +91,14 @@ fn a_byte_that_is_not_fetched_is_an_overrun() {
     assert_eq!(bench.read(DR), 1);
     assert_eq!(bench.read(SR) & (RXNE | ORE), 0);
     assert_eq!(bench.shared.kinds(), [Kind::Lost]);
-    // Disabled it hears nothing.
+    // With the receiver disabled, bytes are ignored.
     bench.write(&[(CR1, UE | TE)]);
     bench.part.receive(3, &mut bench.shared);
     assert_eq!(bench.read(SR) & RXNE, 0);
 }
 
 #[test]
-fn streams_are_asked() {
+fn dma_is_requested_in_both_directions() {
     let mut bench = idle();
     bench.write(&[(CR3, DMAT | DMAR), (DR, 1)]);
     bench.part.receive(1, &mut bench.shared);
@@ -107,7 +107,7 @@ fn streams_are_asked() {
 }
 
 #[test]
-fn what_is_not_modelled_and_mistakes_are_found() {
+fn unmodelled_features_and_misuse_are_findings() {
     let mut bench = idle();
     bench.write(&[(CR3, HDSEL), (CR2, LINEN)]);
     assert_eq!(bench.shared.kinds(), [Kind::NotModelled; 2]);

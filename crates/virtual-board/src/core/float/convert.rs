@@ -1,14 +1,14 @@
-//! Comparison of singles and conversion: integers, fixed point, half precision.
+//! Comparison of single-precision numbers, and conversion from and to integers, fixed point and half precision.
 
 use super::fpscr::{AHP, IOC, IXC};
 use super::{
     Exact, Format, INFINITY, NEAREST, SINGLE, Value, quiet, round, signalling, split, unpack, zero,
 };
 
-/// Flags N, Z, C, V of a comparison; `signal`: a quiet NaN is invalid too.
+/// Flags N, Z, C, V of a comparison. `signal`: a quiet NaN is also invalid.
 #[inline]
 pub fn compare(a: u32, b: u32, signal: bool, status: &mut u32) -> u32 {
-    // Numbers that no mode of the unit changes, as nearly always.
+    // Most operands are numbers that no setting of FPSCR affects.
     let regular = |bits: u32| bits << 1 == 0 || super::ordinary(bits);
     if regular(a) && regular(b) {
         return order(f32::from_bits(a), f32::from_bits(b));
@@ -16,7 +16,7 @@ pub fn compare(a: u32, b: u32, signal: bool, status: &mut u32) -> u32 {
     compare_exact(a, b, signal, status)
 }
 
-/// Flags of numbers that are no NaN.
+/// Flags of a comparison without NaN.
 #[inline]
 fn order(a: f32, b: f32) -> u32 {
     if a == b {
@@ -55,18 +55,18 @@ pub(in crate::core) const fn mode(status: u32) -> u32 {
 /// Rounding towards zero.
 pub(in crate::core) const TOWARDS_ZERO: u32 = 3;
 
-/// What an integer or a fixed-point number looks like.
+/// Format of an integer or a fixed-point number.
 #[derive(Clone, Copy)]
 pub struct Fixed {
-    /// Bits after the point.
+    /// Number of fraction bits.
     pub fraction: u32,
-    /// All bits.
+    /// Total number of bits.
     pub bits: u32,
-    /// No negative numbers.
+    /// True if there are no negative numbers.
     pub unsigned: bool,
 }
 
-/// To an integer of 64 bits or fewer, saturated (FPToFixed); `mode` as in the status register.
+/// Converts to a fixed-point number of 32 bits or fewer, saturated (FPToFixed); `mode` as in the status register.
 pub fn to_fixed(a: u32, fixed: Fixed, mode: u32, status: &mut u32) -> u32 {
     let value = match unpack(a, status) {
         Value::Nan(_) => {
@@ -78,7 +78,7 @@ pub fn to_fixed(a: u32, fixed: Fixed, mode: u32, status: &mut u32) -> u32 {
         Value::Finite(v) => v,
     };
     let shift = value.exponent + fixed.fraction as i32;
-    // Beyond 33 bits it saturates anyway.
+    // Above 33 bits, the result saturates in any case.
     if shift > 40 {
         return saturate(value.negative, fixed, status);
     }
@@ -120,7 +120,7 @@ fn saturate(negative: bool, fixed: Fixed, status: &mut u32) -> u32 {
     (if negative { least } else { greatest }) as u32
 }
 
-/// From an integer, which is already extended to 64 bits (FixedToFP).
+/// Converts from a fixed-point number, already extended to 64 bits (FixedToFP).
 pub fn from_fixed(value: i64, fraction: u32, mode: u32, status: &mut u32) -> u32 {
     if value == 0 {
         return 0;
@@ -133,7 +133,7 @@ pub fn from_fixed(value: i64, fraction: u32, mode: u32, status: &mut u32) -> u32
     round(exact, SINGLE, mode, status)
 }
 
-/// From half precision.
+/// Converts from half precision.
 pub fn from_half(half: u16, status: &mut u32) -> u32 {
     let half = u32::from(half);
     let (negative, exponent, fraction) = (half >> 15 != 0, half >> 10 & 31, half & 0x3ff);
@@ -147,7 +147,7 @@ pub fn from_half(half: u16, status: &mut u32) -> u32 {
     }
 }
 
-/// To half precision.
+/// Converts to half precision.
 pub fn to_half(a: u32, status: &mut u32) -> u16 {
     let alternative = *status & AHP != 0;
     let format = Format {

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn a_breakpoint_stops_before_its_instruction_and_is_passed_once() {
+fn breakpoint_stops_before_its_instruction_and_is_passed_once() {
     // adds r0, #1; b back
     let mut machine = Machine::new(&[0x3001, 0xe7fd]).register(0, 0);
     machine.core.add_breakpoint(CODE);
@@ -17,7 +17,7 @@ fn a_breakpoint_stops_before_its_instruction_and_is_passed_once() {
 }
 
 #[test]
-fn a_step_executes_one_instruction_each() {
+fn each_step_executes_one_instruction() {
     // it eq; moveq r0, #1; movs r1, #2; svc
     let mut machine = Machine::new(&[0xbf08, 0x2001, 0x2102, 0xdf00]);
     let mut places = vec![];
@@ -32,7 +32,7 @@ fn a_step_executes_one_instruction_each() {
 }
 
 #[test]
-fn a_watchpoint_stops_behind_the_access() {
+fn watchpoint_stops_after_the_access() {
     // str r0, [r1]; ldr r2, [r1]; bkpt
     let program = [0x6008, 0x680a, 0xbe00];
     let mut machine = Machine::new(&program).register(1, LOG);
@@ -47,7 +47,7 @@ fn a_watchpoint_stops_behind_the_access() {
 }
 
 #[test]
-fn the_profile_adds_up() {
+fn profile_adds_up_to_the_cycles_of_the_run() {
     let call = [
         0x6011, // str r1, [r2]
         0x2332, // movs r3, #50
@@ -72,7 +72,7 @@ fn the_profile_adds_up() {
     .handler(16, &first)
     .registers(&[(1, 1), (2, ISPR0)]);
     machine.set_private(ISER0, 1);
-    // Less urgent than the line.
+    // The priority of the supervisor call is lower than that of the interrupt line.
     machine.set_private(0xe000_ed1c, 0x8000_0000);
     machine.core.set_profiling(true);
     let begin = machine.core.cycles();
@@ -80,7 +80,7 @@ fn the_profile_adds_up() {
     let all = machine.core.cycles() - begin;
     let profile = machine.core.profile().cloned().expect("it is on");
     let by_pc: u64 = profile.instructions().map(|(_, cycles)| cycles).sum();
-    // Entries and returns of exceptions belong to no instruction.
+    // Cycles of exception entry and return belong to no instruction.
     let between = all - by_pc;
     assert!((40..=50).contains(&between), "{between}");
     let loops: u64 = profile

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A handler that appends a word to the log at r7 and returns.
+/// A handler that appends `word` to the log at r7 and returns.
 fn logging(word: u16) -> Vec<u16> {
     vec![
         0x2600 | word, // movs r6, #word
@@ -11,13 +11,13 @@ fn logging(word: u16) -> Vec<u16> {
     ]
 }
 
-/// Enables lines 0 to 31 and gives them priorities 0x10, 0x20, ... by fours of four.
+/// Enables lines 0 to 31 and sets the priorities of lines 0 to 3.
 fn enable(machine: &mut Machine, priorities: [u8; 4]) {
     machine.set_private(ISER0, u32::MAX);
     machine.set_private(IPR0, u32::from_le_bytes(priorities));
 }
 
-/// Counts in r6 and stops at `last`.
+/// A handler that counts in r6 and stops at `last`.
 fn counting(last: u16) -> [u16; 5] {
     [
         0x3601,        // adds r6, #1
@@ -29,14 +29,14 @@ fn counting(last: u16) -> [u16; 5] {
 }
 
 #[test]
-fn a_supervisor_call_saves_what_the_manual_says() {
+fn supervisor_call_stacks_the_frame_of_the_manual() {
     // svc #5; bkpt
     let mut machine = Machine::new(&[0xdf05, 0xbe00]);
     for number in 0..13 {
         machine.core.set_register(number, 0x1000 + number as u32);
     }
     machine.core.set_register(14, 0x1234_5679);
-    // Misaligned by 4: the frame is aligned to 8 and bit 9 tells.
+    // The stack pointer is misaligned by 4. The frame is aligned to 8, and bit 9 of the stacked xPSR records the shift.
     machine.core.set_register(13, STACK - 4);
     machine.core.set_xpsr(0xa000_0000 | 1 << 24);
     assert_eq!(machine.run_to_breakpoint(), 11);
@@ -47,7 +47,7 @@ fn a_supervisor_call_saves_what_the_manual_says() {
     assert_eq!(words[..5], [0x1000, 0x1001, 0x1002, 0x1003, 0x100c]);
     assert_eq!(words[5..], [0x1234_5679, CODE + 2, 0xa100_0200]);
     assert_eq!(machine.core.xpsr() & 0x1ff, 11);
-    // Back to the thread with everything as before.
+    // Return to thread mode restores everything.
     machine.chip.program(HANDLERS + 64 * 11, &[0xbe00, 0x4770]);
     assert_eq!(machine.go_on(), 0);
     assert_eq!(machine.r(13), STACK - 4);
@@ -57,7 +57,7 @@ fn a_supervisor_call_saves_what_the_manual_says() {
 }
 
 #[test]
-fn the_process_stack_is_used_by_the_thread_alone() {
+fn process_stack_is_used_only_in_thread_mode() {
     let mut machine = Machine::new(&[
         0xf380, 0x8809, // msr psp, r0
         0xf381, 0x8814, // msr control, r1
@@ -77,14 +77,14 @@ fn the_process_stack_is_used_by_the_thread_alone() {
 }
 
 #[test]
-fn an_interrupt_inside_an_it_block_comes_back_to_its_middle() {
+fn interrupt_inside_an_it_block_returns_into_the_block() {
     let first = [
         0x9807, // ldr r0, [sp, #28]
         0x6038, // str r0, [r7]
         0x45bd, // cmp sp, r7
         0x4770, // bx lr
     ];
-    // The store pends line 0; the block goes on afterwards, its else part not executed.
+    // The store pends line 0. Afterwards the block continues without its else part.
     let mut machine = Machine::new(&[
         0x4280, // cmp r0, r0
         0xbf03, // ittte eq
@@ -100,14 +100,14 @@ fn an_interrupt_inside_an_it_block_comes_back_to_its_middle() {
     assert_eq!(machine.run_to_breakpoint(), 0);
     assert_eq!(machine.r(3), 3);
     let psr = machine.chip.word(LOG);
-    // ITSTATE: condition EQ, mask 0b0011 for T, T, E; shifted once by the first of the four.
+    // ITSTATE: condition EQ, mask 0b0011 for T, T, E, shifted once by the first of the four instructions.
     let it = psr >> 25 & 3 | psr >> 8 & 0xfc;
     assert_eq!(it, 0b0000_0110, "{psr:#010x}");
     assert_eq!(machine.core.taken(16), 1);
     assert_eq!(machine.core.xpsr() & 0x0600_fc00, 0);
 }
 
-/// Handlers: line 1 pends lines 0 and 2. The order in which they log with these priorities.
+/// Order in which lines 0 to 2 log with these priorities; the handler of line 1 pends lines 0 and 2.
 fn order_of_three(group: u32, priorities: [u8; 4]) -> Vec<u32> {
     let second = [
         0x2005, // movs r0, #5
@@ -130,18 +130,18 @@ fn order_of_three(group: u32, priorities: [u8; 4]) -> Vec<u32> {
 }
 
 #[test]
-fn the_more_urgent_one_preempts_and_the_others_follow_by_tail_chaining() {
+fn higher_priority_preempts_and_the_others_tail_chain() {
     assert_eq!(order_of_three(0, [0x10, 0x20, 0x30, 0]), [1, 2, 3]);
 }
 
 #[test]
-fn the_group_alone_decides_on_preemption_and_the_subpriority_on_the_order() {
+fn group_priority_decides_preemption_and_subpriority_the_order() {
     assert_eq!(order_of_three(3, [0x40, 0x50, 0x60, 0]), [1, 2, 3]);
     assert_eq!(order_of_three(6, [0x40, 0x50, 0x60, 0]), [2, 1, 3]);
 }
 
 #[test]
-fn one_that_arrives_during_entry_goes_first_and_the_frame_is_shared() {
+fn late_arrival_is_taken_first_on_the_same_frame() {
     // b .
     let program = [0xe7fe];
     let first = [
@@ -166,12 +166,12 @@ fn one_that_arrives_during_entry_goes_first_and_the_frame_is_shared() {
     machine.chip.schedule = lines.map(|(at, lines)| (begin + at, lines)).into();
     assert_eq!(machine.run_to_breakpoint(), 17);
     assert_eq!(machine.chip.log(), [1, 2]);
-    // Tail-chained on the same frame.
+    // The second exception is tail-chained: it uses the same stack frame.
     assert_eq!(machine.r(5), machine.r(13));
 }
 
 #[test]
-fn a_line_that_stays_high_comes_again_and_one_that_falls_does_not() {
+fn line_that_stays_high_interrupts_again() {
     for (falls, times) in [(true, 1), (false, 3)] {
         // nop; b .
         let mut machine = Machine::new(&[0xbf00, 0xe7fe])
@@ -190,9 +190,9 @@ fn a_line_that_stays_high_comes_again_and_one_that_falls_does_not() {
 }
 
 #[test]
-fn masks_hold_back_what_they_name() {
+fn masks_hold_back_interrupts_by_priority() {
     let pend = |machine: &mut Machine| machine.set_private(ISPR0, 1);
-    // cpsid i / cpsid f / msr basepri, r0 with priority 0x20 of the line.
+    // cpsid i / cpsid f / msr basepri, r0. The priority of the line is 0x20.
     let programs: [(&[u16], u32, bool); 6] = [
         (&[0xb672, 0xbf00, 0xbf00, 0xbe00], 0, false),
         (&[0xb671, 0xbf00, 0xbf00, 0xbe00], 0, false),
@@ -214,7 +214,7 @@ fn masks_hold_back_what_they_name() {
 
 #[test]
 fn basepri_max_only_raises() {
-    // msr basepri_max, r0 to r3 in turn, then mrs r4, basepri.
+    // Writes r0 to r3 to BASEPRI_MAX in turn and reads BASEPRI after each.
     let mut machine = Machine::new(&[
         0xf380, 0x8812, // msr basepri_max, r0
         0xf3ef, 0x8411, // mrs r4, basepri
@@ -232,7 +232,7 @@ fn basepri_max_only_raises() {
 }
 
 #[test]
-fn floating_point_is_saved_when_the_handler_first_uses_it() {
+fn fp_registers_are_saved_at_the_handlers_first_fp_instruction() {
     let program = [
         0xeeb7, 0x0a00, // vmov.f32 s0, #1.0
         0xeef0, 0x7a00, // vmov.f32 s15, #2.0
@@ -270,7 +270,7 @@ fn floating_point_is_saved_when_the_handler_first_uses_it() {
 }
 
 #[test]
-fn floating_point_that_the_handler_leaves_alone_is_never_written() {
+fn fp_registers_unused_by_the_handler_are_never_saved() {
     let mut machine = Machine::new(&[
         0xeeb7, 0x0a00, // vmov.f32 s0, #1.0
         0x6011, // str r1, [r2]
@@ -288,7 +288,7 @@ fn floating_point_that_the_handler_leaves_alone_is_never_written() {
 }
 
 #[test]
-fn floating_point_is_saved_at_once_if_lazy_saving_is_off() {
+fn fp_registers_are_saved_at_once_without_lazy_saving() {
     // vmov.f32 s3, #1.0; str r1, [r2]; bkpt
     let mut machine =
         Machine::new(&[0xeef7, 0x1a00, 0x6011, 0xbe00]).registers(&[(1, 1), (2, ISPR0)]);
@@ -301,7 +301,7 @@ fn floating_point_is_saved_at_once_if_lazy_saving_is_off() {
 }
 
 #[test]
-fn an_exclusive_access_fails_after_an_exception() {
+fn exclusive_store_fails_after_an_exception() {
     let program = [
         0xe853, 0x0f00, // ldrex r0, [r3]
         0x6011, // str r1, [r2]
@@ -321,7 +321,7 @@ fn an_exclusive_access_fails_after_an_exception() {
 }
 
 #[test]
-fn pending_can_be_cleared_and_the_trigger_register_pends() {
+fn pending_bits_are_set_by_stir_and_icsr_and_can_be_cleared() {
     let mut machine = Machine::new(&[0xbf00, 0xbf00, 0xbf00, 0xbe00]);
     machine.set_private(0xe000_ef00, 5);
     assert_eq!(machine.private(ISPR0), 1 << 5);
@@ -336,7 +336,7 @@ fn pending_can_be_cleared_and_the_trigger_register_pends() {
 }
 
 #[test]
-fn the_vector_table_can_be_moved() {
+fn vector_table_can_be_moved() {
     // svc #0; bkpt
     let mut machine = Machine::new(&[0xdf00, 0xbe00]);
     machine.set_private(VTOR, 0x2000_4000);
@@ -346,7 +346,7 @@ fn the_vector_table_can_be_moved() {
 }
 
 #[test]
-fn a_reset_request_needs_the_key() {
+fn reset_request_needs_the_key() {
     for (value, resets) in [(0x0000_0004, 0), (0x05fa_0004, 1)] {
         // str r0, [r1]; b .
         let mut machine = Machine::new(&[0x6008, 0xe7fe]).registers(&[(0, value), (1, AIRCR)]);
@@ -357,7 +357,7 @@ fn a_reset_request_needs_the_key() {
 }
 
 #[test]
-fn a_reset_begins_anew_but_goes_on_counting() {
+fn reset_clears_the_core_and_keeps_its_counters() {
     let mut machine = Machine::new(&[0xb672, 0xbe00]).register(5, 7);
     machine.set_private(ISER0, 1);
     machine.run_to_breakpoint();
@@ -387,7 +387,7 @@ fn systick_interrupts_every_period() {
 }
 
 #[test]
-fn the_depth_of_the_main_stack_is_kept() {
+fn lowest_main_stack_pointer_is_recorded() {
     let mut machine = Machine::new(&[
         0xb507, // push {r0, r1, r2, lr}
         0xb090, // sub sp, #0x40

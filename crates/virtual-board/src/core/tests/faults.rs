@@ -7,20 +7,20 @@ const USAGE: u16 = 6;
 const HARD: u16 = 3;
 const MEMORY: u16 = 4;
 
-/// All three configurable faults enabled.
+/// A machine with all three configurable faults enabled.
 fn enabled(program: &[u16]) -> Machine {
     let mut machine = Machine::new(program);
     machine.set_private(SHCSR, 7 << 16);
     machine
 }
 
-/// The program counter in the frame of a handler.
+/// Program counter in the frame of a handler.
 fn stacked_pc(machine: &mut Machine) -> u32 {
     let sp = machine.r(13);
     machine.chip.word(sp + 24)
 }
 
-/// A guard of 32 bytes, without access, in the protection unit.
+/// Sets up a region of 32 bytes without access in the MPU.
 fn guard(machine: &mut Machine, base: u32) {
     machine.set_private(0xe000_ed9c, base | 0x10);
     machine.set_private(0xe000_eda0, 1 << 28 | 4 << 1 | 1);
@@ -28,7 +28,7 @@ fn guard(machine: &mut Machine, base: u32) {
 }
 
 #[test]
-fn usage_faults_tell_their_reason() {
+fn usage_fault_status_shows_the_reason() {
     let programs: [(&[u16], u32); 6] = [
         // udf
         (&[0xde00], 1 << 16),
@@ -47,14 +47,14 @@ fn usage_faults_tell_their_reason() {
         let mut machine = enabled(program).register(0, LOG + 2);
         machine.ends_in(USAGE, &[(CFSR, bit)]);
         assert_eq!(stacked_pc(&mut machine), CODE);
-        // Bits are cleared by writing them.
+        // Bits are cleared by writing ones.
         machine.set_private(CFSR, bit);
         assert_eq!(machine.private(CFSR), 0);
     }
 }
 
 #[test]
-fn traps_that_are_off_by_default() {
+fn unaligned_access_and_division_by_zero_trap_only_if_enabled() {
     // ldr r1, [r0] unaligned; udiv r1, r0, r2 by zero.
     let programs: [(&[u16], u32, u32); 2] = [
         (&[0x6801, 0xbe00], 1 << 3, 1 << 24),
@@ -70,20 +70,20 @@ fn traps_that_are_off_by_default() {
 }
 
 #[test]
-fn a_jump_to_an_even_address_leaves_the_state_that_there_is() {
+fn jump_to_an_even_address_is_an_invalid_state_fault() {
     let mut machine = enabled(&[0x4700]).register(0, CODE + 0x40);
     machine.ends_in(USAGE, &[(CFSR, 1 << 17)]);
     assert_eq!(stacked_pc(&mut machine), CODE + 0x40);
 }
 
 #[test]
-fn a_bus_fault_names_the_address_and_changes_no_register() {
+fn bus_fault_reports_the_address_and_changes_no_register() {
     // ldr r1, [r0], #4; str r1, [r0, #4]!; ldm r0!, {r1, r2}; pop {r1, r2}
     let programs: [&[u16]; 4] = [&[0xf850, 0x1b04], &[0xf840, 0x1f04], &[0xc806], &[0xbc06]];
     for program in programs {
         let mut machine = enabled(program).registers(&[(0, 0x6000_0000), (1, 11), (2, 12)]);
         if program[0] == 0xbc06 {
-            // The first word can be read, the second cannot: RAM ends there.
+            // The first word is readable, the second is beyond the end of RAM.
             machine.core.set_register(13, 0x2000_fffc);
         }
         machine.ends_in(BUS, &[(CFSR, 1 << 9 | 1 << 15)]);
@@ -100,14 +100,14 @@ fn a_bus_fault_names_the_address_and_changes_no_register() {
 }
 
 #[test]
-fn a_fault_that_is_not_enabled_becomes_a_hard_fault_and_a_finding() {
+fn disabled_fault_escalates_to_a_hard_fault_and_is_a_finding() {
     let mut machine = Machine::new(&[0x6801]).register(0, 0x6000_0000);
     machine.ends_in(HARD, &[(HFSR, 1 << 30), (CFSR, 1 << 9 | 1 << 15)]);
     assert!(machine.chip.found(Kind::Fault));
 }
 
 #[test]
-fn a_fault_in_a_handler_of_the_same_urgency_escalates() {
+fn fault_in_a_handler_of_equal_priority_escalates() {
     let mut machine = enabled(&[0xde00]);
     machine.chip.program(HANDLERS + 64 * 6, &[0xde00]);
     machine.ends_in(HARD, &[(HFSR, 1 << 30)]);
@@ -115,14 +115,14 @@ fn a_fault_in_a_handler_of_the_same_urgency_escalates() {
 }
 
 #[test]
-fn a_supervisor_call_that_cannot_be_taken_escalates() {
+fn masked_supervisor_call_escalates_to_a_hard_fault() {
     // cpsid i; svc
     let mut machine = Machine::new(&[0xb672, 0xdf00]);
     machine.ends_in(HARD, &[(HFSR, 1 << 30)]);
 }
 
 #[test]
-fn a_fault_in_the_hard_fault_locks_up_and_only_a_reset_helps() {
+fn fault_in_the_hard_fault_handler_locks_up_until_reset() {
     let mut machine = Machine::new(&[0xde00]);
     machine.chip.program(HANDLERS + 64 * 3, &[0xde00]);
     assert_eq!(machine.run(), Stop::LockUp);
@@ -137,13 +137,13 @@ fn a_fault_in_the_hard_fault_locks_up_and_only_a_reset_helps() {
 }
 
 #[test]
-fn a_stack_that_cannot_be_written_is_a_fault_of_stacking() {
+fn invalid_stack_causes_a_stacking_fault() {
     let mut machine = enabled(&[0xdf00]);
-    // Less urgent than the bus fault.
+    // The priority of the supervisor call is lower than that of the bus fault.
     machine.set_private(0xe000_ed1c, 0x8000_0000);
     machine.core.set_register(13, 0x2000_0010);
     let stop = machine.run();
-    // The handler has no stack either, but its entry needs none: the frame is lost.
+    // The handler has no valid stack either, but its entry needs none: the frame is lost.
     assert!(matches!(stop, Stop::Breakpoint(_)), "{stop:?}");
     assert_eq!(machine.core.exception(), BUS);
     assert_eq!(machine.private(CFSR), 1 << 12);
@@ -153,8 +153,8 @@ fn a_stack_that_cannot_be_written_is_a_fault_of_stacking() {
 /// itself [...] the fault handler still executes even though the stack pushes for the handler failed"
 /// (DDI 0337E, 5.12.1).
 #[test]
-fn a_fault_handler_is_entered_although_its_frame_cannot_be_stacked() {
-    // str r1, [r0] where there is nothing, and a stack where there is nothing.
+fn fault_handler_is_entered_although_its_frame_cannot_be_stacked() {
+    // str r1, [r0] to an unmapped address, with the stack at an unmapped address.
     let mut machine = enabled(&[0x6001]).register(0, 0x6000_0000);
     machine.core.set_register(13, 0x2000_0010);
     assert_eq!(machine.run_to_breakpoint(), BUS);
@@ -162,9 +162,9 @@ fn a_fault_handler_is_entered_although_its_frame_cannot_be_stacked() {
     assert_eq!(machine.private(CFSR), 1 << 9 | 1 << 15 | 1 << 12);
     assert_eq!(machine.private(BFAR), 0x6000_0000);
     assert_eq!(machine.private(HFSR), 0);
-    // The stack pointer is where the frame would begin.
+    // The stack pointer is at the start of the frame that could not be stored.
     assert_eq!(machine.r(13), 0x2000_0010u32.wrapping_sub(32));
-    // The same with the protection unit: the store and the frame both meet the guard.
+    // Same with the MPU: both the store and the frame violate the guard region.
     let mut machine = enabled(&[0x6001]).register(0, LOG + 0x104);
     machine.core.set_register(13, LOG + 0x120);
     guard(&mut machine, LOG + 0x100);
@@ -173,19 +173,19 @@ fn a_fault_handler_is_entered_although_its_frame_cannot_be_stacked() {
     assert_eq!(machine.private(CFSR), 1 << 1 | 1 << 7 | 1 << 4);
     assert_eq!(machine.private(MMFAR), LOG + 0x104);
     assert_eq!(machine.private(HFSR), 0);
-    // No bus or memory fault of its own: the hard fault takes them all, once.
+    // Neither bus nor memory fault is enabled: a single hard fault reports both.
     let mut machine = Machine::new(&[0x6001]).register(0, 0x6000_0000);
     machine.core.set_register(13, 0x2000_0010);
     machine.ends_in(HARD, &[(CFSR, 1 << 9 | 1 << 15 | 1 << 12), (HFSR, 1 << 30)]);
-    // A fault of another sort that is as urgent as the one of stacking becomes a hard fault.
+    // A fault of another kind whose priority equals that of the stacking fault becomes a hard fault.
     let mut machine = enabled(&[0xde00]);
     machine.core.set_register(13, 0x2000_0010);
     machine.ends_in(HARD, &[(CFSR, 1 << 16 | 1 << 12), (HFSR, 1 << 30)]);
 }
 
 #[test]
-fn a_return_with_a_value_that_does_not_fit_is_refused() {
-    // The handler returns to handler mode, but nothing else is active.
+fn invalid_exception_return_value_is_a_usage_fault() {
+    // The handler returns to handler mode, but no other exception is active.
     for value in [0xffff_fff1u32, 0xffff_fff5, 0xffff_fff0] {
         let mut machine = enabled(&[0xdf00]).register(0, value);
         // bx r0
@@ -196,7 +196,7 @@ fn a_return_with_a_value_that_does_not_fit_is_refused() {
 }
 
 #[test]
-fn a_frame_with_a_wrong_exception_number_is_refused() {
+fn frame_with_a_wrong_exception_number_is_a_usage_fault() {
     // The handler writes 11 into the stacked IPSR: str r0, [sp, #28]; bx lr
     let mut machine = enabled(&[0xdf00]).register(0, 0x0100_000b);
     machine.chip.program(HANDLERS + 64 * 11, &[0x9007, 0x4770]);
@@ -204,8 +204,8 @@ fn a_frame_with_a_wrong_exception_number_is_refused() {
 }
 
 #[test]
-fn fetching_where_nothing_may_be_executed() {
-    // bx r0 to a peripheral: forbidden by the map. bx r0 to where there is nothing: bus.
+fn fetch_from_peripherals_or_unmapped_addresses_faults() {
+    // bx r0 to a peripheral: forbidden by the default map. bx r0 to an unmapped address: bus fault.
     for (target, exception, bit) in [(0x4000_0001u32, MEMORY, 1), (0x1fff_0001, BUS, 1 << 8)] {
         let mut machine = enabled(&[0x4700]).register(0, target);
         machine.ends_in(exception, &[(CFSR, bit)]);
@@ -214,7 +214,7 @@ fn fetching_where_nothing_may_be_executed() {
 }
 
 #[test]
-fn a_breakpoint_without_debugger_is_a_hard_fault() {
+fn breakpoint_without_debugger_is_a_hard_fault() {
     let mut machine = Machine::new(&[0xbe00]);
     machine.core.attach_debugger(false);
     machine.chip.program(HANDLERS + 64 * 3, &[0xe7fe]);
@@ -224,7 +224,7 @@ fn a_breakpoint_without_debugger_is_a_hard_fault() {
 }
 
 #[test]
-fn an_unpredictable_instruction_is_a_finding() {
+fn unpredictable_instruction_is_a_finding() {
     // ldrd r0, r0, [r1]
     let mut machine = Machine::new(&[0xe9d1, 0x0000]).register(1, LOG);
     assert_eq!(machine.run_to_breakpoint(), HARD);
@@ -232,18 +232,18 @@ fn an_unpredictable_instruction_is_a_finding() {
 }
 
 #[test]
-fn a_guard_of_the_protection_unit_stops_a_store_and_a_frame() {
+fn mpu_guard_region_stops_a_store_and_a_frame() {
     // str r0, [r1]
     let mut machine = enabled(&[0x6008]).register(1, LOG + 0x104);
     guard(&mut machine, LOG + 0x100);
     machine.ends_in(MEMORY, &[(CFSR, 1 << 1 | 1 << 7), (MMFAR, LOG + 0x104)]);
-    // A frame that reaches into the guard; the call is less urgent than the fault.
+    // The frame extends into the guard region. The supervisor call has lower priority than the fault.
     let mut machine = enabled(&[0xdf00]);
     machine.set_private(0xe000_ed1c, 0x8000_0000);
     machine.core.set_register(13, LOG + 0x128);
     guard(&mut machine, LOG + 0x100);
     machine.ends_in(MEMORY, &[(CFSR, 1 << 4)]);
-    // The words beside the guard are free.
+    // The words next to the guard region are accessible.
     let mut machine =
         enabled(&[0x6008, 0x6010, 0xbe00]).registers(&[(1, LOG + 0xfc), (2, LOG + 0x120)]);
     guard(&mut machine, LOG + 0x100);
@@ -251,7 +251,7 @@ fn a_guard_of_the_protection_unit_stops_a_store_and_a_frame() {
 }
 
 #[test]
-fn unprivileged_code_reaches_neither_private_peripherals_nor_masks() {
+fn unprivileged_code_cannot_access_private_peripherals_or_masks() {
     // msr control, r0; isb; cpsid i; mrs r2, primask; ldr r3, [r1]
     let mut machine = enabled(&[
         0xf380, 0x8814, 0xf3bf, 0x8f6f, 0xb672, 0xf3ef, 0x8210, 0x680b,

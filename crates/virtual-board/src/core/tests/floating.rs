@@ -1,8 +1,8 @@
-//! Floating point against the host's arithmetic, and against the manual's rules for NaN, zero and flags.
+//! Floating point, compared with the host's arithmetic and with the manual's rules for NaN, zero and flags.
 
 use crate::core::float::{self, fpscr::*};
 
-/// A sequence of singles, special ones among them; exponents of neighbours are near each other.
+/// Pseudo-random single-precision numbers, including special ones; many have similar exponents.
 struct Numbers(u64);
 
 impl Numbers {
@@ -12,7 +12,7 @@ impl Numbers {
         (self.0 >> 32) as u32
     }
 
-    /// Any pattern, NaN included.
+    /// Any bit pattern, including NaN.
     fn any(&mut self) -> u32 {
         const SPECIAL: [u32; 12] = [
             0,
@@ -47,12 +47,12 @@ fn same(ours: u32, host: f32, what: &str, operands: [u32; 3]) {
 }
 
 #[test]
-fn rounding_to_nearest_agrees_with_the_host_by_both_ways() {
+fn fast_and_exact_versions_round_to_nearest_as_the_host_does() {
     let mut numbers = Numbers(1);
     for _ in 0..ROUNDS {
         let (a, b, c) = (numbers.any(), numbers.any(), numbers.any());
         let (x, y, z) = (f32::from_bits(a), f32::from_bits(b), f32::from_bits(c));
-        // Without the inexact flag everything goes through integers.
+        // Without the inexact flag, all operations use the exact version.
         for status in [0, IXC] {
             let s = &mut status.clone();
             same(float::add(a, b, s), x + y, "add", [a, b, c]);
@@ -66,7 +66,7 @@ fn rounding_to_nearest_agrees_with_the_host_by_both_ways() {
 }
 
 #[test]
-fn both_ways_raise_the_same_flags() {
+fn fast_and_exact_versions_set_the_same_flags() {
     let mut numbers = Numbers(2);
     for _ in 0..ROUNDS {
         let (a, b, c) = (numbers.any(), numbers.any(), numbers.any());
@@ -96,7 +96,7 @@ fn nan_zero_and_flags_follow_the_manual() {
     const TINY: u32 = 0x0080_0000;
     const DEFAULT: u32 = 0x7fc0_0000;
     type Operation = fn(u32, u32, &mut u32) -> u32;
-    /// An operation, its operands, the status before, and the result with the flags it raises.
+    /// Operation, operands, status before, and the result with the flags set by the operation.
     struct Row(Operation, [u32; 2], u32, [u32; 2]);
     let table = [
         Row(float::add, [QNAN, SNAN], 0, [SNAN | 1 << 22, IOC]),
@@ -126,7 +126,7 @@ fn nan_zero_and_flags_follow_the_manual() {
         let [value, flags] = expected;
         assert_eq!([result, status], [value, before | flags], "row {k}");
     }
-    // A quiet NaN that is added to infinity times zero is invalid all the same.
+    // A quiet NaN added to infinity times zero is invalid.
     let mut status = 0;
     assert_eq!(float::fma(QNAN, INF, 0, &mut status), DEFAULT);
     assert_eq!(status, IOC);

@@ -1,24 +1,23 @@
-//! Decoding of everything. What instructions do: oracle/check_lockstep.sh.
+//! Decoding of all encodings. Execution is tested by oracle/check_lockstep.sh.
 
 use crate::core::decode16;
 use crate::core::decode32;
 use crate::core::instruction::Op;
 
 #[test]
-fn of_all_halfwords_those_are_undefined_that_the_manual_leaves_out() {
+fn undefined_halfwords_are_those_of_the_manual() {
     let mut undefined = 0;
     for h in 0..0xe800u32 {
         let insn = decode16::decode(0x0800_0000, h);
         undefined += u32::from(insn.op == Op::Undefined);
         assert!(insn.op != Op::Empty && insn.size == 2);
     }
-    // UDF 0xdexx, 0xb2xx to 0xbfxx: 0xb600 to 0xb65f, 0xb680 to 0xb6ff, 0xb700 to 0xb8ff, 0xba80 to
-    // 0xbabf.
+    // UDF 0xdexx. In 0xb2xx to 0xbfxx: 0xb600 to 0xb65f, 0xb680 to 0xb6ff, 0xb700 to 0xb8ff, 0xba80 to 0xbabf.
     assert_eq!(undefined, 256 + 0x60 + 0x80 + 0x200 + 0x40);
 }
 
 #[test]
-fn every_wide_pattern_decodes_to_something() {
+fn every_32_bit_pattern_decodes() {
     let mut state = 1u64;
     for _ in 0..2_000_000 {
         state = state

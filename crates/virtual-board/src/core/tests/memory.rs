@@ -1,10 +1,10 @@
-//! Loads and stores beyond the ordinary; code that changes.
+//! Special loads and stores; modified code.
 
 use super::*;
 
 #[test]
-fn code_in_ram_that_changes_is_executed_as_it_is_now() {
-    // The program writes movs r2, #imm; bx lr into RAM and calls it, twice.
+fn changed_code_in_ram_is_executed() {
+    // The program writes movs r2, #imm; bx lr to RAM and calls it, twice.
     let mut machine = Machine::new(&[
         0x4604, // mov r4, r0
         0x6001, // str r1, [r0]
@@ -22,7 +22,7 @@ fn code_in_ram_that_changes_is_executed_as_it_is_now() {
 }
 
 #[test]
-fn code_in_flash_that_changes_is_forgotten() {
+fn changed_code_in_flash_is_decoded_again() {
     let mut machine = Machine::new(&[0x2001, 0xbe00, 0xe7fc]);
     machine.run_to_breakpoint();
     assert_eq!(machine.r(0), 1);
@@ -32,8 +32,8 @@ fn code_in_flash_that_changes_is_forgotten() {
 }
 
 #[test]
-fn each_line_of_sixteen_bytes_is_entered_once_until_it_is_left() {
-    // Nine nops from a line's begin; the tenth instruction, 32 bits wide, spans the next border.
+fn each_line_of_16_bytes_is_entered_once() {
+    // Fifteen nops from the start of a line; the next instruction, 32 bits wide, crosses a line boundary.
     let mut program = vec![0xbf00u16; 15];
     program.extend([0xf04f, 0x0001, 0xbe00]);
     let mut machine = Machine::new(&program);
@@ -42,7 +42,7 @@ fn each_line_of_sixteen_bytes_is_entered_once_until_it_is_left() {
 }
 
 #[test]
-fn reading_the_identification() {
+fn identification_registers_match_the_chip() {
     let mut machine = Machine::new(&[0xbe00]);
     assert_eq!(machine.private(0xe000_ed00), 0x410f_c241);
     assert_eq!(machine.private(0xe000_e004), 2);
@@ -51,7 +51,7 @@ fn reading_the_identification() {
 }
 
 #[test]
-fn bytes_of_priorities_are_registers_of_their_own() {
+fn priority_registers_allow_byte_access() {
     // strb r1, [r0, #2]; ldrb r2, [r0, #2]; bkpt
     let mut machine = Machine::new(&[0x7081, 0x7882, 0xbe00]).registers(&[(0, IPR0), (1, 0x57)]);
     machine.set_private(IPR0, 0x1122_3344);

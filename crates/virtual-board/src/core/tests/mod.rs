@@ -1,4 +1,4 @@
-//! Tests of the core. Programs are halfwords as an assembler gives them, with its text beside.
+//! Tests of the core. Programs are assembled halfwords with their assembly text.
 
 mod debug;
 mod exceptions;
@@ -13,22 +13,22 @@ use super::{BusError, Core, Stop, System, Transfer, Width};
 use crate::finding::Kind;
 use crate::time::Cycles;
 
-/// Where the program begins.
+/// First address of the program.
 const CODE: u32 = 0x0800_0400;
-/// Where the handler of exception 0 would begin; each has 64 bytes.
+/// Address at which the handler of exception 0 would be; each handler has 64 bytes.
 const HANDLERS: u32 = 0x0800_1000;
-/// The stack's end.
+/// End of the stack.
 const STACK: u32 = 0x2000_2000;
-/// Where handlers and programs leave words.
+/// Address at which handlers and programs store words.
 const LOG: u32 = 0x2000_0000;
-/// No test takes longer.
+/// Maximum number of cycles of a test.
 const MOST: Cycles = 100_000;
 
-/// Memories, interrupt lines that follow a schedule, and a note of everything.
+/// Memories, and interrupt lines that follow a schedule; records findings and entered lines.
 struct Chip {
     flash: Vec<u8>,
     sram: Vec<u8>,
-    /// From which cycle on the lines have these levels; in order.
+    /// Start cycle and levels of the interrupt lines, in order of time.
     schedule: Vec<(Cycles, u128)>,
     lines: u128,
     until: Cycles,
@@ -70,7 +70,7 @@ impl Chip {
         })
     }
 
-    /// The words that a program logged, up to the first that is 0.
+    /// Words that the program stored, up to the first 0.
     fn log(&mut self) -> Vec<u32> {
         let words = (LOG..).step_by(4).map(|address| self.word(address));
         words.take_while(|&word| word != 0).collect()
@@ -141,7 +141,7 @@ impl System for Chip {
     }
 }
 
-/// A core after reset, about to execute a program. Handlers are breakpoints until they are set.
+/// A core after reset, ready to execute a program. Handlers are breakpoints until replaced.
 struct Machine {
     core: Core,
     chip: Chip,
@@ -194,7 +194,7 @@ impl Machine {
         self.core.run(&mut self.chip, until)
     }
 
-    /// Runs to a breakpoint; gives the exception it is in.
+    /// Runs to a breakpoint; returns the active exception.
     fn run_to_breakpoint(&mut self) -> u16 {
         let (stop, pc) = (self.run(), self.core.pc());
         let notes = &self.chip.notes;
@@ -202,7 +202,7 @@ impl Machine {
         self.core.exception()
     }
 
-    /// Runs to a breakpoint in an exception, after which private peripherals have these values.
+    /// Runs to a breakpoint in an exception and checks registers of private peripherals.
     fn ends_in(&mut self, exception: u16, registers: &[(u32, u32)]) {
         assert_eq!(self.run_to_breakpoint(), exception);
         for &(address, value) in registers {
@@ -210,7 +210,7 @@ impl Machine {
         }
     }
 
-    /// Goes on behind the breakpoint that it stands at.
+    /// Continues after the present breakpoint.
     fn go_on(&mut self) -> u16 {
         let pc = self.core.pc();
         self.core.set_register(15, pc + 2);
@@ -221,14 +221,14 @@ impl Machine {
         self.core.register(number)
     }
 
-    /// A register of the private peripherals, read by the program itself.
+    /// Value of a private register, read as the program would.
     fn private(&mut self, address: u32) -> u32 {
         let at = Transfer::word(address, self.core.pc());
         let value = self.core.load(&mut self.chip, at);
         value.unwrap_or(0xdead_beef)
     }
 
-    /// Writes such a register.
+    /// Writes a private register.
     fn set_private(&mut self, address: u32, value: u32) {
         let at = Transfer::word(address, self.core.pc());
         let done = self.core.store(&mut self.chip, at, value);

@@ -1,9 +1,9 @@
-//! WFI, WFE and what wakes from them.
+//! WFI, WFE and wake-up conditions.
 
 use super::*;
 use crate::core::Sleep;
 
-/// A machine with line 0 enabled that rises after 500 cycles.
+/// A machine with line 0 enabled; the line rises after 500 cycles.
 fn rising(program: &[u16]) -> Machine {
     let mut machine = Machine::new(program).handler(16, &[0x2601, 0x4770]);
     machine.set_private(ISER0, 1);
@@ -13,7 +13,7 @@ fn rising(program: &[u16]) -> Machine {
 }
 
 #[test]
-fn wfi_sleeps_until_the_interrupt_which_is_taken() {
+fn wfi_sleeps_until_an_interrupt_is_taken() {
     let mut machine = rising(&[0xbf30, 0xbe00]).register(6, 0);
     machine.run_to_breakpoint();
     assert_eq!(machine.r(6), 1);
@@ -23,7 +23,7 @@ fn wfi_sleeps_until_the_interrupt_which_is_taken() {
 }
 
 #[test]
-fn wfi_wakes_by_what_primask_holds_back_and_basepri_does_not() {
+fn wfi_wakes_on_an_interrupt_masked_by_primask_and_not_by_basepri() {
     // cpsid i; wfi; bkpt
     let mut machine = rising(&[0xb672, 0xbf30, 0xbe00]);
     machine.run_to_breakpoint();
@@ -37,7 +37,7 @@ fn wfi_wakes_by_what_primask_holds_back_and_basepri_does_not() {
 }
 
 #[test]
-fn an_interrupt_that_is_pending_already_lets_wfi_pass() {
+fn wfi_does_not_sleep_while_an_interrupt_is_pending() {
     let mut machine = Machine::new(&[0xb672, 0xbf30, 0xbe00]);
     machine.set_private(ISER0, 1);
     machine.set_private(ISPR0, 1);
@@ -46,19 +46,19 @@ fn an_interrupt_that_is_pending_already_lets_wfi_pass() {
 }
 
 #[test]
-fn wfe_takes_the_event_of_sev_and_of_exceptions() {
-    // sev; wfe; wfe: the second sleeps.
+fn wfe_consumes_the_event_of_sev_and_of_exceptions() {
+    // sev; wfe; wfe: the second WFE sleeps.
     let mut machine = Machine::new(&[0xbf40, 0xbf20, 0xbf20, 0xbe00]);
     assert_eq!(machine.run(), Stop::Until);
     assert_eq!(machine.core.pc(), CODE + 6);
     assert_ne!(machine.core.sleep, Sleep::Awake);
-    // svc; wfe: entry and return leave an event.
+    // svc; wfe: exception entry and return set the event.
     let mut machine = Machine::new(&[0xdf00, 0xbf20, 0xbe00]).handler(11, &[0x4770]);
     machine.run_to_breakpoint();
 }
 
 #[test]
-fn sevonpend_wakes_by_an_interrupt_that_is_not_enabled() {
+fn sevonpend_wakes_wfe_on_a_disabled_interrupt() {
     for (control, wakes) in [(0, false), (1 << 4, true)] {
         let mut machine = Machine::new(&[0xbf20, 0xbe00]);
         machine.set_private(SCR, control);
@@ -69,7 +69,7 @@ fn sevonpend_wakes_by_an_interrupt_that_is_not_enabled() {
 }
 
 #[test]
-fn sleep_on_exit_goes_back_to_sleep_after_the_handler() {
+fn sleep_on_exit_sleeps_again_after_the_handler() {
     let mut machine = rising(&[0xbf30, 0xbe00]).register(6, 0);
     machine.set_private(SCR, 2);
     assert_eq!(machine.run(), Stop::Until);

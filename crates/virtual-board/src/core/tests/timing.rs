@@ -1,8 +1,8 @@
-//! Cycles against the tables of the Cortex-M4 Technical Reference Manual.
+//! Cycles compared with the tables of the Cortex-M4 Technical Reference Manual.
 
 use super::*;
 
-/// Cycles of a program up to its breakpoint, with memory that does not wait.
+/// Cycles of a program up to its breakpoint, with memory without wait states.
 fn cycles(program: &[u16]) -> u64 {
     let mut code = program.to_vec();
     code.push(0xbe00);
@@ -19,7 +19,7 @@ fn cycles(program: &[u16]) -> u64 {
     machine.core.cycles() - begin
 }
 
-/// Refills take 1 to 3 cycles there; a division 2 to 12, a change of a mask 1 or 2.
+/// The manual gives ranges: refills 1 to 3 cycles, divisions 2 to 12, changes of a mask 1 or 2.
 #[test]
 fn instructions_are_within_the_published_cycles() {
     type Row = (&'static str, &'static [u16], std::ops::RangeInclusive<u64>);
@@ -81,14 +81,14 @@ fn instructions_are_within_the_published_cycles() {
 }
 
 #[test]
-fn a_square_root_takes_fourteen_cycles() {
+fn square_root_takes_14_cycles() {
     // vsqrt.f32 s0, s1; vmov s3, s0
     assert_eq!(cycles(&[0xeeb1, 0x0ae0, 0xeef0, 0x1a40]), 14 + 1);
 }
 
 #[test]
-fn a_division_of_floats_runs_beside_integer_instructions() {
-    // vdiv.f32 s0, s1, s2; 20 nops: nothing waits. Followed by vmov s3, s0: that waits.
+fn fp_division_runs_in_parallel_with_integer_instructions() {
+    // `vdiv.f32 s0, s1, s2` and 20 nops: no wait. `vdiv.f32` and `vmov s3, s0`: the move waits for the result.
     let mut alone = vec![0xee80, 0x0a81];
     alone.extend([0xbf00; 20]);
     assert_eq!(cycles(&alone), 21);
@@ -96,13 +96,13 @@ fn a_division_of_floats_runs_beside_integer_instructions() {
 }
 
 #[test]
-fn a_loop_takes_three_cycles_a_round() {
+fn loop_of_two_instructions_takes_three_cycles_per_iteration() {
     // movs r5, #100; 1: subs r5, #1; bne 1b
     assert_eq!(cycles(&[0x2564, 0x3d01, 0xd1fd]), 1 + 100 + 99 * 2 + 1);
 }
 
 #[test]
-fn exceptions_take_twelve_ten_and_six_cycles() {
+fn exception_entry_return_and_tail_chain_take_12_10_and_6_cycles() {
     let mut machine = Machine::new(&[0xbf00, 0xbf00, 0xbf00, 0xbe00])
         .handler(16, &[0x4770])
         .handler(17, &[0x4770]);
@@ -112,13 +112,13 @@ fn exceptions_take_twelve_ten_and_six_cycles() {
         machine.set_private(ISPR0, pended);
         let begin = machine.core.cycles();
         assert_eq!(machine.run_to_breakpoint(), 0);
-        // BKPT itself takes one.
+        // BKPT itself takes one cycle.
         assert_eq!(machine.core.cycles() - begin, expected + 1);
     }
 }
 
 #[test]
-fn the_cycle_counter_counts_and_stands_in_sleep() {
+fn cycle_counter_stops_during_sleep() {
     // ldr r1, [r0]; nop x10; ldr r2, [r0]; wfi; ldr r3, [r0]; bkpt
     let mut program = vec![0x6801];
     program.extend([0xbf00; 10]);

@@ -2,7 +2,7 @@ use super::*;
 
 const MS: u64 = 1_000_000_000;
 
-/// Counts of a decoder that sees nothing but the levels.
+/// A quadrature decoder that sees only the levels.
 #[derive(Default)]
 struct Decoder {
     last: (bool, bool),
@@ -35,9 +35,9 @@ impl Decoder {
 }
 
 #[test]
-fn edges_come_when_the_angle_meets_them() {
+fn edges_occur_when_the_angle_reaches_them() {
     let mut encoder = Encoder::new(EncoderConfig::default());
-    // One revolution in 1/8.192 s is 67.1 edges a millisecond; the first after half a count.
+    // One revolution in 1/8.192 s is 67.1 edges in 1 ms; the first edge is half a count away.
     let speed = TAU * 8.192;
     encoder.motion(Time(0), 0.0, speed, 0.0);
     let period = 1e12 / (8192.0 * 8.192);
@@ -51,10 +51,10 @@ fn edges_come_when_the_angle_meets_them() {
 }
 
 #[test]
-fn a_decoder_follows_every_motion() {
+fn decoder_follows_every_motion() {
     let mut encoder = Encoder::new(EncoderConfig::default());
     let mut decoder = Decoder::default();
-    // Forward, through standstill and back, in millisecond pieces with rounded states.
+    // Forward, through standstill and backward, in pieces of 1 ms with rounded states.
     let angle = |t: f64| 3.0 * t - 4.0 * t * t + 0.3 * (20.0 * t).sin();
     let speed = |t: f64| 3.0 - 8.0 * t + 6.0 * (20.0 * t).cos();
     let mut edges = 0;
@@ -68,7 +68,7 @@ fn a_decoder_follows_every_motion() {
         assert!((decoder.count - ideal).abs() <= 1, "{k}");
     }
     assert_eq!(decoder.jumps, 0);
-    // As many edges as the way is long, but for a few at each turn and rounding.
+    // The number of edges matches the distance, except for a few at each reversal and for rounding.
     let way: f64 = (0..100_000)
         .map(|k| speed(f64::from(k) * 1e-5).abs() * 1e-5)
         .sum();
@@ -78,9 +78,9 @@ fn a_decoder_follows_every_motion() {
 }
 
 #[test]
-fn a_wheel_that_turns_round_between_two_edges_makes_none() {
+fn wheel_that_reverses_between_two_edges_makes_no_edge() {
     let mut encoder = Encoder::new(EncoderConfig::default());
-    // Up by 0.4 counts and back by 0.6: the lower edge, half a count below, is met on the way.
+    // Forward by 0.4 counts, then backward: the wheel reaches the lower edge, half a count below the start.
     let count = TAU / 8192.0;
     encoder.motion(Time(0), 0.0, 40.0 * count, -2000.0 * count);
     // x(t) = 40 t − 1000 t² = −0.5 at t = 0.02 + √(0.0004 + 0.0005) = 50 ms.
@@ -91,12 +91,12 @@ fn a_wheel_that_turns_round_between_two_edges_makes_none() {
 }
 
 #[test]
-fn a_wheel_that_goes_on_as_told_makes_no_edge_twice() {
+fn steady_motion_in_pieces_repeats_no_edge() {
     let mut encoder = Encoder::new(EncoderConfig {
         phase: 0.0,
         ..EncoderConfig::default()
     });
-    // A whole number of counts a millisecond: each piece begins at an edge, but for rounding.
+    // A whole number of counts in 1 ms: each piece begins at an edge, except for rounding.
     let step = 64.0 * TAU / 8192.0;
     let mut edges = 0;
     for k in 0..500u64 {
@@ -107,8 +107,8 @@ fn a_wheel_that_goes_on_as_told_makes_no_edge_twice() {
 }
 
 #[test]
-fn broken_encoders() {
-    // A wheel that turns for a tenth of a second: true count and decoded one.
+fn stuck_line_stops_the_count_and_swapped_lines_reverse_it() {
+    // A wheel that turns for 0.1 s: true count and decoded count.
     let turned = |set: &dyn Fn(&mut EncoderFault)| {
         let mut encoder = Encoder::new(EncoderConfig::default());
         let mut fault = EncoderFault::default();
@@ -120,7 +120,7 @@ fn broken_encoders() {
         decoder.run(&mut encoder, Time(100 * MS));
         (encoder.count(), decoder.count)
     };
-    // It sees B alone, which leads nowhere.
+    // The decoder sees only B, so its count stays near 0.
     let (count, decoded) = turned(&|fault| fault.stuck_a = Some(true));
     assert!(decoded.abs() <= 2 && count > 100);
     let (count, decoded) = turned(&|fault| fault.swapped = true);
@@ -128,7 +128,7 @@ fn broken_encoders() {
 }
 
 #[test]
-fn a_glitch_is_there_and_gone() {
+fn glitch_inverts_a_line_for_its_width() {
     let mut encoder = Encoder::new(EncoderConfig::default());
     encoder.glitch(Line::A, Time(1000), Time::from_nanos(200));
     let mut seen = Vec::new();
@@ -141,7 +141,7 @@ fn a_glitch_is_there_and_gone() {
 }
 
 #[test]
-fn a_corrected_angle_is_caught_up_with() {
+fn corrected_angle_is_reached_by_catch_up_edges() {
     let mut encoder = Encoder::new(EncoderConfig::default());
     encoder.motion(Time(MS), 5.0 * TAU / 8192.0, 0.0, 0.0);
     let mut decoder = Decoder::default();

@@ -1,47 +1,47 @@
-//! A full strain bridge, its instrumentation amplifier and the low-pass behind it.
+//! A full strain-gauge bridge with instrumentation amplifier and low-pass filter.
 //!
-//! Amplifier after Texas Instruments SBOS501 (INA826: rail-to-rail output, one gain resistor). With
-//! four active gauges the bridge gives `V_ex·K·ε`, the amplifier `V_ex/2 + G·V_ex·(K·ε + offset)`:
-//! ratiometric. The low-pass is of first order; strain is a straight line between two calls of
-//! [`Bridge::strain`], for which its answer is known in closed form, so sampling is exact at any time.
+//! Amplifier: Texas Instruments SBOS501 (INA826: rail-to-rail output, one gain resistor). With four active gauges the
+//! bridge output is `V_ex·K·ε`, and the amplifier output is `V_ex/2 + G·V_ex·(K·ε + offset)`: ratiometric. The low-pass
+//! filter is of first order. Strain is linear in time between two calls of [`Bridge::strain`], so the filter output is
+//! known in closed form and sampling is exact at any time.
 
 use crate::device::span_s;
 use crate::noise::Noise;
 use crate::time::Time;
 
 characteristics! {
-    /// Bridge and amplifier.
+    /// Characteristics of bridge and amplifier.
     pub struct BridgeConfig {
-        /// Relative resistance change over strain. Default 2.1: constantan foil.
+        /// Gauge factor: relative resistance change over strain. Default 2.1, constantan foil.
         pub gauge_factor: f64 = 2.1;
         /// Gain of the amplifier. Default 64.
         pub gain: f64 = 64.0;
         /// Relative error of gauge factor and gain. Default 0.
         pub gain_error: f64 = 0.0;
-        /// Unbalance as strain. Default 0.
+        /// Unbalance of the bridge, as strain. Default 0.
         pub offset_strain: f64 = 0.0;
-        /// Corner of the low-pass, Hz. Default 200.
+        /// Cut-off frequency of the low-pass filter, Hz. Default 200.
         pub bandwidth_hz: f64 = 200.0;
-        /// Noise of one conversion at the pin, V rms, white: what the amplifier, the wiring and the motors'
-        /// switching give. Default 3 mV, which leaves 0.7 µε of 96 conversions.
+        /// White noise of one conversion at the pin, V rms, from amplifier, wiring and switching of the motors. Default
+        /// 3 mV, which leaves 0.7 µε in the mean of 96 conversions.
         pub noise_v: f64 = 3e-3;
-        /// Distance from ground and from the amplifier's supply at which the output stops, V.
+        /// Distance from ground and from the amplifier's supply at which the output saturates, V.
         pub rail_v: f64 = 0.05;
     }
 }
 
-/// What can be wrong with it.
+/// Faults of a bridge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BridgeFault {
-    /// Nothing.
+    /// No fault.
     #[default]
     None,
-    /// An arm or a lead of the bridge is open: the amplifier sees half the excitation.
+    /// An arm or a lead of the bridge is open: the amplifier input is half the excitation.
     Open {
         /// True if the counts rise.
         up: bool,
     },
-    /// The amplifier stands at a rail.
+    /// The amplifier output is stuck at a rail.
     Saturated {
         /// True for the upper rail.
         up: bool,
@@ -54,24 +54,24 @@ pub struct Bridge {
     config: BridgeConfig,
     noise: Noise,
     fault: BridgeFault,
-    /// Time constant of the low-pass, s.
+    /// Time constant of the low-pass filter, s.
     tau_s: f64,
     supply_v: f64,
     excitation_v: f64,
-    /// Strain and its slope since a time.
+    /// Strain and its slope at the time `since`.
     since: Time,
     strain: f64,
     strain_slope: f64,
-    /// The amplifier's output before the low-pass, V, and its slope, V/s.
+    /// Amplifier output before the low-pass filter, V, and its slope, V/s.
     input_v: f64,
     slope_v_s: f64,
-    /// The low-pass: its output at a time.
+    /// Output of the low-pass filter, V, at the time `now`.
     now: Time,
     output_v: f64,
 }
 
 impl Bridge {
-    /// At rest without strain, fed and supplied with `supply_v`.
+    /// A bridge at rest without strain; excitation and supply are `supply_v`.
     pub fn new(config: BridgeConfig, supply_v: f64, seed: u64) -> Self {
         let mut bridge = Self {
             config,
@@ -93,35 +93,35 @@ impl Bridge {
         bridge
     }
 
-    /// From now on the strain is this, and changes by so much a second.
+    /// Sets the strain and its rate of change, 1/s, from `at` on.
     pub fn strain(&mut self, at: Time, strain: f64, slope_per_s: f64) {
         self.advance(at);
         (self.since, self.strain, self.strain_slope) = (self.now, strain, slope_per_s);
         self.changed();
     }
 
-    /// From now on the bridge is fed with this voltage and the amplifier with that.
+    /// Sets the excitation of the bridge and the supply of the amplifier from `at` on.
     pub fn feed(&mut self, at: Time, excitation_v: f64, supply_v: f64) {
         self.advance(at);
         (self.excitation_v, self.supply_v) = (excitation_v, supply_v);
         self.changed();
     }
 
-    /// Breaks it, or mends it.
+    /// Sets or clears a fault.
     pub fn set_fault(&mut self, at: Time, fault: BridgeFault) {
         self.advance(at);
         self.fault = fault;
         self.changed();
     }
 
-    /// Voltage at the converter's pin at the instant of a conversion.
+    /// Voltage at the converter's pin at the time of a conversion, V.
     pub fn sample(&mut self, at: Time) -> f64 {
         self.advance(at);
         let noise = self.config.noise_v * self.noise.normal();
         (self.output_v + noise).clamp(0.0, self.supply_v)
     }
 
-    /// The amplifier's output is another from now on.
+    /// Updates the amplifier output after a change.
     fn changed(&mut self) {
         let c = &self.config;
         self.strain += self.strain_slope * span_s(self.since, self.now);
@@ -149,7 +149,7 @@ impl Bridge {
         if span == 0.0 {
             return;
         }
-        // τ ẏ + y = u with u a straight line: y = u − τ u̇ + (y₀ − u₀ + τ u̇) e^(−t/τ).
+        // τ ẏ + y = u with u linear in time: y = u − τ u̇ + (y₀ − u₀ + τ u̇) e^(−t/τ).
         let lag = self.tau_s * self.slope_v_s;
         let left = decay(span / self.tau_s);
         let difference = self.output_v - self.input_v + lag;
@@ -159,7 +159,7 @@ impl Bridge {
     }
 }
 
-/// e^(−x): by its series where x is small, which it is from one conversion to the next.
+/// e^(−x); by its series for small x, the usual case between two conversions.
 fn decay(x: f64) -> f64 {
     if x < 0.03 {
         // The next term is below 10⁻¹².
@@ -184,11 +184,11 @@ mod tests {
     }
 
     #[test]
-    fn counts_per_strain_as_the_board_expects() {
+    fn output_per_strain_is_gain_times_gauge_factor_and_ratiometric() {
         let mut bridge = silent();
         bridge.strain(Time(0), 1000e-6, 0.0);
         let share = bridge.sample(Time(100_000 * US)) / 3.3;
-        // K·G·ε of full scale above the middle: 2.1·64·10⁻³.
+        // Fraction of full scale above the middle, K·G·ε: 2.1·64·10⁻³.
         assert!((share - 0.5 - 0.1344).abs() < 1e-9, "{share}");
         bridge.feed(Time(100_000 * US), 3.0, 3.3);
         let share = bridge.sample(Time(200_000 * US)) / 3.0;
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn the_low_pass_answers_a_step_and_a_ramp_exactly_however_it_is_sampled() {
+    fn low_pass_response_to_step_and_ramp_is_exact_at_any_sampling() {
         let tau = 1.0 / (std::f64::consts::TAU * 200.0);
         let scale = 64.0 * 2.1 * 3.3;
         for step in [2u64, 10, 997] {
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_of_ninety_six_conversions_is_seven_tenths_of_a_microstrain() {
+    fn noise_of_96_conversions_is_0_7_microstrain() {
         let mut bridge = Bridge::new(BridgeConfig::default(), 3.3, 3);
         let mut squares = 0.0;
         for ms in 0..500u64 {
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_bridges() {
+    fn faulty_or_overloaded_bridge_saturates_at_a_rail() {
         let late = |k: u64| Time(k * 100_000 * US);
         let mut bridge = silent();
         bridge.set_fault(late(0), BridgeFault::Open { up: true });

@@ -1,22 +1,22 @@
-//! Digital low-pass filters as sensors have them.
+//! Digital low-pass filters of sensors.
 
 use std::f64::consts::PI;
 
-/// Second-order section `(b₀ + b₁z⁻¹ + b₂z⁻²)/(1 + a₁z⁻¹ + a₂z⁻²)`; of first order with b₂ = a₂ = 0.
+/// Second-order section `(b₀ + b₁z⁻¹ + b₂z⁻²)/(1 + a₁z⁻¹ + a₂z⁻²)`; with b₂ = a₂ = 0 of first order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Section {
     b: [f64; 3],
     a: [f64; 2],
 }
 
-/// A Butterworth low-pass of order 1 to 3 by the bilinear transform, its corner in the right place.
-/// A corner at 0.45 of the rate or beyond, or infinite, makes it a plain wire.
+/// A Butterworth low-pass filter of order 1 to 3 by the bilinear transform, with prewarped cut-off frequency. With a
+/// cut-off of 0.45 of the sampling rate or more, the filter passes its input unchanged.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct LowPass {
     sections: Vec<Section>,
 }
 
-/// What a [`LowPass`] remembers of one channel (transposed direct form II).
+/// State of a [`LowPass`] for one channel (transposed direct form II).
 pub(super) type Memory = [[f64; 2]; 2];
 
 impl LowPass {
@@ -25,7 +25,7 @@ impl LowPass {
         if corner_hz < 0.45 * rate_hz {
             let k = libm::tan(PI * corner_hz / rate_hz);
             if order >= 2 {
-                // Poles of the pair: quality 1/√2 at order 2, 1 at order 3.
+                // Quality factor of the pole pair: 1/√2 at order 2, 1 at order 3.
                 let quality = if order == 2 { 0.5f64.sqrt() } else { 1.0 };
                 let norm = 1.0 / (1.0 + k / quality + k * k);
                 let b0 = k * k * norm;
@@ -48,7 +48,7 @@ impl LowPass {
         Self { sections }
     }
 
-    /// The memory of a channel that has stood at `value` for ever.
+    /// State of a channel whose input has always been `value`.
     pub fn settled(&self, value: f64) -> Memory {
         let mut memory = Memory::default();
         for (m, s) in memory.iter_mut().zip(&self.sections) {
@@ -58,7 +58,7 @@ impl LowPass {
         memory
     }
 
-    /// One sample.
+    /// Filters one sample.
     pub fn step(&self, memory: &mut Memory, input: f64) -> f64 {
         let mut x = input;
         for (m, s) in memory.iter_mut().zip(&self.sections) {
@@ -75,7 +75,7 @@ impl LowPass {
 mod tests {
     use super::*;
 
-    /// Amplitude of the answer to a sine, by correlation over whole periods.
+    /// Amplitude of the response to a sine, by correlation over whole periods.
     fn gain(filter: &LowPass, hz: f64, rate: f64) -> f64 {
         let mut memory = filter.settled(0.0);
         let (mut re, mut im) = (0.0, 0.0);
@@ -92,13 +92,13 @@ mod tests {
     }
 
     #[test]
-    fn the_corner_is_three_decibels_down_and_the_slope_is_the_order() {
+    fn gain_is_minus_3_db_at_the_cut_off_and_butterworth_beyond() {
         for order in 1..=3 {
             let filter = LowPass::new(order, 400.0, 8000.0);
             let corner = gain(&filter, 400.0, 8000.0);
             assert!((corner - 0.5f64.sqrt()).abs() < 1e-6, "{order} {corner}");
             assert!((gain(&filter, 4.0, 8000.0) - 1.0).abs() < 1e-3);
-            // |H|² of Butterworth at twice the corner in the warped frequency.
+            // |H|² of a Butterworth filter at twice the cut-off, in the warped frequency.
             let warped = (PI / 10.0).tan() / (PI / 20.0).tan();
             let expected = 1.0 / (1.0 + warped.powi(2 * order as i32)).sqrt();
             let found = gain(&filter, 800.0, 8000.0);
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn settled_means_settled_and_beyond_the_rate_it_is_a_wire() {
+    fn settled_state_is_stationary_and_high_cut_off_passes_through() {
         for order in 1..=3 {
             let filter = LowPass::new(order, 100.0, 8000.0);
             let mut memory = filter.settled(3.0);

@@ -1,13 +1,13 @@
-//! INA240A1 current-sense amplifier at a shunt in a motor's lead.
+//! INA240A1 current-sense amplifier at a shunt in a motor lead.
 //!
-//! Data sheet: Texas Instruments SBOS662, "INA240 −4-V to 80-V, Bidirectional, Ultra-Precise Current
-//! Sense Amplifier With Enhanced PWM Rejection". REF1 at the supply and REF2 at ground: without
-//! current the output stands at half the supply.
+//! Data sheet: Texas Instruments SBOS662, "INA240 −4-V to 80-V, Bidirectional, Ultra-Precise Current Sense Amplifier
+//! With Enhanced PWM Rejection". REF1 is at the supply and REF2 at ground: without current, the output is half the
+//! supply.
 //!
-//! Modelled: gain and its error, offset, bandwidth (as the lag behind a current that changes steadily,
-//! which between two edges it does), noise, the rails, and the answer to a common-mode edge as a
-//! decaying disturbance. Of the last the data sheet gives the time to 0.5 %, 9.6 µs, and oscilloscope pictures: size
-//! and course before that time are an estimate.
+//! Modelled: gain and gain error; offset; bandwidth, as the lag behind a current with constant slope, which holds
+//! between two edges; noise; rails; a decaying disturbance after a common-mode edge. For the disturbance, the data
+//! sheet gives only the settling time to 0.5 %, 9.6 µs, and oscilloscope pictures. Its size and shape before that time
+//! are an estimate.
 
 use crate::device::span_s;
 use crate::noise::Noise;
@@ -28,27 +28,27 @@ characteristics! {
         pub bandwidth_hz: f64 = 400e3;
         /// Noise at the output, V rms. Default 0.63 mV: 40 nV/√Hz times 20 over 400 kHz·π/2.
         pub noise_v: f64 = 0.63e-3;
-        /// Distance of the output from ground and from the supply at which it stops, V. Data sheet: 1 mV
-        /// and 50 mV typical.
+        /// Distances of the output from ground and from the supply at which it saturates, V. Data sheet: 1 mV and 50 mV
+        /// typical.
         pub rails_v: (f64, f64) = (1e-3, 50e-3);
-        /// Disturbance at the output right after an edge, of the edge's height. Default 0.5 %: 60 mV of
+        /// Disturbance at the output right after an edge, relative to the height of the edge. Default 0.5 %: 60 mV at
         /// 12 V.
         pub edge_share: f64 = 5e-3;
-        /// Time constant with which it decays, s: from 0.4 µs, that of the bandwidth, to 4.8 µs, with which 60 mV fall
-        /// to 0.5 % of half the supply in the 9.6 µs of the data sheet.
+        /// Time constant of the decay of the disturbance, s. Lower bound 0.4 µs, from the bandwidth. Upper bound 4.8
+        /// µs, with which 60 mV decay to 0.5 % of half the supply in the 9.6 µs of the data sheet.
         pub edge_tau_s: f64 = 0.4e-6;
     }
 }
 
-/// What can be wrong with it.
+/// Faults of an amplifier.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum AmplifierFault {
-    /// Nothing.
+    /// No fault.
     #[default]
     None,
-    /// The shunt or its Kelvin leads are shorted: no current is seen.
+    /// The shunt or its Kelvin leads are shorted: the measured current is 0.
     ShuntShort,
-    /// A Kelvin lead is open or the output is stuck: it stands at this share of the supply.
+    /// A Kelvin lead is open or the output is stuck: the output is at this fraction of the supply.
     Stuck(f64),
 }
 
@@ -61,7 +61,7 @@ pub struct Amplifier {
 }
 
 impl Amplifier {
-    /// With a seed for its noise.
+    /// An amplifier with a seed for its noise.
     pub fn new(config: AmplifierConfig, seed: u64) -> Self {
         Self {
             config,
@@ -70,13 +70,13 @@ impl Amplifier {
         }
     }
 
-    /// Breaks it, or mends it.
+    /// Sets or clears a fault.
     pub fn set_fault(&mut self, fault: AmplifierFault) {
         self.fault = fault;
     }
 
-    /// Output at a time, V, of a current (A) that changes by `slope_a_s`, with the latest edge of the
-    /// lead as [`super::Drv8874::latest_edge`] tells it. `supply_v` is the amplifier's.
+    /// Output at a time, V, for a current (A) with the slope `slope_a_s` (A/s). `edge` is the lead's latest edge, from
+    /// [`super::Drv8874::latest_edge`]. `supply_v` is the supply of the amplifier.
     pub fn output(
         &mut self,
         at: Time,
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn two_tenths_of_a_volt_an_ampere_about_the_middle_and_no_further_than_the_rails() {
+    fn output_is_0_2_v_per_ampere_about_the_middle_within_the_rails() {
         let mut amplifier = silent();
         let at = Time::from_micros(100);
         for (amps, volts) in [
@@ -137,27 +137,27 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_is_seen_for_two_microseconds() {
+    fn disturbance_of_an_edge_decays_within_2_microseconds() {
         let mut amplifier = silent();
         let edge = (Time::from_micros(10), 12.0);
         let at = |ns| Time::from_micros(10) + Time::from_nanos(ns);
         let first = amplifier.output(at(0), 0.0, 0.0, edge, 3.3) - 1.65;
         assert!((first - 0.06).abs() < 1e-9);
-        // After five time constants less than a count of the converter (0.8 mV).
+        // After five time constants, less than a count of the converter (0.8 mV).
         let last = amplifier.output(at(2000), 0.0, 0.0, edge, 3.3) - 1.65;
         assert!(last > 0.0 && last < 0.8e-3, "{last}");
     }
 
     #[test]
-    fn it_lags_a_ramp_by_its_time_constant() {
+    fn output_lags_a_ramp_by_the_time_constant() {
         let mut amplifier = silent();
-        // 5 A/ms over 0.398 µs: 2 mA, 0.4 mV.
+        // 5 A/ms over 0.398 µs: 2 mA, or 0.4 mV.
         let found = amplifier.output(Time::from_micros(50), 1.0, 5e3, QUIET, 3.3);
         assert!((found - 1.85 + 0.398e-3).abs() < 1e-6, "{found}");
     }
 
     #[test]
-    fn broken_ones() {
+    fn faults_give_zero_current_or_a_stuck_output() {
         let mut amplifier = silent();
         amplifier.set_fault(AmplifierFault::ShuntShort);
         assert_eq!(amplifier.output(Time(1), 3.0, 0.0, QUIET, 3.3), 1.65);

@@ -1,34 +1,33 @@
-//! A brushed DC motor with its gear, seen from its two terminals and from the wheel.
+//! A brushed DC motor with gear, as seen from its two terminals and from the wheel.
 //!
-//! `L di/dt + R i = v − k ω`, torque at the wheel `k i` (friction and inertia are the plant's).
-//! Between two changes of voltage and speed the current is an exponential, which is used as it is:
-//! there is no step size.
+//! `L di/dt + R i = v − k ω`; the torque at the wheel is `k i` (friction and inertia belong to the plant). Between two
+//! changes of voltage and speed the current is an exponential, evaluated in closed form: no time step is needed.
 
 characteristics! {
     /// Constants of a motor, referred to the wheel.
     ///
-    /// Default: A 12 V gear motor of 2.5 N m at standstill and 20 rad/s without load.
+    /// Default: a 12 V gear motor with 2.5 N m stall torque and 20 rad/s no-load speed.
     pub struct MotorConfig {
         /// Resistance of winding, brushes and leads, Ω.
         pub resistance_ohm: f64 = 2.88;
         /// Inductance of the winding, H.
         pub inductance_h: f64 = 2.3e-3;
-        /// Torque at the wheel per current, N m/A, which is the back electromotive force per speed of the
-        /// wheel, V s/rad: gear ratio times the motor's own constant.
+        /// Torque at the wheel per current, N m/A. Equal to the back EMF per wheel speed, V s/rad: gear ratio times the
+        /// motor constant.
         pub constant_nm_a: f64 = 0.6;
     }
 }
 
-/// What a motor did over a time: integrals, exact.
+/// Exact integrals over an interval.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Work {
-    /// How long, s.
+    /// Duration, s.
     pub span_s: f64,
     /// ∫ i dt, A s.
     pub charge_as: f64,
-    /// ∫ i² dt, A² s: times the resistance it is heat.
+    /// ∫ i² dt, A² s; times the resistance, heat in J.
     pub square_a2s: f64,
-    /// What the source gave, ∫ of the current out of its positive side, A s; negative into it.
+    /// Charge from the positive side of the supply, A s; negative into the supply.
     pub supplied_as: f64,
 }
 
@@ -52,18 +51,18 @@ impl Work {
     }
 }
 
-/// Constant conditions at the terminals: a voltage behind a resistance.
+/// Constant source at the terminals: a voltage behind a resistance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Source {
-    /// V.
+    /// Voltage, V.
     pub volts: f64,
-    /// Ω, in series with the winding.
+    /// Resistance in series with the winding, Ω.
     pub ohms: f64,
-    /// Share of the motor's current that the supply gives: 1, 0 or −1.
+    /// Part of the motor current that the supply delivers: 1, 0 or −1.
     pub share: f64,
 }
 
-/// A motor: its current, and what it did since it was last asked.
+/// A motor: present current, and integrals since the latest reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motor {
     config: MotorConfig,
@@ -75,7 +74,7 @@ pub struct Motor {
 }
 
 impl Motor {
-    /// At rest, without current.
+    /// A motor at rest, without current.
     pub fn new(config: MotorConfig) -> Self {
         Self {
             config,
@@ -97,12 +96,12 @@ impl Motor {
         self.current_a
     }
 
-    /// Its derivative at the end of the latest span, A/s.
+    /// Derivative of the current at the end of the latest interval, A/s.
     pub(super) fn slope_a_s(&self) -> f64 {
         self.slope_a_s
     }
 
-    /// Back electromotive force, V.
+    /// Back EMF, V.
     pub(super) fn emf_v(&self) -> f64 {
         self.config.constant_nm_a * self.speed_rad_s
     }
@@ -111,7 +110,7 @@ impl Motor {
         self.speed_rad_s = speed_rad_s;
     }
 
-    /// A lead is broken: no current. (The arc that a real one draws is not modelled.)
+    /// Sets a broken lead: no current. The arc of a real motor is not modelled.
     pub(super) fn set_open(&mut self, open: bool) {
         self.open = open;
         if open {
@@ -123,7 +122,7 @@ impl Motor {
         self.open
     }
 
-    /// Current that this source would bring about in the end, A, and the time constant, s.
+    /// Final current with this source, A, and the time constant, s.
     fn limit(&self, source: Source) -> (f64, f64) {
         let ohms = self.config.resistance_ohm + source.ohms;
         (
@@ -132,24 +131,24 @@ impl Motor {
         )
     }
 
-    /// Whether the current stays below a level with this source; cheaper than to ask when.
+    /// True if the current stays below a level with this source; cheaper than `time_to`.
     pub(super) fn stays_below(&self, level_a: f64, source: Source) -> bool {
         let ohms = self.config.resistance_ohm + source.ohms;
         (source.volts - self.emf_v()).abs() < level_a * ohms && self.current_a.abs() < level_a
     }
 
-    /// When the current reaches a level with this source, s from now; infinite if never.
+    /// Time until the current reaches a level with this source, s; infinite if never.
     pub(super) fn time_to(&self, level_a: f64, source: Source) -> f64 {
         let (limit, tau) = self.limit(source);
         let (from, to) = (self.current_a - limit, level_a - limit);
-        // Towards the limit and not beyond it.
+        // The current moves towards the limit and not beyond.
         if self.open || from * to <= 0.0 || to.abs() >= from.abs() {
             return f64::INFINITY;
         }
         tau * libm::log(from / to)
     }
 
-    /// Goes on for a span with this source.
+    /// Advances by an interval with this source.
     pub(super) fn advance(&mut self, source: Source, span_s: f64) {
         self.work.span_s += span_s;
         if self.open {
@@ -169,7 +168,7 @@ impl Motor {
         self.slope_a_s = -first * left / tau;
     }
 
-    /// Stands without current for a span.
+    /// Advances by an interval without current.
     pub(super) fn idle(&mut self, span_s: f64) {
         self.work.span_s += span_s;
         (self.current_a, self.slope_a_s) = (0.0, 0.0);
@@ -180,7 +179,7 @@ impl Motor {
     }
 }
 
-/// 1 − e^(−x) without cancellation: by its series where x is small, as between two edges.
+/// 1 − e^(−x) without cancellation; by its series for small x, the usual case between two edges.
 fn rise(x: f64) -> f64 {
     if x < 0.04 {
         // The next term is below 10⁻¹² of the first.
@@ -198,7 +197,7 @@ mod tests {
         assert!((a - b).abs() <= tolerance, "{a} {b}");
     }
 
-    /// Euler's method with very small steps: another route to current, charge and heat.
+    /// Reference integration with very small steps (Euler's method): current, charge, ∫ i² dt.
     fn integrate(config: MotorConfig, volts: f64, speed: f64, span: f64) -> (f64, f64, f64) {
         let n = 2_000_000;
         let dt = span / f64::from(n);
@@ -215,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn current_charge_and_heat_as_by_small_steps() {
+    fn current_charge_and_heat_match_small_steps() {
         let config = MotorConfig::default();
         let source = Source {
             volts: 12.0,
@@ -248,7 +247,7 @@ mod tests {
         };
         motor.advance(source, 2e-3);
         let work = motor.take_work();
-        // Given = heat + mechanical work + field of the winding.
+        // Supplied energy = heat + mechanical work + energy in the inductance.
         let given = 9.0 * work.charge_as;
         let heat = (config.resistance_ohm + 0.2) * work.square_a2s;
         let mechanical = config.constant_nm_a * -7.0 * work.charge_as;
@@ -257,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn a_level_is_reached_when_it_says() {
+    fn current_reaches_a_level_at_the_predicted_time() {
         let mut motor = Motor::new(MotorConfig::default());
         let source = Source {
             volts: 12.0,
@@ -267,7 +266,7 @@ mod tests {
         let span = motor.time_to(2.0, source);
         motor.advance(source, span);
         close(motor.current_a(), 2.0, 1e-12);
-        // 12 V over 3.08 Ω is 3.9 A: 4 A is never reached, nor is 1 A again.
+        // 12 V over 3.08 Ω is 3.9 A: the current never reaches 4 A, nor 1 A again.
         assert_eq!(motor.time_to(4.0, source), f64::INFINITY);
         assert_eq!(motor.time_to(1.0, source), f64::INFINITY);
     }

@@ -1,18 +1,17 @@
-//! A thermistor from a pin to ground, with a resistor from the pin to the supply.
+//! A thermistor from a pin to ground, with a pull-up resistor to the supply.
 //!
-//! NTC of 10 kΩ at 25 °C and B 3950, after the data sheets of such parts:
-//! `R = R₂₅ exp(B (1/T − 1/298.15 K))`.
+//! NTC of 10 kΩ at 25 °C with B = 3950 K: `R = R₂₅ exp(B (1/T − 1/298.15 K))`.
 
 characteristics! {
-    /// A thermistor and its resistor.
+    /// A thermistor and its pull-up resistor.
     pub struct Thermistor {
         /// Resistance at 25 °C, Ω.
         pub resistance_25_ohm: f64 = 10e3;
-        /// Slope of the logarithm, K.
+        /// B constant: slope of ln R over 1/T, K.
         pub b_k: f64 = 3950.0;
-        /// The resistor to the supply, Ω.
+        /// Pull-up resistor, Ω.
         pub pull_up_ohm: f64 = 10e3;
-        /// A lead is open.
+        /// True if a lead is open.
         pub open: bool = false;
     }
 }
@@ -29,7 +28,7 @@ impl Thermistor {
 
     /// Voltage at the pin, V.
     pub fn voltage(&self, celsius: f64, supply_v: f64) -> f64 {
-        // Written so that an infinite resistance gives the supply.
+        // In this form an infinite resistance gives the supply voltage.
         supply_v / (1.0 + self.pull_up_ohm / self.resistance(celsius))
     }
 }
@@ -39,8 +38,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn resistances_of_a_table_for_10_k_b_3950() {
-        // From the table of a maker of such parts, to its last digit or the spread of B.
+    fn resistance_matches_the_table_of_a_10_k_b_3950_part() {
+        // From a manufacturer's table, to its last digit or the spread of B.
         let thermistor = Thermistor::default();
         for (celsius, ohm) in [
             (0.0, 33_620.0),
@@ -54,7 +53,7 @@ mod tests {
     }
 
     #[test]
-    fn half_the_supply_at_room_temperature_and_the_supply_when_broken() {
+    fn voltage_is_half_the_supply_at_25_c_and_the_supply_with_an_open_lead() {
         let mut thermistor = Thermistor::default();
         assert!((thermistor.voltage(25.0, 3.3) - 1.65).abs() < 1e-12);
         thermistor.open = true;

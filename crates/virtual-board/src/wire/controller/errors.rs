@@ -14,7 +14,7 @@ impl Controller {
         self.dominant = flag != Flag::Passive;
     }
 
-    /// An error outside a flag: it is counted, a flag begins with the next bit.
+    /// Counts an error outside a flag and begins a flag with the next bit.
     pub(super) fn error(&mut self, kind: ErrorKind) {
         self.statistics.errors[kind as usize] += 1;
         let passive = self.passive();
@@ -24,7 +24,7 @@ impl Controller {
         } else if kind == ErrorKind::Acknowledgement && passive {
             self.spared = true;
         } else if kind != ErrorKind::Stuff {
-            // The stuff error of a sender is one in the arbitration field, where it does not count.
+            // A stuff error of a sender occurs in the arbitration field, where it is not counted.
             self.tec += 8;
         }
         self.failed(Some(kind));
@@ -33,7 +33,7 @@ impl Controller {
         self.limit();
     }
 
-    /// Eight more errors for the counter of its part, without another flag.
+    /// Adds 8 to the error counter of the present role, without another flag.
     pub(super) fn count(&mut self) {
         if self.sender {
             self.tec += 8;
@@ -79,7 +79,7 @@ impl Controller {
         };
     }
 
-    /// A passive flag ends with six equal bits of either level.
+    /// A passive flag ends after six equal bits of either level.
     pub(super) fn passive_flag(&mut self, count: u8, dominant: bool) {
         let equal = count > 0 && dominant == self.flag_level;
         let count = if equal { count + 1 } else { 1 };

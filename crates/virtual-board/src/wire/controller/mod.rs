@@ -1,5 +1,5 @@
-//! The protocol as one controller runs it, bit by bit: arbitration, sending, receiving, errors and
-//! their counters (ISO 11898-1; where that leaves room, as the bxCAN does).
+//! The protocol of one controller, bit by bit: arbitration, transmission, reception, errors and their counters (ISO
+//! 11898-1; where the standard leaves a choice, as in the bxCAN).
 
 mod errors;
 
@@ -9,22 +9,22 @@ use crate::wire::node::{ErrorKind, Settings, What};
 use crate::wire::receiver::{Receiver, Step};
 use crate::wire::statistics::Statistics;
 
-/// Recessive bits after which a controller takes part.
+/// Number of recessive bits after which a controller takes part.
 const IDLE_BITS: u8 = 11;
-/// How often these must be seen to come back from bus-off.
+/// Number of sequences of eleven recessive bits for recovery from bus-off.
 const RECOVERY: u8 = 128;
-/// Bits of a flag.
+/// Length of a flag, bits.
 const FLAG: u8 = 6;
-/// Bits of a delimiter.
+/// Length of a delimiter, bits.
 const DELIMITER: u8 = 8;
 /// Bits that an error-passive sender waits after the intermission.
 const SUSPEND: u8 = 8;
-/// Counters from here on make a controller error-passive.
+/// Counter value from which a controller is error-passive.
 const PASSIVE: u16 = 128;
-/// A transmit counter from here on takes it off the bus.
+/// Transmit counter value from which a controller is in bus-off.
 const OFF: u16 = 256;
 
-/// A mailbox that is to be sent.
+/// A mailbox waiting for transmission.
 #[derive(Clone, Copy, Debug)]
 struct Pending {
     mailbox: u8,
@@ -33,33 +33,32 @@ struct Pending {
     aborted: bool,
 }
 
-/// What a controller is doing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum State {
     /// Not on the bus.
     #[default]
     Out,
-    /// Counts recessive bits before it takes part.
+    /// Counts recessive bits before taking part.
     Joining(u8),
-    /// Off the bus by its errors: recessive bits in a row, and how often eleven of them.
+    /// Bus-off: number of consecutive recessive bits, and number of sequences of eleven.
     BusOff(u8, u8),
-    /// Nothing goes on.
+    /// The bus is idle.
     Idle,
-    /// A frame, sent or received.
+    /// Sends or receives a frame.
     Frame,
-    /// Sends a flag, bits so far.
+    /// Sends a flag: number of bits so far.
     Flag(u8),
-    /// Waits for the others' flags to end, dominant bits so far.
+    /// Waits for the end of the other nodes' flags: number of dominant bits so far.
     Await(u8),
-    /// Recessive bits of a delimiter so far.
+    /// Number of recessive bits of a delimiter so far.
     Delimiter(u8),
-    /// Bits of the intermission so far.
+    /// Number of bits of the intermission so far.
     Intermission(u8),
-    /// Bits of a passive sender's waiting so far.
+    /// Number of bits that a passive sender has waited so far.
     Suspend(u8),
 }
 
-/// What a flag is for.
+/// Purpose of a flag.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Flag {
     #[default]
@@ -68,7 +67,7 @@ enum Flag {
     Overload,
 }
 
-/// A sending that ended, for the record of the wire.
+/// A transmission that has ended, for the record of the wire.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ended {
     pub frame: Frame,
@@ -81,11 +80,11 @@ pub(crate) struct Controller {
     settings: Option<Settings>,
     state: State,
     flag: Flag,
-    /// Of the six equal bits of a passive flag: the last level.
+    /// Latest level in a passive flag, which ends after six equal bits.
     flag_level: bool,
-    /// A passive sender met no acknowledgement: only a dominant bit in its flag counts.
+    /// A passive sender met no acknowledgement: only a dominant bit during its flag is counted.
     spared: bool,
-    /// It sent the frame that goes on or went on last.
+    /// True if this controller transmits or transmitted the present or latest frame.
     sender: bool,
     receiver: Receiver,
     sending: Option<(Pending, u8)>,
@@ -96,29 +95,29 @@ pub(crate) struct Controller {
     rec: u16,
     off: bool,
     leaving: bool,
-    /// What it drives in the next bit.
+    /// True if the controller drives dominant in the next bit.
     pub dominant: bool,
-    /// What happened at the last sample.
+    /// Events at the latest sample.
     pub happened: Vec<What>,
-    /// What it sent and how that ended.
+    /// Result of a transmission that has ended.
     pub ended: Option<Ended>,
     pub statistics: Statistics,
 }
 
 impl Controller {
-    /// Error counters as they are shown.
+    /// Error counters as shown in the registers: transmit, receive.
     pub fn counters(&self) -> (u8, u8) {
-        // Off the bus the bxCAN shows the last value that fits.
+        // In bus-off the bxCAN shows the last value that fits.
         let tec = if self.tec >= OFF { OFF - 8 } else { self.tec };
         (tec as u8, self.rec as u8)
     }
 
-    /// Whether it samples at all.
+    /// True if the controller samples the bus.
     pub fn is_in(&self) -> bool {
         self.state != State::Out
     }
 
-    /// Up to when it does nothing on a bus that stays recessive.
+    /// Time until which the controller has nothing to do on a recessive bus.
     pub fn quiet_until(&self) -> Time {
         match self.state {
             State::Out => Time::NEVER,
@@ -128,7 +127,7 @@ impl Controller {
         }
     }
 
-    /// Whether a frame goes on, or what follows one.
+    /// True during a frame and the flags, delimiters and intermission after it.
     pub fn is_busy(&self) -> bool {
         !matches!(
             self.state,
@@ -136,7 +135,7 @@ impl Controller {
         )
     }
 
-    /// Whether it is in the middle of something that new requests do not change.
+    /// True in the part of a frame that new requests cannot change.
     pub fn is_closed(&self) -> bool {
         match self.state {
             State::Frame => self.receiver.count() >= 2,
@@ -145,7 +144,7 @@ impl Controller {
         }
     }
 
-    /// Whether an edge begins a bit anew.
+    /// True if an edge restarts the bit (hard synchronization).
     pub fn is_hard(&self) -> bool {
         !matches!(
             self.state,
@@ -153,29 +152,29 @@ impl Controller {
         )
     }
 
-    /// The settings while it takes part.
+    /// Settings, once set.
     pub fn settings(&self) -> Option<&Settings> {
         self.settings.as_ref()
     }
 
-    /// The frame that it sends, and the bit that comes next.
+    /// Frame being transmitted, and the index of its next bit.
     pub fn sending(&self) -> Option<(&Bits, usize)> {
         let (pending, place) = self.sending.as_ref()?;
         Some((&pending.bits, usize::from(*place)))
     }
 
-    /// What has arrived of the frame that goes on.
+    /// Received part of the present frame.
     pub fn arrived(&self) -> &Receiver {
         &self.receiver
     }
 
-    /// Whether it receives a frame of which so much has arrived, and does nothing else.
+    /// True if the controller only receives, and has received this part of the frame.
     pub fn follows(&self, arrived: &Receiver) -> bool {
         let receives = self.state == State::Frame && self.sending.is_none();
         receives && !self.dominant && self.receiver == *arrived
     }
 
-    /// So much has arrived now of a frame without errors; a sender goes on with this bit.
+    /// Sets the received part of a frame without errors; a sender continues with bit `next`.
     pub fn fast_forward(&mut self, arrived: Receiver, next: usize) {
         self.receiver = arrived;
         if let Some((pending, place)) = &mut self.sending {
@@ -200,7 +199,7 @@ impl Controller {
         !self.leaving
     }
 
-    /// Cut off by a reset.
+    /// Resets the controller; statistics are kept.
     pub fn reset(&mut self) {
         *self = Self {
             statistics: self.statistics,
@@ -208,7 +207,7 @@ impl Controller {
         };
     }
 
-    /// Takes part in another way.
+    /// Applies new settings.
     pub fn set(&mut self, settings: Settings) {
         let was_in = self.is_in();
         match (was_in, settings.on) {
@@ -216,7 +215,7 @@ impl Controller {
                 self.settings = Some(settings);
                 self.leaving = false;
                 self.state = State::Joining(0);
-                // To leave and to come back is the program's way to begin the recovery.
+                // Leaving and rejoining is how a program starts recovery.
                 if self.tec >= OFF {
                     self.off = false;
                 }
@@ -246,7 +245,7 @@ impl Controller {
         self.happened.push(What::Left);
     }
 
-    /// A mailbox is to be sent.
+    /// Queues a mailbox for transmission.
     pub fn request(&mut self, mailbox: u8, frame: Frame) {
         self.pending.retain(|p| p.mailbox != mailbox);
         self.pending.push(Pending {
@@ -257,7 +256,6 @@ impl Controller {
         });
     }
 
-    /// A mailbox is not to be sent.
     pub fn abort(&mut self, mailbox: u8) {
         let before = self.pending.len();
         self.pending.retain(|p| p.mailbox != mailbox);
@@ -269,7 +267,7 @@ impl Controller {
         }
     }
 
-    /// The mailbox that goes first of those requested.
+    /// Takes the pending mailbox of highest priority.
     fn choose(&mut self) -> Option<Pending> {
         if !self.can_send() {
             return None;
@@ -279,7 +277,7 @@ impl Controller {
         Some(self.pending.swap_remove(place))
     }
 
-    /// Samples a bit. The level to drive in the next bit is then in [`Self::dominant`].
+    /// Samples a bit; afterwards [`Self::dominant`] is the level for the next bit.
     pub fn sample(&mut self, dominant: bool, now: Time) {
         let drove = std::mem::take(&mut self.dominant);
         match self.state {
@@ -328,7 +326,7 @@ impl Controller {
         }
     }
 
-    /// A bit in which a frame may begin.
+    /// Handles a bit in which a frame may begin.
     fn between(&mut self, dominant: bool, now: Time, may: bool) {
         self.state = State::Idle;
         let chosen = if may { self.choose() } else { None };
@@ -372,7 +370,7 @@ impl Controller {
         }
     }
 
-    /// A bit of a frame that is sent.
+    /// Handles a bit of a transmitted frame.
     fn send(&mut self, dominant: bool) {
         let Some((pending, place)) = self.sending else {
             return;
@@ -423,7 +421,7 @@ impl Controller {
         self.rest();
     }
 
-    /// The intermission begins.
+    /// Begins the intermission.
     fn rest(&mut self) {
         self.state = State::Intermission(0);
         if self.leaving {
@@ -431,7 +429,7 @@ impl Controller {
         }
     }
 
-    /// Gives the mailbox back, by an error or a lost arbitration.
+    /// Returns the mailbox to the queue after an error or a lost arbitration.
     fn failed(&mut self, error: Option<ErrorKind>) {
         let Some((pending, _)) = self.sending.take() else {
             return;
@@ -464,7 +462,7 @@ impl Controller {
         });
     }
 
-    /// A bit of a frame that is received.
+    /// Handles a bit of a received frame.
     fn receive(&mut self, drove: bool, dominant: bool) {
         if drove && !dominant {
             return self.error(ErrorKind::BitDominant);
@@ -476,7 +474,7 @@ impl Controller {
                 self.rec = match self.rec {
                     0 => 0,
                     1..=PASSIVE => self.rec - 1,
-                    // The bxCAN's choice among 119 to 127.
+                    // The standard allows 119 to 127; the bxCAN uses 120.
                     _ => 120,
                 };
                 self.received();

@@ -10,12 +10,11 @@
 //! | 1 | 1 | 0 | low | high | reverse |
 //! | 1 | 1 | 1 | high | low | forward |
 //!
-//! Modelled: propagation delay, dead time (the diodes conduct, so it takes voltage), resistance of the
-//! transistors, wake and sleep times, undervoltage lockout, nFAULT, transistors that stay on; with IMODE
-//! to ground current regulation with fixed off-time, and a new try after an over-current. Not modelled:
-//! other connections of IMODE, rise and fall times (150 ns), the charge pump, thermal shutdown, sensing delay of the
-//! current regulation, what nFAULT shows while the driver wakes up (the data sheet does not say; it is
-//! high here).
+//! Modelled: propagation delay, dead time (the diodes conduct, which costs voltage), resistance of the transistors,
+//! wake and sleep times, undervoltage lockout, nFAULT, transistors stuck on; with IMODE at ground, current regulation
+//! with fixed off-time, and retry after an over-current. Not modelled: other settings of IMODE, rise and fall times
+//! (150 ns), the charge pump, thermal shutdown, the sensing delay of the current regulation, nFAULT during wake-up (not
+//! specified in the data sheet; high here).
 
 mod config;
 
@@ -35,7 +34,7 @@ pub enum Half {
     Two,
 }
 
-/// What a half bridge does.
+/// State of a half bridge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Gate {
     Off,
@@ -43,7 +42,7 @@ enum Gate {
     High,
 }
 
-/// A half bridge: what it is to do, and until when both transistors are still off.
+/// A half bridge: its target state, and the end of the dead time with both transistors off.
 #[derive(Clone, Copy, Debug)]
 struct Leg {
     target: Gate,
@@ -74,7 +73,7 @@ impl Leg {
         }
     }
 
-    /// A transistor that stays on against one that is switched on.
+    /// True if a stuck transistor conducts together with the opposite one.
     fn is_short(&self) -> bool {
         matches!(
             (self.stuck, self.target),
@@ -88,7 +87,7 @@ enum Power {
     Asleep,
     Waking(Time),
     Awake,
-    /// nSLEEP is low, the driver works on until then.
+    /// nSLEEP is low; the driver still works until this time.
     Dozing(Time),
 }
 
@@ -99,34 +98,34 @@ pub struct Drv8874 {
     motor: Motor,
     now: Time,
     due: Time,
-    /// Inputs on their way through the driver: when they arrive, EN, PH.
+    /// Input edges in propagation: arrival time, EN, PH.
     edges: VecDeque<(Time, bool, bool)>,
     /// EN and PH at the pins.
     pins: (bool, bool),
-    /// EN and PH as the bridge has them.
+    /// EN and PH at the bridge, after propagation.
     inputs: (bool, bool),
     power: Power,
     supply_v: f64,
     locked_out: bool,
-    /// Over-current: since when it lasts, and until when the driver is off for it.
+    /// Over-current: start time, and end of the shutdown that it caused.
     over_since: Option<Time>,
     over_until: Option<Time>,
-    /// The current regulation brakes until then.
+    /// End of the off-time of the current regulation.
     braking: Option<Time>,
-    /// Since when the bridge drives.
+    /// Start of the present or latest pulse, in which the bridge drives the motor.
     driving_since: Time,
-    /// End of its latest pulse.
+    /// End of the latest pulse.
     driven_until: Time,
-    /// nFAULT held low, and the bridge off, from outside.
+    /// Interval in which nFAULT is forced low and the bridge off.
     forced: Option<(Time, Time)>,
     legs: [Leg; 2],
-    /// Voltage of OUT1, and its latest edge: when, and by how much.
+    /// Voltage of OUT1, V, and its latest edge: time and height, V.
     lead_v: f64,
     edge: (Time, f64),
 }
 
 impl Drv8874 {
-    /// Asleep, its supply at `supply_v`.
+    /// A driver in sleep mode, with its supply at `supply_v`.
     pub fn new(config: DriverConfig, motor: Motor, supply_v: f64) -> Self {
         let mut driver = Self {
             config,
@@ -153,12 +152,12 @@ impl Drv8874 {
         driver
     }
 
-    /// EN/IN1 has this level from now on.
+    /// Sets the level of EN/IN1 from `at` on.
     pub fn enable(&mut self, level: bool, at: Time) {
         self.input((level, self.pins.1), at);
     }
 
-    /// PH/IN2 has this level from now on.
+    /// Sets the level of PH/IN2 from `at` on.
     pub fn phase(&mut self, level: bool, at: Time) {
         self.input((self.pins.0, level), at);
     }
@@ -178,7 +177,7 @@ impl Drv8874 {
         }
     }
 
-    /// nSLEEP has this level from now on.
+    /// Sets the level of nSLEEP from `at` on.
     pub fn awake(&mut self, level: bool, at: Time) {
         self.advance(at);
         self.power = match (self.power, level) {
@@ -191,7 +190,7 @@ impl Drv8874 {
         self.settle();
     }
 
-    /// The supply at VM, V, from now on.
+    /// Sets the supply at VM, V, from `at` on.
     pub fn supply(&mut self, volts: f64, at: Time) {
         self.advance(at);
         self.supply_v = volts;
@@ -204,28 +203,28 @@ impl Drv8874 {
         self.settle();
     }
 
-    /// Speed of the wheel, rad/s, from now on.
+    /// Sets the speed of the wheel, rad/s, from `at` on.
     pub fn speed(&mut self, rad_s: f64, at: Time) {
         self.advance(at);
         self.motor.set_speed(rad_s);
         self.settle();
     }
 
-    /// Breaks a lead of the motor, or mends it.
+    /// Opens or restores a motor lead.
     pub fn set_motor_open(&mut self, open: bool, at: Time) {
         self.advance(at);
         self.motor.set_open(open);
         self.settle();
     }
 
-    /// A transistor of a half bridge stays on, the upper or the lower one; `None` mends it.
+    /// Sets a transistor of a half bridge stuck on, the upper or the lower one; `None` clears the fault.
     pub fn set_stuck(&mut self, half: Half, upper: Option<bool>, at: Time) {
         self.advance(at);
         self.legs[half as usize].stuck = upper.map(|up| if up { Gate::High } else { Gate::Low });
         self.settle();
     }
 
-    /// From one time to another the driver reports a fault and is off.
+    /// Forces a fault report with the bridge off, from one time to another.
     pub fn force_fault(&mut self, from: Time, to: Time) {
         self.forced = Some((from, to));
         self.settle();
@@ -237,12 +236,12 @@ impl Drv8874 {
         self.motor.current_a()
     }
 
-    /// True while both outputs are at ground: the motor is shorted and brakes.
+    /// True while both outputs are low: the motor is shorted and brakes.
     pub fn brakes(&self) -> bool {
         self.legs.iter().all(|leg| leg.gate(self.now) == Gate::Low)
     }
 
-    /// True while the driver switches its transistors.
+    /// True while the bridge is operational.
     pub fn is_awake(&self) -> bool {
         matches!(self.power, Power::Awake | Power::Dozing(_))
     }
@@ -252,7 +251,7 @@ impl Drv8874 {
         self.motor.slope_a_s()
     }
 
-    /// End of the latest pulse: the last time at which the supply drove the motor.
+    /// End of the latest pulse: the latest time at which the supply drove the motor.
     pub fn driven_until(&self) -> Time {
         match self.is_driving() {
             true => self.now,
@@ -260,12 +259,12 @@ impl Drv8874 {
         }
     }
 
-    /// The latest edge of OUT1, to which the shunt's amplifier answers: when, and by how much, V.
+    /// Latest edge of OUT1, which disturbs the current-sense amplifier: time and height, V.
     pub fn latest_edge(&self) -> (Time, f64) {
         self.edge
     }
 
-    /// What the motor did since the last call.
+    /// Integrals of the motor since the latest call.
     pub fn take_work(&mut self, at: Time) -> Work {
         self.advance(at);
         self.motor.take_work()
@@ -276,7 +275,7 @@ impl Drv8874 {
         &self.motor
     }
 
-    /// How nFAULT is driven: an open drain.
+    /// Drive of nFAULT, an open-drain output.
     pub fn fault_pin(&self) -> Drive {
         if self.faults() {
             Drive::Low
@@ -296,7 +295,7 @@ impl Drv8874 {
             .is_some_and(|(from, to)| from <= self.now && self.now < to)
     }
 
-    /// Goes on until a time, with all that happens by itself until then.
+    /// Advances to a time, through all events until then.
     pub fn advance(&mut self, to: Time) {
         while self.due <= to {
             self.integrate(self.due);
@@ -305,7 +304,7 @@ impl Drv8874 {
         self.integrate(to);
     }
 
-    /// Voltage at an output and its resistance; `flow` is the current's direction out of it.
+    /// Voltage, V, and resistance, Ω, of an output; `flow` is the sign of the current that flows out.
     fn output(&self, leg: usize, flow: f64) -> (f64, f64) {
         let DriverConfig {
             on_ohm, diode_v, ..
@@ -318,7 +317,7 @@ impl Drv8874 {
         }
     }
 
-    /// Whether the supply is at this output.
+    /// True if the current of this output flows from or to the supply.
     fn is_at_supply(&self, leg: usize, flow: f64) -> bool {
         match self.legs[leg].gate(self.now) {
             Gate::Low => false,
@@ -327,7 +326,7 @@ impl Drv8874 {
         }
     }
 
-    /// What the motor sees while its current flows in a direction.
+    /// Source at the motor's terminals for a direction of its current.
     fn source(&self, flow: f64) -> Source {
         let (first, second) = (self.output(0, flow), self.output(1, -flow));
         let share = |leg, flow| f64::from(u8::from(self.is_at_supply(leg, flow)));
@@ -338,7 +337,7 @@ impl Drv8874 {
         }
     }
 
-    /// Goes on under constant conditions.
+    /// Advances under constant conditions.
     fn integrate(&mut self, to: Time) {
         if to <= self.now {
             return;
@@ -380,7 +379,7 @@ impl Drv8874 {
         self.now = to;
     }
 
-    /// Brings everything to the present moment and finds out when it changes next.
+    /// Applies all changes due now and finds the time of the next one.
     fn settle(&mut self) {
         self.take_inputs();
         self.take_power();
@@ -395,7 +394,7 @@ impl Drv8874 {
         self.due = self.find_due();
     }
 
-    /// Has the half bridges do what they are to do now.
+    /// Switches the half bridges to their target states.
     fn switch(&mut self) {
         let [first, second] = self.targets();
         let was_driving = self.is_driving();
@@ -435,7 +434,7 @@ impl Drv8874 {
         }
     }
 
-    /// Over-current and the regulation's limit.
+    /// Checks over-current and the limit of the current regulation.
     fn watch_current(&mut self) {
         let current = self.motor.current_a().abs();
         let works = matches!(self.power, Power::Awake | Power::Dozing(_));
@@ -515,7 +514,7 @@ impl Drv8874 {
             let down = self.motor.time_to(-level, source);
             let at = later(self.now, up.min(down));
             if at != Time::NEVER {
-                // Not before it is really there: the time was rounded down.
+                // The computed time is rounded down. One picosecond later the current has reached the level.
                 see((at + Time(1)).max(earliest));
             }
             if current.abs() >= level {

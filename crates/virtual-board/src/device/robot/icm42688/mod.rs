@@ -1,19 +1,19 @@
-//! ICM-42688-P inertial sensor at an SPI.
+//! ICM-42688-P inertial sensor on an SPI bus.
 //!
 //! Data sheet: TDK InvenSense DS-000347, "ICM-42688-P".
 //!
-//! Modelled: register banks 0 to 2, soft reset, power modes with their start times, ranges and data
-//! rates of the low-noise mode, the anti-alias filter (second order) and the user-interface filter
-//! (order and bandwidth; Butterworth, since the data sheet states orders and corners alone), samples at
-//! the instants of the part's own oscillator, noise, bias and scale, quantisation and saturation, data
-//! that stand still while the chip is selected, INT_STATUS that a read clears.
+//! Modelled: register banks 0 to 2; soft reset; power modes with their start-up times; ranges and data rates of the
+//! low-noise mode; the anti-alias filter (second order) and the user-interface filter (order and bandwidth;
+//! Butterworth, since the data sheet gives only orders and cut-off frequencies); samples timed by the sensor's own
+//! oscillator; noise, bias and scale error; quantization and saturation; data registers latched while the chip is
+//! selected; INT_STATUS, cleared by a read.
 //!
 //! The adaptive full-scale range (bits 7 and 6 of INTF_CONFIG1, on after a reset) is not in the data sheet. It is
-//! modelled as the open flight controllers describe it (ArduPilot 25332, Betaflight 13132, INAV 9409).
+//! modelled as described by open-source flight controllers (ArduPilot 25332, Betaflight 13132, INAV 9409).
 //!
-//! Not modelled, and noted when the program switches it on ([`Icm42688::findings`]): the FIFO, time
-//! stamps, FSYNC, the low-power mode, temperature, motion detection, self test, offsets (bank 4), INT1, INT2, little
-//! endian data, other clock sources; nor the notch filter, whatever its setting.
+//! Not modelled, and noted when the program enables them ([`Icm42688::findings`]): FIFO, time stamps, FSYNC, low-power
+//! mode, temperature, motion detection, self-test, offsets (bank 4), INT1, INT2, little-endian data, other clock
+//! sources. The notch filter is not modelled either, whatever its setting.
 
 mod path;
 mod registers;
@@ -26,11 +26,10 @@ use registers::*;
 
 /// Standard gravity, m/s².
 const GRAVITY: f64 = 9.80665;
-/// A reset takes so long.
 const RESET_TIME: Time = Time::from_micros(1000);
-/// No register may be written for so long after gyroscope or accelerometer were switched on.
+/// Time after gyroscope or accelerometer are switched on in which no register may be written.
 const QUIET_TIME: Time = Time::from_micros(200);
-/// A gyroscope must stay on for so long.
+/// Shortest time for which the gyroscope must stay on.
 const LEAST_ON: Time = Time::from_micros(45_000);
 
 // Bits of INT_STATUS.
@@ -38,59 +37,59 @@ const RESET_DONE: u8 = 0x10;
 const DATA_READY: u8 = 0x08;
 
 characteristics! {
-    /// Errors of a sensor and its start times.
+    /// Errors of a sensor, and its start-up times.
     pub struct InertialConfig {
-        /// Noise of the gyroscope, rad/s/√Hz. Data sheet: 2.8 millidegree/s/√Hz.
+        /// Noise density of the gyroscope, rad/s/√Hz. Data sheet: 2.8 millidegree/s/√Hz.
         pub gyro_density: f64 = 2.8e-3f64.to_radians();
         /// Bias of the gyroscope, rad/s. Data sheet: ±0.5 °/s.
         pub gyro_bias: [f64; 3] = [0.0; 3];
-        /// Relative error of its scale. Data sheet: ±0.5 %.
+        /// Scale error of the gyroscope, relative. Data sheet: ±0.5 %.
         pub gyro_scale: [f64; 3] = [0.0; 3];
-        /// Noise of the accelerometer, m/s²/√Hz. Data sheet: 65 to 70 µg/√Hz.
+        /// Noise density of the accelerometer, m/s²/√Hz. Data sheet: 65 to 70 µg/√Hz.
         pub accel_density: f64 = 70e-6 * GRAVITY;
         /// Bias of the accelerometer, m/s². Data sheet: ±20 mg.
         pub accel_bias: [f64; 3] = [0.0; 3];
-        /// Relative error of its scale. Data sheet: ±0.5 %.
+        /// Scale error of the accelerometer, relative. Data sheet: ±0.5 %.
         pub accel_scale: [f64; 3] = [0.0; 3];
-        /// The part's oscillator is fast by this share. Data sheet: up to ±1 % at 25 °C.
+        /// Relative frequency error of the sensor's oscillator, positive if fast. Data sheet: up to ±1 % at 25 °C.
         pub clock_error: f64 = 0.0;
-        /// From switching the gyroscope on to its first sample. Data sheet: 30 ms typical; the default is
-        /// the 45 ms for which it must stay on.
+        /// Start-up time of the gyroscope to its first sample. Data sheet: 30 ms typical. The default is 45 ms, the
+        /// shortest time for which the gyroscope must stay on.
         pub gyro_start: Time = Time::from_micros(45_000);
-        /// From switching the accelerometer on to its first sample. Data sheet: 10 ms.
+        /// Start-up time of the accelerometer to its first sample. Data sheet: 10 ms.
         pub accel_start: Time = Time::from_micros(10_000);
-        /// Yaw rate at which the adaptive full-scale range (AFSR) changes, rad/s. ArduPilot: near 100 °/s.
+        /// Angular rate at which the adaptive full-scale range (AFSR) changes, rad/s. ArduPilot: near 100 °/s.
         pub adaptive_rate: f64 = 100f64.to_radians();
-        /// Time for which the gyroscope's output stands still then. ArduPilot: near 2 ms.
+        /// Time for which the gyroscope's output stalls after a change of the adaptive range. ArduPilot: near 2 ms.
         pub adaptive_stall: Time = Time::from_micros(2_000);
     }
 }
 
-/// What the sensor feels, in its own axes, and how it changes from there.
+/// True motion of the sensor in its own axes, with derivatives.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Motion {
     /// Angular rates, rad/s.
     pub rate: [f64; 3],
-    /// Their derivatives, rad/s².
+    /// Derivatives of the angular rates, rad/s².
     pub rate_slope: [f64; 3],
-    /// Specific forces, m/s²: acceleration less gravity, so at rest with z up +9.81 on z.
+    /// Specific forces, m/s²: acceleration minus gravity; at rest with z up, +9.81 on z.
     pub force: [f64; 3],
-    /// Their derivatives, m/s³.
+    /// Derivatives of the specific forces, m/s³.
     pub force_slope: [f64; 3],
 }
 
-/// What can be wrong with it. Several may be at once.
+/// Faults of a sensor; several may be present at once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct InertialFault {
-    /// Its output line stands at this level.
+    /// The output line is stuck at this level.
     pub stuck_output: Option<bool>,
-    /// The data registers stand still; everything else works.
+    /// The data registers are frozen; everything else works.
     pub frozen: bool,
-    /// The bit does not tell that data are ready.
+    /// The data-ready bit stays clear.
     pub no_data_ready: bool,
 }
 
-/// Where in a transfer the chip is.
+/// State of an SPI transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Transfer {
     Idle,
@@ -108,12 +107,12 @@ pub struct Icm42688 {
     banks: [[u8; 128]; 3],
     bank: u8,
     transfer: Transfer,
-    /// A reset lasts until then.
+    /// End of the present reset.
     resetting: Option<Time>,
     status: u8,
     gyro: Path,
     accel: Path,
-    /// The data registers from ACCEL_DATA_X1 on, and what is shown of them during a transfer.
+    /// Data registers from ACCEL_DATA_X1 on, and their latched values during a transfer.
     data: [i16; 6],
     shown: [i16; 6],
     quiet_until: Time,
@@ -121,7 +120,7 @@ pub struct Icm42688 {
 }
 
 impl Icm42688 {
-    /// Its power comes on at time 0.
+    /// A sensor whose power comes on at time 0.
     pub fn new(config: InertialConfig, seed: u64) -> Self {
         let settings = Settings {
             rate_hz: 1000.0,
@@ -160,7 +159,7 @@ impl Icm42688 {
         sensor
     }
 
-    /// What it feels from now on.
+    /// Sets the true motion from `at` on.
     pub fn motion(&mut self, at: Time, motion: Motion) {
         self.advance(at);
         self.gyro.truth = Truth {
@@ -175,13 +174,13 @@ impl Icm42688 {
         };
     }
 
-    /// Breaks it, or mends it.
+    /// Sets or clears faults.
     pub fn set_fault(&mut self, at: Time, fault: InertialFault) {
         self.advance(at);
         self.fault = fault;
     }
 
-    /// It resets: asked to by the program, because its power came back, or by itself.
+    /// Resets the sensor: by the program, after a power failure, or spontaneously.
     pub fn reset(&mut self, at: Time) {
         self.advance(at);
         self.banks = [[0; 128]; 3];
@@ -200,7 +199,7 @@ impl Icm42688 {
         self.apply(at);
     }
 
-    /// What was asked of it that is not modelled, or that its data sheet forbids.
+    /// Uses of unmodelled features, and violations of the data sheet.
     pub fn findings(&self) -> &Findings {
         &self.findings
     }
@@ -209,12 +208,12 @@ impl Icm42688 {
         self.findings.note(Kind::NotModelled, 0, at, text);
     }
 
-    /// Its select line is low (selected) or high.
+    /// Sets the select line: low means selected.
     pub fn select(&mut self, low: bool, at: Time) {
         self.advance(at);
         let was = self.transfer != Transfer::Idle;
         if low && !was {
-            // Data that a transfer reads belong together: they are latched while the bus is busy.
+            // Data are latched while the chip is selected, so the values of one transfer are consistent.
             self.shown = self.data;
             self.transfer = Transfer::Address;
         } else if !low {
@@ -222,11 +221,11 @@ impl Icm42688 {
         }
     }
 
-    /// Exchanges a byte that ends at a time.
+    /// Exchanges a byte that ends at `at`.
     pub fn exchange(&mut self, byte: u8, at: Time) -> u8 {
         self.advance(at);
         let answer = match self.transfer {
-            // It does not drive the line.
+            // The sensor does not drive the line.
             Transfer::Idle => return 0xff,
             Transfer::Address => {
                 let address = byte & 0x7f;
@@ -332,7 +331,7 @@ impl Icm42688 {
         self.apply(at);
     }
 
-    /// Notes what a write changes without a model of it.
+    /// Notes changed bits that are not modelled or reserved.
     fn note_unmodelled(&mut self, register: &Register, changed: u8, value: u8, at: Time) {
         let name = register.name;
         let foreign = changed & register.writable & !register.modelled;
@@ -350,7 +349,7 @@ impl Icm42688 {
         }
     }
 
-    /// PWR_MGMT0 has another value.
+    /// Applies a change of PWR_MGMT0.
     fn switch(&mut self, old: u8, new: u8, at: Time) {
         let is_on = |value: u8| value & 0x0f != 0;
         if !is_on(old) && is_on(new) {
@@ -371,7 +370,7 @@ impl Icm42688 {
             self.note(at, text);
         }
         if (was == 3) != (is == 3) {
-            // From standby it takes no longer than from the beginning.
+            // Start-up from standby does not take longer than start-up from off.
             let started = self.gyro_on_since.unwrap_or(at) + self.config.gyro_start;
             self.gyro.switch((is == 3).then_some(started.max(at)));
         }
@@ -381,7 +380,7 @@ impl Icm42688 {
         }
     }
 
-    /// Has the signal paths do what the registers say.
+    /// Configures the signal paths from the registers.
     fn apply(&mut self, at: Time) {
         let [zero, one, two] = self.banks;
         let of = |bank: &[u8; 128], address: u8| bank[usize::from(address)];
@@ -424,12 +423,12 @@ impl Icm42688 {
     }
 }
 
-/// The address after this one in a burst.
+/// Next address in a burst.
 fn next_address(address: u8) -> u8 {
     (address + 1) & 0x7f
 }
 
-/// What the registers say about one of the paths.
+/// Register settings of one signal path.
 struct Choice {
     name: &'static str,
     config: u8,
@@ -439,12 +438,13 @@ struct Choice {
     square: u16,
     shift: u8,
     unfiltered: bool,
-    /// Full scale of range 0, u.
+    /// Full scale of range 0, rad/s or m/s².
     widest: f64,
 }
 
 impl Choice {
-    /// The settings; `None` and a note, if the path is on, where they are none of the data sheet's.
+    /// Settings of the path; `None` for register values that are not in the data sheet, with a finding if the path is
+    /// on.
     fn settings(&self, findings: &mut Findings, is_on: bool, at: Time) -> Option<Settings> {
         let mut need = |found: Option<f64>, what: &str, value: u16| {
             if found.is_none() && is_on {

@@ -1,14 +1,14 @@
-//! The signal path of gyroscope or accelerometer: from the truth to counts.
+//! The signal path of gyroscope or accelerometer: from the true value to counts.
 
 use super::super::filter::{LowPass, Memory};
 use crate::device::{later, span_s};
 use crate::noise::Noise;
 use crate::time::Time;
 
-/// The filters run at least at this rate, Hz, and the output takes what it needs of it.
+/// Lowest rate of the filter steps, Hz; slower outputs decimate.
 const LEAST_RATE_HZ: f64 = 8000.0;
 
-/// A quantity about three axes and how it changes.
+/// True values of three axes, with slopes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Truth {
     pub at: Time,
@@ -16,43 +16,42 @@ pub(super) struct Truth {
     pub slope: [f64; 3],
 }
 
-/// Errors of three axes.
+/// Sensor errors of three axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Errors {
-    /// White noise, u/√Hz.
+    /// White noise density, unit of the quantity per √Hz.
     pub density: f64,
     pub bias: [f64; 3],
     pub scale: [f64; 3],
 }
 
-/// What the registers say.
+/// Register settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Settings {
     pub rate_hz: f64,
-    /// Value of a count, u.
+    /// Value of one count, in the unit of the quantity.
     pub unit: f64,
     pub anti_alias_hz: f64,
     pub corner_hz: f64,
     pub order: u32,
 }
 
-/// Adaptive full-scale range: the output stands still while the part changes its range.
+/// Adaptive full-scale range: the output stalls while the sensor changes its range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Adaptive {
-    /// Value at which the range changes, u.
+    /// Value at which the range changes, in the unit of the quantity.
     pub threshold: f64,
-    /// Time for which the output then stands still.
+    /// Time for which the output stalls.
     pub stall: Time,
 }
 
-/// Share of the threshold below which the range changes back (assumed).
+/// Fraction of the threshold below which the range changes back (assumed).
 const HYSTERESIS: f64 = 0.9;
 
-/// A signal path.
 #[derive(Clone, Debug)]
 pub(super) struct Path {
     adaptive: Option<Adaptive>,
-    /// The wider range is in force.
+    /// True if the wider range is active.
     wide: bool,
     stalled_until: Time,
     pub truth: Truth,
@@ -60,9 +59,9 @@ pub(super) struct Path {
     noise: Noise,
     clock_error: f64,
     settings: Settings,
-    /// When the first sample is due, if it is on.
+    /// Time of the first sample, if the path is on.
     first: Option<Time>,
-    /// Steps of the filters done since, and how many make a sample.
+    /// Filter steps since the first sample, and filter steps per sample.
     steps: u64,
     steps_per_sample: u64,
     period_ps: f64,
@@ -118,7 +117,7 @@ impl Path {
         }
     }
 
-    /// Takes other settings at a time; a path that is on goes on from there.
+    /// Applies other settings; a running path continues with them.
     pub fn set(&mut self, settings: Settings, at: Time) {
         if settings == self.settings {
             return;
@@ -138,12 +137,12 @@ impl Path {
         }
     }
 
-    /// Adapts its range from now on, or no longer.
+    /// Switches the adaptive range on or off.
     pub fn adapt(&mut self, adaptive: Option<Adaptive>) {
         self.adaptive = adaptive;
     }
 
-    /// True while the output stands still, given a sample at a time.
+    /// True if the output is stalled at a sample; updates the range.
     fn is_stalled(&mut self, sample: [f64; 3], at: Time) -> bool {
         let Some(Adaptive { threshold, stall }) = self.adaptive else {
             return false;
@@ -159,7 +158,7 @@ impl Path {
         at < self.stalled_until
     }
 
-    /// Switches on, with the first sample due at a time, or off.
+    /// Switches the path on, with the time of the first sample, or off.
     pub fn switch(&mut self, first: Option<Time>) {
         self.first = first;
         self.steps = 0;
@@ -177,7 +176,7 @@ impl Path {
         }
     }
 
-    /// Goes on until a time; the latest sample if there was one.
+    /// Advances to a time; returns the latest new sample.
     pub fn advance(&mut self, to: Time) -> Option<[i16; 3]> {
         let mut latest = None;
         loop {
@@ -209,7 +208,7 @@ impl Path {
         sample
     }
 
-    /// Counts; −32768 stands for no sample.
+    /// Value in counts; −32768 is reserved for no sample.
     fn quantised(&self, value: f64) -> i16 {
         (value / self.settings.unit)
             .round()

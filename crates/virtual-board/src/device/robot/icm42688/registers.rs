@@ -3,13 +3,13 @@
 pub(super) struct Register {
     pub bank: u8,
     pub address: u8,
-    /// The data sheet's name.
+    /// Name in the data sheet.
     pub name: &'static str,
     /// Value after a reset.
     pub reset: u8,
-    /// Bits that a write changes.
+    /// Bits that a write can change.
     pub writable: u8,
-    /// Bits of them whose effect is modelled, or that have none that could be seen here.
+    /// Writable bits that are modelled, or that have no visible effect here.
     pub modelled: u8,
 }
 
@@ -38,21 +38,21 @@ pub(super) const GYRO_CONFIG1: u8 = 0x51;
 pub(super) const GYRO_ACCEL_CONFIG0: u8 = 0x52;
 pub(super) const ACCEL_CONFIG1: u8 = 0x53;
 pub(super) const REG_BANK_SEL: u8 = 0x76;
-/// Bank 1: bit 1 switches the gyroscope's anti-alias filter off.
+/// Bank 1: bit 1 disables the gyroscope's anti-alias filter.
 pub(super) const GYRO_CONFIG_STATIC2: u8 = 0x0b;
 /// Bank 1: first of three registers of the anti-alias filter.
 pub(super) const GYRO_CONFIG_STATIC3: u8 = 0x0c;
-/// Bank 2: likewise of the accelerometer; bit 0 of the first switches it off.
+/// Bank 2: first of three registers of the accelerometer's anti-alias filter; bit 0 disables the filter.
 pub(super) const ACCEL_CONFIG_STATIC2: u8 = 0x03;
 
-/// Bits of INTF_CONFIG1 that switch the adaptive full-scale range, and their value for off.
+/// Bits of INTF_CONFIG1 for the adaptive full-scale range, and their value for off.
 pub(super) const ADAPTIVE_RANGE_BITS: u8 = 0xc0;
 pub(super) const ADAPTIVE_RANGE_OFF: u8 = 0x40;
 
-/// Registers but those of the data: reset value, writable bits, modelled bits.
+/// Registers except the data registers: reset value, writable bits, modelled bits.
 pub(super) const REGISTERS: &[Register] = &[
     r(0, DEVICE_CONFIG, "DEVICE_CONFIG", [0x00, 0x11, 0x01]),
-    // Slew rates are not seen here.
+    // Slew rates have no effect here.
     r(0, 0x13, "DRIVE_CONFIG", [0x05, 0x3f, 0x3f]),
     r(0, 0x2b, "TMST_FSYNCH", [0x00, 0, 0]),
     r(0, 0x2c, "TMST_FSYNCL", [0x00, 0, 0]),
@@ -66,7 +66,7 @@ pub(super) const REGISTERS: &[Register] = &[
     r(0, 0x52, "GYRO_ACCEL_CONFIG0", [0x11, 0xff, 0xff]),
     r(0, ACCEL_CONFIG1, "ACCEL_CONFIG1", [0x0d, 0x1e, 0x18]),
     r(0, 0x75, "WHO_AM_I", [0x47, 0, 0]),
-    // The notch filter is not modelled, so switching it off is.
+    // The notch filter is not modelled, so disabling it is supported.
     r(1, 0x0b, "GYRO_CONFIG_STATIC2", [0xa0, 0x03, 0x03]),
     r(1, 0x0c, "GYRO_CONFIG_STATIC3", [0x0d, 0x3f, 0x3f]),
     r(1, 0x0d, "GYRO_CONFIG_STATIC4", [0xaa, 0xff, 0xff]),
@@ -76,7 +76,7 @@ pub(super) const REGISTERS: &[Register] = &[
     r(2, 0x05, "ACCEL_CONFIG_STATIC4", [0x62, 0xff, 0xff]),
 ];
 
-/// The register at an address of a bank. The bank's own selection is in all of them.
+/// Register at an address of a bank. REG_BANK_SEL is in every bank.
 pub(super) fn register(bank: u8, address: u8) -> Option<&'static Register> {
     const SELECT: Register = r(0, REG_BANK_SEL, "REG_BANK_SEL", [0x00, 0x07, 0x07]);
     if address == REG_BANK_SEL {
@@ -87,7 +87,7 @@ pub(super) fn register(bank: u8, address: u8) -> Option<&'static Register> {
         .find(|r| r.bank == bank && r.address == address)
 }
 
-/// Output data rate of GYRO_ODR or ACCEL_ODR in the low-noise mode, Hz.
+/// Output data rate for GYRO_ODR or ACCEL_ODR in low-noise mode, Hz.
 pub(super) fn rate_hz(code: u8) -> Option<f64> {
     Some(match code & 15 {
         1 => 32_000.0,
@@ -106,7 +106,7 @@ pub(super) fn rate_hz(code: u8) -> Option<f64> {
     })
 }
 
-/// Bandwidth of the user-interface filter by GYRO_UI_FILT_BW or ACCEL_UI_FILT_BW, Hz.
+/// Bandwidth of the user-interface filter for GYRO_UI_FILT_BW or ACCEL_UI_FILT_BW, Hz.
 pub(super) fn bandwidth_hz(code: u8, rate_hz: f64) -> Option<f64> {
     let divisor = match code & 15 {
         0 => return Some(rate_hz / 2.0),
@@ -122,24 +122,23 @@ pub(super) fn bandwidth_hz(code: u8, rate_hz: f64) -> Option<f64> {
     Some(rate_hz.max(400.0) / divisor)
 }
 
-/// Bandwidth of the anti-alias filter by AAF_DELT from 1, Hz (data sheet 5.3).
+/// Bandwidth of the anti-alias filter for AAF_DELT from 1 on, Hz (data sheet 5.3).
 const ANTI_ALIAS_HZ: [u16; 63] = [
     42, 84, 126, 170, 213, 258, 303, 348, 394, 441, 488, 536, 585, 634, 684, 734, 785, 837, 890,
     943, 997, 1051, 1107, 1163, 1220, 1277, 1336, 1395, 1454, 1515, 1577, 1639, 1702, 1766, 1830,
     1896, 1962, 2029, 2097, 2166, 2235, 2306, 2377, 2449, 2522, 2596, 2671, 2746, 2823, 2900, 2978,
     3057, 3137, 3217, 3299, 3381, 3464, 3548, 3633, 3718, 3805, 3892, 3979,
 ];
-/// The smallest AAF_DELT of each AAF_BITSHIFT from 15 down to 3.
+/// Smallest AAF_DELT for each AAF_BITSHIFT from 15 down to 3.
 const FIRST_OF_SHIFT: [u8; 13] = [1, 2, 2, 3, 4, 5, 7, 10, 14, 19, 27, 37, 54];
 
-/// Bandwidth that AAF_DELT, AAF_DELTSQR and AAF_BITSHIFT stand for together, Hz; `None` if they do not
-/// belong together.
+/// Bandwidth for AAF_DELT, AAF_DELTSQR and AAF_BITSHIFT together, Hz; `None` if the three values are inconsistent.
 pub(super) fn anti_alias_hz(delt: u8, square: u16, shift: u8) -> Option<f64> {
     let hz = ANTI_ALIAS_HZ.get(usize::from(delt).checked_sub(1)?)?;
-    // The table rounds the square to steps that grow with it.
+    // The table rounds the square to steps that grow with its value.
     let exact = i32::from(delt) * i32::from(delt);
     let square_fits = (exact - i32::from(square)).abs() <= exact / 32 + 1;
-    // Where one shift ends and the next begins, editions of the table differ by one line.
+    // At the boundary of two shifts, editions of the table differ by one line.
     let first = FIRST_OF_SHIFT.get(usize::from(15u8.checked_sub(shift)?))?;
     let last = match shift {
         0..=3 => 63,
@@ -153,7 +152,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn anti_alias_settings_of_the_data_sheet_are_known_and_others_not() {
+    fn anti_alias_settings_of_the_data_sheet_are_accepted_and_others_not() {
         for (hz, delt, square, shift) in [
             (42.0, 1, 1, 15),
             (84.0, 2, 4, 13),
@@ -177,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn reset_values_of_the_filters_are_a_line_of_the_table() {
+    fn filter_reset_values_are_in_the_table() {
         let at = |bank, address| register(bank, address).map_or(0, |r| r.reset);
         let square = u16::from(at(1, 13)) | u16::from(at(1, 14) & 15) << 8;
         assert_eq!(
@@ -192,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn modelled_bits_are_writable_and_no_place_is_taken_twice() {
+    fn modelled_bits_are_writable_and_addresses_are_unique() {
         for (i, r) in REGISTERS.iter().enumerate() {
             assert_eq!(r.modelled & !r.writable, 0, "{}", r.name);
             let again = REGISTERS[..i]

@@ -1,11 +1,11 @@
-//! Tests by what a driver sees.
+//! Tests through the SPI interface, as a driver uses the sensor.
 
 use super::*;
 
 const US: u64 = 1_000_000;
 const MS: u64 = 1_000 * US;
 
-/// A driver with a clock of its own: a byte takes 0.76 µs at 10.5 MHz.
+/// An SPI master with its own clock: a byte takes 0.76 µs at 10.5 MHz.
 struct Bus {
     sensor: Icm42688,
     at: Time,
@@ -37,7 +37,7 @@ impl Bus {
         self.frame([address, value]);
     }
 
-    /// From now on it moves as `set` says, and not otherwise.
+    /// Sets the motion from now on; quantities not set by `set` are 0.
     fn moves(&mut self, set: impl Fn(&mut Motion)) {
         let mut motion = Motion::default();
         set(&mut motion);
@@ -48,7 +48,7 @@ impl Bus {
         self.at = self.at + Time(us * US);
     }
 
-    /// Accelerometer x, y, z, gyroscope x, y, z.
+    /// Sample: accelerometer x, y, z, then gyroscope x, y, z.
     fn sample(&mut self) -> [i16; 6] {
         let mut frame = [0; 13];
         frame[0] = 0x9f;
@@ -56,7 +56,8 @@ impl Bus {
         std::array::from_fn(|k| i16::from_be_bytes([answer[2 * k + 1], answer[2 * k + 2]]))
     }
 
-    /// As the axle's firmware does: ±250 °/s, ±2 g, 8 kHz, 400 Hz of second order, 536 Hz.
+    /// Configures the sensor as the axle firmware does: ±250 °/s, ±2 g, 8 kHz; filters of second order at 400 Hz and
+    /// 536 Hz.
     fn set_up(&mut self) {
         for (address, value) in [
             (0x76, 1),
@@ -82,7 +83,7 @@ impl Bus {
         self.wait(60_000);
     }
 
-    /// The first bytes of all notes.
+    /// Texts of all findings.
     fn unmodelled(&self) -> Vec<&str> {
         let list = self.sensor.findings().list();
         list.iter().map(|r| r.text.as_str()).collect()
@@ -98,11 +99,11 @@ fn silent() -> InertialConfig {
 }
 
 #[test]
-fn identity_reset_values_and_a_reset() {
+fn reset_restores_reset_values_and_sets_the_status_bit() {
     let mut bus = Bus::new(silent());
     let values = [0x75, 0x4f, 0x51, 0x52, 0x53].map(|address| bus.read(address));
     assert_eq!(values, [0x47, 0x06, 0x16, 0x11, 0x0d]);
-    // INT_STATUS tells that the reset is done, once.
+    // INT_STATUS shows the end of the reset once.
     assert_eq!([bus.read(0x2d), bus.read(0x2d)], [0x10, 0]);
     assert_eq!(bus.sample(), [i16::MIN; 6]);
     bus.write(0x4f, 0x63);
@@ -114,7 +115,7 @@ fn identity_reset_values_and_a_reset() {
 }
 
 #[test]
-fn the_firmwares_set_up_uses_nothing_unmodelled_and_scales_as_the_data_sheet_says() {
+fn firmware_setup_uses_only_modelled_features_and_scales_as_in_the_data_sheet() {
     let mut bus = Bus::new(silent());
     bus.moves(|motion| {
         motion.rate[2] = 100f64.to_radians();
@@ -124,7 +125,7 @@ fn the_firmwares_set_up_uses_nothing_unmodelled_and_scales_as_the_data_sheet_say
     assert_eq!(bus.unmodelled(), [""; 0]);
     // 131 LSB/(°/s), 16 384 LSB/g.
     assert_eq!(bus.sample(), [8192, 0, 16_384, 0, 0, 13_107]);
-    // Everything reads back.
+    // All registers read back.
     for (address, value) in [(0x4e, 0x0f), (0x4f, 0x63), (0x50, 0x63), (0x52, 0x66)] {
         assert_eq!(bus.read(address), value);
     }
@@ -134,7 +135,7 @@ fn the_firmwares_set_up_uses_nothing_unmodelled_and_scales_as_the_data_sheet_say
 }
 
 #[test]
-fn start_times_and_the_rate_of_the_samples() {
+fn start_up_times_and_sample_rate_match_the_configuration() {
     let config = InertialConfig {
         clock_error: -0.01,
         ..InertialConfig::default()
@@ -147,7 +148,7 @@ fn start_times_and_the_rate_of_the_samples() {
         bus.at = on + Time(ms * MS);
         assert_eq!(bus.sample()[axis] != i16::MIN, runs, "{ms} ms");
     }
-    // At 1 kHz less 1 % a second has 990 samples, each of which is seen once.
+    // At 1 kHz minus 1 %, one second has 990 samples; each is read once.
     let mut last = bus.sample();
     let mut changes = 0;
     for k in 0..10_000 {
@@ -171,8 +172,8 @@ fn noise_has_the_density_of_the_data_sheet() {
         squares[0] += s[5] * s[5];
         squares[1] += s[0] * s[0];
     }
-    // Noise bandwidth of a fourth-order low-pass of two Butterworth pairs at 536 Hz and 400 Hz: by
-    // the trapezoidal rule over |H|² = 1/((1 + (f/536)⁴)(1 + (f/400)⁴)).
+    // Noise bandwidth of two second-order Butterworth filters at 536 Hz and 400 Hz in series, by the trapezoidal rule
+    // over |H|² = 1/((1 + (f/536)⁴)(1 + (f/400)⁴)).
     let power = |f: f64| 1.0 / ((1.0 + (f / 536.0).powi(4)) * (1.0 + (f / 400.0).powi(4)));
     let bandwidth: f64 = (0..40_000).map(|k| 0.1 * power(0.1 * f64::from(k))).sum();
     let rms = |square: f64| (square / f64::from(n)).sqrt();
@@ -184,7 +185,7 @@ fn noise_has_the_density_of_the_data_sheet() {
 }
 
 #[test]
-fn a_ramp_comes_late_by_the_filters_delay() {
+fn ramp_is_delayed_by_the_filters() {
     let mut bus = Bus::new(silent());
     bus.set_up();
     let from = bus.at;
@@ -192,15 +193,15 @@ fn a_ramp_comes_late_by_the_filters_delay() {
     bus.at = from + Time(1000 * MS);
     let asked = bus.at;
     let counts = f64::from(bus.sample()[5]);
-    // A Butterworth pair delays slow signals by √2/ω: 0.563 ms at 400 Hz, 0.420 ms at 536 Hz; the
-    // latest sample is 0 to 125 µs old.
+    // A second-order Butterworth filter delays slow signals by √2/ω: 0.563 ms at 400 Hz, 0.420 ms at 536 Hz. The latest
+    // sample is 0 to 125 µs old.
     let delay = 2f64.sqrt() / std::f64::consts::TAU * (1.0 / 400.0 + 1.0 / 536.0);
     let age = span_s(from, asked) - counts / 131.072 / 100.0;
-    // A count is 76 µs of this ramp.
+    // One count corresponds to 76 µs of this ramp.
     assert!(age > delay - 40e-6 && age < delay + 170e-6, "{age} {delay}");
 }
 
-/// Samples of a ramp from 0 to 150 °/s and back, one each millisecond.
+/// Gyroscope samples of a ramp from 0 to 150 °/s and back, one each millisecond.
 fn turn(adaptive: bool) -> Vec<i16> {
     let mut bus = Bus::new(silent());
     bus.set_up();
@@ -226,10 +227,10 @@ fn turn(adaptive: bool) -> Vec<i16> {
 }
 
 #[test]
-fn adaptive_range_stalls_the_output_near_100_degrees_per_second_and_the_register_stops_it() {
+fn adaptive_range_stalls_the_output_near_100_degrees_per_second_unless_disabled() {
     let equal = |samples: &[i16]| samples.windows(2).filter(|w| w[0] == w[1]).count();
     let (stalled, free) = (turn(true), turn(false));
-    // 393 counts a millisecond. Of 2 ms that stand still, two samples are seen in each direction.
+    // The ramp is 393 counts in 1 ms. A stall of 2 ms affects two samples in each direction.
     assert_eq!((equal(&stalled), equal(&free)), (2, 0));
     let differs = stalled.iter().zip(&free).filter(|(a, b)| a != b);
     let rates: Vec<_> = differs.map(|(_, b)| f64::from(*b) / 131.072).collect();
@@ -240,12 +241,12 @@ fn adaptive_range_stalls_the_output_near_100_degrees_per_second_and_the_register
 }
 
 #[test]
-fn a_burst_is_coherent() {
+fn burst_reads_values_of_one_sample() {
     let mut bus = Bus::new(silent());
     bus.set_up();
     bus.moves(|motion| motion.rate_slope = [2.0; 3]);
     bus.wait(500_000);
-    // A transfer that takes 10 ms: 80 samples pass, none is seen.
+    // During a transfer of 10 ms, 80 samples pass and none is visible.
     bus.sensor.select(true, bus.at);
     bus.sensor.exchange(0x80 | 0x25, bus.at);
     let mut bytes = [0; 6];
@@ -260,7 +261,7 @@ fn a_burst_is_coherent() {
 }
 
 #[test]
-fn broken_sensors() {
+fn each_fault_has_its_effect_on_reads() {
     let mut bus = Bus::new(InertialConfig::default());
     bus.set_up();
     let with = |bus: &mut Bus, set: &dyn Fn(&mut InertialFault)| {
@@ -282,7 +283,7 @@ fn broken_sensors() {
     bus.wait(100_000);
     assert_eq!(bus.read(0x2d), 0);
     assert!(bus.sample() != first);
-    // It resets by itself: the bit tells, the settings are gone.
+    // A spontaneous reset sets the bit in INT_STATUS, and the settings are lost.
     bus.sensor.reset(bus.at);
     bus.wait(1100);
     assert_eq!((bus.read(0x2d), bus.read(0x4e)), (0x10, 0));
@@ -290,7 +291,7 @@ fn broken_sensors() {
 }
 
 #[test]
-fn what_is_not_modelled_or_forbidden_is_told() {
+fn unmodelled_or_forbidden_use_is_a_finding() {
     let mut bus = Bus::new(silent());
     bus.write(0x51, 0x36);
     bus.write(0x7f, 1);
