@@ -3,7 +3,7 @@
 use clap::Args;
 use declare::{Allowed, Field, Kind};
 use host_sim::base::error::Error;
-use host_sim::base::toml_file;
+use host_sim::base::{spelling, toml_file};
 use host_sim::scenario::{FIELDS, Scenario};
 use output::terminal;
 use serde_json::{Value, json};
@@ -12,6 +12,8 @@ use std::fmt::Write;
 /// Arguments of `keys`.
 #[derive(Clone, Debug, Args)]
 pub struct KeysArgs {
+    /// Table or key, for example robot.limits [default: all]
+    pub key: Option<String>,
     /// Print JSON, an object a key
     #[arg(long)]
     pub json: bool,
@@ -19,18 +21,34 @@ pub struct KeysArgs {
 
 /// A key with its place and default.
 struct Key {
+    name: String,
     table: String,
     field: &'static Field,
     default: Option<toml::Value>,
 }
 
-/// Every key, tables before the tables in them.
-fn keys() -> Result<Vec<Key>, Error> {
+/// Every key, or those of a table; tables before the tables in them.
+fn keys(wanted: Option<&str>) -> Result<Vec<Key>, Error> {
     let failed = |error: toml::ser::Error| Error::Failure(error.to_string());
     let defaults = toml_file::known_keys(&Scenario::default()).map_err(failed)?;
     let mut keys = Vec::new();
     collect("", FIELDS, Some(&defaults), &mut keys);
-    Ok(keys)
+    let Some(wanted) = wanted else {
+        return Ok(keys);
+    };
+    let is_wanted = |key: &Key| {
+        let rest = key.name.strip_prefix(wanted);
+        rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+    };
+    let known = keys.iter().flat_map(|key| [&key.table, &key.name]);
+    let hint = spelling::hint(wanted, known.map(String::as_str));
+    keys.retain(is_wanted);
+    match keys.is_empty() {
+        true => Err(Error::input(format!(
+            "{wanted}: no key or table of a scenario{hint}; `cfmmr keys` prints all"
+        ))),
+        false => Ok(keys),
+    }
 }
 
 fn collect(
@@ -42,6 +60,7 @@ fn collect(
     let is_table = |field: &&Field| matches!(field.kind, Kind::Table(_));
     for field in fields.iter().filter(|field| !is_table(field)) {
         keys.push(Key {
+            name: format!("{table}.{}", field.name),
             table: table.to_owned(),
             field,
             default: defaults.and_then(|defaults| defaults.get(field.name).cloned()),
@@ -108,21 +127,19 @@ fn shown(value: &toml::Value) -> String {
     }
 }
 
-/// The text of `docs/keys.md`.
-pub fn markdown() -> Result<String, Error> {
+/// The keys as a page of tables.
+pub fn markdown(wanted: Option<&str>) -> Result<String, Error> {
     let mut text = String::from(
         "# Keys of a scenario\n\n\
-         Printed by `cfmmr keys`. `--set KEY=VALUE` and a file given with `--scenario` change a key; the key is\n\
-         the table's name, a dot and the name in the row. Defaults of `plant`, `spread`, `sensors` and `bus`\n\
-         are those of no world: a [world](worlds.md) replaces them, and `cfmmr config` prints the values of\n\
-         one. A key without a default is not set. Bounds of a list are those of each entry. A scenario has one\n\
-         of the tables `plant.tyre.creep`, without a world, and `plant.tyre.brush`: a key of one replaces the other.\n\
-         Further keys:\n\
-         `world`, the name of a world, and `boards.front`, `boards.rear` and `boards.beam` with the\n\
-         [parameters](parameters.md) of one board.\n",
+         Change a key with `--set TABLE.KEY=VALUE` or a file given with `--scenario`. Defaults of `plant`,\n\
+         `spread`, `sensors` and `bus` apply without a world; `cfmmr config` prints the values of a world.\n\
+         A key without a default is not set. Bounds of a list apply to each entry. A scenario has one of\n\
+         `plant.tyre.creep` (default without a world) and `plant.tyre.brush`: a key of one table replaces the\n\
+         other table. Further keys: `world`, the name of a world; `boards.front`, `boards.rear` and\n\
+         `boards.beam`, tables with parameters of one board (`cfmmr parameters`).\n",
     );
     let mut table = None;
-    for key in keys()? {
+    for key in keys(wanted)? {
         if table.as_ref() != Some(&key.table) {
             // Writing to a string does not fail.
             let _ = write!(
@@ -154,16 +171,17 @@ fn plain(value: &toml::Value) -> Value {
     }
 }
 
-fn json() -> Result<String, Error> {
+fn json(wanted: Option<&str>) -> Result<String, Error> {
     let mut list = Vec::new();
     for Key {
-        table,
+        name,
         field,
         default,
-    } in keys()?
+        ..
+    } in keys(wanted)?
     {
         let mut key = json!({
-            "key": format!("{table}.{}", field.name),
+            "key": name,
             "unit": field.kind.unit(),
             "default": default.as_ref().map(plain),
             "allowed": allowed(field.kind).replace('`', ""),
@@ -190,8 +208,8 @@ fn json() -> Result<String, Error> {
 /// Prints the page or the JSON.
 pub fn run(args: &KeysArgs) -> Result<(), Error> {
     match args.json {
-        true => terminal::print(&(json()? + "\n")),
-        false => terminal::print_page(&markdown()?),
+        true => terminal::print(&(json(args.key.as_deref())? + "\n")),
+        false => terminal::print_page(&markdown(args.key.as_deref())?),
     }
 }
 
@@ -203,11 +221,8 @@ mod tests {
     /// Compares the declared keys with the keys of a serialised scenario.
     #[test]
     fn declared_keys_are_those_of_a_file() {
-        let keys = keys().unwrap();
-        let declared: Vec<String> = keys
-            .iter()
-            .map(|key| format!("{}.{}", key.table, key.field.name))
-            .collect();
+        let keys = keys(None).unwrap();
+        let declared: Vec<String> = keys.iter().map(|key| key.name.clone()).collect();
         let file = toml::Table::try_from(Scenario::default()).unwrap();
         for key in effect::keys(&file) {
             let known = declared.contains(&key) || key == "world";
@@ -224,8 +239,25 @@ mod tests {
     }
 
     #[test]
+    fn keys_of_a_table_begin_with_its_name() {
+        let limits = keys(Some("robot.limits")).unwrap();
+        assert!(limits.len() > 1);
+        let is_inside = |key: &Key| key.name.starts_with("robot.limits.");
+        assert!(limits.iter().all(is_inside));
+        let one = keys(Some("plant.friction")).unwrap();
+        assert_eq!(one.len(), 1);
+        for (wrong, hint) in [
+            ("plant.frictoin", "plant.friction"),
+            ("robot.limit", "robot.limits"),
+        ] {
+            let error = keys(Some(wrong)).err().unwrap().to_string();
+            assert!(error.contains(hint), "{error}");
+        }
+    }
+
+    #[test]
     fn every_key_has_a_meaning_and_a_default_that_is_allowed() {
-        for key in keys().unwrap() {
+        for key in keys(None).unwrap() {
             let name = key.field.name;
             let meaning = key.field.meaning();
             assert!(meaning.ends_with('.'), "{name}");

@@ -5,7 +5,7 @@ use host_sim::base::error::Error;
 use output::terminal;
 use std::fmt::Write;
 
-/// The text of `docs/parameters.md`.
+/// The parameters as a page.
 pub fn markdown() -> String {
     let mut text = String::from(
         "# Parameters\n\n\
@@ -78,7 +78,7 @@ mod tests {
 
     #[test]
     fn every_row_has_the_cells_of_the_header() {
-        let text = markdown() + &crate::cli::keys::markdown().unwrap();
+        let text = markdown() + &crate::cli::keys::markdown(None).unwrap();
         let cells = |row: &str| row.replace("\\|", "").matches('|').count();
         let mut header = 0;
         for line in text.lines().filter(|line| line.starts_with('|')) {
