@@ -1,9 +1,8 @@
 //! The instrumented frame: from strains to the relative posture of the axles (paper eq. 11–15).
 //!
-//! Bridge counts become strains ([`calibration`]), strains become the posture of the front axle in
-//! the rear axle's frame ([`polynomial`] as the paper does it, [`elastica`] with the mechanics of
-//! the strip), [`health`] takes failed gauges out, and [`RelativePositionSensor`] runs the whole
-//! chain: one call a sample, one call a posture.
+//! Bridge counts become strains ([`calibration`]), strains become the posture of the front axle in the rear axle's
+//! frame ([`polynomial`] as the paper does it, [`elastica`] with the mechanics of the strip), [`health`] excludes
+//! failed gauges, and [`RelativePositionSensor`] runs the whole chain: one call a sample, one call a posture.
 //!
 //! # Contract
 //!

@@ -4,7 +4,7 @@
 
 use std::vec::Vec;
 
-// The mark of a test's import: `fusion` stands above `beam`.
+// The attribute marks an import of a test: `fusion` is a layer above `beam`.
 #[cfg(test)]
 pub(super) use crate::fusion::testing::Random;
 
@@ -44,10 +44,10 @@ pub struct Elastica {
     pub force: [f64; 2],
 }
 
-/// State of an elastica.
+/// Shape of an elastica.
 #[derive(Clone, Debug)]
 pub struct Bent {
-    /// Curvature at each asked place.
+    /// Curvature at each place of `at`.
     pub curvature: Vec<f64>,
     pub end: [f64; 3],
     pub end_curvature: f64,

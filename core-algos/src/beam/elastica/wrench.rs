@@ -3,7 +3,7 @@
 use crate::math::Posture;
 use crate::math::matrix::{Mat3, is_finite};
 
-/// Standard deviations within which a force may be none.
+/// Standard deviations within which a force is not significant.
 const VOUCHED: f32 = 2.0;
 
 /// Wrench of the strip on the axles, in the rear axle's frame.
@@ -22,8 +22,8 @@ pub struct Wrench {
     pub root_moment: f32,
     /// Moment at the front axle's midpoint, N m.
     pub tip_moment: f32,
-    /// Covariance of (fx, fy, root_moment). Of a strip that is nearly straight the strains do not
-    /// tell fx: then its variance is that of the prior.
+    /// Covariance of (fx, fy, root_moment). The strains of a nearly straight strip do not determine fx; its variance
+    /// is then that of the prior.
     pub covariance: Mat3,
 }
 
@@ -44,7 +44,7 @@ impl Wrench {
     pub fn vouched(&self, posture: Posture) -> Self {
         let sure = |force: f32, variance: f32| {
             let share = 1.0 - VOUCHED * VOUCHED * variance / (force * force);
-            // Not a number for no force.
+            // The share is NaN or −∞ for a force of zero.
             if share > 0.0 { share * force } else { 0.0 }
         };
         let fx = sure(self.fx, self.covariance[0][0]);
