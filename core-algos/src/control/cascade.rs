@@ -18,7 +18,7 @@
 //! # Panic contract
 //!
 //! [`Config::build`] validates the geometry; nothing else here can fail. Steering angles outside
-//! ±[`Config::max_steering_rad`] are limited to it, NaN counts as zero.
+//! ±[`Config::max_steering_rad`] are limited to this range, NaN counts as zero.
 
 use super::arc::{Arc, Shape};
 use crate::config::{ConfigError, declare};
@@ -51,14 +51,14 @@ declare! {
             /// Length of the rigid section between each end of the flexible part and the midpoint of its
             /// axle; the same at both ends.
             pub rigid_end_m: f32 = 0.0, "m": NonNegative;
-            /// Largest steering angle |ψ| asked of the frame.
+            /// Largest commanded steering angle |ψ|.
             pub max_steering_rad: f32 = 0.5, "rad": Range(1e-3, MAX_STEERING);
         }
     }
 }
 
 impl Config {
-    /// The ready-to-run form; the error names the field that is wrong.
+    /// Builds the validated cascade; the error names the invalid field.
     pub fn build(&self) -> Result<Cascade, ConfigError> {
         self.check_ranges()?;
         let length = self.frame_length_m;
@@ -133,7 +133,7 @@ impl Cascade {
         self.max_curvature
     }
 
-    /// `psi` limited to what the frame may be asked for; NaN gives 0.
+    /// `psi` limited to the largest steering angle; NaN gives 0.
     fn limited(&self, Steering(psi): Steering) -> Steering {
         Steering(if psi.abs() <= self.max_steering {
             psi
@@ -210,11 +210,10 @@ impl Cascade {
         let yaw_rate = v * shape.kappa;
         let yaw_acceleration = v_rate * shape.kappa + v * shape.kappa_slope * psi_rate;
 
-        // Rate of 1/cos ψ over itself.
+        // Relative rate of 1/cos ψ.
         let growth = shape.tan * psi_rate;
         let along = v_rate + v * growth;
-        // Half of the rate at which the axles part, and its own rate, along the chord; then all
-        // seen along the axles' headings.
+        // Half the rate of the chord and its derivative, then both projected on the axles' headings.
         let [front, rear] = match self.form {
             Form::Exact => {
                 let parting = shape.slope * psi_rate;

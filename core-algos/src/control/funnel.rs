@@ -1,18 +1,17 @@
-//! The region from which the approach law never saturates.
+//! The funnel: region in which the approach law never saturates.
 //!
 //! With κ = (2 sin α + p η)/e and κ_d the curvature to be used, the funnel is
 //!
 //! F = { 2|sin α| + w|η| ≤ κ_d e, and |α| (+ |η| where αη < 0) ≤ 2.4 rad }, w = p = 3.
 //!
-//! It is invariant under the law and |κ| ≤ κ_d holds in it. With g = 2|sin α| + w|η| − κ_d e, on
-//! the boundary g = 0: where αη < 0, e g' = |η|((2p + w) cos α − p w) ≤ 0 if w ≥ 2p/(p − 1); else
-//! e g' = |η|((w − 2p) cos α − p w) ≤ 0; and |κ| ≤ κ_d needs w ≥ p. p = w = 3 meets both with
-//! equality. The bound on |α| keeps the robot from driving away for ever; α moves towards 0 by
-//! way of η at most.
+//! It is invariant under the law and |κ| ≤ κ_d holds in it. With g = 2|sin α| + w|η| − κ_d e, on the boundary g = 0:
+//! where αη < 0, e g' = |η|((2p + w) cos α − p w) ≤ 0 if w ≥ 2p/(p − 1); else e g' = |η|((w − 2p) cos α − p w) ≤ 0;
+//! and |κ| ≤ κ_d needs w ≥ p. p = w = 3 meets both with equality. The bound on |α| keeps the robot from driving away
+//! forever. |α| + |η| does not grow where αη < 0, and |α| falls elsewhere.
 //!
 //! # Panic contract
 //!
-//! Pure functions; nothing can fail. A comparison with NaN says "outside".
+//! Pure functions; nothing can fail. NaN counts as outside.
 
 use super::kinematic::PolarError;
 use crate::math::trig::{atan2, sin, sinc, sqrt};
@@ -56,8 +55,8 @@ fn arc_length(e: f32, alpha: f32, eta: f32) -> f32 {
     e / sinc(sqrt(a2.max(0.0)).min(2.6))
 }
 
-/// A position error given by the cosines and sines of its angles, so that a search can refuse most
-/// candidates without an arc tangent.
+/// A position error given by the cosines and sines of its angles, so that a search can reject most candidates without
+/// an arc tangent.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Candidate {
     pub distance_m: f32,
@@ -68,11 +67,11 @@ pub(super) struct Candidate {
 }
 
 impl Candidate {
-    /// Length of the approach path forward and in reverse, as far as `wanted`; `None` where the candidate is
-    /// outside the funnel of `curvature` or within `margin` (rad) of its bound `κ_d e`.
+    /// Length of the approach path forward and in reverse, each if `wanted`; `None` where the candidate is outside
+    /// the funnel of `curvature` or within `margin` (rad) of its bound `κ_d e`.
     pub fn lengths(&self, curvature: f32, margin: f32, wanted: [bool; 2]) -> [Option<f32>; 2] {
         let reach = curvature * self.distance_m - margin - 2.0 * self.sin_alpha.abs();
-        // |sin η| ≤ |η|: refuses without an arc tangent.
+        // |sin η| ≤ |η|: rejects without an arc tangent.
         if !(ARRIVAL_WEIGHT * self.sin_eta.abs() <= reach) {
             return [None; 2];
         }
@@ -116,11 +115,10 @@ mod tests {
     }
 
     properties! { cases 400;
-        /// Driven in f64 along the law's curvature from anywhere in the funnel, the robot stays in
-        /// it, never needs more than κ_d, and arrives with the goal's heading. The length it
-        /// drives is near the estimate.
+        /// Driven in f64 along the law's curvature from anywhere in the funnel, the robot stays in it, never needs
+        /// more than κ_d, and arrives with the goal's heading. The driven length is near the estimate.
         #[test]
-        fn funnel_is_invariant_and_leads_home(
+        fn funnel_is_invariant_and_leads_to_the_goal(
             e in 0.2f32..3.0, arrival in -1.0f32..1.0, bearing in -1.0f32..1.0,
             curvature in 1.2f32..3.0, reverse: bool,
         ) {
@@ -169,7 +167,7 @@ mod tests {
             prop_assert!((0.9..most).contains(&ratio), "{ratio}");
         }
 
-        /// The search's form of the test agrees with the plain one.
+        /// The search's form of the funnel test agrees with [`contains`].
         #[test]
         fn candidate_agrees_with_contains(
             e in 0.15f32..4.0, alpha in -PI..PI, eta in -PI..PI, curvature in 1.0f32..3.0,
@@ -207,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn bearing_counts_the_arrival_on_the_other_side_of_the_line_of_sight() {
+    fn bearing_bound_includes_an_opposed_arrival_error() {
         let bound = MAX_BEARING_RAD;
         for (alpha, eta, allowed) in [
             (bound, 0.0, true),
