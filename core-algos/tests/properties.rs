@@ -243,14 +243,14 @@ proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..properties::config(256) })]
 
     #[test]
-    fn no_input_moves_a_node_beyond_its_limits(ticks in prop::collection::vec(tick(), 1..120)) {
+    fn no_input_drives_an_output_beyond_its_limits(ticks in prop::collection::vec(tick(), 1..120)) {
         drive(&ticks)?;
     }
 
     /// The axle filter under any measurements within the range of its sensors; its gates accept contradictions that
     /// persist. NaN and infinity count as absent, and the covariance stays positive definite.
     #[test]
-    fn the_axle_filter_stays_sound(
+    fn axle_filter_stays_finite_and_positive_definite(
         steps in prop::collection::vec(prop::array::uniform4(prop::option::of(measured())), 1..400),
     ) {
         let filter = ekf::Config::default().build().unwrap();

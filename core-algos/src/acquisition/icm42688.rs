@@ -148,7 +148,7 @@ const CHECKED: [(u8, u8, u8); 9] = [
     (GYRO_ACCEL_CONFIG0, !0, UI_BANDWIDTH),
     (ACCEL_CONFIG1, !0, ACCEL_UI_ORDER),
 ];
-/// Reads between two registers that are read back.
+/// Number of sample reads between two read-backs of a register.
 pub const CHECK_EVERY: u8 = 16;
 /// Equal samples in a row after which the sensor is lost: six noisy channels do not repeat.
 const STUCK: u8 = 50;

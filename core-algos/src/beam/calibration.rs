@@ -251,7 +251,7 @@ impl Standstill {
         self.samples = self.samples.saturating_add(1);
     }
 
-    /// Mean count of each gauge of `mask` over all samples, if it can be trusted.
+    /// Mean count of each gauge of `mask` over all samples; an error if a gauge exceeds a limit.
     pub fn average(
         &self,
         calibration: &Calibration,
@@ -331,7 +331,7 @@ mod tests {
                 squared += error.powi(2);
             }
         }
-        // Noise and the rounding to counts, over 1000 samples.
+        // Variance of noise and of rounding to counts, over 1000 samples.
         let variance = (1.5 * 1.5 + 1.0 / 12.0) / 1000.0;
         let normalised = squared / (5.0 * f64::from(runs) * variance);
         assert!((0.5..1.3).contains(&normalised), "{normalised}");

@@ -36,7 +36,7 @@ const TAIL: f32 = 3.0;
 const REFINED_TAIL: f32 = 1e-3 * TAIL;
 /// Most Gauss–Newton steps with this weight.
 const REFINEMENTS: u8 = 2;
-/// Residual below which the prior may be its cause.
+/// Residual below which the prior may be the cause of the residual.
 const PULLED: f32 = 2.0;
 /// Residual below which readings may be far more accurate than stated.
 const NEARLY_EXACT: f32 = 0.1;
@@ -320,10 +320,10 @@ impl Solver {
     /// Gauss–Newton, damped only when a step fails, from the polynomial's shape; also from waves of small-deflection
     /// theory if the residual is large. Readings are weighted by their inverse variance
     /// ([`super::strip::Uncertainty`]). A weak heavy-tailed prior bounds forces that the strains do not determine.
-    /// The prior is removed if the readings determine the load at their stated variance. It is also removed if the
-    /// residual of four or more readings shows that they are far more accurate than stated. With two gauges the prior
-    /// determines the rest, and the covariance includes it. `None` if fewer than two readings are usable or no finite
-    /// shape was found.
+    /// The prior is removed if the readings determine the load at their stated variance. The prior is also removed if
+    /// the residual of four or more readings shows that the readings are far more accurate than stated. With two
+    /// gauges the prior determines the rest, and the covariance includes it. `None` if fewer than two readings are
+    /// usable or no finite shape was found.
     ///
     /// Four or more readings determine the shape uniquely among all shapes that a robot can take. Three readings may
     /// fit several shapes near the buckling load; the fit returns the least loaded. Cost: about 8 000 instructions a
@@ -333,9 +333,9 @@ impl Solver {
     }
 
     /// As [`Self::fit`], with zeros that have drifted independently, and at most `budget` shapes (4 to
-    /// [`MAX_EVALUATIONS`]). `drift` is the variance of this random walk, strain². It lowers the weight of the
-    /// readings and enlarges the covariance of the wrench. The covariance of the posture excludes the drift: it is no
-    /// noise, and the user of the posture must model it ([`crate::fusion::joint`]).
+    /// [`MAX_EVALUATIONS`]). `drift` is the variance of this random walk, strain². The drift lowers the weight of the
+    /// readings and enlarges the covariance of the wrench. The covariance of the posture excludes the drift, which is
+    /// not noise: the filter that uses the posture must model the drift ([`crate::fusion::joint`]).
     pub fn fit_within(
         &self,
         curvature: &[f32; MAX_GAUGES],
@@ -492,7 +492,7 @@ impl Solver {
     /// True if the readings seem to be far more accurate than stated and determine the load, so that the prior biases
     /// the shape.
     fn may_be_exact(&self, minimum: &Minimum, weak: &Readings) -> bool {
-        // With exact readings, the prior causes no larger residual.
+        // With exact readings, the residual due to the prior is below this limit.
         if !(minimum.normal.chi_square < PULLED) {
             return false;
         }

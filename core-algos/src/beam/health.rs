@@ -16,8 +16,8 @@
 //! | round complete: the residual without one gauge is below 15, and the residuals without each other gauge are more than 15 higher | verdict against this gauge | at the end of the round | a round with another result, a fit at 30 or below, a latched gauge | two gauges may be faulty |
 //! | 2 verdicts in a row against one gauge | inconsistent | at once | reset | a single round may be chance |
 //!
-//! A round counts only if the gauges tested in it are those in use at its end. [`Config::build`] validates; nothing
-//! else can fail.
+//! A round counts only if the gauges tested in the round are the gauges in use at its end. [`Config::build`]
+//! validates; nothing else can fail.
 
 use super::strip::{GaugeMask, MAX_GAUGES};
 use crate::config::{Allowed, ConfigError, declare, require};

@@ -45,13 +45,13 @@ const LEGENDRE_LEADING: [f32; MAX_GAUGES] = [1.0, 1.0, 1.5, 2.5, 4.375, 7.875, 1
 /// The polynomial through the gauges of one mask (paper eq. 11, 12), in Lagrange form on positions
 /// normalised to [−1, 1].
 ///
-/// Linear in the curvatures, so no system is solved when they change; the Vandermonde matrix of
-/// the paper never appears (its condition number is 1.7e4 in metres).
+/// The interpolant is linear in the curvatures, so that no system is solved when they change; the Vandermonde matrix
+/// of the paper never appears (its condition number is 1.7e4 in metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interpolant {
     mask: GaugeMask,
     u: [f32; MAX_GAUGES],
-    /// 1/Π(u_i − u_j) over the other gauges of the mask; 0 for a gauge that is not in it.
+    /// 1/Π(u_i − u_j) over the other gauges of the mask; 0 for a gauge outside the mask.
     weight: [f32; MAX_GAUGES],
     /// Weight of each gauge in the two highest Legendre coefficients.
     highest: [[f32; MAX_GAUGES]; 2],

@@ -9,7 +9,7 @@ use super::calibration::{self, Standstill, StandstillError, StandstillLimits};
 use super::strip::{GaugeMask, MAX_GAUGES};
 use crate::bus::field::{Calibrate, CalibrationResult};
 
-/// Result of a calibration, for the beam board to carry out.
+/// Action of the beam board at the end of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
     /// Reply that the request `sequence` is rejected because of gauge `gauge`.

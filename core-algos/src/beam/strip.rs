@@ -206,8 +206,8 @@ declare! {
     ///
     /// Default: Values of ordinary foil gauges in full bridges, zeroed on the robot with the frame released. The zero
     /// of a matched bridge drifts by 0.5 to 1 µε/K, and a held strain creeps by up to 1 %. A foil gauge drifts by 5
-    /// to 20 µε in months. Clamps that are not square bend the zeroed strip by milliradians. Foil and glue are 40 to
-    /// 60 µm thick.
+    /// to 20 µε in months. Clamps that are not square bend the zeroed strip by milliradians. The foil, on its glue,
+    /// is 40 to 60 µm above the surface of the strip.
     pub struct Uncertainty {
         /// Noise of one reading as used for one posture (after averaging).
         pub noise_strain: f32 = 1e-6, "strain": Range(1e-9, 1e-2);
@@ -454,7 +454,7 @@ impl Strip {
         )
     }
 
-    /// Adds the errors that no strain shows to the covariance of a posture.
+    /// Adds the errors that strains do not show to the covariance of a posture.
     pub(super) fn with_unseen_error(&self, mut covariance: Mat3) -> Mat3 {
         let position = self.uncertainty.position_m * self.uncertainty.position_m;
         covariance[0][0] += position;

@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn all_of_sinc_follows_from_its_slope_and_the_cosine() {
+    fn cos_sinc_and_slope_of_sinc_match_f64() {
         for i in -150_000..=150_000 {
             let x = i as f32 * 1e-5;
             let (cos, slope) = cos_and_sinc_slope(x * x);

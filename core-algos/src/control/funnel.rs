@@ -4,10 +4,10 @@
 //!
 //! F = { 2|sin α| + w|η| ≤ κ_d e, and |α| (+ |η| where αη < 0) ≤ 2.4 rad }, w = p = 3.
 //!
-//! It is invariant under the law and |κ| ≤ κ_d holds in it. With g = 2|sin α| + w|η| − κ_d e, on the boundary g = 0:
-//! where αη < 0, e g' = |η|((2p + w) cos α − p w) ≤ 0 if w ≥ 2p/(p − 1); else e g' = |η|((w − 2p) cos α − p w) ≤ 0;
-//! and |κ| ≤ κ_d needs w ≥ p. p = w = 3 meets both with equality. The bound on |α| keeps the robot from driving away
-//! forever. |α| + |η| does not grow where αη < 0, and |α| falls elsewhere.
+//! The funnel is invariant under the law, and |κ| ≤ κ_d holds inside. With g = 2|sin α| + w|η| − κ_d e, on the
+//! boundary g = 0: where αη < 0, e g' = |η|((2p + w) cos α − p w) ≤ 0 if w ≥ 2p/(p − 1); else e g' = |η|((w − 2p) cos
+//! α − p w) ≤ 0; and |κ| ≤ κ_d needs w ≥ p. p = w = 3 meets both with equality. The bound on |α| keeps the robot from
+//! driving away forever. |α| + |η| does not grow where αη < 0, and |α| falls elsewhere.
 //!
 //! # Panic contract
 //!
@@ -122,7 +122,7 @@ mod tests {
             e in 0.2f32..3.0, arrival in -1.0f32..1.0, bearing in -1.0f32..1.0,
             curvature in 1.2f32..3.0, reverse: bool,
         ) {
-            // A posture in the funnel: η, then what it leaves of |sin α|.
+            // A posture in the funnel: first η, then α within the remaining bound.
             let eta = (0.999 * arrival * curvature * e / 3.0).clamp(-3.0, 3.0);
             let left = 0.999 * (curvature * e - 3.0 * eta.abs()) / 2.0;
             let widest = if left < 1.0 { left.asin() } else { 2.4 - eta.abs() };

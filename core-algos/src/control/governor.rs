@@ -352,8 +352,8 @@ impl Governor {
         self.drive(state, change, limit);
     }
 
-    /// One step of an emergency stop: v ramps to zero at the stop deceleration, ψ̇ to
-    /// zero at ψ̈_max, and ψ stays where that leaves it.
+    /// One step of an emergency stop: v ramps to zero at the stop deceleration, ψ̇ to zero at ψ̈_max, and ψ stays at
+    /// the resulting angle.
     pub fn stop(&self, state: &mut State) {
         let Motion { v, psi_rate, .. } = state.motion;
         self.steer(&mut state.motion, -psi_rate);

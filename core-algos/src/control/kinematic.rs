@@ -48,7 +48,7 @@ pub const MIN_SPEED_M_S: f32 = 1e-6;
 declare! {
     /// Denominator of the velocity in eq. 4.
     pub enum Form, default Derived {
-        /// `e s cos α + r√2 sin 2θ sin α`: what the Lyapunov condition δ̇ = −k1 tanh δ gives.
+        /// `e s cos α + r√2 sin 2θ sin α`: derived from the Lyapunov condition δ̇ = −k1 tanh δ.
         Derived = "derived",
         /// `e s + r√2 sin 2θ sin α`: as the paper prints it, without `cos α`.
         Printed = "printed",
@@ -247,7 +247,7 @@ declare! {
         pub circle_radius_m: f32 = 0.2, "m": Positive;
         /// Perturbation that keeps the manifold smooth at θ = 0 (ε = ζ − 1).
         pub epsilon: f32 = 1e-3, "": Positive;
-        /// Speed demanded far from the manifold (k1).
+        /// Commanded speed far from the manifold (k1).
         pub approach_gain_m_s: f32 = 1.5, "m/s": Range(1e-4, 20.0);
         /// Rate at which η = θ + α decays (k2).
         pub heading_gain_rad_s: f32 = 2.0, "rad/s": Range(0.01, 20.0);
@@ -443,7 +443,7 @@ impl Law {
     }
 }
 
-/// `x`, or the number of magnitude `least` on its side of zero if it is closer to zero than that.
+/// `x` with a magnitude of at least `least`, sign kept (+ at 0).
 fn away_from_zero(x: f32, least: f32) -> f32 {
     if x.abs() < least {
         cold_path();

@@ -285,7 +285,7 @@ impl Follower {
         let top = config.max_speed_m_s;
         let lower = |a: (f32, f32), b: (f32, f32)| if b.0 < a.0 { b } else { a };
         let mut speed = lower((top, 0.0), self.braking(0.0, (end - s).min(1e3)));
-        // Beyond this distance, not even braking to a stop must begin yet.
+        // Points beyond this distance do not limit the speed: even braking to a stop would begin later.
         let horizon = top * config.reaction_time_s + 0.5 * top * top / config.deceleration_m_s2;
         let mut steering = None;
         let mut before: Option<(f32, f32)> = None;
@@ -382,7 +382,7 @@ pub struct TrajectoryReference {
     pub acceleration: f32,
     /// Steering rate along the trajectory, rad/s: feedforward for the governor.
     pub psi_rate: f32,
-    /// True if the last point known has been reached.
+    /// True if the last known point has been reached.
     pub finished: bool,
 }
 

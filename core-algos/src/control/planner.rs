@@ -1,13 +1,14 @@
 //! Planner that brings any posture into the funnel of the approach law.
 //!
-//! Turning needs room: a start that is close to the goal and badly turned first has to drive away. The planner
+//! Turning needs room: a start close to the goal with a large heading error must first drive away. The planner
 //! searches for none, one or two segments of constant curvature (left, straight, right; forward or in reverse) that
 //! end in the funnel ([`super::funnel`]), of least estimated length with a price on each cusp and each stop.
 //!
 //! The search is a branch and bound over segment lengths on a grid, then a refinement of the best lengths. Its bound:
 //! length driven so far plus the distance left never falls along a segment, so a branch whose sum exceeds the best
-//! plan is cut. It is incremental: [`Planner::step`] evaluates a given number of candidate postures (about 150
-//! floating-point operations each) and returns, so a control tick can afford it. Memory: the fixed-size [`Search`].
+//! plan is cut. The search is incremental: [`Planner::step`] evaluates a given number of candidate postures (about
+//! 150 floating-point operations each) and returns, so that each call fits in a control tick. Memory: the fixed-size
+//! [`Search`].
 //!
 //! # Panic contract
 //!

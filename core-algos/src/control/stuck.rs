@@ -46,7 +46,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn time_counts_while_asked_and_within_a_millimetre_of_the_last_motion() {
+    fn time_without_motion_counts_while_commanded_within_one_millimetre() {
         let mut stuck = Stuck::NEW;
         for (asked, x, y, time_s) in [
             (true, MOVED_M, 0.0, 0.5),

@@ -93,7 +93,7 @@ impl Solver {
         for i in 0..3 {
             promise += step[i] * lowest.normal.descent[i];
         }
-        // The refinement that follows repeats this step, so its predicted cost is enough for comparisons. With a
+        // The refinement that follows repeats this step, so the predicted cost is enough for comparisons. With a
         // large load the step is computed.
         let modest = lowest.parameters[1].abs() <= self.large_load();
         if *damping == 0.0 && modest && promise < CLOSE && told(&lowest.normal) {

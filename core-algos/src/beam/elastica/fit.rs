@@ -17,7 +17,8 @@ pub struct Fit {
     pub curvature: [f32; MAX_GAUGES],
     /// Weighted sum of squared residuals.
     pub chi_square: f32,
-    /// Readings minus the parameters they determine (the prior counts as information): expectation of `chi_square`.
+    /// Number of readings minus the number of parameters that the readings, not the prior, determine: expectation of
+    /// `chi_square`.
     pub degrees_of_freedom: f32,
     /// True if the iteration converged.
     pub converged: bool,

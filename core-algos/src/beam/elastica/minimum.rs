@@ -24,7 +24,8 @@ pub(super) struct Minimum {
 }
 
 impl Minimum {
-    /// True if this minimum is lower by 0.01, or converged and not higher by 0.01 than one that is not.
+    /// True if this minimum is lower by more than 0.01. If only this minimum converged, true if it is higher by less
+    /// than 0.01.
     fn better_than(&self, other: &Self) -> bool {
         let margin = if self.converged && !other.converged {
             1e-2

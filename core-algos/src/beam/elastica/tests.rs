@@ -48,7 +48,7 @@ fn bent_by(force: [f64; 2]) -> Bent {
     shape.bent(&gauss())
 }
 
-/// (position error m, heading error rad)
+/// Position error, m, and heading error, rad.
 fn error(fit: &Fit, bent: &Bent) -> (f64, f64) {
     let p = fit.relative.posture;
     (
@@ -219,7 +219,7 @@ fn a_leg_is_walked_in_the_fewest_steps_of_at_most_a_tenth() {
     }
 }
 
-/// Gradient and curvature of the cost Σ w (k − κ)² + t ln(1 + |f|²/σ²), halved.
+/// Reference: half the gradient and half the Hessian of the cost Σ w (k − κ)² + t ln(1 + |f|²/σ²).
 #[test]
 fn normal_equations_are_those_of_the_cost() {
     let (at, mut random) = (uniform(6), Random(13));
@@ -588,7 +588,7 @@ fn lower_minimum_wins_and_the_converged_one_of_two_equal() {
 }
 
 #[test]
-fn a_minimum_is_suspicious_unless_it_settled_with_a_residual_below_12() {
+fn minimum_is_suspicious_unless_converged_with_a_residual_below_12() {
     for (chi_square, converged, suspicious) in [
         (12.0f32.next_down(), true, false),
         (12.0, true, true),

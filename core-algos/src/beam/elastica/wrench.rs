@@ -37,10 +37,9 @@ impl Wrench {
             && is_finite(&self.covariance)
     }
 
-    /// Significant part of the wrench: each force is reduced by its uncertainty, and is zero within
-    /// two standard deviations. `posture` is that of the front axle, for the balance of moments.
-    /// The strains of a nearly straight strip do not determine the axial force; its fitted value
-    /// must neither stop the robot nor drive its motors.
+    /// Significant part of the wrench: each force is reduced by its uncertainty, and is zero within two standard
+    /// deviations. `posture` is that of the front axle, for the balance of moments. The strains of a nearly straight
+    /// strip do not determine the axial force; the fitted force must neither stop the robot nor drive its motors.
     pub fn vouched(&self, posture: Posture) -> Self {
         let sure = |force: f32, variance: f32| {
             let share = 1.0 - VOUCHED * VOUCHED * variance / (force * force);

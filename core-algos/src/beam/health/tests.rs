@@ -275,7 +275,7 @@ fn blaming(i: usize, best: f32) -> [f32; MAX_GAUGES] {
 }
 
 #[test]
-fn gauge_without_which_alone_the_rest_agree_is_inconsistent_after_2_rounds() {
+fn gauge_that_alone_explains_the_residual_is_inconsistent_after_2_rounds() {
     for (used, guilty, other) in [(FIVE, 0, 1), (FIVE, 4, 0), (FIVE, 2, 3), (ALL, 7, 2)] {
         for (best, second, latched) in [
             (1.0, 200.0, true),
@@ -290,7 +290,7 @@ fn gauge_without_which_alone_the_rest_agree_is_inconsistent_after_2_rounds() {
             let mut residuals = blaming(guilty, best);
             residuals[other] = second;
             if second == f32::INFINITY {
-                // No gauge leaves a small residual when it is left out.
+                // No fit without one gauge has a small residual.
                 residuals = blaming(guilty, f32::INFINITY);
             }
             let mut state = before_search();

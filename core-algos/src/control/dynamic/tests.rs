@@ -271,7 +271,7 @@ fn overflow_of_one_torque_gives_no_torque() {
 
 /// A heading error at rest is corrected on the spot; without the speed floor the error stays.
 #[test]
-fn heading_is_held_at_standstill() {
+fn heading_error_is_corrected_at_standstill() {
     let end = |heading_speed_floor_m_s| {
         let config = Config {
             heading_speed_floor_m_s,

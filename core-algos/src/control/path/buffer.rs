@@ -334,7 +334,7 @@ impl<P: Point, const N: usize> Buffer<P, N> {
 }
 
 impl<const N: usize> PathBuffer<N> {
-    /// Segments from the one around `s` on.
+    /// Segments from the segment around `s` onward.
     pub(super) fn segments_from(&self, s: f32) -> impl Iterator<Item = [PathPoint; 2]> {
         let mut next = self.index(s, |point| point.s);
         let mut end = next.and_then(|first| self.get(first));

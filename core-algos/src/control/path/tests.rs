@@ -68,7 +68,7 @@ fn straight<const N: usize>(points: usize, spacing: f32) -> PathBuffer<N> {
 properties! { cases 64;
     /// Between its points, which are 2 cm apart, a path matches the curve of the points.
     #[test]
-    fn interpolation_is_the_curve(
+    fn interpolated_path_matches_the_curve(
         start in -3.0f64..3.0, slope in -3.0f64..3.0, at in 0.0f64..1.0,
     ) {
         let mut path = PathBuffer::<64>::new();
@@ -117,7 +117,7 @@ properties! { cases 64;
 
     /// Feedforward of steering: derivative of the steering angle along the path, times the speed.
     #[test]
-    fn steering_rate_is_that_along_the_path(start in -1.0f64..1.0, slope in -2.0f64..2.0) {
+    fn steering_rate_feedforward_matches_the_path(start in -1.0f64..1.0, slope in -2.0f64..2.0) {
         let mut path = PathBuffer::<64>::new();
         for i in 0..=50 {
             path.push(clothoid(start, slope, 1.0, i as f64 / 50.0)).unwrap();
@@ -256,7 +256,7 @@ fn unfinished_path_is_driven_to_its_last_point_but_not_ended() {
 }
 
 #[test]
-fn trajectory_is_met_at_its_times() {
+fn trajectory_reference_matches_its_time() {
     // Constant acceleration 0.1 m/s² along x for 2 s, in points 0.1 s apart.
     let mut buffer = TrajectoryBuffer::<32>::new();
     for i in 0..=20 {
@@ -416,7 +416,7 @@ properties! { cases 64;
 }
 
 #[test]
-fn search_for_the_robot_reaches_to_the_window_from_the_last_point() {
+fn search_for_the_robot_covers_the_window_ahead_of_the_last_point() {
     // Exact numbers, so that a segment begins where the window ends.
     let config = Config {
         search_window_m: 0.125,
@@ -494,7 +494,7 @@ fn trajectory_position_speed_and_acceleration_are_consistent() {
 
 /// Beyond its ends, and at the end point, a path has a constant curvature.
 #[test]
-fn curvature_rises_between_points_only() {
+fn path_curvature_changes_between_points_only() {
     let (a, b) = (clothoid(0.0, 1.0, 1.0, 0.5), clothoid(0.0, 1.0, 1.0, 0.6));
     for (s, slope) in [
         (0.49, 0.0),
@@ -522,7 +522,7 @@ properties! { cases 200;
     /// The law of the module docs: heading gain per length, curvature within that of the frame, and at rest the
     /// path's curvature.
     #[test]
-    fn wish_is_law_four_with_its_heading_gain_by_length(
+    fn wish_is_equation_four_with_heading_gain_per_length(
         x in -0.3f32..0.0, y in -0.3f32..0.3, phi in -1.0f32..1.0, v in 0.0f32..0.3, kappa in -2.0f32..2.0,
     ) {
         let law = law();

@@ -20,7 +20,7 @@ pub enum Phase {
     Segment,
     /// Following the law to the goal.
     Approach,
-    /// At the goal, coming to rest; the posture is then judged.
+    /// At the goal, coming to rest; the posture is then compared with the goal.
     Hold,
     /// At rest on the goal.
     Done,
@@ -52,11 +52,11 @@ pub struct State {
     pub(super) origin: Posture,
     /// Posture of the robot at the previous tick.
     pub(super) last: Posture,
-    /// Time without motion while under way.
+    /// Time without motion while driving.
     pub(super) stuck: Stuck,
     /// Posture where the robot was last stuck; initially the posture at the start.
     pub(super) stuck_at: Option<Posture>,
-    /// The robot gave up because it cannot move.
+    /// True if the robot gave up because it cannot move.
     pub(super) blocked: bool,
     /// Distance driven along the present segment, m.
     pub(super) progress: f32,
@@ -83,7 +83,7 @@ impl State {
         self.blocked
     }
 
-    /// Forgets the goal, so that the next input begins anew.
+    /// Discards the goal, so that the next input restarts the regulator.
     pub fn forget_goal(&mut self) {
         self.goal = None;
     }

@@ -206,7 +206,7 @@ properties! { cases 100;
 
 /// Errors of steering against eq. 5 at two steering angles.
 #[test]
-fn steering_error_is_that_of_the_angle() {
+fn steering_error_matches_the_difference_of_angles() {
     let regulator = Config::default().build().unwrap();
     let length = regulator.config.limits.frame_length_m;
     for psi in [-0.3, -0.1, 0.0, 0.2, 0.3] {

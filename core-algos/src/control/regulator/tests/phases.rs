@@ -134,7 +134,7 @@ fn goal_that_moves_by_more_than_1_cm_or_20_mrad_restarts_the_regulator() {
 
 /// At ψ = 0 a steering error is half the frame's length times the difference in curvature.
 #[test]
-fn speed_is_free_up_to_half_the_steering_wait_and_zero_from_it_on() {
+fn speed_is_unreduced_below_half_the_steering_wait_and_zero_above_it() {
     let regulator = plain();
     for (error, factor) in [
         (0.0, 1.0),
@@ -154,7 +154,7 @@ fn speed_is_free_up_to_half_the_steering_wait_and_zero_from_it_on() {
 
 /// 1.15 times the greatest curvature, and 0.1 rad over the distance.
 #[test]
-fn reach_is_the_funnel_with_its_slack() {
+fn approach_region_is_the_funnel_widened_by_its_slack() {
     let regulator = plain();
     let max = regulator.limits.max_curvature();
     for distance in [0.2f32, 0.5, 1.0] {
@@ -211,7 +211,7 @@ fn goal_is_reached_within_bounds_that_each_attempt_widens_to_the_tolerance() {
 
 /// Phase after one tick of a robot in a phase, at a posture, with a speed.
 #[test]
-fn phases_follow_each_other_at_their_limits() {
+fn phase_transitions_occur_at_their_limits() {
     let regulator = plain();
     let (far, near) = (at(-1.0, 0.0, 0.0), at(0.005, 0.0, 0.0));
     let beside = at(0.0, -0.3, 0.0);
@@ -244,7 +244,7 @@ fn phases_follow_each_other_at_their_limits() {
         (Hold, Next::Plan, 0.195, 0, near, -0.0041, Hold, 0),
         (Hold, Next::Plan, 0.195, 0, far, 0.0, Stop, 1),
         (Hold, Next::Plan, 0.195, 20, far, 0.0, GaveUp, 21),
-        // Left at 2.5 times the accepted error.
+        // The goal is left at 2.5 times the accepted error.
         (Done, Next::Plan, 9.0, 0, at(0.0249, 0.0, 0.0), 0.0, Done, 0),
         (Done, Next::Plan, 9.0, 0, at(0.0251, 0.0, 0.0), 0.0, Stop, 0),
         (Done, Next::Plan, 9.0, 1, at(0.0399, 0.0, 0.0), 0.0, Done, 1),
@@ -291,7 +291,7 @@ fn phases_follow_each_other_at_their_limits() {
 
 /// Without a plan into the funnel the law drives alone, with the end nearer to the goal first.
 #[test]
-fn goal_out_of_reach_of_a_plan_is_approached_at_once() {
+fn goal_without_a_plan_is_approached_directly() {
     let regulator = plain();
     for (x, direction) in [(-1.0, Direction::Forward), (1.0, Direction::Reverse)] {
         let mut state = State {
@@ -343,7 +343,7 @@ fn segment_begins_with_the_steering_near_its_curvature() {
 /// Speed on a straight segment with remaining distance s, for a braking deceleration a: the least of √(2 a s), 2.5/s
 /// · s + 5 mm/s, and the greatest speed. The segment ends at the stopping distance, at least 2 mm before its end.
 #[test]
-fn segment_is_driven_at_the_speed_of_the_way_left_and_ends_at_the_stopping_distance() {
+fn segment_speed_follows_the_remaining_distance_to_the_stopping_distance() {
     for (braking_m_s2, left, speed, expected) in [
         (0.4, 0.02, 0.0, Some(0.055)),
         (0.4, 0.08, 0.0, Some(0.205)),
@@ -625,7 +625,7 @@ fn papers_law_stops_at_its_led_goal_and_gives_up_without_commanded_speed() {
         (home, Approach, 0.0, 0.1, Hold),
         (home, Hold, 0.0, 0.0041, Hold),
         (home, Hold, 0.0, -0.0039, Done),
-        // 2.5 times 3 cm.
+        // The goal is left at 2.5 times 3 cm.
         (at_distance(0.0749), Done, 0.0, 0.0, Done),
         (at_distance(0.0751), Done, 0.0, 0.0, Approach),
         (at_distance(-0.074), Hold, 0.0, 0.1, Hold),
