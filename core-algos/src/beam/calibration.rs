@@ -83,9 +83,9 @@ impl Config {
         }
     }
 
-    /// This calibration with the gain of each gauge set so that `average`, taken at a known bend
-    /// (the strip laid on a former: strain = half thickness × curvature), reads `known`. The bend
-    /// must be much larger than the error of the zeros; check the result with [`Self::build`].
+    /// This calibration with the gain of each gauge set so that `average`, taken at a known bend, reads `known`. With
+    /// the strip on a former, the known strain is half thickness × curvature. The bend must be much larger than the
+    /// error of the zeros; check the result with [`Self::build`].
     pub fn with_gain(&self, average: &[f32; MAX_GAUGES], known: &[f32; MAX_GAUGES]) -> Self {
         let zero = self.zero_counts.padded();
         let mut gain = self.gain.padded();

@@ -389,8 +389,8 @@ impl Solver {
             let start = self.start(&interpolant, &k, &weights);
             best = lower(best, self.descend(start, &readings, &mut evaluations));
         }
-        // Noise on a nearly straight strip can look like a small buckled shape: a large load must beat zero axial
-        // load.
+        // Noise on a nearly straight strip can look like a small buckled shape: a large load must have a lower cost
+        // than zero axial load.
         let mut compared = true;
         if let Some([middle, fx, fy]) = best.as_ref().map(|found| found.parameters)
             && fx.abs() > self.large_load()

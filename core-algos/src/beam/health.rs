@@ -160,7 +160,7 @@ impl State {
 }
 
 impl Monitor {
-    /// Closes a period. `verdicts` holds the fault of each gauge of `gauges` that its samples show.
+    /// Closes a period; `verdicts` holds the fault of each gauge of `gauges`, from the samples of the period.
     pub(super) fn close_period(
         &self,
         state: &mut State,
@@ -218,7 +218,7 @@ impl Monitor {
         }
         state.flat = flat;
         for i in 0..MAX_GAUGES {
-            // Fits are counted within one spell of flatness.
+            // A gauge that has moved restarts the count of its contradicting fits.
             if !flat.contains(i) {
                 state.flat_periods[i] = 0;
             }
@@ -288,7 +288,7 @@ impl Monitor {
         if remaining {
             return;
         }
-        // The round is complete. A gauge is guilty if only the fit without it has a small residual.
+        // The round is complete. A gauge is faulty if only the fit without it has a small residual.
         let (mut best, mut second, mut guilty) = (f32::INFINITY, f32::INFINITY, 0);
         for j in used.and(state.tested).iter() {
             let residual = state.without[j];

@@ -253,11 +253,11 @@ pub fn quadrature(
 
 /// The front axle's posture by the paper's piecewise integration (eq. 13–15) in `segments` pieces.
 ///
-/// Each segment is an arc with the curvature at its middle (its left end would cost up to 6.7 mm
-/// at 100 segments), in half-angle form: d = κ dL, chord dL sinc(d/2) along φ_p + d/2. That is
-/// (14) and (15) without the division by a curvature that may be zero. Sums are compensated, so
-/// the number of segments does not cost precision. 0 segments are taken as 1. Covariance as
-/// [`quadrature`], the limit of many segments. Cost about 300 operations a segment.
+/// Each segment is an arc with the curvature at its middle; the curvature at its left end would cost up to 6.7 mm at
+/// 100 segments. In half-angle form, d = κ dL, and the chord is dL sinc(d/2) along φ_p + d/2: (14) and (15) without
+/// division by a curvature that may be zero. Sums are compensated, so that precision does not depend on the number of
+/// segments. 0 segments are taken as 1. Covariance as [`quadrature`], the limit of many segments. Cost about 300
+/// operations a segment.
 pub fn piecewise(
     strip: &Strip,
     rule: &Quadrature,

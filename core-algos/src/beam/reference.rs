@@ -1,6 +1,5 @@
-//! Independent `f64` references for the tests of this module: the polynomial by Newton's divided
-//! differences and Simpson's rule, the elastica by a fourth-order Runge–Kutta march from the root
-//! on (θ, κ, x, y).
+//! Independent `f64` references for the tests of this module. Polynomial: Newton's divided differences and Simpson's
+//! rule. Elastica: fourth-order Runge–Kutta method from the root on (θ, κ, x, y).
 
 use std::vec::Vec;
 

@@ -304,8 +304,8 @@ pub struct Estimate {
     /// Weighted sum of squared residuals of the elastica, if it was fitted.
     pub chi_square: Option<f32>,
     /// True if the stated uncertainties explain the residual of the fit, and no gauge has more than three times its
-    /// stated noise. Excess noise enlarges the covariance. A residual above the limit of [`health::Config`] also
-    /// does, and starts the search for the faulty gauge.
+    /// stated noise. Excess noise enlarges the covariance. So does a residual above the limit of [`health::Config`],
+    /// which starts the search for the faulty gauge if it persists.
     pub consistent: bool,
 }
 

@@ -305,8 +305,8 @@ fn at_gauss_nodes(length_m: f32) -> PerGauge {
 
 impl Config {
     /// Standard deviations of the posture's errors by independent and common errors of the gauges. The strain errors
-    /// are fitted by a line over the position. The correlation of bend and tilt is neglected; only gauges that are
-    /// not symmetric about the middle have it.
+    /// are fitted by a line over the position. The correlation of bend and tilt, zero for gauges symmetric about the
+    /// middle, is neglected.
     pub fn sigmas(&self) -> PostureSigmas {
         let count = self.gauges_m.count() as f32;
         let place = |at: f32| (2.0 * at - self.length_m) / self.length_m;

@@ -1,8 +1,7 @@
 //! The frame bent to a circular arc: its chord, and the curvature of the path it is steered along.
 //!
-//! With half the flexible length `L/2`, a rigid section `a` at each end and the steering angle ψ,
-//! half the chord between the axles is `h(ψ) = L/2 sin ψ/ψ + a cos ψ`, and the path of the midpoint
-//! has the curvature `κ = tan ψ/h(ψ)`.
+//! L is the flexible length, a the rigid section at each end and ψ the steering angle. Half the chord between the
+//! axles is `h(ψ) = L/2 sin ψ/ψ + a cos ψ`, and the path of the midpoint has the curvature `κ = tan ψ/h(ψ)`.
 //!
 //! # Panic contract
 //!
@@ -170,8 +169,8 @@ impl Arc {
     }
 }
 
-/// Coefficients of the start value of a steering angle, for a frame with this share of rigid ends: inverse of the
-/// power series of κ h(0) in ψ, as a quotient exact to the ninth power.
+/// Coefficients of the start value of a steering angle, for a frame with this share of rigid ends. They invert the
+/// power series of κ h(0) in ψ by a quotient exact to the ninth power.
 fn start(share: f32) -> [f32; 4] {
     // h(ψ)/h(0) = 1 − α ψ² + β ψ⁴ − γ ψ⁶ + δ ψ⁸, and its inverse.
     let alpha = (1.0 + 2.0 * share) / 6.0;

@@ -3,11 +3,10 @@
 //!
 //! # Geometry
 //!
-//! The frame bends in a circular arc between the axles (pure bending), so the axles are turned by
-//! +ψ (front) and −ψ (rear) from the line C2→C1, whose direction is the heading φ of O. With
-//! flexible length L and a rigid section a at each end the axles are a chord
-//! `c(ψ) = L sin ψ/ψ + 2 a cos ψ` apart. Neither axle slips sideways, which gives, with v the
-//! velocity of O along its heading,
+//! The frame bends in a circular arc between the axles (pure bending). The axles are therefore turned by +ψ (front)
+//! and −ψ (rear) from the line C2→C1, whose direction is the heading φ of O. With flexible length L and a rigid
+//! section a at each end the axles are a chord `c(ψ) = L sin ψ/ψ + 2 a cos ψ` apart. Neither axle slips sideways,
+//! which gives, with v the velocity of O along its heading,
 //!
 //! - `κ = φ̇/v = 2 tan ψ/c(ψ)`; for a = 0 this is paper eq. 5, `2ψ/(L cos ψ)`;
 //! - `v_i = (v ± ½ ċ)/cos ψ`, `+` for the front axle, `ċ = c'(ψ) ψ̇`; for small ψ and a = 0 this is
@@ -213,7 +212,7 @@ impl Cascade {
         // Relative rate of 1/cos ψ.
         let growth = shape.tan * psi_rate;
         let along = v_rate + v * growth;
-        // Half the rate of the chord and its derivative, then both projected on the axles' headings.
+        // Half the rate of the chord and its derivative, then both converted to the axles' headings.
         let [front, rear] = match self.form {
             Form::Exact => {
                 let parting = shape.slope * psi_rate;

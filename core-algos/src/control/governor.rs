@@ -6,9 +6,9 @@
 //! differentiate the noise of the estimate. The controller's command, the *wish* `(v, ψ)`, therefore drives two small
 //! filters whose states are the reference:
 //!
-//! - ψ follows a critically damped second-order filter (poles placed exactly for the sampling interval), its
-//!   acceleration limited to ψ̈_max, its rate to ψ̇_max, and both so that braking at ψ̈_max always stops it before
-//!   ±ψ_max: |ψ| ≤ ψ_max holds for any wish.
+//! - ψ follows a critically damped second-order filter, with poles placed exactly for the sampling interval. Its
+//!   acceleration is limited to ψ̈_max and its rate to ψ̇_max. Both are also limited so that braking at ψ̈_max always
+//!   stops ψ before ±ψ_max: |ψ| ≤ ψ_max holds for any wish.
 //! - v follows a first-order lag with |v̇| limited. Its target is scaled by `max(0, 1 − |ψ_wish − ψ|/tolerance)`:
 //!   speed waits for steering, which keeps the path. A wish may allow a steering error without waiting. At a change
 //!   of direction, v rests at zero for a short time.

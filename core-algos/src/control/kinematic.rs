@@ -4,8 +4,8 @@
 //! (reference in motion), in two forms:
 //!
 //! - [`Law::command`] is equation 4: velocity and yaw rate as functions of time;
-//! - [`Law::approach`] is the same law for a reference at rest with its heading gain scaled by `|v|/e`, which makes
-//!   the path independent of the speed profile: a reduced speed does not change the path.
+//! - [`Law::approach`] is equation 4 for a reference at rest, with the heading gain scaled by `|v|/e`. The path is
+//!   then independent of the speed profile: a reduced speed does not change the path.
 //!
 //! # Panic contract
 //!

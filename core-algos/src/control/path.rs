@@ -7,18 +7,18 @@
 //! headings, curvature is linear, and heading is the integral of curvature.
 //!
 //! **Path following** ([`Follower`]) is time-invariant: the reference is at the point of the path nearest to O, and
-//! so waits for the robot. The reference speed is the largest from which, at every point ahead, the limits of
-//! steering rate `|dψ/ds| v` and steering acceleration `|d²ψ/ds²| v² + |dψ/ds| v̇`, and the end of the path, can
-//! still be met with the configured deceleration and reaction time.
+//! so waits for the robot. The reference speed is the largest that still allows the robot, with the configured
+//! deceleration and reaction time, to meet all limits ahead: steering rate `|dψ/ds| v`, steering acceleration
+//! `|d²ψ/ds²| v² + |dψ/ds| v̇`, and the end of the path.
 //!
 //! **Trajectory tracking** ([`Tracker`]) takes the reference from time instead.
 //!
 //! In both, law (4) lets O trail its reference by the distance e on the law's manifold, `e = r√2 √(ε + 2 sin²θ)`. On
 //! a path of curvature κ_r, with O on the path, `sin θ = −κ_r e/2`, hence `e = r√(2ε)/√(1 − r²κ_r²)`: the paper's
 //! distance on a straight line and more on a bend (27 % at r = 0.2 m, κ = 3.1 1/m). The reference is led along the
-//! path by this distance, so that O runs on the path and stops at its end. A robot at y to the left of the path has
-//! `sin θ = −(y/e + κ_r e/2)`, and the follower leads by the e of this equation: the reference is where the robot's
-//! circle meets the path, and the robot need not reverse to reach it.
+//! path by this distance, so that O runs on the path and stops at its end. For a robot at y to the left of the path,
+//! `sin θ = −(y/e + κ_r e/2)`, and the follower leads by the e of this equation. The reference is then where the
+//! robot's circle meets the path, and the robot need not reverse to reach it.
 //!
 //! With the lead, ε can be chosen freely: on a straight path y decays at the rate `2 v/(r√(2ε))`, which should stay
 //! below what steering can follow. At r = 0.2 m and 0.25 m/s, an ε of 0.1 (e = 9 cm) keeps O three times nearer to a
@@ -230,8 +230,8 @@ impl Follower {
             .wish(&center.into(), reference.reference, reference.kappa, rates)
     }
 
-    /// Progress of `center` (the posture of O) along the path: at first the nearest point of the whole path, then the
-    /// nearest point within the search window ahead of the last point.
+    /// Progress of `center` (the posture of O) along the path. At first, the nearest point of the whole path; later,
+    /// the nearest point within the search window ahead of the last point.
     fn progress<const N: usize>(
         &self,
         last: &Progress,
@@ -261,9 +261,8 @@ impl Follower {
         }
     }
 
-    /// Largest speed (m/s) at `distance` (m) before a point that allows `limit` (m/s), braking at
-    /// the configured deceleration after the reaction time, and its rate as the robot nears that
-    /// point (m/s²).
+    /// Largest speed (m/s) at `distance` (m) before a point with the speed limit `limit` (m/s), and its rate (m/s²)
+    /// as the robot approaches this point. The robot brakes at the configured deceleration after the reaction time.
     fn braking(&self, limit: f32, distance: f32) -> (f32, f32) {
         let a = self.config.deceleration_m_s2;
         let delay = a * self.config.reaction_time_s;

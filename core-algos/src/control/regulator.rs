@@ -2,18 +2,17 @@
 //!
 //! Brings the robot's midpoint O to a goal posture and to rest. Two strategies:
 //!
-//! - [`Strategy::Funnel`] (default) regulates from any start: plan up to two segments of constant
-//!   curvature into the funnel, steer at rest, drive them with feedback on the path, then follow
-//!   the approach law; check at rest, and plan anew if the funnel was left or the goal missed.
+//! - [`Strategy::Funnel`] (default) regulates from any start. It plans up to two segments of constant curvature into
+//!   the funnel, steers at rest, drives the segments with feedback on the path, then follows the approach law. It
+//!   checks the posture at rest, and plans anew if the funnel was left or the goal missed.
 //! - [`Strategy::PaperLaw`] is equation 4 alone with a stop rule, its goal led by the rest distance `r√(2ε)` so that
 //!   O itself stops on the goal. Starts close to the goal with a large heading error stall, and the regulator gives
 //!   up. It also gives up if the frame, bent by axles that have drifted apart, does not turn the robot as commanded.
 //!
 //! # Phases
 //!
-//! Stop → Plan → (Steer → Segment → Stop)… → Steer → Approach → Hold → Done, with ways back to
-//! Plan from the end of the segments, from Approach and from Hold, and from Done when the robot is
-//! pushed away.
+//! Stop → Plan → (Steer → Segment → Stop)… → Steer → Approach → Hold → Done. The end of the segments, Approach and
+//! Hold can return to Plan; so can Done, if the robot is pushed away.
 //!
 //! # Sans-IO
 //!

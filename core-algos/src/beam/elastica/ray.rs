@@ -43,9 +43,9 @@ impl Ray {
         gradient
     }
 
-    /// One step of signed length `h` along the strip: θ'' = f_x sin θ − f_y cos θ by the
-    /// five-stage, sixth-order Runge–Kutta–Nyström method of Albrecht (1955), positions by the
-    /// same stages, derivatives by differentiating the step itself.
+    /// One step of signed length `h` along the strip. θ'' = f_x sin θ − f_y cos θ is integrated by the five-stage,
+    /// sixth-order Runge–Kutta–Nyström method of Albrecht (1955), positions by the same stages. Derivatives are those
+    /// of the step itself.
     pub(super) fn step(&mut self, parameters: Parameters, h: f32) {
         const A: [[f32; 4]; 5] = [
             [0.0; 4],

@@ -8,10 +8,9 @@ const VOUCHED: f32 = 2.0;
 
 /// Wrench of the strip on the axles, in the rear axle's frame.
 ///
-/// The strip acts on the rear axle with force (+fx, +fy) and moment +root_moment about its
-/// midpoint, and on the front axle with force (−fx, −fy) and moment −tip_moment about its midpoint.
-/// A left bend by pure moments has fx = fy = 0 and both moments positive; a strip compressed
-/// between the axles has fx < 0.
+/// The strip acts on the rear axle with force (+fx, +fy) and moment +root_moment, on the front axle with force (−fx,
+/// −fy) and moment −tip_moment. Each moment is about the axle's midpoint. A left bend by pure moments has fx = fy = 0
+/// and both moments positive; a strip compressed between the axles has fx < 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wrench {
     /// Force along the rear axle's x, N.

@@ -144,7 +144,7 @@ fn healthy_sensor_reports_no_fault_and_a_consistent_covariance() {
     }
     // The zeros and gains of a robot are constant: a probability of 0.02 is one robot of 30 in most bends.
     assert!(unexplained / n < 0.06, "{}", unexplained / n);
-    // 30 draws of gain and offset: the mean of 3 has a spread of 0.4.
+    // With 30 draws of gain and offset, the mean NEES of 3 has a standard deviation of 0.4.
     assert!((1.0..4.5).contains(&(total / n)), "{}", total / n);
     assert!(worst_m < 2e-3 && worst_rad < 8e-3, "{worst_m} {worst_rad}");
 }

@@ -34,8 +34,8 @@ fn polar(q: [f64; 3], r: [f64; 3]) -> [f64; 3] {
 }
 
 properties! {
-    /// The derived form makes δ obey δ̇ = −k1 tanh δ and θ + α obey −k2 tanh(θ + α), for a reference at rest or in
-    /// motion: measured by small motions of both bodies forward and backward in time.
+    /// In the derived form, δ̇ = −k1 tanh δ and d(θ + α)/dt = −k2 tanh(θ + α), for a reference at rest or in motion.
+    /// The rates are central differences in time.
     #[test]
     fn errors_decay_as_designed(
         x in -2.0f32..2.0, y in -2.0f32..2.0, phi in -3.0f32..3.0,

@@ -66,7 +66,7 @@ declare! {
         pub final_length_constant_m: f32 = 0.06, "m": Range(0.01, 10.0);
         /// Renewed attempts before giving up.
         pub max_attempts: u8 = 20, "": Range(0.0, 255.0);
-        /// Equation 4 alone: distance from the rest distance within which the robot stops.
+        /// Equation 4 alone: distance beyond the rest distance within which the robot stops.
         pub stop_margin_m: f32 = 0.03, "m": Positive;
         /// Equation 4 alone: commanded speed below which the robot stops.
         pub stop_speed_m_s: f32 = 0.004, "m/s": Positive;
