@@ -12,13 +12,13 @@ use crate::bus::field::{Calibrate, CalibrationResult};
 /// Action of the beam board at the end of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
-    /// Reply that the request `sequence` is rejected because of gauge `gauge`.
+    /// Reply that the request `sequence` is rejected.
     Refused {
         /// Sequence number of the request.
         sequence: u8,
         /// Reason of the rejection.
         result: CalibrationResult,
-        /// Gauge, counted from the root.
+        /// Gauge at fault, counted from the root; 0 if the reason is not a gauge.
         gauge: u8,
     },
     /// Use and store this calibration, then reply to the request `sequence`.

@@ -2,9 +2,9 @@
 //! axle's frame out.
 //!
 //! [`RelativePositionSensor::sample`] (1 kHz) sums the conversions and continues an unfinished fit.
-//! [`RelativePositionSensor::estimate`] (100 Hz) averages the samples since the last estimate, calibrates, checks the
-//! gauges, and computes the posture from the healthy gauges. [`Config::build`] validates; afterwards nothing fails: a
-//! posture that cannot be computed is `None`.
+//! [`RelativePositionSensor::estimate`] (100 Hz) fits a line to the samples since the last estimate, or averages
+//! them, calibrates, checks the gauges, and computes the posture from the healthy gauges. [`Config::build`]
+//! validates; afterwards nothing fails: a posture that cannot be computed is `None`.
 //!
 //! # Example
 //!

@@ -20,7 +20,7 @@ declare! {
     pub struct Config {
         /// Strategy to reach the goal.
         pub strategy: Strategy = Strategy::Funnel;
-        /// Gains of equation 4 in the strategy of equation 4 alone.
+        /// Gains of equation 4 where it is used alone.
         pub law: kinematic::Config = kinematic::Config::default();
         /// Gains of the approach in the funnel: `arrival_gain` 3, `circle_radius_m` below `1/(2 κ_max)`.
         pub approach: kinematic::Config = kinematic::Config {
@@ -51,7 +51,7 @@ declare! {
         /// At rest, the goal counts as reached within this distance. Each renewed attempt allows
         /// 60 % more, up to the tolerance of the goal.
         pub accept_distance_m: f32 = 0.01, "m": Range(0.003, 0.5);
-        /// At rest, the goal counts as reached within this heading error; widened likewise.
+        /// At rest, the goal counts as reached within this heading error; each renewed attempt allows 60 % more.
         pub accept_heading_rad: f32 = 0.026, "rad": Range(1e-3, 1.0);
         /// A reached goal is left when the error exceeds the accepted error by this factor.
         pub release_factor: f32 = 2.5, "": Range(1.1, 100.0);
