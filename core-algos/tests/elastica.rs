@@ -1,9 +1,9 @@
 //! Fit of the elastica against independent reference shapes, computed by shooting in `f64`.
 //!
-//! A strip clamped at the root is loaded at its tip by a force and turned there to an angle. Its shape solves EI κ' =
-//! F_x sin θ − F_y cos θ with θ(0) = 0 and θ(L) given. The root's curvature is found by Newton's method, with the
-//! force raised from zero in steps. The noise-free strains of the shape are fitted without a start from an earlier
-//! fit.
+//! A strip clamped at the root is loaded at its tip by a force and turned there to an angle. Its shape solves
+//! EI κ' = F_x sin θ − F_y cos θ with θ(0) = 0 and θ(L) given. The root's curvature is found by Newton's method, with
+//! the force raised from zero in steps. The noise-free strains of the shape are fitted without a start from an
+//! earlier fit.
 
 #![allow(
     clippy::disallowed_methods,

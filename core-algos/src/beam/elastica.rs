@@ -1,9 +1,9 @@
 //! The posture and the end forces from the strains, by the mechanics of the strip.
 //!
 //! A massless strip loaded at its ends only is an elastica: its curvature is linear in position,
-//! EI κ = M_root + F_x y − F_y x. Three numbers describe every such shape, bent or post-buckled, and are fitted to the
-//! strains. Unlike with a polynomial, the posture does not depend on the placement of the gauges. Each gauge beyond
-//! the third checks the others, and the fit also gives the wrench (the compliant frame force F_K of paper eq. 8).
+//! EI κ = M_root + F_x y − F_y x. Three numbers describe every such shape, bent or post-buckled, and are fitted to
+//! the strains. Unlike with a polynomial, the posture does not depend on the placement of the gauges. Each gauge
+//! beyond the third checks the others, and the fit also gives the wrench (the frame force F_K of paper eq. 8).
 //!
 //! [`Solver`] is valid by construction. [`Solver::fit`] is infallible, bounded to [`MAX_EVALUATIONS`] shapes
 //! (integrations of the elastica with derivatives), and returns `None` if no finite fit exists.

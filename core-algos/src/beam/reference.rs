@@ -103,9 +103,9 @@ impl Elastica {
         bent
     }
 
-    /// A random shape that a strip between two axles can take: directions within 1.6 rad of the root's, |curvature| ×
-    /// length within 8, compression up to `load` (EI/L²; a clamped strip buckles at 39.5), tension up to a quarter of
-    /// `load`, lateral force up to a third of `load`.
+    /// A random shape that a strip between two axles can take: directions within 1.6 rad of the root's,
+    /// |curvature| × length within 8, compression up to `load` (EI/L²; a clamped strip buckles at 39.5), tension up
+    /// to a quarter of `load`, lateral force up to a third of `load`.
     pub fn random(random: &mut Random, load: f64) -> Self {
         loop {
             let shape = Self {

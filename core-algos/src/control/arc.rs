@@ -56,8 +56,8 @@ struct Half {
 }
 
 /// cos x and `sinc'(x)/x` from `square` = x² with |x| ≤ 1.5, for sinc x = sin x/x. The closed form of `sinc'(x)/x`
-/// loses all digits near zero. The other functions follow without loss of digits: `sinc = cos x − x² slope`, `sin = x
-/// sinc`, `sinc'' = −sinc − 2 slope`. Absolute error at most 2e-7 and 1e-7.
+/// loses all digits near zero. The other functions follow without loss of digits: `sinc = cos x − x² slope`,
+/// `sin = x sinc`, `sinc'' = −sinc − 2 slope`. Absolute error at most 2e-7 and 1e-7.
 ///
 /// Minimax polynomials on that range (error 3.4e-8 and 4.9e-8 before rounding).
 fn cos_and_sinc_slope(square: f32) -> (f32, f32) {

@@ -22,10 +22,10 @@
 //!   signs.
 //! - **Standstill.** An axle that turns on the spot has v_r = 0, and with it no heading feedback.
 //!   `u = max(|v_r|, heading_speed_floor)`; a floor of 0 is the paper's law.
-//! - **ξ.** The second and fifth entries of (8) are printed alike. Taken here: `{‖v_c‖, ‖v‖, ‖v_r‖, ‖v̇_r‖, ‖v‖², 1,
-//!   ‖F_K‖}`: ‖v_c‖ as printed (its rate would have to be differentiated from noise), ‖v‖² because centripetal terms
-//!   and friction grow with the square of speed. Norms mix m/s with rad/s and N with N m, as the paper's do. ‖ξ‖² is
-//!   capped, since ‖v̇_r‖² would drive chatter at the start of a motion.
+//! - **ξ.** The second and fifth entries of (8) are printed alike. Taken here:
+//!   `{‖v_c‖, ‖v‖, ‖v_r‖, ‖v̇_r‖, ‖v‖², 1, ‖F_K‖}`: ‖v_c‖ as printed (its rate would have to be differentiated from
+//!   noise), ‖v‖² because centripetal terms and friction grow with the square of speed. Norms mix m/s with rad/s and
+//!   N with N m, as the paper's do. ‖ξ‖² is capped, since ‖v̇_r‖² would drive chatter at the start of a motion.
 //! - **Feedforward.** (7) is proportional in velocity, so the frame's bending moment leaves a yaw error. Two terms
 //!   are therefore fed forward: the load of the frame, from the reference bend or from the beam's estimate, and the
 //!   inertia, `m v̇_r` and `J ω̇_r`.

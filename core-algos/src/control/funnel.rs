@@ -46,9 +46,9 @@ pub fn contains(error: PolarError, curvature: f32) -> bool {
 
 /// Estimated length (m) of the approach path from distance `e` in the funnel. The estimate is the length of an arc at
 /// the angle `a` off its chord: `e a / sin a`, a² = α² − 6/5 αη + 18/35 η². The estimate is exact for η = 0, where
-/// the path is this arc, and exact to second order in (α, η) elsewhere. With dτ = ds/e, the linearised law gives α =
-/// (α₀ − 3/2 η₀) exp(−τ) + 3/2 η₀ exp(−3τ), and the length is `e (1 + ½ ∫ α² exp(−τ) dτ)`. Angles as seen along the
-/// driving direction.
+/// the path is this arc, and exact to second order in (α, η) elsewhere. With dτ = ds/e, the linearised law gives
+/// α = (α₀ − 3/2 η₀) exp(−τ) + 3/2 η₀ exp(−3τ), and the length is `e (1 + ½ ∫ α² exp(−τ) dτ)`. Angles as seen along
+/// the driving direction.
 fn arc_length(e: f32, alpha: f32, eta: f32) -> f32 {
     // The form is positive definite; beyond 2.6 rad the estimate would grow without bound.
     let a2 = alpha * alpha - 1.2 * alpha * eta + (18.0 / 35.0) * eta * eta;

@@ -12,10 +12,10 @@
 //! - v follows a first-order lag with |v̇| limited. Its target is scaled by `max(0, 1 − |ψ_wish − ψ|/tolerance)`:
 //!   speed waits for steering, which keeps the path. A wish may allow a steering error without waiting. At a change
 //!   of direction, v rests at zero for a short time.
-//! - No wheel exceeds its speed limit. With steering ψ the fastest wheel (outer, either axle) runs at `|v| (1/cos ψ +
-//!   d |κ|) + (d + ½ |c'|/cos ψ) |ψ̇|`; the last part is bounded by its value at ψ̇_max, so that the speed limit
-//!   depends on ψ alone. If v could not brake as fast as a bending frame lowers that limit, ψ̇_max is reduced when
-//!   the governor is built.
+//! - No wheel exceeds its speed limit. With steering ψ the fastest wheel (outer, either axle) runs at
+//!   `|v| (1/cos ψ + d |κ|) + (d + ½ |c'|/cos ψ) |ψ̇|`; the last part is bounded by its value at ψ̇_max, so that the
+//!   speed limit depends on ψ alone. If v could not brake as fast as a bending frame lowers that limit, ψ̇_max is
+//!   reduced when the governor is built.
 //!
 //! # Panic contract
 //!

@@ -380,8 +380,8 @@ impl Law {
     }
 
     /// Equation 4 for `center` and a reference in motion. A reversing reference (v_r < 0) is followed rear first:
-    /// both headings are turned by π, and v and κ negated. Followed front first, the heading would be unstable (θ̇ ≈
-    /// −2 v_r θ/e).
+    /// both headings are turned by π, and v and κ negated. Followed front first, the heading would be unstable
+    /// (θ̇ ≈ −2 v_r θ/e).
     #[inline(always)]
     pub fn track(&self, center: impl Into<Transform>, reference: Reference) -> Command {
         let (center, goal) = (&center.into(), &Transform::from(reference.posture));
@@ -419,9 +419,9 @@ impl Law {
     /// The approach form towards a reference at rest, driving in `direction`; `error` is the robot's, not reversed.
     /// Before limits.
     ///
-    /// The velocity is that of eq. 4. Near the goal, from four softening lengths down to two, a factor of `max(0, cos
-    /// α)` is blended in, so that the robot stops abeam of the goal instead of circling it. The velocity never
-    /// opposes `direction`. Input that is not finite gives [`Command::REST`].
+    /// The velocity is that of eq. 4. Near the goal, from four softening lengths down to two, a factor of
+    /// `max(0, cos α)` is blended in, so that the robot stops abeam of the goal instead of circling it. The velocity
+    /// never opposes `direction`. Input that is not finite gives [`Command::REST`].
     pub fn approach(&self, error: PolarError, direction: Direction) -> Command {
         let seen = error.along(direction);
         let sight = Sight::from(seen);

@@ -5,10 +5,10 @@ use super::{Posture, Steering};
 
 /// Forces and moments of the frame. Axes are those of the rear axle, the origin is at the root.
 ///
-/// The frame acts on the rear axle with `(+force, +moment_root)` at its root and on the front axle with `(−force,
-/// −moment_end)` at its tip. For a massless frame with its tip at `(x, y)` from the root, `moment_root = moment_end +
-/// x force_y − y force_x`. A frame bent to the left (ψ > 0) in pure bending has no force and both moments `+EI κ`:
-/// the frame turns the rear axle left and the front axle right.
+/// The frame acts on the rear axle with `(+force, +moment_root)` at its root and on the front axle with
+/// `(−force, −moment_end)` at its tip. For a massless frame with its tip at `(x, y)` from the root,
+/// `moment_root = moment_end + x force_y − y force_x`. A frame bent to the left (ψ > 0) in pure bending has no force
+/// and both moments `+EI κ`: the frame turns the rear axle left and the front axle right.
 ///
 /// The moments may also be those about the two axle midpoints, for a frame with rigid ends reduced to these points.
 /// The rigid lengths in [`Wrench::on_rear`] and [`Wrench::on_front`] are then 0.
