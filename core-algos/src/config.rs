@@ -1,11 +1,11 @@
-//! Declaration of parameters, and the errors of their checks.
+//! Declaration of parameters, and the errors of range checks.
 
 pub use declare::{
     Allowed, Checked, ConfigError, finite, in_range, non_negative, positive, require,
 };
 
-/// Declares parameters: see the crate `declare`. With the feature `serde` a table is read from a file;
-/// keys that are missing have their defaults.
+/// Declares a table of parameters (crate `declare`). With the feature `serde`, a table can be read from a file;
+/// missing keys take their defaults.
 macro_rules! declare {
     ($(#[$doc:meta])* pub struct $($rest:tt)*) => {
         ::declare::declare! {
@@ -27,11 +27,11 @@ macro_rules! declare {
 }
 pub(crate) use declare;
 
-/// A field and what spoils it.
+/// Name of a field, and a change that makes the field invalid.
 #[cfg(test)]
 pub(crate) type Spoilt<C> = (&'static str, fn(&mut C));
 
-/// Builder of a good configuration, which a test spoils.
+/// A valid configuration and its `build`, for tests that make one field invalid.
 #[cfg(test)]
 pub(crate) struct Refusal<C, B>(C, B);
 
@@ -45,7 +45,7 @@ where
 
 #[cfg(test)]
 impl<C: Copy, T, B: Fn(C) -> Result<T, ConfigError>> Refusal<C, B> {
-    /// Asserts that each field that is spoilt is refused by its name.
+    /// Asserts that `build` rejects each invalid field by its name.
     pub(crate) fn names(&self, spoilt: &[Spoilt<C>]) {
         for (field, spoil) in spoilt {
             let mut config = self.0;

@@ -1,4 +1,4 @@
-//! Enumerations that know their values.
+//! Macros for enumerations with a list of their values and names.
 
 /// An enumeration with the list of its values and their names.
 macro_rules! enumeration {
@@ -21,13 +21,13 @@ macro_rules! enumeration {
     };
 }
 
-/// An enumeration that crosses the bus as its number, with the names of its values there.
+/// An enumeration that is sent on the bus as a number; each value has a name in the bus description.
 macro_rules! wire_enum {
     ($(#[$attribute:meta])* $name:ident { $($(#[$note:meta])* $value:ident = $label:literal,)+ }) => {
         enumeration! { $(#[$attribute])* #[derive(Default)] $name { $($(#[$note])* $value,)+ } }
 
         impl $name {
-            /// Names on the bus, in the order of the numbers.
+            /// Names in the bus description, in the order of the numbers.
             pub const NAMES: [&'static str; Self::ALL.len()] = [$($label),+];
 
             /// The value with this number.

@@ -5,13 +5,11 @@
 //!
 //! - `no_std`, no allocation, no clock, no global state, no `unsafe`: samples and time come in as
 //!   values, commands go out as values.
-//! - **Validate once, then run infallibly.** Every algorithm has a `Config` in SI units whose
-//!   `build()` names the parameter that is wrong and the range it must lie in
-//!   ([`config::ConfigError`]). What it returns has `step`-like methods that never fail, never
-//!   panic, and treat NaN and infinity as absent input.
-//! - Arithmetic is `f32`, in a few places `f64`, which a Cortex-M4F computes by software;
-//!   transcendental functions come from [`math::trig`] alone. So a host and a Cortex-M4F give the same
-//!   bits.
+//! - **Validate once, then run infallibly.** Every algorithm has a `Config` in SI units. Its `build()` rejects an
+//!   invalid parameter with the parameter's name and allowed range ([`config::ConfigError`]). The object it builds
+//!   has `step`-like methods that never fail, never panic, and treat NaN and infinity as absent input.
+//! - Arithmetic is `f32`, in a few places `f64`, which a Cortex-M4F computes in software. All transcendental
+//!   functions come from [`math::trig`]. Results on a host and on a Cortex-M4F are therefore bit-identical.
 //!
 //! # Conventions
 //!

@@ -2,7 +2,7 @@
 
 use proptest::test_runner::{Config, RngSeed};
 
-/// `proptest!` with a fixed seed. `PROPTEST_RNG_SEED` and `PROPTEST_CASES` select other and more cases.
+/// `proptest!` with a fixed seed. `PROPTEST_RNG_SEED` and `PROPTEST_CASES` select another seed and number of cases.
 macro_rules! properties {
     (cases $cases:literal; $($tests:tt)*) => {
         proptest::proptest! {

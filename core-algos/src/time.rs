@@ -1,9 +1,8 @@
 //! Time of the robot: microseconds, ticks and epochs.
 //!
 //! All boards count microseconds on a common clock (synchronised by the bus, see
-//! [`node::clock`](crate::node::clock)). An epoch is 10 ms; axles and beam report the state at the
-//! beginning of an epoch, the lead node works on it [`LEAD_PHASE`] later, when the reports have
-//! arrived.
+//! [`node::clock`](crate::node::clock)). An epoch is 10 ms; axles and beam report their state at the beginning of an
+//! epoch. The lead node processes the reports [`LEAD_PHASE`] later, when they have arrived.
 
 /// Time in microseconds.
 pub type Micros = u64;
@@ -16,35 +15,35 @@ pub const TICK_S: f32 = 1e-3;
 pub const EPOCH: Micros = 10_000;
 /// [`EPOCH`] in seconds.
 pub const EPOCH_S: f32 = 0.01;
-/// Share of an epoch that so many ticks take, at most 1.
+/// Duration of `ticks` ticks as a share of an epoch, at most 1.
 pub fn share_of_epoch(ticks: u8) -> f32 {
     (f32::from(ticks) / (EPOCH / TICK) as f32).min(1.0)
 }
 
-/// Time after the beginning of an epoch at which the lead node works.
+/// Delay of the lead node's step after the beginning of an epoch.
 pub const LEAD_PHASE: Micros = 3_000;
 
-/// A value and the time at which it held.
+/// A value with its time stamp.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stamped<T> {
     /// The value.
     pub value: T,
-    /// Time at which the value held.
+    /// Time at which the value was valid.
     pub time: Micros,
 }
 
 impl<T> Stamped<T> {
-    /// A value that held at `time`.
+    /// A value with the time stamp `time`.
     pub const fn new(value: T, time: Micros) -> Self {
         Self { value, time }
     }
 
-    /// Age of the value at `now`; zero if it lies ahead.
+    /// Age of the value at `now`; zero if the time stamp is later than `now`.
     pub const fn age(&self, now: Micros) -> Micros {
         now.saturating_sub(self.time)
     }
 
-    /// The value if it is no older than `limit`.
+    /// The value if its age is at most `limit`.
     pub fn fresh(&self, now: Micros, limit: Micros) -> Option<&T> {
         (self.age(now) <= limit).then_some(&self.value)
     }
@@ -64,7 +63,7 @@ pub const fn epoch_start(now: Micros, number: u8) -> Micros {
 
 /// True if `now` is the beginning of an epoch.
 pub const fn is_epoch_start(now: Micros) -> bool {
-    // In words of 32 bits: the processor divides no longer ones.
+    // In 32-bit words: a Cortex-M4F has no 64-bit division.
     const EPOCH_WORD: u32 = EPOCH as u32;
     const CARRY: u32 = ((1u64 << 32) % EPOCH) as u32;
     let (high, low) = ((now >> 32) as u32, now as u32);
@@ -73,7 +72,7 @@ pub const fn is_epoch_start(now: Micros) -> bool {
 
 /// Microseconds as seconds; meant for short spans.
 pub fn seconds(span: Micros) -> f32 {
-    // One word is enough for an hour, and is converted by one instruction.
+    // 32 bits hold more than an hour, and one instruction converts them.
     if span <= u32::MAX as u64 {
         span as u32 as f32 * 1e-6
     } else {
@@ -86,7 +85,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_ten_milliseconds_an_epoch_begins() {
+    fn epoch_begins_every_ten_milliseconds() {
         for epoch in [0u64, 1, 429_496, 429_497, 858_993_459, u64::MAX / EPOCH] {
             for offset in [0, 1, EPOCH - 1, 5_000] {
                 let now = (epoch * EPOCH).saturating_add(offset);
@@ -96,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn sequence_number_finds_its_epoch_again() {
+    fn epoch_start_is_recovered_from_the_sequence_number() {
         for epoch in [0u64, 1, 200, 255, 256, 300, 70_000] {
             let start = epoch * EPOCH;
             for later in [0, 1, 9_999, 10_000, 400_000, 2_549_999] {
@@ -107,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn seconds_of_a_tick_and_of_an_epoch_are_their_microseconds() {
+    fn tick_and_epoch_in_seconds_match_their_microseconds() {
         assert_eq!((TICK_S * 1e6).round() as Micros, TICK);
         assert_eq!((EPOCH_S * 1e6).round() as Micros, EPOCH);
     }

@@ -1,12 +1,10 @@
-//! Honesty of fusion from the wheels to the robot's posture: over 600 simulated drives whose errors
-//! are what the filters are told, the normalised estimation error squared (NEES) must be what its
-//! distribution says.
+//! Consistency of the fusion, from the wheels to the robot's posture. Over 600 simulated drives with the errors that
+//! the filters are configured for, the mean normalised estimation error squared (NEES) must match its distribution.
 //!
-//! The truth is kinematic and in `f64`: both axles drive as the cascade has it, so that the frame
-//! between them keeps its length while it bends to and fro, and slip. The axle filters see wheels
-//! and gyros through white noise; what they report each epoch goes into the second tier together
-//! with a noisy beam. The reports do not depend on the fusion behind them, so each world is driven
-//! once and all fusions are tried on its reports.
+//! The truth is kinematic, in `f64`. Both axles follow the cascade, so that the frame keeps its length while it bends
+//! to and fro, and slip. The axle filters measure wheels and gyros with white noise. The second tier fuses their
+//! reports of each epoch with a noisy beam. The reports do not depend on the fusion: each world is driven once, and
+//! every fusion mode runs on its reports.
 
 #![allow(
     clippy::disallowed_methods,
@@ -48,13 +46,13 @@ fn midpoint(front: Pose, rear: Pose) -> Pose {
     ]
 }
 
-/// Placed well, so that what a drive adds counts.
+/// Small errors of the start, so that errors of the drive dominate.
 const START_SIGMAS: [f32; 3] = [2e-3; 3];
 
 /// Errors of a world, and the configuration of its filters.
 #[derive(Clone, Copy)]
 struct Setting {
-    /// True if the errors that last throughout a drive are there.
+    /// True if the world has lasting errors, which are constant throughout a drive.
     lasting: bool,
     /// True if the axles carry gyros.
     gyro: bool,
@@ -80,14 +78,14 @@ impl Setting {
             beam_gate: None,
             ..robot::Config::default()
         };
-        // The load of a frame that nothing measures is no part of these worlds.
+        // These worlds have no unmeasured load of a frame.
         config.slip.load_speed_m_s = 0.0;
-        // Nor is play.
+        // These worlds have no backlash.
         config.joint.play_sigma_m = 0.0;
         if !self.lasting {
             config.joint = joint::Config {
                 beam: PostureSigmas::default(),
-                // Tyres that hardly slip.
+                // Almost no slip of the tyres.
                 slip_stiffness: 1e4,
                 slip_sigma: 0.0,
                 tyre_slip_sigma: 0.0,
@@ -117,7 +115,7 @@ struct Lasting {
     scale: [f64; 2],
     turn: [f64; 2],
     side: [f64; 2],
-    /// Slip of each tyre a metre and radian of bend, `[axle][left, right]`, rad/m.
+    /// Slip of each tyre per metre and radian of bend, `[axle][left, right]`, rad/m.
     compliance: [[f64; 2]; 2],
     gyro_bias: [f64; 2],
     gyro_scale: [f64; 2],
@@ -152,7 +150,7 @@ impl Lasting {
         }
     }
 
-    /// Error of the beam's reading of an arc.
+    /// Error of the beam's measurement of an arc.
     fn of_beam(&self, bend: f64) -> Pose {
         let arc = |bend: f64| {
             let half = 0.5 * bend;
@@ -167,8 +165,8 @@ impl Lasting {
     }
 }
 
-/// Speeds and yaw rates that the wheels of front and rear turn with at time `t`: the cascade's exact
-/// form for a midpoint that sets off and steers to and fro.
+/// Speed and yaw rate of the wheels of the front and rear axle at time `t`: the cascade's exact form for a midpoint
+/// that accelerates and steers to and fro.
 fn wheels(t: f64) -> [[f64; 2]; 2] {
     let ramp = (t / 0.8).min(1.0);
     let speed = 0.25 * ramp * ramp * (3.0 - 2.0 * ramp);
@@ -188,7 +186,7 @@ fn wheels(t: f64) -> [[f64; 2]; 2] {
     })
 }
 
-/// Inputs of the second tier in one drive, and the axles' true postures at its end.
+/// Inputs of the second tier in one drive, and the true postures of the axles at its end.
 struct Drive {
     inputs: Vec<Inputs>,
     front: Pose,
@@ -200,7 +198,7 @@ fn drive(setting: Setting, seed: u64) -> Drive {
     let mut random = Random::new(seed);
     let sensors = setting.filter();
     let filter: AxleFilter = sensors.build().unwrap();
-    // Any mode: they are told the same.
+    // All modes have the same errors configured.
     let told = setting.tier(Mode::Joint);
     let lasting = Lasting::draw(&told.joint, setting.floor_drift(), &mut random);
     let mut gyro_bias = lasting.gyro_bias;
@@ -208,7 +206,7 @@ fn drive(setting: Setting, seed: u64) -> Drive {
     let friction = f64::from(told.joint.friction * told.joint.axle_mass_kg) * 9.81;
     let sliding = HALF_TRACK * friction / f64::from(told.joint.frame_moment_n_m);
 
-    // The start differs from what the filters are told by its own uncertainty.
+    // The true start differs from the start of the filters by its uncertainty.
     let mut draw = |sigmas: [f32; 3]| sigmas.map(|s| f64::from(s) * random.normal());
     let start = draw(START_SIGMAS);
     let bent = draw(told.frame_sigmas);
@@ -228,7 +226,7 @@ fn drive(setting: Setting, seed: u64) -> Drive {
         square(own.across_m_per_sqrt_s) + square(tier_slip.position_m_per_sqrt_s),
         square(own.heading_rad_per_sqrt_s),
     ];
-    // A gyro sees what the second tier adds in heading.
+    // A gyro measures the heading noise that the second tier adds.
     let unseen_share = if setting.gyro { 0.0 } else { 1.0 };
     let bias_walk = f64::from(told.joint.gyro_bias_walk_rad_s_per_sqrt_s) * STEP_S.sqrt();
 
@@ -242,7 +240,7 @@ fn drive(setting: Setting, seed: u64) -> Drive {
         for axle in 0..2 {
             let [v, omega] = turning[axle];
             let (ds, dphi) = (v * STEP_S, omega * STEP_S);
-            // What the wheels do not see.
+            // Motion that the wheels do not measure.
             let sign = if axle == 0 { -1.0 } else { 1.0 };
             let load = bend / (1.0 - bend.abs() / sliding);
             let rolled = [-HALF_TRACK, HALF_TRACK].map(|arm| (ds + arm * dphi).abs());
@@ -378,7 +376,7 @@ fn try_on(setting: Setting, drives: &[Drive], mode: Mode) -> Honesty {
     honesty
 }
 
-/// One world: its drives and what the fusion of each mode made of them, each worked out once.
+/// One world: its drives, and the result of each fusion mode, computed once.
 struct World {
     setting: Setting,
     drives: OnceLock<Vec<Drive>>,
@@ -409,7 +407,7 @@ impl World {
 static WHITE: World = World::new(false, false);
 /// Noise and lasting errors, no gyro.
 static LASTING: World = World::new(true, false);
-/// Noise and lasting errors, those of gyros among them.
+/// Noise and lasting errors, with gyros and their errors.
 static INERTIAL: World = World::new(true, true);
 
 /// 95 % band of the mean over the runs of a chi-square variable of three degrees of freedom.
@@ -433,30 +431,30 @@ fn assert_not_above(honesty: &Honesty) {
 }
 
 #[test]
-fn joint_filter_is_honest_about_random_errors() {
+fn joint_filter_is_consistent_under_random_errors() {
     let joint = WHITE.try_on(Mode::Joint);
     assert_inside(joint, 3);
-    // An axle filter smooths over some epochs, so that its increments are not quite independent.
+    // An axle filter smooths over several epochs, so that its increments are slightly correlated.
     assert!((joint.nis - 3.0).abs() < 0.4, "{joint:?}");
 }
 
 #[test]
-fn joint_filter_is_honest_about_lasting_errors() {
+fn joint_filter_is_consistent_under_lasting_errors() {
     assert_inside(LASTING.try_on(Mode::Joint), 3);
 }
 
 #[test]
-fn joint_filter_is_honest_about_gyros() {
+fn joint_filter_is_consistent_with_gyros() {
     assert_inside(INERTIAL.try_on(Mode::Joint), 3);
 }
 
 #[test]
-fn odometry_alone_is_honest() {
+fn odometry_alone_is_consistent() {
     let (low, high) = band();
     for world in [&WHITE, &LASTING, &INERTIAL] {
         let odometry = world.try_on(Mode::Odometry);
-        // Not O, whose heading follows from both positions. The increments carry the variance of an
-        // axle filter to within 15 %.
+        // O is left out: its heading follows from both positions. The increments carry the variance of an axle filter
+        // within 15 %.
         for nees in &odometry.nees[..2] {
             assert!(*nees > low / 1.15 && *nees < 1.15 * high, "{odometry:?}");
         }
@@ -464,7 +462,7 @@ fn odometry_alone_is_honest() {
 }
 
 #[test]
-fn intersection_never_overclaims() {
+fn intersection_is_never_overconfident() {
     for world in [&WHITE, &LASTING] {
         assert_not_above(world.try_on(Mode::Intersection));
         assert_not_above(world.try_on(Mode::IntersectionIpec));
@@ -488,8 +486,8 @@ fn gyros_improve_the_robots_heading() {
     assert!(with.rms[1] < 0.8 * without.rms[1], "{with:?} {without:?}");
 }
 
-/// Mean NEES of two estimates of one posture fused, their errors of unit covariance and correlated
-/// by `correlation` component by component. `fuse` gives the posture and what it claims.
+/// Mean NEES of the fusion of two estimates of one posture. Their errors have unit covariance and the given
+/// `correlation` in each component.
 fn fused_nees(correlation: f64, fuse: &dyn Fn(&Estimate, &Estimate) -> Estimate) -> f64 {
     const PAIRS: usize = 4000;
     let mut random = Random::new(11);
@@ -506,18 +504,18 @@ fn fused_nees(correlation: f64, fuse: &dyn Fn(&Estimate, &Estimate) -> Estimate)
     sum / PAIRS as f64
 }
 
-/// Why covariance intersection lies below the band where errors are not wholly shared: what it
-/// claims is just enough if they are, and anything less would then be too little.
+/// Covariance intersection lies below the band unless errors are fully shared. Its covariance is exact for fully
+/// shared errors, so a smaller one would be overconfident there.
 #[test]
-fn intersection_cannot_claim_more_without_overclaiming() {
+fn intersection_with_a_smaller_covariance_is_overconfident_for_shared_errors() {
     let intersection = intersection::Config::default().build().unwrap();
     let plain = |a: &Estimate, b: &Estimate| intersection.fuse(a, b).unwrap().estimate;
     let measured = [0.0, 0.5, 1.0].map(|correlation| fused_nees(correlation, &plain));
-    // Half of the weight each: NEES 3 (1 + ρ)/2.
+    // With equal weights, NEES is 3 (1 + ρ)/2.
     for (nees, expected) in measured.into_iter().zip([1.5, 2.25, 3.0]) {
         assert!((nees / expected - 1.0).abs() < 0.05, "{measured:?}");
     }
-    // Scaled to be in the band for independent errors, it overclaims by two for shared ones.
+    // Half the covariance is in the band for independent errors, but too small by a factor of two for shared errors.
     let bold = |a: &Estimate, b: &Estimate| {
         let mut fused = plain(a, b);
         fused.covariance = fused.covariance.map(|row| row.map(|p| 0.5 * p));
@@ -527,7 +525,7 @@ fn intersection_cannot_claim_more_without_overclaiming() {
     assert!(fused_nees(1.0, &bold) > 5.7);
 }
 
-/// The tables by which filters and this test draw the lasting errors name the same ones.
+/// The filters have as many lasting errors as this test draws.
 #[test]
 fn every_lasting_error_is_drawn() {
     // Zero, gain, drift, scale, turn, side, compliance, bias and scale of the gyros.

@@ -1,8 +1,9 @@
-//! The fit of the elastica against shapes found by shooting, in `f64` and without a line of the product.
+//! Fit of the elastica against independent reference shapes, computed by shooting in `f64`.
 //!
 //! A strip clamped at the root is loaded at its tip by a force and turned there to an angle. Its shape solves
-//! EI κ' = F_x sin θ − F_y cos θ with θ(0) = 0 and θ(L) given: Newton on the root's curvature, the force raised
-//! from none in steps. The strains of that shape, free of noise, are fitted without an earlier fit.
+//! EI κ' = F_x sin θ − F_y cos θ with θ(0) = 0 and θ(L) given. The root's curvature is found by Newton's method, with
+//! the force raised from zero in steps. The noise-free strains of the shape are fitted without a start from an
+//! earlier fit.
 
 #![allow(
     clippy::disallowed_methods,
@@ -24,7 +25,7 @@ const HALF_THICKNESS: f64 = 0.5e-3;
 const FORCE: f64 = 25.0;
 /// Largest end angle, rad.
 const ANGLE: f64 = 1.2;
-/// Shapes of a seed.
+/// Number of shapes per seed.
 const SHAPES: usize = 500;
 /// Steps of the integration between two points of interest.
 const STEPS: usize = 60;
@@ -84,8 +85,8 @@ fn points(root: f64, force: [f64; 2]) -> [Point; 6] {
     })
 }
 
-/// The shape of a force and an end angle. There is only one: a force below π² EI/L² (63 N) cannot buckle a strip whose
-/// end angles are held.
+/// The shape for a force and an end angle. The shape is unique: a force below π² EI/L² (63 N) cannot buckle a strip
+/// whose end angles are held.
 fn shoot(force: [f64; 2], angle: f64) -> Shape {
     const RISES: i32 = 10;
     let mut root = angle / LENGTH;
@@ -120,7 +121,7 @@ impl Random {
     }
 }
 
-/// End angle, and end force of any size up to the largest in any direction.
+/// Random shapes: end angle up to [`ANGLE`] either way, end force up to [`FORCE`] in any direction.
 fn random(seed: u64) -> impl Iterator<Item = Shape> {
     let mut random = Random(seed);
     (0..SHAPES).map(move |_| {
@@ -160,7 +161,7 @@ fn worst(
     })
 }
 
-/// Shapes on which the expected force pulls most: nearly straight, and the largest force near the strip's axis.
+/// Shapes that the force prior biases most: nearly straight, with the largest force in any direction.
 fn hardest() -> impl Iterator<Item = Shape> {
     (-8..=8).flat_map(|turn| {
         (0..24).map(move |direction| {
@@ -184,7 +185,7 @@ fn posture_of_bent_and_loaded_strip_is_exact() {
     );
 }
 
-/// The estimate of a tick may compute five shapes, the refinement among them.
+/// The estimate of a tick may compute five shapes, including the refinement.
 #[test]
 fn posture_within_the_budget_of_a_tick_is_exact() {
     let strip = config().build().unwrap();

@@ -1,7 +1,7 @@
-//! What holds of the nodes and filters whatever comes in: numbers that are none, messages of any
-//! content, a clock that stands still or runs back.
+//! Invariants of the nodes and filters for any input: NaN and infinity, messages of any content, a clock that stands
+//! still or runs back.
 //!
-//! Single algorithms are held to the same beside their code; here they run together.
+//! Single algorithms have such tests beside their code; here all run together.
 
 #![allow(
     clippy::disallowed_methods,
@@ -30,7 +30,7 @@ use core_algos::time::{EPOCH, LEAD_PHASE, Micros, TICK};
 use core_algos::topology::{AxleId, FrameId, Role, Topology, Wheels};
 use proptest::prelude::*;
 
-/// Numbers of which some are none.
+/// Numbers, some of them NaN or infinite.
 fn number() -> impl Strategy<Value = f32> {
     prop_oneof![
         8 => -2.0f32..2.0,
@@ -42,7 +42,7 @@ fn number() -> impl Strategy<Value = f32> {
     ]
 }
 
-/// Reading of a broken sensor: within its units, or no number.
+/// Measurement of a broken sensor: within ±20, NaN or infinite.
 fn measured() -> impl Strategy<Value = f32> {
     number().prop_map(|x| match x.is_finite() {
         true => x.clamp(-20.0, 20.0),
@@ -125,7 +125,8 @@ fn message() -> impl Strategy<Value = Message> {
 
 #[derive(Clone, Debug)]
 struct Tick {
-    /// Usually one tick; 0 stands still, negative runs back.
+    /// Time since the last tick, µs: usually one tick; 0 for a clock that stands still, negative if the clock runs
+    /// back.
     passed: i64,
     encoder: [Option<i32>; 2],
     inertial: [Option<f32>; 2],
@@ -173,7 +174,7 @@ fn finite(posture: Posture) -> bool {
     posture.x.is_finite() && posture.y.is_finite() && posture.phi.is_finite()
 }
 
-/// Runs every board on the same ticks and checks what comes out.
+/// Runs every board on the same ticks and checks the outputs.
 fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
     let config = RobotConfig::default();
     let torque = config.axle.controller.max_torque_nm;
@@ -186,7 +187,7 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
         let (mut now, mut outbox): (Micros, _) = (20_000_000, Outbox::new());
         for tick in ticks {
             now = now.saturating_add_signed(tick.passed);
-            // The lead node works once an epoch: here as often as every other tick.
+            // The lead node works at one time of an epoch: even intervals are moved to that time.
             let at = match tick.passed % 2 {
                 0 => now / EPOCH * EPOCH + LEAD_PHASE,
                 _ => now,
@@ -195,7 +196,7 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
                 let n = tick.inertial.map(|n| n.unwrap_or(0.1));
                 let (posture, [kappa, s]) = (Posture::new(n[0], n[1], 0.0), n);
                 let point = PathPoint { posture, kappa, s };
-                // Refused or not, what was pushed must not do harm.
+                // Rejected or not, a pushed point must not do harm.
                 let _ = lead.path_task().push_path_point(point);
                 let [time_s, v] = n;
                 let timed = TrajectoryPoint { time_s, v, point };
@@ -221,7 +222,7 @@ fn drive(ticks: &[Tick]) -> Result<(), TestCaseError> {
             }
             prop_assert!(output.active || output.torque_nm == Wheels::both(0.0));
             for message in outbox.iter() {
-                // What is out of range is not sent; what is no number must not come this far.
+                // A value out of range is not sent; NaN or infinity must not get this far.
                 if let Err(error) = bus::encode(message) {
                     prop_assert!(error.value.is_finite(), "{role:?} {message:?}");
                 }
@@ -242,15 +243,14 @@ proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..properties::config(256) })]
 
     #[test]
-    fn no_input_moves_a_node_beyond_its_limits(ticks in prop::collection::vec(tick(), 1..120)) {
+    fn no_input_drives_an_output_beyond_its_limits(ticks in prop::collection::vec(tick(), 1..120)) {
         drive(&ticks)?;
     }
 
-    /// The axle filter under any measurements within its sensors, whose gates let contradictions in
-    /// when they persist: what is no number counts as absent, and the covariance stays what a
-    /// covariance is.
+    /// The axle filter under any measurements within the range of its sensors; its gates accept contradictions that
+    /// persist. NaN and infinity count as absent, and the covariance stays positive definite.
     #[test]
-    fn the_axle_filter_stays_sound(
+    fn axle_filter_stays_finite_and_positive_definite(
         steps in prop::collection::vec(prop::array::uniform4(prop::option::of(measured())), 1..400),
     ) {
         let filter = ekf::Config::default().build().unwrap();

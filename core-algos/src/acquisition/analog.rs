@@ -1,23 +1,23 @@
-//! Slow analog channels: temperature by a thermistor, supply by a divider.
+//! Slow analog channels: temperature from a thermistor, supply voltage behind a divider.
 
 use crate::config::{ConfigError, declare};
 use crate::math::trig::ln;
 
 declare! {
-    /// A thermistor from the pin to ground, and a fixed resistor from the pin to the converter's
-    /// reference: `ln(R/R₂₅) = B (1/T − 1/298.15 K)`. Ratiometric: the reference drops out.
+    /// A thermistor from the pin to ground, and a fixed resistor from the pin to the converter's reference:
+    /// `ln(R/R₂₅) = B (1/T − 1/298.15 K)`. Ratiometric: the reference voltage cancels.
     pub struct ThermistorConfig {
         /// Resistance at 25 °C (R₂₅).
         pub resistance_25_ohm: f32 = 10e3, "Ω": Range(10.0, 1e7);
-        /// Slope of the logarithm (B).
+        /// B value of the thermistor.
         pub b_k: f32 = 3950.0, "K": Range(1000.0, 10_000.0);
-        /// The fixed resistor.
+        /// Fixed resistor.
         pub pull_up_ohm: f32 = 10e3, "Ω": Range(10.0, 1e7);
     }
 }
 
 impl ThermistorConfig {
-    /// The ready-to-run form; the error names the field that is wrong.
+    /// Builds the validated channel; the error names the invalid field.
     pub fn build(&self) -> Result<Thermistor, ConfigError> {
         self.check_ranges()?;
         let nominal = self.resistance_25_ohm;
@@ -29,7 +29,7 @@ impl ThermistorConfig {
     }
 }
 
-/// A thermistor ready to be read.
+/// A validated thermistor channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Thermistor {
     per_b: f32,
@@ -40,8 +40,8 @@ pub struct Thermistor {
 const T25_K: f32 = 298.15;
 
 impl Thermistor {
-    /// Temperature, °C, of a reading of `count` of `full` counts; `None` within a hundredth of
-    /// either end: the thermistor is open or short.
+    /// Temperature, °C, at `count` of `full` counts. `None` within 1 % of either end of the range: the thermistor is
+    /// open or shorted.
     pub fn read(&self, count: f32, full: f32) -> Option<f32> {
         let share = count / full;
         if !(share > 0.01 && share < 0.99) {
@@ -55,17 +55,17 @@ impl Thermistor {
 declare! {
     /// A voltage behind a divider.
     ///
-    /// Default: 47 kΩ over 10 kΩ: up to 18.8 V.
+    /// Default: 47 kΩ over 10 kΩ, up to 18.8 V.
     pub struct SupplyConfig {
-        /// Voltage over that at the pin: (upper + lower)/lower resistor.
+        /// Ratio of the voltage to the pin voltage: (upper + lower)/lower resistor.
         pub divider: f32 = 5.7, "": Range(1.0, 100.0);
-        /// Reference of the converter.
+        /// Reference voltage of the converter.
         pub reference_v: f32 = 3.3, "V": Range(1.0, 5.5);
     }
 }
 
 impl SupplyConfig {
-    /// The ready-to-run form; the error names the field that is wrong.
+    /// Builds the validated channel; the error names the invalid field.
     pub fn build(&self) -> Result<Supply, ConfigError> {
         self.check_ranges()?;
         let divider = self.divider;
@@ -76,14 +76,14 @@ impl SupplyConfig {
     }
 }
 
-/// A divider ready to be read.
+/// A validated voltage channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Supply {
     volts_per_count: f32,
 }
 
 impl Supply {
-    /// Voltage of a count of the 12-bit converter, V.
+    /// Voltage before the divider, V, for a count of the 12-bit converter.
     pub fn read(&self, count: u16) -> f32 {
         f32::from(count) * self.volts_per_count
     }
@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn temperature_of_a_data_sheet() {
+    fn thermistor_temperature_matches_the_b_equation() {
         let thermistor = ThermistorConfig::default().build().unwrap();
         // NTC 10 kΩ, B 3950: resistances at temperature from the definition in double precision.
         for celsius in [-20.0, 0.0, 25.0, 60.0, 100.0, 120.0f64] {
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn supply_by_hand() {
+    fn supply_voltage_matches_hand_calculation() {
         let supply = SupplyConfig::default().build().unwrap();
         // 12 V: 2.105 V at the pin, 2613 counts.
         assert!((supply.read(2613) - 12.0).abs() < 5e-3);

@@ -1,27 +1,26 @@
-//! The inertial sensor ICM-42688-P (TDK InvenSense, DS-000347): its registers, and what a driver does
-//! each millisecond. Its x points along the heading and its z up.
+//! Driver of the inertial sensor ICM-42688-P (TDK InvenSense, DS-000347): set-up of its registers, and one step each
+//! millisecond. The sensor's x axis points along the heading, its z axis up.
 //!
 //! # Rate and filters
 //!
-//! Sensor and board have clocks of their own. At equal rates a board would now and then read a sample
-//! twice or miss one, so the sensor runs at 8 kHz and the board takes the latest sample each
-//! millisecond: another one every time, 0 to 125 µs old. What would alias is filtered before, by two
-//! second-order low-passes in the sensor: anti-alias filter 536 Hz, UI filter 400 Hz. Together they
-//! delay by 1.0 ms (√2/2πf each: 0.42 and 0.56 ms), the age of the sample included by 1.0 to 1.1 ms,
-//! and take 27 dB from a vibration of 1 kHz, which would alias to standstill.
+//! Sensor and board have separate clocks. At equal rates the board would at times read a sample twice or miss one.
+//! The sensor therefore runs at 8 kHz, and the board reads the latest sample each millisecond: always a new sample, 0
+//! to 125 µs old. Two second-order low-pass filters in the sensor prevent aliasing: anti-alias filter 536 Hz, UI
+//! filter 400 Hz. Their delays add to 1.0 ms (√2/2πf each: 0.42 and 0.56 ms), and to 1.0 to 1.1 ms with the age of
+//! the sample. A vibration of 1 kHz, which would alias to 0 Hz, is attenuated by 27 dB.
 //!
 //! # Stalls
 //!
-//! After a reset the part adapts its full-scale range to the yaw rate (AFSR). Near 100 °/s it changes the range,
-//! and its output stands still for 1 to 2 ms, which biases the heading. The data sheet says nothing of it; the
-//! set-up switches it off as the open flight controllers do (ArduPilot 25332, Betaflight 13132, INAV 9409).
+//! After a reset the part adapts its full-scale range to the yaw rate (AFSR). Near 100 °/s the range changes and the
+//! output freezes for 1 to 2 ms, which biases the heading. The data sheet does not mention AFSR. The set-up switches
+//! AFSR off, as open-source flight controllers do (ArduPilot 25332, Betaflight 13132, INAV 9409).
 //!
 //! # Loss
 //!
-//! Each read ends with the interrupt status, which tells of a reset. Besides, one register of the
-//! configuration is read back every [`CHECK_EVERY`] reads, and samples must change. A sensor that
-//! failed one of these, or does not know its name, is *lost*: it gives nothing, is set up again, and
-//! its biases are sought anew at the next standstill. Only when they are known it is there again.
+//! Each read ends with the interrupt status, which reports a reset. One configuration register is read back every
+//! [`CHECK_EVERY`] reads, and samples must change. A sensor that fails one of these checks, or returns a wrong
+//! identity, is *lost*: it gives no readings and is set up again. It stays lost until both biases are found at the
+//! next standstill.
 //!
 //! # Panic contract
 //!
@@ -30,7 +29,7 @@
 use super::inertial::{Channel, Config};
 use crate::config::ConfigError;
 
-// Registers; the top bit of an address reads, and the address rises along a transfer.
+// Registers. The top bit of an address selects a read; the address increments within a transfer.
 const READ: u8 = 0x80;
 const BANK_SELECT: u8 = 0x76;
 // Bank 0.
@@ -60,11 +59,11 @@ const IDENTITY: u8 = 0x47;
 const RESET_DONE: u8 = 1 << 4;
 /// ±250 °/s and ±2 g, 8 kHz.
 const RANGE_AND_RATE: u8 = 3 << 5 | 3;
-/// A twentieth of the rate, 400 Hz, for both.
+/// Bandwidth of both UI filters: a twentieth of the rate, 400 Hz.
 const UI_BANDWIDTH: u8 = 6 << 4 | 6;
-/// Delay by both filters and half the time between two samples, s.
+/// Delay of both filters plus the mean age of a sample, s.
 pub const DELAY_S: f32 = 1.05e-3;
-/// Second order; the other fields as after a reset.
+/// UI filters of second order; the other fields keep their reset values.
 const GYRO_UI_ORDER: u8 = 0x12 | 1 << 2;
 const ACCEL_UI_ORDER: u8 = 0x05 | 1 << 3;
 /// Anti-alias filter of 536 Hz: three numbers of the data sheet's table.
@@ -73,7 +72,7 @@ const DELTA_SQUARED: u8 = 144;
 const SHIFT: u8 = 8 << 4;
 /// Both sensors in their low-noise mode.
 const LOW_NOISE: u8 = 0x0f;
-/// I²C off: traffic on the SPI must not pass for an address.
+/// I²C off, so that SPI traffic is not mistaken for an I²C address.
 const SERIAL_PORT_BITS: u8 = 0x03;
 const I2C_OFF: u8 = 0x03;
 /// Adaptive full-scale range (AFSR) off. The data sheet does not describe these two bits.
@@ -83,7 +82,7 @@ const ADAPTIVE_RANGE_OFF: u8 = 0x40;
 /// One step of the set-up.
 struct Write {
     address: u8,
-    /// Bits that the step writes; the others keep their value, which is read first.
+    /// Bits that the step writes. The other bits are read first and kept.
     bits: u8,
     value: u8,
     /// Time until the next step, ms.
@@ -100,7 +99,7 @@ const fn write(address: u8, value: u8, pause: u8) -> Write {
     }
 }
 
-/// The set-up. A reset takes 1 ms, the gyroscope 45 ms to come up.
+/// Set-up sequence. A reset takes 1 ms, the start of the gyroscope 45 ms.
 const SET_UP: [Write; 19] = [
     write(BANK_SELECT, 0, 1),
     write(DEVICE_CONFIG, 1, 3),
@@ -132,10 +131,10 @@ const SET_UP: [Write; 19] = [
     write(ACCEL_CONFIG1, ACCEL_UI_ORDER, 1),
     write(PWR_MGMT0, LOW_NOISE, 60),
 ];
-/// Place in the set-up after the reset: the sensor is asked for its name.
+/// Step of the set-up after the reset, at which the identity is read.
 const AFTER_RESET: usize = 2;
 
-/// Registers that are read back: address, bits, their required value.
+/// Registers that are read back: address, bits, required value of the bits.
 const CHECKED: [(u8, u8, u8); 9] = [
     (WHO_AM_I, !0, IDENTITY),
     // Big endian, I²C off.
@@ -149,14 +148,14 @@ const CHECKED: [(u8, u8, u8); 9] = [
     (GYRO_ACCEL_CONFIG0, !0, UI_BANDWIDTH),
     (ACCEL_CONFIG1, !0, ACCEL_UI_ORDER),
 ];
-/// Reads between two registers that are read back.
+/// Number of sample reads between two read-backs of a register.
 pub const CHECK_EVERY: u8 = 16;
 /// Equal samples in a row after which the sensor is lost: six noisy channels do not repeat.
 const STUCK: u8 = 50;
-/// Milliseconds until a sensor that does not know its name is asked again.
+/// Delay before the set-up is repeated after a wrong identity, ms.
 const RETRY: u8 = 100;
 
-/// Address, three accelerations, three yaw rates, a time stamp, the interrupt status.
+/// Length of a read: address, three accelerations, three angular rates, time stamp, interrupt status.
 const FRAME: usize = 1 + 6 + 6 + 2 + 1;
 
 /// Readings of the sensor; `None` while the bias is not known or the sensor is lost.
@@ -171,9 +170,9 @@ pub struct Reading {
 /// State of the driver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
-    /// Milliseconds to wait, then the next write of the set-up.
+    /// `wait` milliseconds remain until write `next` of the set-up.
     SetUp { wait: u8, next: u8 },
-    /// Reads until a register is read back.
+    /// `check_in` reads remain until a register is read back.
     Running { check_in: u8 },
 }
 
@@ -193,7 +192,7 @@ pub struct Icm42688 {
 }
 
 impl Icm42688 {
-    /// A sensor that is not set up. Gains: true scale over that of the data sheet.
+    /// Driver of a sensor before its set-up. Gains: true value of a count over the data sheet's.
     pub fn new(gyro_gain: f32, accelerometer_gain: f32) -> Result<Self, ConfigError> {
         Ok(Self {
             gyro: scaled(Config::GYRO, gyro_gain)?,
@@ -206,20 +205,19 @@ impl Icm42688 {
         })
     }
 
-    /// True if the sensor is lost: it did not answer, was reset or stuck, and its biases are not
-    /// known again yet.
+    /// True if the sensor is lost: a check failed, and the biases are not found again yet.
     pub fn is_lost(&self) -> bool {
         self.lost
     }
 
-    /// True if the set-up is through.
+    /// True if the set-up is complete.
     fn is_set_up(&self) -> bool {
         matches!(self.phase, Phase::Running { .. })
     }
 
-    /// To be called every millisecond. `still` is true while the motors are off; `transfer` exchanges
-    /// bytes with the sensor and returns true on success. A step takes at most one read of a sample and one of a
-    /// register, or one write; some steps of the set-up read registers before they write.
+    /// One step, to be called every millisecond. `still` is true while the motors are off; `transfer` exchanges bytes
+    /// with the sensor and returns true on success. A step reads at most one sample and one register, or writes one
+    /// register. Some steps of the set-up read registers before they write.
     pub fn step(&mut self, still: bool, mut transfer: impl FnMut(&mut [u8]) -> bool) -> Reading {
         match self.phase {
             Phase::SetUp { wait, next } => {
@@ -255,7 +253,7 @@ impl Icm42688 {
                     next: 0,
                 };
             }
-            // Forgets this reset, so that the next one is seen.
+            // Clears the flag of this reset, so that the next reset is detected.
             register(INT_STATUS, transfer);
         }
         let Some(step) = SET_UP.get(usize::from(next)) else {
@@ -268,11 +266,11 @@ impl Icm42688 {
             0xff => 0,
             bits => match register(step.address, transfer) {
                 Some(value) => value & !bits,
-                // Without the other bits there is nothing to write: again.
+                // The other bits are unknown: the step is repeated.
                 None => return Phase::SetUp { wait: 0, next },
             },
         };
-        // A write that failed shows when the register is read back.
+        // A failed write is detected when the register is read back.
         transfer(&mut [step.address, kept | step.value]);
         Phase::SetUp {
             wait: step.pause - 1,
@@ -309,8 +307,8 @@ impl Icm42688 {
         reading
     }
 
-    /// Reads a register back. One that is wrong is read again at the next step, so that a disturbed
-    /// transfer is no loss.
+    /// Reads a register back. A wrong value is read again at the next step, so that one disturbed transfer does not
+    /// lose the sensor.
     fn read_back(&mut self, transfer: &mut impl FnMut(&mut [u8]) -> bool) {
         let (which, doubted) = self.check;
         let (address, bits, expected) = CHECKED[usize::from(which) % CHECKED.len()];
@@ -330,7 +328,7 @@ impl Icm42688 {
         };
     }
 
-    /// The sensor is set up again from the beginning, and its biases are not believed.
+    /// Marks the sensor as lost: restarts the set-up and discards both biases.
     fn lose(&mut self) {
         self.lost = true;
         self.phase = BEGIN;
@@ -340,13 +338,13 @@ impl Icm42688 {
     }
 }
 
-/// A register's value.
+/// Value of a register; `None` if the transfer failed.
 fn register(address: u8, transfer: &mut impl FnMut(&mut [u8]) -> bool) -> Option<u8> {
     let mut bytes = [address | READ, 0];
     transfer(&mut bytes).then_some(bytes[1])
 }
 
-/// A channel whose counts are worth `gain` times what the data sheet says.
+/// Channel whose value of a count is `gain` times the data sheet's.
 fn scaled(config: Config, gain: f32) -> Result<Channel, ConfigError> {
     let unit_per_count = gain * config.unit_per_count;
     Config {

@@ -1,20 +1,19 @@
-//! One channel of an inertial sensor: counts to rad/s or m/s², its bias found at standstill.
+//! One channel of an inertial sensor: counts to rad/s or m/s², with the bias estimated at standstill.
 //!
-//! The bias at power-up is the mean over a window in which the reading neither scatters nor drifts
-//! and is no larger than the part's own tolerance. A window in which the robot was moved is refused
-//! and the next one begins; until one was good the channel gives nothing.
+//! The bias is the mean of a window whose noise, drift and mean are within the part's limits. A window in which the
+//! robot moved is rejected, and the next window begins. Until a window is accepted, the channel gives no reading.
 //!
 //! [`Config::build`] validates; [`Channel::step`] cannot fail.
 
 use crate::config::{Allowed, ConfigError, in_range, require};
 use crate::math::trig::sqrt;
 
-/// Scale and zeroing; `u` is the unit of the channel.
+/// Scale, and limits of the bias estimation. `u` is the unit of the channel, rad/s or m/s².
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Config {
     /// Value of a count, u; negative if the part is mounted the other way round.
     pub unit_per_count: f32,
-    /// Samples of a window.
+    /// Number of samples in a window.
     pub window: u16,
     /// Largest standard deviation in a window, u.
     pub max_noise: f32,
@@ -34,7 +33,7 @@ impl Config {
         max_bias: 0.05,
     };
 
-    /// Acceleration of the same part at ±2 g, m/s²: 16 384 counts per g.
+    /// Acceleration of an ICM-42688-P at ±2 g, m/s²: 16 384 counts per g.
     pub const ACCELEROMETER: Self = Self {
         unit_per_count: 9.806_65 / 16_384.0,
         window: 1000,
@@ -43,7 +42,7 @@ impl Config {
         max_bias: 1.0,
     };
 
-    /// The ready-to-run form; the error names the field that is wrong.
+    /// Builds the validated channel; the error names the invalid field.
     pub fn build(&self) -> Result<Channel, ConfigError> {
         let unit = self.unit_per_count;
         require(
@@ -64,14 +63,14 @@ impl Config {
     }
 }
 
-/// Why a window was refused.
+/// Reason for the rejection of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refused {
-    /// Its samples scatter: the robot shakes or turns.
+    /// Standard deviation too large: the robot shakes or turns.
     Noisy,
-    /// Its mean moved.
+    /// The means of the two halves differ too much.
     Drifting,
-    /// Its mean is no bias of this part: the robot moves evenly or is tilted, or the part is broken.
+    /// Mean too large for a bias of this part: the robot moves steadily or is tilted, or the part is broken.
     Offset,
 }
 
@@ -85,7 +84,7 @@ struct State {
     refused: Option<Refused>,
 }
 
-/// One channel.
+/// Channel of an inertial sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Channel {
     unit: f32,
@@ -102,18 +101,18 @@ impl Channel {
         self.state.bias_counts.is_some()
     }
 
-    /// Forgets the bias and what was gathered for it.
+    /// Discards the bias and the window in progress.
     pub fn forget(&mut self) {
         self.state = State::default();
     }
 
-    /// Why the latest window was refused, if it was.
+    /// Reason for the rejection of the latest window; `None` if it was accepted.
     pub fn refused(&self) -> Option<Refused> {
         self.state.refused
     }
 
-    /// Takes in a sample; gives the value less the bias, or `None` while the bias is not known or
-    /// when the part is saturated. `still` says that the motors are off: only then a window runs.
+    /// Takes a sample and returns its value less the bias, u. `None` while the bias is unknown or if the sample is
+    /// saturated. `still` is true while the motors are off; windows are collected only then.
     pub fn step(&mut self, count: i16, still: bool) -> Option<f32> {
         if count == i16::MIN || count == i16::MAX {
             self.state = State {
@@ -159,7 +158,7 @@ impl Channel {
         let state = &self.state;
         let n = state.samples as f32;
         let sum = i64::from(state.sum);
-        // In integers, so that nothing cancels.
+        // Integer arithmetic: no cancellation.
         let spread = i64::from(state.samples) * state.squares - sum * sum;
         let noise = sqrt(spread as f32) / n * self.unit.abs();
         let second = state.sum - state.first_sum;
@@ -184,8 +183,7 @@ mod tests {
 
     const PER_COUNT: f64 = core::f64::consts::PI / 180.0 / 131.0;
 
-    /// Feeds one window of the yaw rate `rate(k)` plus noise of 0.001 rad/s; the bias of the part is
-    /// 0.0087 rad/s.
+    /// Feeds one window of the yaw rate `rate(k)`, with noise of 0.001 rad/s and a bias of 0.0087 rad/s.
     fn window(channel: &mut Channel, random: &mut Random, rate: impl Fn(usize) -> f64) {
         for k in 0..1000 {
             let value = rate(k) + 0.0087 + 0.001 * random.normal();
@@ -194,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bias_is_found_at_rest_and_taken_off() {
+    fn bias_found_at_rest_is_subtracted() {
         let mut channel = Config::GYRO.build().unwrap();
         let mut random = Random::new(5);
         window(&mut channel, &mut random, |_| 0.0);
@@ -202,7 +200,7 @@ mod tests {
         for rate in [-4.0, -0.1, 0.0, 1.0, 4.2] {
             let count = ((rate + 0.0087) / PER_COUNT).round() as i16;
             let read = channel.step(count, false).unwrap();
-            // Half a count, and five standard deviations of the mean.
+            // Tolerance: half a count, and five standard deviations of the mean.
             let error = f64::from(read) - rate;
             assert!(error.abs() < 0.5 * PER_COUNT + 1.6e-4, "{rate} {read}");
         }
@@ -211,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_window_in_which_the_robot_moved_is_refused() {
+    fn window_with_motion_is_rejected_with_its_reason() {
         let mut random = Random::new(6);
         type Motion = fn(usize) -> f64;
         let moves: [(Motion, Refused); 3] = [
@@ -224,14 +222,14 @@ mod tests {
             window(&mut channel, &mut random, rate);
             assert!(!channel.is_zeroed());
             assert_eq!(channel.refused(), Some(reason));
-            // The next window at rest is taken.
+            // The next window at rest is accepted.
             window(&mut channel, &mut random, |_| 0.0);
             assert!(channel.is_zeroed() && channel.refused().is_none());
         }
     }
 
     #[test]
-    fn with_the_motors_on_no_window_runs() {
+    fn motors_on_prevent_a_bias_estimate() {
         let mut channel = Config::ACCELEROMETER.build().unwrap();
         for k in 0..10_000 {
             assert_eq!(channel.step(10, k % 999 != 0), None);

@@ -3,7 +3,7 @@
 //!
 //! # Panic contract
 //!
-//! Each `Config::build` validates; nothing else can fail. A reading that cannot be true is `None`.
+//! Each `Config::build` validates; nothing else can fail. An implausible reading is `None`.
 
 pub mod analog;
 pub mod icm42688;

@@ -1,22 +1,20 @@
-//! Oversampling: many fast conversions of a 12-bit converter become one of more bits.
+//! Oversampling: many fast conversions of a 12-bit converter are summed to one reading with more bits.
 //!
-//! The sum of N conversions has a resolution of 12 + log₂ N bits, and its noise over its range is
-//! √N less than that of one conversion, provided that the noise of one is at least half a count and
-//! not correlated. A 12-bit converter of 10.8 effective bits has 0.66 counts of noise; the sum of
-//! [`SCANS`] has 14.1 effective bits. Beyond that the converter's own non-linearity, which no
-//! summing removes, is met.
+//! The sum of N conversions has a resolution of 12 + log₂ N bits. Its noise relative to its range is √N times lower
+//! than that of one conversion, if a conversion has uncorrelated noise of at least half a count. A 12-bit converter
+//! of 10.8 effective bits has 0.66 counts of noise; the sum of [`SCANS`] has 14.1 effective bits. The next limit is
+//! the converter's non-linearity, which summing does not remove.
 //!
-//! Sums of bridges are ratiometric: the excitation is converted in the same scan, and each sum is
-//! referred to its nominal value, so supply drift cancels even where the bridges are not fed from
-//! the converter's own reference. Nothing here can fail.
+//! Sums of bridges are ratiometric: the excitation is converted in the same scan, and each sum is scaled to the
+//! nominal excitation. Supply drift cancels even if the bridges are not fed from the converter's reference. Nothing
+//! here can fail.
 
-/// Scans that are summed to a reading: 96 000 a second make one a millisecond.
+/// Scans summed to one reading: 96 000 scans a second give one reading a millisecond.
 pub const SCANS: usize = 96;
 /// Largest sum of 12-bit conversions.
 pub const FULL_SCALE: i32 = SCANS as i32 * 4095;
 
-/// Sums of each of the `N` channels over scans that follow each other in `samples`; an incomplete
-/// last scan is left out.
+/// Sum of each of the `N` channels over all scans in `samples`. An incomplete last scan is ignored.
 pub fn sums<const N: usize>(samples: &[u16]) -> [u32; N] {
     let mut sums = [0u32; N];
     for scan in samples.chunks_exact(N) {
@@ -27,9 +25,8 @@ pub fn sums<const N: usize>(samples: &[u16]) -> [u32; N] {
     sums
 }
 
-/// Sum `sum` referred to an excitation of `nominal` counts where `measured` was converted; both are
-/// sums over the same scans. `None` if the excitation is off by more than a tenth, so that no
-/// bridge can be believed.
+/// `sum` scaled from the `measured` to the `nominal` excitation; all three are sums over [`SCANS`] conversions.
+/// `None` if the excitation differs from nominal by more than a tenth: all bridge readings are then invalid.
 pub fn ratiometric(sum: u32, measured: u32, nominal: u32) -> Option<i32> {
     let off = measured.abs_diff(nominal);
     if nominal == 0 || off > nominal / 10 {
@@ -68,28 +65,27 @@ mod tests {
     }
 
     #[test]
-    fn at_least_fourteen_effective_bits() {
+    fn sum_of_96_conversions_has_fourteen_effective_bits() {
         let mut random = Random::new(9);
-        // All noise of 10.8 effective bits (the converter's data sheet), of which quantisation is
-        // 1/√12 counts.
+        // Total noise for 10.8 effective bits (the converter's data sheet); 1/√12 counts of it are quantisation.
         let all = 4096.0 / (10.8f64.exp2() * 12f64.sqrt());
         let analog = (all * all - 1.0 / 12.0).sqrt();
         let bits = effective_bits(&errors(analog, &mut random), 4096.0);
         println!("{bits:.2} effective bits from {SCANS} conversions of 10.8");
         assert!(bits >= 14.0, "{bits}");
-        // Half of a bit for each doubling, not more: the gain comes from the noise.
+        // Half a bit for each doubling of N: the gain comes from averaging of noise.
         let expected = 10.8 + 0.5 * (SCANS as f64).log2();
         assert!((bits - expected).abs() < 0.1, "{bits} {expected}");
     }
 
     #[test]
-    fn without_noise_nothing_is_gained() {
+    fn sum_without_noise_keeps_twelve_effective_bits() {
         let bits = effective_bits(&errors(0.0, &mut Random::new(2)), 4096.0);
         assert!((bits - 12.0).abs() < 0.1, "{bits}");
     }
 
     #[test]
-    fn channels_are_summed_apart() {
+    fn channels_are_summed_separately() {
         let samples = [1, 10, 100, 2, 20, 200, 3, 30, 300, 4, 40];
         assert_eq!(sums::<3>(&samples), [6, 60, 600]);
         assert_eq!(sums::<2>(&[]), [0, 0]);

@@ -1,12 +1,11 @@
 //! Noise of the strain bridges at rest: standard deviation of the readings over 10 s.
 //!
-//! For the bring-up of a board. Sums are of differences from the first reading, in integers, so that nothing
-//! cancels.
+//! For the bring-up of a board. Sums are integers, of differences from the first reading: no cancellation.
 
-/// Readings of a window, one a millisecond.
+/// Number of readings in a window, one a millisecond.
 pub const WINDOW: u16 = 10_000;
 
-/// Readings of the window under way.
+/// Sums of the window in progress.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RestNoise<const N: usize> {
     first: [i32; N],
@@ -27,7 +26,7 @@ impl<const N: usize> Default for RestNoise<N> {
 }
 
 impl<const N: usize> RestNoise<N> {
-    /// Takes the counts of a millisecond; at the end of a window their standard deviations, counts.
+    /// Takes one reading of each bridge. Returns the standard deviations, counts, at the end of a window.
     pub fn step(&mut self, counts: &[i32; N]) -> Option<[f32; N]> {
         if self.count == 0 {
             *self = Self {

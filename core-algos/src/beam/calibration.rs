@@ -1,11 +1,11 @@
-//! From bridge counts to strain, and how zero and gain are found.
+//! From bridge counts to strain; estimation of zero and gain.
 //!
-//! The converter is ratiometric (bridge and converter share their supply), so a count is a fixed
-//! share of the bridge's ratio and supply drift cancels. Zeroing is part of the sensor, not an
-//! extra: 1 µε left on all gauges turns the default strip by 0.7 mrad.
+//! The converter is ratiometric (bridge and converter share their supply), so a count is a fixed share of the
+//! bridge's ratio and supply drift cancels. Zeroing is essential: a zero error of 1 µε on all gauges is 0.7 mrad of
+//! bend on the default strip.
 //!
-//! [`Config::build`] validates; [`Calibration::strain`] never fails. [`Standstill::average`] refuses
-//! an average that cannot be trusted and says why.
+//! [`Config::build`] validates; [`Calibration::strain`] never fails. [`Standstill::average`] rejects a noisy,
+//! drifting or incomplete average with the reason.
 
 use super::strip::{GaugeMask, MAX_GAUGES, PerGauge};
 use crate::config::{Allowed, Checked, ConfigError, declare, require};
@@ -21,7 +21,7 @@ declare! {
     pub struct Config {
         /// Highest count of the converter; the lowest is 0. A count outside means "no conversion".
         pub full_scale_counts: i32 = 4095, "counts": Range(15.0, MAX_FULL_SCALE);
-        /// A count this close to either end is saturated.
+        /// A count closer to either end of the range is saturated.
         pub rail_margin_counts: i32 = 4, "counts": NonNegative;
         /// Strain of one count by the data sheets: 1/(counts × amplification × gauge factor × active
         /// arms/4). Negative if the bridge is wired so that a left bend lowers the count.
@@ -30,13 +30,13 @@ declare! {
         pub zero_counts: PerGauge = PerGauge::uniform(5, 2048.0), "counts": Range(0.0, MAX_FULL_SCALE);
         /// True strain over nominal strain of each gauge.
         pub gain: PerGauge = PerGauge::uniform(5, 1.0), "": Range(0.5, 2.0);
-        /// A strain larger than this in magnitude is no strain of this strip.
+        /// Largest plausible strain in magnitude.
         pub max_strain: f32 = 5e-3, "strain": Range(1e-6, 0.1);
     }
 }
 
 impl Config {
-    /// Checks every field; `gauges` is how many gauges the strip has.
+    /// Checks every field; `gauges` is the number of gauges on the strip.
     pub fn build(&self, gauges: usize) -> Result<Calibration, ConfigError> {
         self.check_ranges()?;
         let full_scale = self.full_scale_counts;
@@ -83,9 +83,9 @@ impl Config {
         }
     }
 
-    /// This calibration with the gain of each gauge set so that `average`, taken at a known bend
-    /// (the strip laid on a former: strain = half thickness × curvature), reads `known`. The bend
-    /// must be much larger than the error of the zeros; check the result with [`Self::build`].
+    /// This calibration with the gain of each gauge set so that `average`, taken at a known bend, reads `known`. With
+    /// the strip on a former, the known strain is half thickness × curvature. The bend must be much larger than the
+    /// error of the zeros; check the result with [`Self::build`].
     pub fn with_gain(&self, average: &[f32; MAX_GAUGES], known: &[f32; MAX_GAUGES]) -> Self {
         let zero = self.zero_counts.padded();
         let mut gain = self.gain.padded();
@@ -100,7 +100,7 @@ impl Config {
 }
 
 impl PerGauge {
-    /// List of other values, of equal length.
+    /// A list of the same length with other values.
     fn replaced(&self, values: [f32; MAX_GAUGES]) -> Self {
         values
             .get(..self.count())
@@ -114,7 +114,7 @@ impl PerGauge {
 pub enum Conversion {
     /// A count inside the converter's range.
     Good,
-    /// A count at either end of the range: the true one may lie beyond.
+    /// A count at either end of the range: the true value may lie beyond.
     Saturated,
     /// No count: outside the range of the converter.
     Missing,
@@ -133,7 +133,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Judges a count.
+    /// Classifies a count.
     pub fn judge(&self, count: i32) -> Conversion {
         if !(0..=self.full_scale).contains(&count) {
             Conversion::Missing
@@ -154,14 +154,14 @@ impl Calibration {
         self.strain_per_count.abs()
     }
 
-    /// True if `strain` can be one of this strip. NaN cannot.
+    /// True if `strain` is plausible for this strip; false for NaN.
     pub fn is_plausible(&self, strain: f32) -> bool {
         strain.abs() <= self.max_strain
     }
 }
 
 declare! {
-    /// Conditions under which an average is taken for a calibration.
+    /// Limits of an average that is used for a calibration.
     pub struct StandstillLimits {
         /// Fewest samples of each gauge.
         pub min_samples: u32 = 500, "": Range(4.0, 1e6);
@@ -181,7 +181,7 @@ impl StandstillLimits {
     }
 }
 
-/// Why an average was refused. The number is the gauge, counted from the root.
+/// Reason for the rejection of an average. The number is the gauge, counted from the root.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StandstillError {
     /// Not enough samples yet.
@@ -190,7 +190,7 @@ pub enum StandstillError {
     BadSample(u8),
     /// Samples scatter too much.
     Noisy(u8),
-    /// The average moved.
+    /// The averages of the two halves differ too much.
     Drifting(u8),
 }
 
@@ -213,7 +213,7 @@ impl Moments {
         self.sum as f32 / self.count as f32
     }
 
-    /// Unbiased variance of one of two or more samples.
+    /// Unbiased variance of a sample; needs two or more samples.
     fn variance(&self) -> f32 {
         let mean = self.mean();
         let count = self.count as f32;
@@ -251,7 +251,7 @@ impl Standstill {
         self.samples = self.samples.saturating_add(1);
     }
 
-    /// Mean count of each gauge of `mask` over all samples, if it can be trusted.
+    /// Mean count of each gauge of `mask` over all samples; an error if a gauge exceeds a limit.
     pub fn average(
         &self,
         calibration: &Calibration,
@@ -268,7 +268,7 @@ impl Standstill {
             }
             let [early, late] = &self.halves[i];
             let count = early.count.saturating_add(late.count);
-            // The late half has as many at least.
+            // The late half has at least as many samples.
             if count < limits.min_samples || early.count < 2 {
                 return Err(StandstillError::TooFewSamples(gauge));
             }
@@ -314,7 +314,7 @@ mod tests {
     const FIVE: GaugeMask = GaugeMask(0b11111);
 
     #[test]
-    fn zeroing_finds_the_zero_of_noisy_gauges_as_well_as_their_mean_does() {
+    fn zeroing_error_of_noisy_gauges_is_that_of_their_mean() {
         let limits = StandstillLimits::default();
         let mut random = Random(4);
         let truth = [
@@ -331,7 +331,7 @@ mod tests {
                 squared += error.powi(2);
             }
         }
-        // Noise and the rounding to counts, over 1000 samples.
+        // Variance of noise and of rounding to counts, over 1000 samples.
         let variance = (1.5 * 1.5 + 1.0 / 12.0) / 1000.0;
         let normalised = squared / (5.0 * f64::from(runs) * variance);
         assert!((0.5..1.3).contains(&normalised), "{normalised}");
@@ -340,7 +340,7 @@ mod tests {
     #[test]
     fn a_moving_noisy_short_or_saturated_record_is_refused() {
         let limits = StandstillLimits::default();
-        // `added`: what the gauges read beyond their zero.
+        // `added`: counts of the gauges above their zero.
         let refusal = |n, added: &dyn Fn(usize, usize) -> f64| {
             let standstill = collect(&limits, n, |t, i| 2048.0 + added(t, i));
             let average = standstill.average(&calibration(), &limits, FIVE);
@@ -373,7 +373,7 @@ mod tests {
         for strain in &calibrated.strain(&reading)[..5] {
             assert!((strain + 2e-3).abs() < 4e-6, "{strain}");
         }
-        // A bend that was not there gives an impossible gain, refused by name.
+        // A gain from a straight strip is impossible and rejected by name.
         let straight = collect(&limits, 600, |_, _| 2048.0)
             .average(&calibration(), &limits, FIVE)
             .unwrap();
@@ -382,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn counts_are_judged() {
+    fn counts_are_classified_by_range_and_margin() {
         let c = calibration();
         assert_eq!(c.judge(-1), Conversion::Missing);
         assert_eq!(c.judge(4096), Conversion::Missing);
@@ -405,10 +405,10 @@ mod tests {
         }
     }
 
-    /// Counts of the second gauge in each half of the fewest samples; a count is 2⁻²⁰ strain. Mean, variance and
-    /// difference of the halves are exact.
+    /// Each case holds the counts of the second gauge in both halves of the 8 samples. A count is 2⁻²⁰ strain, so
+    /// that mean, variance and difference of the halves are exact.
     #[test]
-    fn an_average_is_given_up_to_the_noise_and_drift_that_are_allowed() {
+    fn average_is_accepted_up_to_the_limits_of_noise_and_drift() {
         let unit = 0.5f32.powi(20);
         let config = Config {
             strain_per_count: -unit,
@@ -418,7 +418,7 @@ mod tests {
         let (quiet, noisy) = ([0, 0, 0, 2], [0, 0, 0, 4]);
         let moved = [3, 3, 3, 5];
         for (halves, noise, drift, expected) in [
-            // Variances of 1 and 4, means of 0.5 and 1 and 3.5.
+            // Variances are 1 and 4, means 0.5, 1 and 3.5.
             ([quiet, quiet], unit, unit, Ok(0.5)),
             (
                 [quiet, quiet],
@@ -470,7 +470,7 @@ mod tests {
 
     /// The fewest samples that `build` allows are enough; with fewer there is no early half.
     #[test]
-    fn four_samples_are_enough_and_fewer_are_none() {
+    fn four_samples_are_enough_and_fewer_are_rejected() {
         for (min_samples, enough) in [(4, true), (3, false), (2, false), (0, false)] {
             let limits = StandstillLimits {
                 min_samples,
@@ -486,9 +486,9 @@ mod tests {
         }
     }
 
-    /// The first count is what the others are counted from.
+    /// Sums are relative to the first count.
     #[test]
-    fn a_bad_first_sample_spoils_its_gauge() {
+    fn bad_sample_rejects_the_average_of_its_gauge_only() {
         let limits = StandstillLimits::default();
         for (at, bad) in [(0, 4094.0), (0, -1.0), (700, 4094.0)] {
             let standstill = collect(
@@ -503,7 +503,7 @@ mod tests {
     }
 
     #[test]
-    fn strain_of_a_count_lies_between_a_trillionth_and_a_thousandth() {
+    fn strain_per_count_outside_1e_12_to_1e_3_is_rejected() {
         for (unit, accepted) in [
             (1e-12, true),
             (0.9e-12, false),
@@ -520,9 +520,9 @@ mod tests {
         }
     }
 
-    /// A gauge that reads low by its gain: zero and gain with the strip at the strain that is known.
+    /// One gauge has a gain of 0.8; the strip is held at a known strain.
     #[test]
-    fn a_zero_found_on_a_bent_strip_is_that_of_the_straight_one() {
+    fn zero_from_a_bent_strip_equals_that_of_a_straight_strip() {
         let mut config = Config::default();
         config.gain.set(3, 0.8);
         let lsb = config.strain_per_count;
@@ -543,7 +543,7 @@ mod tests {
     }
 
     #[test]
-    fn lists_must_match_the_strip() {
+    fn lists_that_do_not_match_the_strip_are_rejected() {
         assert_eq!(Config::default().build(4).unwrap_err().field, "zero_counts");
         crate::config::refusal_of(Config::default(), |c| c.build(5)).names(&[
             ("gain", |c| c.gain = PerGauge::uniform(4, 1.0)),

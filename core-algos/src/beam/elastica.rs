@@ -1,13 +1,12 @@
 //! The posture and the end forces from the strains, by the mechanics of the strip.
 //!
 //! A massless strip loaded at its ends only is an elastica: its curvature is linear in position,
-//! EI κ = M_root + F_x y − F_y x. Three numbers describe every such shape, bent or post-buckled, so
-//! the strains are fitted with them rather than with a polynomial: the posture no longer depends
-//! on where the gauges sit, each gauge beyond the third checks the others, and the wrench comes for
-//! free (the compliant frame force F_K of paper eq. 8).
+//! EI κ = M_root + F_x y − F_y x. Three numbers describe every such shape, bent or post-buckled, and are fitted to
+//! the strains. Unlike with a polynomial, the posture does not depend on the placement of the gauges. Each gauge
+//! beyond the third checks the others, and the fit also gives the wrench (the frame force F_K of paper eq. 8).
 //!
-//! [`Solver`] is valid by construction; [`Solver::fit`] is infallible and bounded (at most
-//! [`MAX_EVALUATIONS`] shapes); it gives `None` where no finite fit exists.
+//! [`Solver`] is valid by construction. [`Solver::fit`] is infallible, bounded to [`MAX_EVALUATIONS`] shapes
+//! (integrations of the elastica with derivatives), and returns `None` if no finite fit exists.
 
 mod descent;
 mod fit;
@@ -28,40 +27,40 @@ pub use start::Start;
 pub use wrench::Wrench;
 /// Most shapes computed for one fit.
 pub const MAX_EVALUATIONS: u8 = 40;
-/// A step this small, in squared standard deviations of the parameters, ends the iteration; what
-/// it leaves is smaller by its square.
+/// Predicted decrease of the cost, in squared standard deviations of the parameters, that ends the iteration. The
+/// error after this step is smaller by its square.
 const CONVERGED: f32 = 1e-2;
 /// Weight of the load's prior in its tail: cost `TAIL` ln(1 + |f|²/σ²).
 const TAIL: f32 = 3.0;
-/// Weight of the tail once the load is known.
+/// Weight of the prior once the strains determine the load.
 const REFINED_TAIL: f32 = 1e-3 * TAIL;
-/// Most steps taken after that.
+/// Most Gauss–Newton steps with this weight.
 const REFINEMENTS: u8 = 2;
-/// Residual below which the prior may be what makes it.
+/// Residual below which the prior may be the cause of the residual.
 const PULLED: f32 = 2.0;
-/// Residual below which readings may be exact.
+/// Residual below which readings may be far more accurate than stated.
 const NEARLY_EXACT: f32 = 0.1;
-/// Decrease of the residual that is no gain: 0.15 mm at the default uncertainty, a tenth of a standard deviation.
+/// Negligible decrease of the residual: 0.15 mm at the default uncertainty, a tenth of a standard deviation.
 const NEGLIGIBLE: f32 = 0.08;
-/// A compression of this many prior standard deviations is compared with none.
+/// Axial load, in prior scales, above which the fit is compared with a fit from zero axial load.
 const LARGE_LOAD: f32 = 3.0;
 /// Cost of the other starts, in shapes.
 const STARTS_EFFORT: u8 = 2;
 /// Cost of [`Solver::finish`], in shapes.
 pub const FINISH_EFFORT: u8 = REFINEMENTS;
-/// Largest |F| L²/EI the fit may reach: sixteen times the load of the second buckling mode.
+/// Largest |F| L²/EI of a fit: sixteen times the load of the second buckling mode.
 const MAX_LOAD: f32 = 1300.0;
 
-/// A fit under way: the lowest minimum so far, and where else one may be.
+/// A fit in progress: the lowest minimum so far, and the starts still to try.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Search {
     mask: GaugeMask,
     readings: Readings,
     best: Option<Minimum>,
-    /// Other starts, once they are computed, and how many were tried.
+    /// Other starts, once computed, and the number of starts tried.
     starts: Option<[Parameters; 3]>,
     tried: u8,
-    /// The descent from one of them that is under way.
+    /// Descent in progress from one of the other starts.
     descent: Option<Descent>,
     /// True if the descent from the polynomial's shape did not give the lowest minimum.
     elsewhere: bool,
@@ -75,7 +74,7 @@ impl Search {
         self.open
     }
 
-    /// True if the best minimum so far is one.
+    /// True if the descent to the best minimum so far converged.
     pub fn is_converged(&self) -> bool {
         self.best.as_ref().is_some_and(|best| best.converged)
     }
@@ -103,7 +102,7 @@ struct Readings {
     k: [f32; MAX_GAUGES],
     /// Inverse variances; 0 outside the mask.
     weights: [f32; MAX_GAUGES],
-    /// Variance that the walk of the zeros added to each reading, (curvature × length)².
+    /// Variance that the drift of the zeros added to each reading, (curvature × length)².
     drift: f32,
     /// Weight of the prior.
     tail: f32,
@@ -118,7 +117,7 @@ struct Normal {
     hessian: Mat3,
     /// Negative gradient of the cost.
     descent: [f32; 3],
-    /// Share of `hessian` that the prior makes, for each force.
+    /// Contribution of the prior to `hessian`, for each force.
     prior: f32,
     chi_square: f32,
     cost: f32,
@@ -128,10 +127,9 @@ struct Normal {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solver {
     strip: Strip,
-    /// Distance of each gauge from the one before it on the way from the middle outward, and the
-    /// steps it takes.
+    /// Leg to each gauge from the previous one, from the middle outward.
     legs: [Leg; MAX_GAUGES],
-    /// The last leg to the root and to the tip.
+    /// Last legs: to the root and to the tip.
     root_leg: Leg,
     tip_leg: Leg,
 }
@@ -163,8 +161,8 @@ impl Solver {
         &self.strip
     }
 
-    /// Walks from the middle to the root and to the tip; `advance` moves over a leg that begins
-    /// at the given u, `visit` sees each gauge.
+    /// Walks from the middle to the root and to the tip; `advance` moves over a leg that begins at the given u,
+    /// `visit` is called at each gauge.
     fn walk<T: Copy>(
         &self,
         middle: T,
@@ -220,8 +218,8 @@ impl Solver {
         }
     }
 
-    /// Weights of the readings `k` (curvature × length): inverse variances, 0 outside the mask;
-    /// `drift` is the variance added by the walk of the zeros.
+    /// Weights of the readings `k` (curvature × length): inverse variances, 0 outside the mask; `drift` is the
+    /// variance added by the drift of the zeros.
     fn weights(&self, k: &[f32; MAX_GAUGES], mask: GaugeMask, drift: f32) -> [f32; MAX_GAUGES] {
         let length = self.strip.length;
         let mut weights = [0.0; MAX_GAUGES];
@@ -270,8 +268,8 @@ impl Solver {
         }
     }
 
-    /// Start: the shape of the interpolating polynomial, walked in arcs, gives the positions of
-    /// the gauges; then the balance of moments is linear in the parameters.
+    /// Start of the fit. The shape of the interpolating polynomial, integrated in arcs, gives the positions of the
+    /// gauges; the balance of moments is then linear in the parameters.
     fn start(
         &self,
         interpolant: &Interpolant,
@@ -319,28 +317,25 @@ impl Solver {
 
     /// Fits the curvatures (1/m) of the gauges of `mask`.
     ///
-    /// Gauss–Newton, damped only when a step fails, from the polynomial's shape; from an arc if
-    /// that leaves large residuals. The readings weigh by their own variance
-    /// ([`super::strip::Uncertainty`]); a weak heavy-tailed prior holds forces that the strains do
-    /// not determine. The prior is removed if the readings determine the load at their stated variance. It is
-    /// also removed if the residual of four or more readings shows that they are far more exact than stated.
-    /// With two gauges the prior determines the rest, and the covariance includes it. `None` if
-    /// fewer than two readings are usable or no finite shape was found.
+    /// Gauss–Newton, damped only when a step fails, from the polynomial's shape; also from waves of small-deflection
+    /// theory if the residual is large. Readings are weighted by their inverse variance
+    /// ([`super::strip::Uncertainty`]). A weak heavy-tailed prior bounds forces that the strains do not determine.
+    /// The prior is removed if the readings determine the load at their stated variance. The prior is also removed if
+    /// the residual of four or more readings shows that the readings are far more accurate than stated. With two
+    /// gauges the prior determines the rest, and the covariance includes it. `None` if fewer than two readings are
+    /// usable or no finite shape was found.
     ///
-    /// Readings of four gauges or more tell a shape apart from all others a robot can take; three
-    /// can be met by several shapes when the load nears the buckling load: the least loaded is
-    /// given. Cost: about 8 000 instructions a shape, three or four shapes as a rule, at most
-    /// [`MAX_EVALUATIONS`]. What was tried to lower it: sine and cosine without reduction (a tenth
-    /// less), and no shape for the last step before the prior is withdrawn (a shape less).
+    /// Four or more readings determine the shape uniquely among all shapes that a robot can take. Three readings may
+    /// fit several shapes near the buckling load; the fit returns the least loaded. Cost: about 8 000 instructions a
+    /// shape, three or four shapes as a rule, at most [`MAX_EVALUATIONS`].
     pub fn fit(&self, curvature: &[f32; MAX_GAUGES], mask: GaugeMask) -> Option<Fit> {
         self.fit_within(curvature, mask, 0.0, MAX_EVALUATIONS)
     }
 
-    /// As [`Self::fit`] with zeros that have walked, each by itself, and at most `budget` shapes (4 to
-    /// [`MAX_EVALUATIONS`]). `drift` is the variance of that walk, strain². It makes the readings weigh
-    /// less and the wrench less certain; the posture's covariance stays that of a sensor whose zeros are
-    /// fresh, for what walks is no noise and whoever follows the posture must follow it
-    /// ([`crate::fusion::joint`]).
+    /// As [`Self::fit`], with zeros that have drifted independently, and at most `budget` shapes (4 to
+    /// [`MAX_EVALUATIONS`]). `drift` is the variance of this random walk, strain². The drift lowers the weight of the
+    /// readings and enlarges the covariance of the wrench. The covariance of the posture excludes the drift, which is
+    /// not noise: the filter that uses the posture must model the drift ([`crate::fusion::joint`]).
     pub fn fit_within(
         &self,
         curvature: &[f32; MAX_GAUGES],
@@ -353,8 +348,8 @@ impl Solver {
         self.finish(&search)
     }
 
-    /// Begins a fit as [`Self::fit_within`] does it: from the polynomial's shape alone, or from `start`,
-    /// where an earlier fit ended, first. At most `budget` shapes, with those of [`Self::finish`].
+    /// Begins a fit as [`Self::fit_within`]: from the polynomial's shape, or first from `start`, the result of an
+    /// earlier fit. At most `budget` shapes, including those of [`Self::finish`].
     pub fn begin(
         &self,
         curvature: &[f32; MAX_GAUGES],
@@ -394,8 +389,8 @@ impl Solver {
             let start = self.start(&interpolant, &k, &weights);
             best = lower(best, self.descend(start, &readings, &mut evaluations));
         }
-        // Noise on a strip that is nearly straight can look like a small buckled shape: a large
-        // load must win against none.
+        // Noise on a nearly straight strip can look like a small buckled shape: a large load must have a lower cost
+        // than zero axial load.
         let mut compared = true;
         if let Some([middle, fx, fy]) = best.as_ref().map(|found| found.parameters)
             && fx.abs() > self.large_load()
@@ -418,8 +413,8 @@ impl Solver {
         })
     }
 
-    /// Goes on with the search by at most `effort` shapes, and `budget` in all; the computation of the other starts
-    /// counts as two. Returns the effort that is left.
+    /// Continues the search by at most `effort` shapes, `budget` in total. The computation of the other starts counts
+    /// as two shapes. Returns the remaining effort.
     pub fn go_on(&self, search: &mut Search, budget: u8, mut effort: u8) -> u8 {
         search.readings.budget = before_refinement(budget);
         let readings = &search.readings;
@@ -466,8 +461,7 @@ impl Solver {
         let mut best = search.best?;
         let mut readings = search.readings;
         let mut evaluations = search.evaluations;
-        // Where the strains tell the load, or a large one has won, the prior has done its work and
-        // would only bias.
+        // If the strains determine the load, or a large load has won, the prior would only bias the fit.
         let [_, fx, fy] = best.parameters;
         let ambiguous = search.mask.count() <= 3;
         let won = fx.abs().max(fy.abs()) > self.large_load() && !ambiguous;
@@ -477,7 +471,7 @@ impl Solver {
             ..readings
         };
         if known || self.may_be_exact(&best, &weak) {
-            // The budget bounds the time of the tick. A search that has used it up leaves one step.
+            // The budget bounds the time of the tick. After a search that has used up its budget, one step is left.
             let spent = evaluations >= readings.budget;
             for _ in 0..if spent { 1 } else { REFINEMENTS } {
                 let (refined, settled) = self.refined(best, &weak, &mut evaluations);
@@ -495,10 +489,10 @@ impl Solver {
         self.result(&best, search.mask, &readings, evaluations)
     }
 
-    /// True if the readings seem to be far more exact than stated, so that they fix the load, and the prior pulls the
-    /// shape away from them.
+    /// True if the readings seem to be far more accurate than stated and determine the load, so that the prior biases
+    /// the shape.
     fn may_be_exact(&self, minimum: &Minimum, weak: &Readings) -> bool {
-        // The prior leaves no larger residual of exact readings.
+        // With exact readings, the residual due to the prior is below this limit.
         if !(minimum.normal.chi_square < PULLED) {
             return false;
         }
@@ -508,11 +502,11 @@ impl Solver {
         })
     }
 
-    /// True if the residual shows that the readings are far more exact than stated.
+    /// True if the residual shows that the readings are far more accurate than stated.
     fn is_exact(&self, minimum: &Minimum, weak: &Readings, mask: GaugeMask) -> bool {
         let within = |residual| is_exact(mask, residual);
         let residual = minimum.normal.chi_square;
-        // A budget that was used up may have ended the refinement one step too early.
+        // A used-up budget may have ended the refinement one step too early.
         within(residual)
             || residual < NEARLY_EXACT && {
                 let normal = self.normal(&minimum.shape, minimum.parameters, weak);
@@ -520,12 +514,12 @@ impl Solver {
             }
     }
 
-    /// A compression that is compared with none.
+    /// Axial load, EI/L², above which the fit is compared with a fit from zero axial load.
     fn large_load(&self) -> f32 {
         LARGE_LOAD * self.strip.uncertainty.load_prior
     }
 
-    /// One Gauss–Newton step from a minimum to the minimum of other readings; true if the step was small.
+    /// One Gauss–Newton step from a minimum to that of other readings. True if the step was small or failed.
     fn refined(&self, from: Minimum, readings: &Readings, evaluations: &mut u8) -> (Minimum, bool) {
         let normal = self.normal(&from.shape, from.parameters, readings);
         let Some(factor) = cholesky(&normal.hessian) else {
@@ -556,7 +550,7 @@ impl Solver {
     }
 }
 
-/// Shapes that may be computed before those of the refinement.
+/// Budget of shapes before the refinement.
 fn before_refinement(budget: u8) -> u8 {
     budget.clamp(4, MAX_EVALUATIONS) - REFINEMENTS
 }

@@ -1,22 +1,23 @@
 //! Health of the gauges.
 //!
-//! Three kinds of evidence, from cheap to costly: a period's own samples, flatness, and consistency with the other
-//! gauges. Times are periods of the sensor; numbers are the defaults of [`Config`].
+//! Three tests, from cheap to costly: samples of a period, flatness, and consistency with the other gauges. Times are
+//! periods of the sensor; numbers are the defaults of [`Config`]. A *suspect* is a flat gauge that may be dead. A
+//! *round* of the search leaves out each gauge once.
 //!
 //! | condition | reaction | after | until | reason |
 //! |---|---|---|---|---|
-//! | samples of a period missing, saturated or out of range | the latest such fault is reported | 5 bad periods in a row, of any kind | 50 good periods in a row | a glitch is no defect; the sensor leaves the period's reading out at once |
-//! | gauge dead or inconsistent | its samples change nothing, and no other gauge is compared with it | at once | reset | a latched gauge is not believed again |
-//! | gauge flat: not one count of change, while half of the other gauges, at least one, moved by 60 counts or more | 4 or more gauges with samples: suspect | a window of 50 periods | the next window closes | a strip at rest is flat too |
-//! | gauge flat, 3 or fewer gauges with samples | dead | a window of 50 periods | reset | the others are too few to contradict it |
-//! | suspect differs by more than 2e-5 strain from the fit of the others | dead | 5 fits in a row | reset | a healthy gauge may stand at a node of the bend |
-//! | several suspects | one fit a period, in turn | at once | as the suspicion | cost |
-//! | residual of the fit above 30, or not a number | search: fits without one gauge after the other, one a period | 5 fits in a row, 5 or more gauges used | a fit at 30 or below, which ends the count and the search | fewer gauges fit whatever is left out |
-//! | round complete: one gauge without which the residual is below 15, and all others more than 15 above that | verdict against this gauge | at the end of a round | a round with another result, a fit at 30 or below, a latched gauge | it could be two |
-//! | 2 verdicts in a row against one gauge | inconsistent | at once | reset | one round may be chance |
+//! | samples of a period missing, saturated or out of range | the latest such fault is reported | 5 bad periods in a row, of any kind | 50 good periods in a row | a single bad period is no defect; the sensor excludes its reading at once |
+//! | gauge dead or inconsistent | its samples are ignored, also in the tests of other gauges | at once | reset | the fault is latched |
+//! | gauge flat: count constant, while at least half of the other gauges, and at least one, moved by 60 counts or more | suspect, if 4 or more gauges have samples | a window of 50 periods | the next window closes | all gauges are flat on a strip at rest |
+//! | gauge flat, 3 or fewer gauges with samples | dead | a window of 50 periods | reset | too few other gauges for a comparison |
+//! | suspect differs by more than 2e-5 strain from the fit of the others | dead | 5 fits in a row | reset | a healthy gauge may be at a node of the bend, where strain stays constant |
+//! | several suspects | one fit a period, in turn | at once | the suspicion ends | computing time |
+//! | residual of the fit above 30, or not a number | search: one fit a period, each without one gauge | 5 fits in a row, 5 or more gauges used | a fit at 30 or below, which ends the count and the search | with fewer gauges, every fit without one gauge has a small residual |
+//! | round complete: the residual without one gauge is below 15, and the residuals without each other gauge are more than 15 higher | verdict against this gauge | at the end of the round | a round with another result, a fit at 30 or below, a latched gauge | two gauges may be faulty |
+//! | 2 verdicts in a row against one gauge | inconsistent | at once | reset | a single round may be chance |
 //!
-//! A round counts only if the gauges tested in it are those in use at its end. [`Config::build`] validates; the rest
-//! never fails.
+//! A round counts only if the gauges tested in the round are the gauges in use at its end. [`Config::build`]
+//! validates; nothing else can fail.
 
 use super::strip::{GaugeMask, MAX_GAUGES};
 use crate::config::{Allowed, ConfigError, declare, require};
@@ -24,47 +25,47 @@ use crate::config::{Allowed, ConfigError, declare, require};
 /// Fault of a gauge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Fault {
-    /// Nothing.
+    /// No fault.
     #[default]
     None,
     /// The converter gives no counts.
     Missing,
     /// The converter is at an end of its range.
     Saturated,
-    /// The strain is larger than the strip can have, or not a number.
+    /// The strain is implausibly large, or not a number.
     OutOfRange,
-    /// The reading does not move although others do.
+    /// The reading is constant while others change.
     Dead,
-    /// The reading contradicts the others.
+    /// The reading is inconsistent with the others.
     Inconsistent,
 }
 
 impl Fault {
-    /// True if it lasts until reset.
+    /// True if the fault lasts until reset.
     fn is_latched(self) -> bool {
         matches!(self, Self::Dead | Self::Inconsistent)
     }
 }
 
 declare! {
-    /// Limits beyond which a gauge is taken out.
+    /// Limits beyond which a gauge is excluded.
     pub struct Config {
         /// Bad periods in a row until a fault is reported.
         pub trip_periods: u8 = 5, "": Range(1.0, 255.0);
-        /// Good periods in a row until it is over.
+        /// Good periods in a row until a reported fault ends.
         pub clear_periods: u8 = 50, "": Range(1.0, 255.0);
-        /// Periods over which flatness is judged.
+        /// Periods in the window of the flatness test.
         pub flat_window_periods: u16 = 50, "": Range(2.0, 10_000.0);
-        /// Counts by which half of the other gauges must have moved in that window.
+        /// Least range of counts of half of the other gauges in the window, for a gauge to count as flat.
         pub active_counts: i32 = 60, "counts": Range(2.0, 16_777_216.0);
-        /// Difference between a flat reading and the fit of the other gauges from which the gauge is dead.
+        /// Difference between a flat gauge and the fit of the other gauges above which the gauge is dead.
         pub dead_strain: f32 = 2e-5, "strain": Range(1e-7, 1e-2);
-        /// True if residuals are watched. Costs one fit a period when the method is not the elastica.
+        /// True if the residual of the fit is monitored. Costs one fit a period when the method is not the elastica.
         pub watch_consistency: bool = true;
-        /// Weighted sum of squared residuals from which the readings contradict each other. With the
-        /// stated uncertainties a healthy strip exceeds 30 with probability 1e-5 or less.
+        /// Weighted sum of squared residuals above which the readings are inconsistent. With the stated uncertainties
+        /// a healthy strip exceeds 30 with probability 1e-5 or less.
         pub max_chi_square: f32 = 30.0, "": Range(5.0, 1e6);
-        /// Searches in a row that must blame one gauge.
+        /// Rounds of the search in a row against one gauge that make the gauge inconsistent.
         pub verdicts: u8 = 2, "": Range(1.0, 255.0);
     }
 }
@@ -89,21 +90,21 @@ pub struct Monitor {
     pub(super) config: Config,
 }
 
-/// All that changes in the monitor.
+/// State of the monitor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     faults: [Fault; MAX_GAUGES],
     bad_periods: [u8; MAX_GAUGES],
     good_periods: [u8; MAX_GAUGES],
-    /// Lowest and highest count in the window; lowest > highest before the first sample.
+    /// Lowest and highest count in the window; `None` before the first sample.
     window: [Option<(i32, i32)>; MAX_GAUGES],
     window_periods: u16,
-    /// Flat in the last window.
+    /// Gauges that were flat in the last window.
     flat: GaugeMask,
     flat_periods: [u8; MAX_GAUGES],
     inconsistent_periods: u8,
     next: u8,
-    /// Residual without each gauge, this round.
+    /// Residual of the fit without each gauge, in this round.
     without: [f32; MAX_GAUGES],
     tested: GaugeMask,
     verdict: Option<u8>,
@@ -116,7 +117,7 @@ impl State {
         self.faults
     }
 
-    /// Gauges that are out until reset.
+    /// Gauges excluded until reset.
     pub fn latched(&self) -> GaugeMask {
         let mut latched = GaugeMask::NONE;
         for i in 0..MAX_GAUGES {
@@ -127,7 +128,7 @@ impl State {
         latched
     }
 
-    /// The flat gauge that the others have to speak on in this period; they take turns.
+    /// Suspect to compare with the fit of the others in this period. Several suspects take turns.
     pub(super) fn suspect(&self) -> Option<usize> {
         let turn = usize::from(self.window_periods) % MAX_GAUGES;
         (turn..MAX_GAUGES)
@@ -135,7 +136,7 @@ impl State {
             .find(|i| self.flat.contains(*i))
     }
 
-    /// A count went by.
+    /// Extends the range of gauge `i` in the window by `count`.
     pub(super) fn see(&mut self, i: usize, count: i32) {
         if let Some(window) = self.window.get_mut(i) {
             let (low, high) = window.unwrap_or((count, count));
@@ -159,7 +160,7 @@ impl State {
 }
 
 impl Monitor {
-    /// Closes a period: `verdicts` holds the fault of each gauge of `gauges` by its samples.
+    /// Closes a period; `verdicts` holds the fault of each gauge of `gauges`, from the samples of the period.
     pub(super) fn close_period(
         &self,
         state: &mut State,
@@ -211,19 +212,19 @@ impl Monitor {
                 }
             }
         }
-        // Half of the others, at least one.
+        // At least half of the other gauges, and at least one, must have moved.
         if active == 0 || 2 * active < present - 1 {
             flat = GaugeMask::NONE;
         }
         state.flat = flat;
         for i in 0..MAX_GAUGES {
-            // Fits in a row speak on one spell of flatness.
+            // A gauge that has moved restarts the count of its contradicting fits.
             if !flat.contains(i) {
                 state.flat_periods[i] = 0;
             }
         }
         if present <= 3 {
-            // Too few gauges to speak on each other.
+            // Too few gauges for a comparison.
             for i in flat.iter() {
                 state.latch(i, Fault::Dead);
             }
@@ -233,7 +234,7 @@ impl Monitor {
         state.window_periods = 0;
     }
 
-    /// The others have spoken on flat gauge `i`: its reading is `difference` (strain) off.
+    /// Takes the `difference` (strain) between suspect `i` and the fit of the others.
     pub(super) fn judge_flat(&self, state: &mut State, i: usize, difference: f32) {
         let periods = state.flat_periods.get(i).copied().unwrap_or(0);
         let periods = if difference.abs() > self.config.dead_strain {
@@ -250,9 +251,9 @@ impl Monitor {
         }
     }
 
-    /// Looks at the residual of the fit through `used`. Gives the gauge to be left out of one more
-    /// fit, whose residual goes to [`Self::hear`]; `None` if there is nothing to search.
-    // Its variables are not to be in the stack of every tick.
+    /// Takes the residual of the fit through `used`. Returns the gauge to leave out of one more fit, whose residual
+    /// goes to [`Self::hear`]; `None` without a search.
+    // Not inlined: its variables would enlarge the stack of every tick.
     #[inline(never)]
     pub(super) fn watch(
         &self,
@@ -269,14 +270,14 @@ impl Monitor {
         if state.inconsistent_periods < self.config.trip_periods || used.count() < 5 {
             return None;
         }
-        // A gauge that is no longer used may have been the last one of the round.
+        // The last gauge of the round may be no longer used: continue with the first.
         let next = usize::from(state.next);
         (next..MAX_GAUGES)
             .chain(0..next)
             .find(|&i| used.contains(i))
     }
 
-    /// Residual of the fit through `used` without gauge `i`.
+    /// Takes the residual of the fit through `used` without gauge `i`.
     pub(super) fn hear(&self, state: &mut State, used: GaugeMask, i: usize, chi_square: f32) {
         if let Some(slot) = state.without.get_mut(i) {
             *slot = chi_square;
@@ -287,8 +288,7 @@ impl Monitor {
         if remaining {
             return;
         }
-        // A round is complete: guilty is the one without whom the rest agree, if the rest do not
-        // agree without any other.
+        // The round is complete. A gauge is faulty if only the fit without it has a small residual.
         let (mut best, mut second, mut guilty) = (f32::INFINITY, f32::INFINITY, 0);
         for j in used.and(state.tested).iter() {
             let residual = state.without[j];

@@ -1,9 +1,9 @@
 //! The instrumented frame: from strains to the relative posture of the axles (paper eq. 11–15).
 //!
-//! Bridge counts become strains ([`calibration`]), strains become the posture of the front axle in
-//! the rear axle's frame ([`polynomial`] as the paper does it, [`elastica`] with the mechanics of
-//! the strip), [`health`] takes failed gauges out, and [`RelativePositionSensor`] runs the whole
-//! chain: one call a sample, one call a posture.
+//! [`calibration`] turns bridge counts into strains. The posture of the front axle in the rear axle's frame is
+//! computed from the strains by [`polynomial`], as in the paper, or by [`elastica`], with the mechanics of the strip.
+//! [`health`] excludes failed gauges. [`RelativePositionSensor`] runs the whole chain: one call a sample, one call a
+//! posture.
 //!
 //! # Contract
 //!

@@ -1,9 +1,9 @@
-//! The paper's relative position sensor: the polynomial through the strains, integrated.
+//! The paper's relative position sensor: integral of the polynomial through the strains.
 //!
 //! - [`piecewise`]: segment by segment, as the paper does it (eq. 14, 15);
 //! - [`quadrature`]: the same polynomial integrated to rounding error at a fraction of the cost.
 //!
-//! Both read an [`Interpolant`], which is valid by construction; nothing fails afterwards.
+//! Both use a [`Quadrature`] with its [`Interpolant`], which are valid by construction; neither fails.
 
 use super::strip::{GaugeMask, MAX_GAUGES, MIN_GAUGES, RelativePosture, Strip};
 use crate::math::Posture;
@@ -13,7 +13,7 @@ use crate::math::trig::{sin_cos, sinc};
 
 /// Number of nodes at which [`quadrature`] evaluates (cos θ, sin θ): exact to 1e-8 m.
 const NODES: usize = 16;
-/// Gauss–Legendre rule of that many nodes: node and weight.
+/// Gauss–Legendre rule of [`NODES`] nodes: node and weight.
 const GAUSS_16: [(f32, f32); NODES] = [
     (-0.989_400_9, 0.027_152_46),
     (-0.944_575, 0.062_253_524),
@@ -32,7 +32,7 @@ const GAUSS_16: [(f32, f32); NODES] = [
     (0.944_575, 0.062_253_524),
     (0.989_400_9, 0.027_152_46),
 ];
-/// The 4-node rule, exact for the seventh degree: the highest of an interpolant.
+/// 4-node rule, exact to degree 7, the highest degree of an interpolant.
 const GAUSS_4: [(f32, f32); 4] = [
     (-0.861_136_3, 0.347_854_85),
     (-0.339_981_04, 0.652_145_15),
@@ -45,13 +45,13 @@ const LEGENDRE_LEADING: [f32; MAX_GAUGES] = [1.0, 1.0, 1.5, 2.5, 4.375, 7.875, 1
 /// The polynomial through the gauges of one mask (paper eq. 11, 12), in Lagrange form on positions
 /// normalised to [−1, 1].
 ///
-/// Linear in the curvatures, so no system is solved when they change; the Vandermonde matrix of
-/// the paper never appears (its condition number is 1.7e4 in metres).
+/// The interpolant is linear in the curvatures, so that no system is solved when they change; the Vandermonde matrix
+/// of the paper never appears (its condition number is 1.7e4 in metres).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interpolant {
     mask: GaugeMask,
     u: [f32; MAX_GAUGES],
-    /// 1/Π(u_i − u_j) over the other gauges of the mask; 0 for a gauge that is not in it.
+    /// 1/Π(u_i − u_j) over the other gauges of the mask; 0 for a gauge outside the mask.
     weight: [f32; MAX_GAUGES],
     /// Weight of each gauge in the two highest Legendre coefficients.
     highest: [[f32; MAX_GAUGES]; 2],
@@ -102,12 +102,12 @@ impl Interpolant {
         })
     }
 
-    /// The gauges it goes through.
+    /// Gauges of the interpolant.
     pub fn mask(&self) -> GaugeMask {
         self.mask
     }
 
-    /// The Lagrange polynomials at `u`: how much each gauge counts there.
+    /// The Lagrange polynomials at `u`: weight of each gauge.
     pub fn basis(&self, u: f32) -> [f32; MAX_GAUGES] {
         let mut basis = self.weight;
         let mut before = 1.0;
@@ -132,8 +132,8 @@ impl Interpolant {
         dot(&self.basis(u), at_gauges)
     }
 
-    /// Magnitude of the polynomial's two highest Legendre coefficients: what the next ones, which
-    /// the gauges cannot see, are judged by. Two, because symmetry can make one vanish.
+    /// Larger magnitude of the polynomial's two highest Legendre coefficients. An estimate of the next coefficients,
+    /// which the gauges do not measure. Symmetry can make one of the two vanish.
     fn highest_coefficients(&self, at_gauges: &[f32; MAX_GAUGES]) -> f32 {
         let [last, before] = &self.highest;
         greater(dot(last, at_gauges).abs(), dot(before, at_gauges).abs())
@@ -155,7 +155,7 @@ pub struct Quadrature {
     interpolant: Interpolant,
     /// θ at node q = Σ `at[q][i]` κ_i, m.
     at: [[f32; MAX_GAUGES]; NODES],
-    /// The same at the tip.
+    /// Weights of θ at the tip, m.
     tip: [f32; MAX_GAUGES],
 }
 
@@ -185,8 +185,7 @@ impl Quadrature {
         &self.interpolant
     }
 
-    /// End of the strip for curvatures `k`, in units of its length, and the derivatives of its x
-    /// and y by them.
+    /// End (x, y) of the strip for curvatures `k`, in units of its length, and the derivatives of x and y by `k`.
     fn end(&self, k: &[f32; MAX_GAUGES]) -> ([f32; 2], [[f32; MAX_GAUGES]; 2]) {
         let (mut x, mut y) = (0.0, 0.0);
         let (mut x_by, mut y_by) = ([0.0; MAX_GAUGES], [0.0; MAX_GAUGES]);
@@ -204,7 +203,7 @@ impl Quadrature {
     }
 }
 
-/// The curvatures of the gauges that count, zero elsewhere (a NaN there must not spread).
+/// The curvatures of the gauges in `mask`; zero elsewhere, so that a NaN does not spread.
 fn masked(curvature: &[f32; MAX_GAUGES], mask: GaugeMask) -> [f32; MAX_GAUGES] {
     let mut masked = [0.0; MAX_GAUGES];
     for i in 0..MAX_GAUGES {
@@ -231,7 +230,7 @@ pub fn quadrature(
     let ([x, y], [x_by, y_by]) = rule.end(&k);
     let phi = dot(&rule.tip, &k);
     let (s, c) = sin_cos(phi);
-    // Of the rigid tip.
+    // Derivatives of x and y by the heading, due to the rigid tip.
     let lever = (-strip.rigid_tip * s, strip.rigid_tip * c);
     let posture = Posture::new(
         strip.rigid_root + strip.length * x + lever.1,
@@ -254,11 +253,11 @@ pub fn quadrature(
 
 /// The front axle's posture by the paper's piecewise integration (eq. 13–15) in `segments` pieces.
 ///
-/// Each segment is an arc with the curvature at its middle (its left end would cost up to 6.7 mm
-/// at 100 segments), in half-angle form: d = κ dL, chord dL sinc(d/2) along φ_p + d/2. That is
-/// (14) and (15) without the division by a curvature that may be zero. Sums are compensated, so
-/// the number of segments does not cost precision. 0 segments are taken as 1. Covariance as
-/// [`quadrature`], the limit of many segments. Cost about 300 operations a segment.
+/// Each segment is an arc with the curvature at its middle; the curvature at its left end would cost up to 6.7 mm at
+/// 100 segments. In half-angle form, d = κ dL, and the chord is dL sinc(d/2) along φ_p + d/2: (14) and (15) without
+/// division by a curvature that may be zero. Sums are compensated, so that precision does not depend on the number of
+/// segments. 0 segments are taken as 1. Covariance as [`quadrature`], the limit of many segments. Cost about 300
+/// operations a segment.
 pub fn piecewise(
     strip: &Strip,
     rule: &Quadrature,
@@ -271,7 +270,7 @@ pub fn piecewise(
     let step = strip.length / count;
     let (mut x, mut y, mut phi) = (Sum::default(), Sum::default(), Sum::default());
     for segment in 0..segments {
-        // Twice the middle minus one, exact up to the division.
+        // Middle of the segment on [−1, 1], exact up to the division.
         let u = (2 * i32::from(segment) + 1 - i32::from(segments)) as f32 / count;
         let turn = step * rule.interpolant.value(u, &curvature);
         let chord = step * sinc(0.5 * turn);
@@ -287,7 +286,7 @@ pub fn piecewise(
     }
 }
 
-/// A sum that carries its rounding error along (Neumaier).
+/// Compensated sum (Neumaier).
 #[derive(Clone, Copy, Default)]
 struct Sum {
     sum: f32,
@@ -310,9 +309,8 @@ impl Sum {
     }
 }
 
-/// Covariance of a posture whose derivative with respect to the gauges' curvatures is `jacobian`, and
-/// that of its noise, the polynomial's error with it; `highest` is the polynomial's highest Legendre
-/// coefficient.
+/// Covariance of a posture, and of its noise. `jacobian` holds the posture's derivatives by the gauges' curvatures.
+/// The noise includes the polynomial's error, estimated from `highest`, its highest Legendre coefficient.
 fn covariances(
     strip: &Strip,
     highest: f32,
@@ -351,7 +349,7 @@ fn covariances(
 }
 
 impl Strip {
-    /// Variance of a gauge's curvature without errors shared by all gauges, 1/m².
+    /// Variance of a gauge's curvature without the errors shared by all gauges, 1/m².
     pub(super) fn gauge_variance(&self, curvature: f32) -> f32 {
         let gain = self.uncertainty.gain * curvature;
         self.still_variance + gain * gain

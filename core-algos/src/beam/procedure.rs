@@ -1,36 +1,36 @@
 //! Calibration on request: average at standstill, then zeros or gains, as a state machine of the
 //! beam board.
 //!
-//! A request is refused while the motors are on, since then the strip is not held at the shape the
-//! request names. [`Procedure::sample`] is given every conversion and says when something is to be
-//! done. Nothing here can fail.
+//! A request is rejected while the motors are on: the strip is then not held at the requested shape.
+//! [`Procedure::sample`] takes every conversion and returns an [`Event`] if the board must act. Nothing here can
+//! fail.
 
 use super::calibration::{self, Standstill, StandstillError, StandstillLimits};
 use super::strip::{GaugeMask, MAX_GAUGES};
 use crate::bus::field::{Calibrate, CalibrationResult};
 
-/// Calibration to perform.
+/// Action of the beam board at the end of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
-    /// Answer the request `sequence`: it was refused, gauge `gauge` being to blame.
+    /// Reply that the request `sequence` is rejected.
     Refused {
-        /// Of the request.
+        /// Sequence number of the request.
         sequence: u8,
-        /// Why.
+        /// Reason of the rejection.
         result: CalibrationResult,
-        /// Gauge, counted from the root.
+        /// Gauge at fault, counted from the root; 0 if the reason is not a gauge.
         gauge: u8,
     },
-    /// Take this calibration into use, store it, then answer the request `sequence`.
+    /// Use and store this calibration, then reply to the request `sequence`.
     Adopt {
-        /// Of the request.
+        /// Sequence number of the request.
         sequence: u8,
-        /// The new calibration; it was built once to check it.
+        /// The new calibration, already validated.
         config: calibration::Config,
     },
 }
 
-/// The procedure.
+/// Calibration procedure.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Procedure {
     limits: StandstillLimits,
@@ -38,10 +38,10 @@ pub struct Procedure {
     running: Option<Running>,
 }
 
-/// A calibration under way.
+/// A calibration in progress.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Running {
-    /// Of the request.
+    /// Sequence number of the request.
     sequence: u8,
     wanted: Calibrate,
     standstill: Standstill,
@@ -57,7 +57,7 @@ impl Procedure {
         }
     }
 
-    /// Begins a calibration and gives up a running one.
+    /// Begins a calibration; a running one is aborted.
     pub fn request(&mut self, sequence: u8, calibrate: Calibrate) {
         self.running = Some(Running {
             sequence,
@@ -66,7 +66,7 @@ impl Procedure {
         });
     }
 
-    /// Takes in a conversion of every gauge; `config` is the calibration in use.
+    /// Takes a conversion of every gauge; `config` is the calibration in use.
     pub fn sample(
         &mut self,
         config: &calibration::Config,
@@ -156,7 +156,7 @@ mod tests {
         counts
     }
 
-    /// Runs a request to its end; `curvature(k)` is the true one at sample k.
+    /// Runs a request to its end; `curvature(k)` is the true curvature at sample k, 1/m.
     fn run(
         config: &calibration::Config,
         calibrate: Calibrate,
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_trusted_is_refused() {
+    fn calibration_with_motors_on_motion_or_wrong_bend_is_rejected() {
         let config = calibration::Config::default();
         type Motion = fn(usize) -> f64;
         let cases: [(Calibrate, bool, Motion, CalibrationResult); 4] = [
@@ -223,7 +223,7 @@ mod tests {
                 |k| 0.1 * (k % 2) as f64,
                 CalibrationResult::Noisy,
             ),
-            // Straight, but said to be bent: gains near zero.
+            // Straight strip, requested as bent: gains out of range.
             (
                 Calibrate::Gain(1.5),
                 true,

@@ -1,10 +1,9 @@
-//! Independent `f64` references for the tests of this module: the polynomial by Newton's divided
-//! differences and Simpson's rule, the elastica by a fourth-order Runge–Kutta march from the root
-//! on (θ, κ, x, y).
+//! Independent `f64` references for the tests of this module. Polynomial: Newton's divided differences and Simpson's
+//! rule. Elastica: fourth-order Runge–Kutta method from the root on (θ, κ, x, y).
 
 use std::vec::Vec;
 
-// The mark of a test's import: `fusion` stands above `beam`.
+// The attribute marks an import of a test: `fusion` is a layer above `beam`.
 #[cfg(test)]
 pub(super) use crate::fusion::testing::Random;
 
@@ -44,10 +43,10 @@ pub struct Elastica {
     pub force: [f64; 2],
 }
 
-/// State of an elastica.
+/// Shape of an elastica.
 #[derive(Clone, Debug)]
 pub struct Bent {
-    /// Curvature at each asked place.
+    /// Curvature at each place of `at`.
     pub curvature: Vec<f64>,
     pub end: [f64; 3],
     pub end_curvature: f64,
@@ -104,9 +103,9 @@ impl Elastica {
         bent
     }
 
-    /// A random shape that a strip between two axles can take: directions within 1.6 rad of the
-    /// root's, |curvature| × length within 8, compression up to `load` (EI/L²; a clamped strip
-    /// buckles at 39.5), a quarter of it in tension, a third of it sideways.
+    /// A random shape that a strip between two axles can take: directions within 1.6 rad of the root's,
+    /// |curvature| × length within 8, compression up to `load` (EI/L²; a clamped strip buckles at 39.5), tension up
+    /// to a quarter of `load`, lateral force up to a third of `load`.
     pub fn random(random: &mut Random, load: f64) -> Self {
         loop {
             let shape = Self {

@@ -1,10 +1,10 @@
 //! The relative position sensor: samples of the bridges in, posture of the front axle in the rear
 //! axle's frame out.
 //!
-//! [`RelativePositionSensor::sample`] takes each conversion (1 kHz) and only sums;
-//! [`RelativePositionSensor::estimate`] (100 Hz) averages what came since, calibrates, judges the
-//! gauges and computes the posture from those that can be believed. [`Config::build`] validates;
-//! afterwards nothing fails: a posture that cannot be given is `None`.
+//! [`RelativePositionSensor::sample`] (1 kHz) sums the conversions and continues an unfinished fit.
+//! [`RelativePositionSensor::estimate`] (100 Hz) fits a line to the samples since the last estimate, or averages
+//! them, calibrates, checks the gauges, and computes the posture from the healthy gauges. [`Config::build`]
+//! validates; afterwards nothing fails: a posture that cannot be computed is `None`.
 //!
 //! # Example
 //!
@@ -46,23 +46,24 @@ use crate::config::{ConfigError, declare, in_range};
 use crate::math::matrix::scale;
 use period::Period;
 
-/// Shapes computed for a fit that only looks for the gauge to blame.
+/// Most shapes (integrations of the elastica) for a fit without one gauge.
 const SEARCH_BUDGET: u8 = 16;
-/// Most shapes computed in the tick of an estimate; four settle all fits but one in thousands.
+/// Most shapes computed in the tick of an estimate. Four are enough for all fits except one in thousands.
 const TICK_BUDGET: u8 = 5;
-/// The same of a tick of the work that is left: other starts and the end of a search cost more than they count.
+/// Most shapes computed in a tick that continues a fit. Other starts and the end of a search take longer than the
+/// number of shapes they count as.
 const WORK_BUDGET: u8 = 4;
 /// Most shapes computed to begin a fit.
 const BEGIN_EFFORT: u8 = TICK_BUDGET - FINISH_EFFORT;
 
-/// Weighted sum of squared residuals over degrees of freedom up to which the stated uncertainties explain it. With
-/// five gauges of those uncertainties a fit exceeds it with probability 0.02.
+/// Largest ratio of the weighted sum of squared residuals to the degrees of freedom that the stated uncertainties
+/// explain. A fit of five gauges with these uncertainties exceeds the ratio with probability 0.02.
 const EXPLAINED: f32 = 4.0;
 
-/// Measured over configured standard deviation of a gauge's noise from which on the gauge is inconsistent. Sound bridges
-/// have half the default.
+/// Ratio of measured to configured noise (standard deviation) of a gauge above which the estimate is not consistent.
+/// Healthy bridges have half the default noise.
 const NOISY: f32 = 3.0;
-/// Periods over which the noise is measured.
+/// Averaging length of the measured noise, periods.
 const NOISE_PERIODS: u32 = 64;
 
 declare! {
@@ -70,32 +71,32 @@ declare! {
     pub enum Method, default Elastica {
         /// Polynomial, integrated segment by segment as in the paper.
         Piecewise = "piecewise",
-        /// The same polynomial, fast quadrature.
+        /// Polynomial, integrated by fast quadrature.
         Quadrature = "quadrature",
-        /// Fit of the elastica; gives the wrench too.
+        /// Fit of the elastica; also estimates the wrench.
         Elastica = "elastica",
     }
 }
 
 declare! {
-    /// The whole sensor.
+    /// Relative position sensor.
     pub struct Config {
         /// Strip and gauges.
         pub strip: strip::Config = strip::Config::default();
         /// Method that turns strains into a posture.
         pub method: Method = Method::default();
-        /// Pieces of the piecewise integration.
+        /// Segments of the piecewise integration.
         pub segments: u16 = 100, "": Range(1.0, 10_000.0);
-        /// True if the estimate is that of the present: on the line fitted to the samples of the
-        /// period, `latency_samples` after the last. Otherwise their mean, half a period old, which has
-        /// a third of the noise but lags 10 mrad behind a frame that bends at its largest rate.
+        /// True if the estimate is extrapolated to the present: the line fitted to the samples of the period,
+        /// `latency_samples` after the last. Otherwise the estimate is the mean of the samples, half a period old.
+        /// The mean has a third of the noise, but lags 10 mrad behind a frame that bends at its largest rate.
         pub extrapolate: bool = true;
-        /// Age of a conversion when it arrives, in sample intervals: amplifier and converter.
+        /// Delay of amplifier and converter, in sample intervals.
         // 0.8 ms of a 200 Hz amplifier and 1 ms of conversion.
         pub latency_samples: f32 = 1.8, "": Range(0.0, 100.0);
         /// Bridge counts to strain.
         pub calibration: calibration::Config = calibration::Config::default();
-        /// Limits beyond which gauges are taken out.
+        /// Limits beyond which gauges are excluded.
         pub health: health::Config = health::Config::default();
         derived {
             /// Time between two estimates.
@@ -129,21 +130,21 @@ pub struct Solution {
     pub relative: RelativePosture,
     /// End forces; from the elastica only.
     pub wrench: Option<Wrench>,
-    /// Gauges it was made from.
+    /// Gauges used.
     pub used: GaugeMask,
-    /// The method that gave it: the quadrature stands in for an elastica that did not settle.
+    /// Method used: the quadrature replaces a fit of the elastica that did not converge.
     pub method: Method,
-    /// Weighted sum of squared residuals of the elastica, where it was fitted.
+    /// Weighted sum of squared residuals of the elastica, if it was fitted.
     pub chi_square: Option<f32>,
 }
 
-/// Strains to posture, without memory.
+/// Computes postures from strains; has no state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PostureSolver {
     solver: Solver,
     method: Method,
     segments: u16,
-    /// Quadrature through all gauges; one through fewer is made when it is needed.
+    /// Quadrature through all gauges. A quadrature through fewer gauges is built when needed.
     all: Option<Quadrature>,
 }
 
@@ -165,9 +166,9 @@ impl PostureSolver {
         self.solver.strip()
     }
 
-    /// The posture from the strains of the gauges `mask`; readings that are not finite or bend the
-    /// strip beyond reason are left out. `None` if fewer than two are left or nothing sound came
-    /// out.
+    /// The posture from the strains of the gauges in `mask`. Readings that are not finite or beyond
+    /// [`strip::MAX_TURN`] are ignored. `None` with fewer than two usable readings, or if the result is not finite
+    /// with positive variances.
     pub fn solve(&self, strain: &[f32; MAX_GAUGES], mask: GaugeMask) -> Option<Solution> {
         let curvature = self.strip().curvature(strain);
         let used = self.strip().usable(&curvature, mask);
@@ -180,7 +181,7 @@ impl PostureSolver {
         self.solution(&curvature, used, fit.filter(|fit| fit.converged))
     }
 
-    /// The posture from an elastica that settled, else from the polynomial.
+    /// The posture from a converged fit of the elastica, otherwise from the polynomial.
     fn solution(
         &self,
         curvature: &[f32; MAX_GAUGES],
@@ -236,7 +237,7 @@ impl PostureSolver {
 /// Validated sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RelativePositionSensor {
-    /// Variance that the walk of a gauge's zero adds in a period, strain².
+    /// Variance that the random walk of a gauge's zero adds in a period, strain².
     drift: f32,
     extrapolation_samples: Option<f32>,
     posture: PostureSolver,
@@ -244,66 +245,67 @@ pub struct RelativePositionSensor {
     monitor: Monitor,
 }
 
-/// All that changes in the sensor.
+/// State of the sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     periods: [Period; MAX_GAUGES],
     health: health::State,
-    /// Periods since the zeros were known.
+    /// Periods since the start, over which the zeros drift.
     age: u32,
-    /// Last strains and the gauges they are good for.
+    /// Strains of the last estimate, and the gauges whose strain is valid.
     strain: [f32; MAX_GAUGES],
     good: GaugeMask,
     /// Measured variance of the noise of each gauge's strain, strain².
     noise: [f32; MAX_GAUGES],
-    /// Work left by the last estimate, with the start of the next one.
+    /// Unfinished fit of the last estimate, and start of the next fit.
     work: Option<Work>,
     start: Option<Start>,
 }
 
-/// A fit that goes on between estimates.
+/// A fit that continues between estimates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Work {
     curvature: [f32; MAX_GAUGES],
     used: GaugeMask,
-    /// Variance of walk and excess noise, strain².
+    /// Variance of zero drift and excess noise, strain².
     drift: f32,
     purpose: Purpose,
-    /// `None` before it has begun.
+    /// `None` before the fit has begun.
     search: Option<Search>,
 }
 
 /// Purpose of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Purpose {
-    /// The estimate's own: the next one starts where it ends.
+    /// Fit of the estimate itself. The next estimate starts from the result.
     Settle,
     /// Fit without this gauge, which may be the faulty one.
     Blame(usize),
-    /// Fit of the other gauges, to test if this one is flat.
+    /// Fit without this suspect, to test if the suspect is dead.
     Flat(usize),
 }
 
 /// Output of the sensor at the end of a period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// Front axle in the rear axle's frame; `None` if fewer than two gauges can be believed. It is
-    /// that of the end of the period, or of its middle without extrapolation.
+    /// Front axle in the rear axle's frame; `None` with fewer than two healthy gauges. Valid at the end of the
+    /// period; without extrapolation, at the middle.
     pub relative: Option<RelativePosture>,
     /// End forces, if the elastica gave the posture.
     pub wrench: Option<Wrench>,
-    /// Average strain of each gauge; 0 where there is none.
+    /// Strain of each gauge in the period; 0 without a valid reading.
     pub strain: [f32; MAX_GAUGES],
-    /// Gauges the posture was made from.
+    /// Gauges used for the posture.
     pub used: GaugeMask,
     /// Fault of each gauge.
     pub faults: [Fault; MAX_GAUGES],
     /// Method that gave the posture.
     pub method: Method,
-    /// Weighted sum of squared residuals of the elastica, where it was fitted.
+    /// Weighted sum of squared residuals of the elastica, if it was fitted.
     pub chi_square: Option<f32>,
-    /// True if the stated uncertainties of zeros and gains explain the residual of the readings, and no gauge has several
-    /// times its stated noise. More of either enlarges the covariance; with a residual the gauge to blame is searched.
+    /// True if the stated uncertainties explain the residual of the fit, and no gauge has more than three times its
+    /// stated noise. Excess noise enlarges the covariance. So does a residual above the limit of [`health::Config`],
+    /// which starts the search for the faulty gauge if it persists.
     pub consistent: bool,
 }
 
@@ -318,9 +320,9 @@ impl RelativePositionSensor {
         &self.calibration
     }
 
-    /// Takes one conversion of every gauge (entries beyond the strip's gauges are not read). A
-    /// count outside the converter's range means that there was none. Cost about 100 operations; while an
-    /// estimate has left work, at most five shapes of it, so that nine calls do it all.
+    /// Takes one conversion of every gauge (entries beyond the strip's gauges are not read). A count outside the
+    /// converter's range is a missing conversion. Cost about 100 operations; with an unfinished fit, four shapes
+    /// more.
     pub fn sample(&self, state: &mut State, counts: &[i32; MAX_GAUGES]) {
         if state.work.is_some() {
             self.work(state);
@@ -343,10 +345,10 @@ impl RelativePositionSensor {
         }
     }
 
-    /// Closes the period: the posture from the samples since the last call. Cost: one fit of at most
-    /// five shapes. Where that does not settle, the quadrature stands in; the search goes on
-    /// with the next samples ([`Self::sample`]), and the next estimate starts where it ended. So does
-    /// the search for a gauge to blame.
+    /// Closes the period and estimates the posture from the samples since the last call. Cost: one fit of at most
+    /// five shapes. If the fit does not converge, the quadrature replaces it. The fit then continues with the next
+    /// samples ([`Self::sample`]), and the next estimate starts from its result. The search for a faulty gauge also
+    /// runs with the next samples.
     pub fn estimate(&self, state: &mut State) -> Estimate {
         let strip = self.strip();
         let gauges = strip.gauges();
@@ -373,7 +375,7 @@ impl RelativePositionSensor {
         } else {
             None
         };
-        // Without a minimum the polynomial replaces the fit, at the cost of a refinement.
+        // Without a minimum, the polynomial replaces the fit; its cost is that of a refinement.
         let minimum = search.as_ref().filter(|search| search.is_converged());
         let fit = minimum.and_then(|search| solver.finish(search));
         let solution = self.posture.solution(&curvature, used, fit);
@@ -419,12 +421,13 @@ impl RelativePositionSensor {
         }
     }
 
-    /// Variance that the walk of the zeros has added to each gauge, strain².
+    /// Variance that the drift of the zeros has added to each gauge, strain².
     fn drift(&self, state: &State) -> f32 {
         self.drift * state.age as f32
     }
 
-    /// Mean measured noise of the gauges `good` beyond the configured one, strain²; true if none of them is noisy.
+    /// Mean measured noise variance of the gauges in `good` above the configured variance, strain². True if no gauge
+    /// is noisy ([`NOISY`]).
     fn excess_noise(&self, state: &State, good: GaugeMask) -> (f32, bool) {
         let sigma = self.strip().uncertainty.noise_strain;
         let configured = sigma * sigma;
@@ -434,12 +437,12 @@ impl RelativePositionSensor {
             sum += noise;
             quiet &= noise <= NOISY * NOISY * configured;
         }
-        // Without gauges not a number, of which the maximum makes 0.
+        // Without gauges the quotient is NaN, and `max` returns 0.
         let excess = (sum / good.count() as f32 - configured).max(0.0);
         (excess, quiet)
     }
 
-    /// Strain and fault of each gauge by its samples; starts a new period.
+    /// Strain and fault of each gauge from its samples; starts a new period.
     fn close_period(&self, state: &mut State) -> ([f32; MAX_GAUGES], [Fault; MAX_GAUGES]) {
         let gauges = self.strip().gauges();
         let mut counts = [0.0; MAX_GAUGES];
@@ -447,7 +450,7 @@ impl RelativePositionSensor {
         for i in 0..MAX_GAUGES {
             let period = &state.periods[i];
             if period.saturated > 0 {
-                // The average of the rest would be biased.
+                // The average of the other samples would be biased.
                 verdicts[i] = Fault::Saturated;
             } else if period.good == 0 || period.missing > period.good {
                 verdicts[i] = Fault::Missing;
@@ -474,7 +477,7 @@ impl RelativePositionSensor {
         (strain, verdicts)
     }
 
-    /// Asks for one more fit without a gauge that is under suspicion, if any is.
+    /// Schedules a fit without a gauge that may be faulty, if there is such a gauge.
     fn cross_examine(&self, state: &mut State, done: Work, fit: Option<Fit>) {
         let Some(fit) = fit.filter(|_| self.monitor.config.watch_consistency) else {
             return;
@@ -492,7 +495,7 @@ impl RelativePositionSensor {
         state.work = Some(Work { purpose, ..done });
     }
 
-    /// Continues the work that an estimate has left.
+    /// Continues the unfinished fit.
     #[inline(never)]
     fn work(&self, state: &mut State) {
         let mut effort = WORK_BUDGET;
@@ -527,7 +530,7 @@ impl RelativePositionSensor {
         }
     }
 
-    /// Ends the fit under way and uses it for its purpose.
+    /// Finishes the fit and uses its result.
     fn conclude(&self, state: &mut State) {
         let Some(work) = state.work.take() else {
             return;
@@ -547,7 +550,7 @@ impl RelativePositionSensor {
                 self.cross_examine(state, work, fit.filter(|fit| fit.converged));
             }
             Purpose::Blame(i) => {
-                // Without a fit there is nothing to be said for it.
+                // A failed fit counts as a large residual: the gauge is not to blame.
                 let residual = fit.map_or(f32::MAX, |fit| fit.chi_square);
                 self.monitor.hear(&mut state.health, used, i, residual);
             }

@@ -1,22 +1,21 @@
-//! The strip and its gauges: geometry, stiffness, and how far a strain reading can be trusted.
+//! The strip and its gauges: geometry, stiffness, and uncertainty of strain readings.
 
 use crate::config::{Allowed, Checked, ConfigError, declare, in_range, require};
 use crate::math::Posture;
 use crate::math::matrix::{self, Mat3};
 use crate::math::trig::sqrt;
 
-/// The most gauges a strip can carry.
+/// Largest number of gauges on a strip.
 pub const MAX_GAUGES: usize = 8;
-/// The fewest gauges an estimate can be made from.
+/// Fewest gauges for an estimate.
 pub const MIN_GAUGES: u32 = 2;
-/// Gauges must be this fraction of the length apart, or the interpolation loses all precision.
+/// Least spacing of gauges as a fraction of the length; closer gauges cost the interpolation all precision.
 const MIN_SPACING: f32 = 1e-3;
 /// Fractions of the length of the five Gauss–Legendre nodes: the placement that makes the end
 /// angle of the interpolating polynomial exact to the ninth degree.
 pub const GAUSS_5: [f32; 5] = [0.046_910_077, 0.230_765_34, 0.5, 0.769_234_66, 0.953_089_9];
 
-/// One number for each gauge, in the order of the gauges from root to tip: a list of at most
-/// [`MAX_GAUGES`]. A plain list in a configuration file.
+/// List of one number for each gauge, from root to tip; at most [`MAX_GAUGES`]. A plain list in a configuration file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PerGauge {
     values: [f32; MAX_GAUGES],
@@ -184,14 +183,16 @@ pub struct RelativePosture {
     pub posture: Posture,
     /// Covariance of (x, y, phi) in that frame.
     pub covariance: Mat3,
-    /// Covariance of the errors that are new at each estimate; without lasting errors of zeros and gains.
+    /// Covariance of the errors that are independent between estimates, without the lasting errors of zeros and
+    /// gains.
     pub noise: Mat3,
 }
 
 impl RelativePosture {
     /// True if every number is finite and every variance positive.
     pub fn is_sound(&self) -> bool {
-        // One number that is not finite makes the sum not finite. Finite numbers of this size do not.
+        // One number that is not finite makes the sum not finite. Finite numbers of this size do not overflow the
+        // sum.
         let Posture { x, y, phi } = self.posture;
         let [covariance, noise] = [&self.covariance, &self.noise].map(|rows| rows.as_flattened());
         let sum: f32 = [x, y, phi].iter().chain(covariance).chain(noise).sum();
@@ -203,34 +204,36 @@ impl RelativePosture {
 declare! {
     /// Standard deviations of the errors of a strain reading.
     ///
-    /// Default: Values of ordinary foil gauges, full bridges, zeroed on the robot with the frame let go. A matched bridge
-    /// moves by 0.5 to 1 µε/K and a strain held by up to 1 % of it; a foil gauge drifts by 5 to 20 µε in months; clamps
-    /// that are not square bend the strip that is zeroed by milliradians. Foil and glue stand 40 to 60 µm off the strip's surface.
+    /// Default: Values of ordinary foil gauges in full bridges, zeroed on the robot with the frame released. The zero
+    /// of a matched bridge drifts by 0.5 to 1 µε/K, and a held strain creeps by up to 1 %. A foil gauge drifts by 5
+    /// to 20 µε in months. Clamps that are not square bend the zeroed strip by milliradians. The foil, on its glue,
+    /// is 40 to 60 µm above the surface of the strip.
     pub struct Uncertainty {
         /// Noise of one reading as used for one posture (after averaging).
         pub noise_strain: f32 = 1e-6, "strain": Range(1e-9, 1e-2);
-        /// Zero error of each gauge by itself.
+        /// Zero error of each gauge, independent of the others.
         pub offset_strain: f32 = 20e-6, "strain": Range(0.0, 1e-2);
-        /// Walk of the zero of each gauge by itself. It counts from the start of the node, and
-        /// where the elastica is fitted only.
+        /// Random walk of the zero of each gauge, independent of the others. It begins at the start of the node, and
+        /// enters the elastica fit only.
         pub zero_walk_strain_per_sqrt_s: f32 = 0.05e-6, "strain/√s": Range(0.0, 1e-4);
-        /// Zero error that all gauges share (temperature, a zeroing posture not quite straight). It acts on the posture like a bend: 1 µε is about 0.7 mrad on the default strip.
+        /// Zero error that all gauges share (temperature, a zeroing posture not quite straight). The error acts like
+        /// a bend: 1 µε is about 0.7 mrad on the default strip.
         pub common_offset_strain: f32 = 7e-6, "strain": Range(0.0, 1e-2);
-        /// Gain error of each gauge by itself, relative.
+        /// Relative gain error of each gauge, independent of the others.
         pub gain: f32 = 1e-2, "": Range(0.0, 1.0);
-        /// Gain error that all gauges share (thickness of the strip, batch of the gauges), relative.
+        /// Relative gain error that all gauges share (thickness of the strip, batch of the gauges).
         pub common_gain: f32 = 2e-2, "": Range(0.0, 1.0);
         /// Error of the polynomial between the gauges, as a share of its highest Legendre
         /// coefficients; enters the covariance of the polynomial methods only.
         pub interpolation: f32 = 0.3, "": Range(0.0, 100.0);
-        /// Error of x and of y that no strain shows (length of the strip, play of its clamps); also
-        /// keeps the covariance regular where x does not depend on the strains (straight strip).
+        /// Error of x and of y that strains do not show (length of the strip, backlash of its clamps). It also keeps
+        /// the covariance regular on a straight strip, where x does not depend on the strains.
         pub position_m: f32 = 5e-5, "m": Range(1e-6, 1.0);
-        /// Error of the heading that no strain shows.
+        /// Error of the heading that strains do not show.
         pub heading_rad: f32 = 1e-4, "rad": Range(1e-6, 1.0);
-        /// End force that the elastica fit expects, in units of EI/L² (6.1 N on the default strip). The
-        /// prior has heavy tails: far larger forces are found without bias where the strains show them,
-        /// and the force stays near zero where they cannot (a straight strip).
+        /// Scale of the elastica fit's prior for the end force, in units of EI/L² (6.1 N on the default strip). The
+        /// prior has heavy tails: a far larger force is estimated without bias if the strains determine it. Otherwise
+        /// (straight strip) the force stays near zero.
         pub load_prior: f32 = 4.0, "": Range(1e-2, 1e3);
     }
 }
@@ -252,17 +255,17 @@ impl Uncertainty {
 /// Standard deviations of the posture's errors due to lasting errors of the gauges.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PostureSigmas {
-    /// Bend that the zeros add, rad.
+    /// Error of the bend by the zeros, rad.
     pub zero_rad: f32,
-    /// Their tilt from root to tip: the first moment, about the middle, of the curvature they add, m.
+    /// Tilt of the zeros from root to tip: first moment, about the middle, of their curvature error, m.
     pub zero_tilt_m: f32,
-    /// Random walk of the bend that the zeros add, rad/√s.
+    /// Random walk of the bend error by the zeros, rad/√s.
     pub walk_rad_per_sqrt_s: f32,
-    /// Random walk of their tilt, m/√s.
+    /// Random walk of the tilt of the zeros, m/√s.
     pub walk_tilt_m_per_sqrt_s: f32,
-    /// Share by which a bend reads too large.
+    /// Relative error of a bend by the gains.
     pub gain: f32,
-    /// Tilt of the gains from root to tip, m a radian of bend.
+    /// Tilt of the gains from root to tip, m per radian of bend.
     pub gain_tilt_m: f32,
 }
 
@@ -301,9 +304,9 @@ fn at_gauss_nodes(length_m: f32) -> PerGauge {
 }
 
 impl Config {
-    /// Standard deviations of the fitted posture by independent and common errors of the gauges,
-    /// through which a line is fitted. Correlation of relative heading and tilt is neglected; it
-    /// exists if the gauges are not symmetric about the middle.
+    /// Standard deviations of the posture's errors by independent and common errors of the gauges. The strain errors
+    /// are fitted by a line over the position. The correlation of bend and tilt, zero for gauges symmetric about the
+    /// middle, is neglected.
     pub fn sigmas(&self) -> PostureSigmas {
         let count = self.gauges_m.count() as f32;
         let place = |at: f32| (2.0 * at - self.length_m) / self.length_m;
@@ -313,7 +316,7 @@ impl Config {
             .iter()
             .map(|at| (place(at) - mean) * (place(at) - mean))
             .sum();
-        // Bend and tilt of a curvature of one standard deviation times length.
+        // Bend and tilt for independent errors of 1 in curvature × length.
         let own_bend = sqrt(1.0 / count + mean * mean / moment);
         let own_tilt = self.length_m / (6.0 * sqrt(moment));
         let bend = |own: f32, common: f32| {
@@ -403,19 +406,18 @@ pub struct Strip {
     pub(super) uncertainty: Uncertainty,
     /// Variance of the noise of a gauge's curvature, 1/m².
     pub(super) noise_variance: f32,
-    /// Variance of a gauge's curvature on a straight strip, what it shares with the others left
-    /// out, 1/m².
+    /// Variance of a gauge's curvature on a straight strip, without the errors shared by all gauges, 1/m².
     pub(super) still_variance: f32,
-    /// Standard deviation of the offset all gauges share, 1/m.
+    /// Standard deviation of the offset shared by all gauges, 1/m.
     pub(super) common_offset: f32,
-    /// The gauges it has.
+    /// Gauges of the strip.
     pub(super) gauges: GaugeMask,
-    /// Gauge positions on [−1, 1], root to tip; 0 where there is none.
+    /// Gauge positions on [−1, 1], root to tip; 0 beyond the last gauge.
     pub(super) u: [f32; MAX_GAUGES],
 }
 
 impl Strip {
-    /// The gauges it has.
+    /// Gauges of the strip.
     pub fn gauges(&self) -> GaugeMask {
         self.gauges
     }
@@ -430,8 +432,7 @@ impl Strip {
         strain.map(|strain| strain / self.half_thickness)
     }
 
-    /// The gauges of `mask` whose curvature is finite and bends the strip by at most eight turns,
-    /// the domain of everything computed from them.
+    /// The gauges of `mask` whose curvature is finite and within [`MAX_TURN`], the domain of all computations.
     pub(super) fn usable(&self, curvature: &[f32; MAX_GAUGES], mask: GaugeMask) -> GaugeMask {
         let mut usable = mask.and(self.gauges);
         for i in 0..MAX_GAUGES {
@@ -453,7 +454,7 @@ impl Strip {
         )
     }
 
-    /// Adds the errors that no strain shows to the covariance of a posture.
+    /// Adds the errors that strains do not show to the covariance of a posture.
     pub(super) fn with_unseen_error(&self, mut covariance: Mat3) -> Mat3 {
         let position = self.uncertainty.position_m * self.uncertainty.position_m;
         covariance[0][0] += position;
@@ -462,7 +463,8 @@ impl Strip {
         covariance
     }
 
-    /// Adds to the covariances of a posture by how much the noise of the readings exceeds the configured one, strain².
+    /// Adds `excess`, the noise variance of the readings above the configured one (strain²), to the covariances of a
+    /// posture.
     pub(super) fn with_excess_noise(
         &self,
         mut relative: RelativePosture,
@@ -480,15 +482,14 @@ impl Strip {
         relative
     }
 
-    /// Derivative of [`Self::with_rigid_ends`] with respect to the heading of the tip: what it
-    /// adds to the derivatives of x and y.
+    /// Derivatives of x and y of [`Self::with_rigid_ends`] by the heading of the tip.
     pub(super) fn rigid_tip_lever(&self, phi: f32) -> (f32, f32) {
         let (s, c) = crate::math::trig::sin_cos(phi);
         (-self.rigid_tip * s, self.rigid_tip * c)
     }
 }
 
-/// Largest |curvature| × length, rad: beyond it the reading is no strain of a strip.
+/// Largest |curvature| × length of a plausible reading, rad: eight turns.
 pub const MAX_TURN: f32 = 50.0;
 
 #[cfg(test)]

@@ -1,8 +1,7 @@
 //! The frame bent to a circular arc: its chord, and the curvature of the path it is steered along.
 //!
-//! With half the flexible length `L/2`, a rigid section `a` at each end and the steering angle ψ,
-//! half the chord between the axles is `h(ψ) = L/2 sin ψ/ψ + a cos ψ`, and the path of the midpoint
-//! has the curvature `κ = tan ψ/h(ψ)`.
+//! L is the flexible length, a the rigid section at each end and ψ the steering angle. Half the chord between the
+//! axles is `h(ψ) = L/2 sin ψ/ψ + a cos ψ`, and the path of the midpoint has the curvature `κ = tan ψ/h(ψ)`.
 //!
 //! # Panic contract
 //!
@@ -13,8 +12,7 @@ use core::hint::cold_path;
 
 /// Most steps of the search for a steering angle.
 const MAX_ITERATIONS: usize = 24;
-/// A step of Newton's method this small, rad, is the last: what it leaves is less than a third of
-/// its square.
+/// Newton step, rad, below which the search ends: the remaining error is less than a third of the step's square.
 const SETTLED: f32 = 2e-4;
 /// Power series of tan ψ/ψ in ψ², after the leading 1.
 const TANGENT: [f32; 4] = [1.0 / 3.0, 2.0 / 15.0, 17.0 / 315.0, 62.0 / 2835.0];
@@ -47,7 +45,7 @@ pub(super) struct Shape {
     pub kappa_slope: f32,
 }
 
-/// Half chord with what its derivatives need.
+/// Half chord, and terms of its derivatives.
 struct Half {
     sin: f32,
     cos: f32,
@@ -57,8 +55,8 @@ struct Half {
     fall: f32,
 }
 
-/// Of `square` = x² with |x| ≤ 1.5: cos x, and `sinc'(x)/x` for sinc x = sin x/x, whose closed form
-/// loses all digits near zero. The rest follows from both without a loss: `sinc = cos x − x² slope`,
+/// cos x and `sinc'(x)/x` from `square` = x² with |x| ≤ 1.5, for sinc x = sin x/x. The closed form of `sinc'(x)/x`
+/// loses all digits near zero. The other functions follow without loss of digits: `sinc = cos x − x² slope`,
 /// `sin = x sinc`, `sinc'' = −sinc − 2 slope`. Absolute error at most 2e-7 and 1e-7.
 ///
 /// Minimax polynomials on that range (error 3.4e-8 and 4.9e-8 before rounding).
@@ -71,7 +69,7 @@ fn cos_and_sinc_slope(square: f32) -> (f32, f32) {
 }
 
 impl Arc {
-    /// Of a frame with the flexible length (m) and rigid ends (m).
+    /// The arc of a frame with a flexible length (m) and rigid ends (m).
     pub fn new(length: f32, rigid_end: f32) -> Self {
         let half_chord = 0.5 * length + rigid_end;
         Self {
@@ -119,9 +117,9 @@ impl Arc {
         }
     }
 
-    /// Steering angle of the path curvature `kappa` (1/m), which is less than that of `limit`
-    /// (rad): the root of `sin ψ − κ cos ψ h(ψ)`, which grows with |ψ| for |ψ| < π/2. Its magnitude
-    /// is at most `limit` but for rounding.
+    /// Steering angle for the path curvature `kappa` (1/m), which must be below the curvature at `limit` (rad). The
+    /// angle is the root of `sin ψ − κ cos ψ h(ψ)`, which grows with |ψ| for |ψ| < π/2. The result is at most `limit`
+    /// in magnitude, apart from rounding.
     pub fn steering(&self, kappa: f32, limit: f32) -> Steering {
         let reach = kappa * self.half_chord;
         let square = reach * reach;
@@ -138,7 +136,7 @@ impl Arc {
         }
     }
 
-    /// Distance of `psi` from the root by Newton's method.
+    /// Newton step from `psi` to the root.
     fn newton(&self, psi: f32, kappa: f32) -> f32 {
         let half = self.half(psi);
         let value = half.sin - kappa * (half.cos * half.length);
@@ -146,8 +144,7 @@ impl Arc {
         value / rate
     }
 
-    /// Newton's method between bounds that close in: it may run in circles where rigid ends make
-    /// most of the frame.
+    /// Newton's method between bounds that close in. Without bounds it may cycle if rigid ends are most of the frame.
     #[cold]
     fn search(&self, start: f32, kappa: f32, limit: f32) -> f32 {
         let sign = 1.0f32.copysign(kappa);
@@ -172,8 +169,8 @@ impl Arc {
     }
 }
 
-/// Coefficients that start the search for a steering angle, for a frame with this share of rigid
-/// ends: κ h(0) as a power series of ψ, inverted, as a quotient that is right to the ninth power.
+/// Coefficients of the start value of a steering angle, for a frame with this share of rigid ends. They invert the
+/// power series of κ h(0) in ψ by a quotient exact to the ninth power.
 fn start(share: f32) -> [f32; 4] {
     // h(ψ)/h(0) = 1 − α ψ² + β ψ⁴ − γ ψ⁶ + δ ψ⁸, and its inverse.
     let alpha = (1.0 + 2.0 * share) / 6.0;
@@ -212,8 +209,7 @@ mod tests {
     }
 
     properties! {
-        /// Whatever share of the frame is rigid, and up to a right angle between the axles and
-        /// beyond.
+        /// For any rigid share of the frame, and steering angles up to 1.5 rad.
         #[test]
         fn steering_inverts_the_curvature_of_any_frame(
             length in 0.01f32..1.0, end in 0.0f32..1.0, psi in 1e-4f32..1.5,
@@ -225,7 +221,7 @@ mod tests {
             for sign in [1.0, -1.0] {
                 let found = arc.steering(sign * kappa, 1.5);
                 prop_assert!((sign * found.0 - psi).abs() < tolerance, "{found:?} {psi}");
-                // Whatever the search begins with: Newton's method alone may end at another root.
+                // From any start; Newton's method alone may end at another root.
                 for begin in [0.0, 0.3, 0.8, 1.5] {
                     let found = arc.search(sign * begin, sign * kappa, 1.5);
                     prop_assert!((sign * found - psi).abs() < tolerance, "{begin}: {found} {psi}");
@@ -258,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn all_of_sinc_follows_from_its_slope_and_the_cosine() {
+    fn cos_sinc_and_slope_of_sinc_match_f64() {
         for i in -150_000..=150_000 {
             let x = i as f32 * 1e-5;
             let (cos, slope) = cos_and_sinc_slope(x * x);
@@ -267,7 +263,7 @@ mod tests {
             let (s, c) = exact.sin_cos();
             assert!((f64::from(cos) - c).abs() < 2e-7, "{x}");
             assert!((f64::from(x * sinc) - s).abs() < 3e-7, "{x}");
-            // The closed form is good for nothing near zero: there the series' first terms are.
+            // Near zero the closed form loses all digits and the series replaces it.
             let p = exact * exact;
             let expected = if p > 0.01 {
                 (c - s / exact) / p
@@ -292,7 +288,7 @@ mod tests {
                 let [s0, s1, s2, s3] = arc.start;
                 let start = reach * (1.0 + square * (s0 + square * s1))
                     / (1.0 + square * (s2 + square * s3));
-                // The quotient is right to the ninth power.
+                // The quotient is exact to the ninth power.
                 let allowed = SETTLED.min(2e-7 + 0.2 * psi.powi(11));
                 assert!((start - psi).abs() < allowed, "{end} {psi}: {start}");
             }

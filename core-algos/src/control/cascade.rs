@@ -3,11 +3,10 @@
 //!
 //! # Geometry
 //!
-//! The frame bends in a circular arc between the axles (pure bending), so the axles are turned by
-//! +ψ (front) and −ψ (rear) from the line C2→C1, whose direction is the heading φ of O. With
-//! flexible length L and a rigid section a at each end the axles are a chord
-//! `c(ψ) = L sin ψ/ψ + 2 a cos ψ` apart. Neither axle slips sideways, which gives, with v the
-//! velocity of O along its heading,
+//! The frame bends in a circular arc between the axles (pure bending). The axles are therefore turned by +ψ (front)
+//! and −ψ (rear) from the line C2→C1, whose direction is the heading φ of O. With flexible length L and a rigid
+//! section a at each end the axles are a chord `c(ψ) = L sin ψ/ψ + 2 a cos ψ` apart. Neither axle slips sideways,
+//! which gives, with v the velocity of O along its heading,
 //!
 //! - `κ = φ̇/v = 2 tan ψ/c(ψ)`; for a = 0 this is paper eq. 5, `2ψ/(L cos ψ)`;
 //! - `v_i = (v ± ½ ċ)/cos ψ`, `+` for the front axle, `ċ = c'(ψ) ψ̇`; for small ψ and a = 0 this is
@@ -18,7 +17,7 @@
 //! # Panic contract
 //!
 //! [`Config::build`] validates the geometry; nothing else here can fail. Steering angles outside
-//! ±[`Config::max_steering_rad`] are limited to it, NaN counts as zero.
+//! ±[`Config::max_steering_rad`] are limited to this range, NaN counts as zero.
 
 use super::arc::{Arc, Shape};
 use crate::config::{ConfigError, declare};
@@ -51,14 +50,14 @@ declare! {
             /// Length of the rigid section between each end of the flexible part and the midpoint of its
             /// axle; the same at both ends.
             pub rigid_end_m: f32 = 0.0, "m": NonNegative;
-            /// Largest steering angle |ψ| asked of the frame.
+            /// Largest commanded steering angle |ψ|.
             pub max_steering_rad: f32 = 0.5, "rad": Range(1e-3, MAX_STEERING);
         }
     }
 }
 
 impl Config {
-    /// The ready-to-run form; the error names the field that is wrong.
+    /// Builds the validated cascade; the error names the invalid field.
     pub fn build(&self) -> Result<Cascade, ConfigError> {
         self.check_ranges()?;
         let length = self.frame_length_m;
@@ -133,7 +132,7 @@ impl Cascade {
         self.max_curvature
     }
 
-    /// `psi` limited to what the frame may be asked for; NaN gives 0.
+    /// `psi` limited to the largest steering angle; NaN gives 0.
     fn limited(&self, Steering(psi): Steering) -> Steering {
         Steering(if psi.abs() <= self.max_steering {
             psi
@@ -210,11 +209,10 @@ impl Cascade {
         let yaw_rate = v * shape.kappa;
         let yaw_acceleration = v_rate * shape.kappa + v * shape.kappa_slope * psi_rate;
 
-        // Rate of 1/cos ψ over itself.
+        // Relative rate of 1/cos ψ.
         let growth = shape.tan * psi_rate;
         let along = v_rate + v * growth;
-        // Half of the rate at which the axles part, and its own rate, along the chord; then all
-        // seen along the axles' headings.
+        // Half the rate of the chord and its derivative, then both converted to the axles' headings.
         let [front, rear] = match self.form {
             Form::Exact => {
                 let parting = shape.slope * psi_rate;

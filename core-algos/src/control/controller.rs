@@ -1,7 +1,7 @@
-//! Interface of a kinematic controller that takes the place of the [`Regulator`](super::regulator::Regulator).
+//! Interface of a kinematic controller that replaces the [`Regulator`](super::regulator::Regulator).
 //!
-//! The governor shapes its output within the limits of speed, acceleration and steering, and the cascade turns it into
-//! references of the axles, as with the regulator.
+//! As with the regulator, the governor shapes the output within the limits of speed, acceleration and steering, and
+//! the cascade turns the result into references of the axles.
 
 use super::regulator::Input;
 use core::fmt;
@@ -9,12 +9,12 @@ use core::fmt;
 /// Memory of a controller between steps, zero at the beginning of a task.
 pub type Memory = [f32; 8];
 
-/// Motion that a controller wants.
+/// Motion commanded by a controller.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wanted {
     /// Velocity of O, m/s.
     pub v: f32,
-    /// Curvature of its path, 1/m.
+    /// Curvature of the path of O, 1/m.
     pub kappa: f32,
     /// True if the goal is reached and the robot at rest.
     pub done: bool,
@@ -26,7 +26,7 @@ pub trait KinematicController: Sync {
     fn step(&self, memory: &mut Memory, input: &Input) -> Wanted;
 }
 
-/// Controller of the user, if there is one.
+/// The user's own controller, if any.
 #[derive(Clone, Copy, Default)]
 pub struct Own(pub Option<&'static dyn KinematicController>);
 

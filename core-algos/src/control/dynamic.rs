@@ -12,7 +12,7 @@
 //! - eq. 7: `τ = −(SᵀE)⁻¹ K (v − v_c) ‖ξ‖²`, plus the feedforward described below;
 //! - eq. 8: ξ collects norms.
 //!
-//! # Where this departs from the paper, and why
+//! # Differences from the paper, with reasons
 //!
 //! - **Reverse.** The paper has `u = v_r`. For e_X = 0 the errors obey
 //!   `ė_Y = v_r sin e_φ, ė_φ = −k_Y v_r e_Y − k_φ u sin e_φ`, characteristic polynomial
@@ -23,13 +23,12 @@
 //! - **Standstill.** An axle that turns on the spot has v_r = 0, and with it no heading feedback.
 //!   `u = max(|v_r|, heading_speed_floor)`; a floor of 0 is the paper's law.
 //! - **ξ.** The second and fifth entries of (8) are printed alike. Taken here:
-//!   `{‖v_c‖, ‖v‖, ‖v_r‖, ‖v̇_r‖, ‖v‖², 1, ‖F_K‖}`: ‖v_c‖ as printed (its rate would have to be
-//!   differentiated from noise), ‖v‖² because centripetal terms and friction grow so. Norms mix
-//!   m/s with rad/s and N with N m, as the paper's do. ‖ξ‖² is capped, since ‖v̇_r‖² would drive
-//!   chatter at the start of a motion.
-//! - **Feedforward.** (7) is proportional in velocity, so the frame's bending moment leaves an
-//!   error of yaw. The load of the frame is therefore fed forward, from the reference bend or from
-//!   the beam's own estimate, and with it the inertia, `m v̇_r` and `J ω̇_r`.
+//!   `{‖v_c‖, ‖v‖, ‖v_r‖, ‖v̇_r‖, ‖v‖², 1, ‖F_K‖}`: ‖v_c‖ as printed (its rate would have to be differentiated from
+//!   noise), ‖v‖² because centripetal terms and friction grow with the square of speed. Norms mix m/s with rad/s and
+//!   N with N m, as the paper's do. ‖ξ‖² is capped, since ‖v̇_r‖² would drive chatter at the start of a motion.
+//! - **Feedforward.** (7) is proportional in velocity, so the frame's bending moment leaves a yaw error. Two terms
+//!   are therefore fed forward: the load of the frame, from the reference bend or from the beam's estimate, and the
+//!   inertia, `m v̇_r` and `J ω̇_r`.
 //! - **Limits.** Both torques are scaled by one factor, so the direction of (force, moment) is
 //!   kept.
 //!
@@ -75,20 +74,20 @@ declare! {
         Off = "off",
         /// Pure bending by the reference steering angle.
         Reference = "reference",
-        /// The wrench estimated from the strains of the frame; where it is missing, pure bending.
+        /// The wrench estimated from the strains of the frame; pure bending if the estimate is missing.
         Beam = "beam",
     }
 }
 
 ::declare::declare! {
-    /// Speed–torque line of the motors, at the wheel. A file gives both numbers.
+    /// Speed–torque line of the motors, at the wheel. A file must give both numbers.
     #[derive(Clone, Copy, Debug, PartialEq)]
     #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
     #[cfg_attr(feature = "serde", serde(deny_unknown_fields))]
     pub struct Motor {
         /// Torque at standstill and full voltage.
         pub stall_torque_nm: f32 = 2.5, "N m": Positive;
-        /// Speed at which full voltage leaves no torque.
+        /// Speed at full voltage and no torque.
         pub no_load_speed_rad_s: f32 = 20.0, "rad/s": Positive;
     }
 }
@@ -102,16 +101,16 @@ declare! {
         pub lateral_gain_rad_m2: f32 = 20.0, "rad/m²": Range(0.0, 1e4);
         /// Gain of the heading error (k_φ).
         pub heading_gain_rad_m: f32 = 16.0, "rad/m": Range(0.0, 1e4);
-        /// Least speed that the heading gain is multiplied with; 0 is the paper's law.
+        /// Least speed that multiplies the heading gain; 0 is the paper's law.
         pub heading_speed_floor_m_s: f32 = 0.05, "m/s": NonNegative;
         /// Gain of the velocity error (K_1).
-        // Twice as much, and wheels with half a degree of play in their gears chatter and slide.
+        // With twice this gain, wheels with half a degree of gear backlash chatter and slide.
         pub velocity_gain_n_s_m: f32 = 200.0, "N s/m": Range(1.0, 1e4);
         /// Gain of the yaw rate error (K_2).
         pub yaw_rate_gain_nm_s_rad: f32 = 3.5, "N m s/rad": Range(0.01, 1e3);
         /// Largest ‖ξ‖².
         pub max_xi_squared: f32 = 2.0, "": Positive;
-        /// True if ‖F_K‖ is an entry of ξ; the frame force must not be off.
+        /// True if ‖F_K‖ is an entry of ξ; no effect if the frame force is off.
         pub frame_force_in_xi: bool = true;
         /// Source of the load of the frame.
         pub frame_force: FrameForce = FrameForce::Reference;
@@ -119,9 +118,9 @@ declare! {
         pub frame_feedforward: f32 = 1.0, "": Range(-2.0, 2.0);
         /// Share of the inertia that is fed forward.
         pub inertia_feedforward: f32 = 1.0, "": Range(-2.0, 2.0);
-        /// Mass of the axle without the rotation of its wheels (m).
+        /// Mass of the axle without the rotational inertia of its wheels (m).
         pub mass_kg: f32 = 4.76, "kg": Range(0.0, 1e3);
-        /// Yaw inertia about the midpoint, without the rotation of the wheels (J).
+        /// Yaw inertia about the midpoint, without the rotational inertia of the wheels (J).
         pub yaw_inertia_kg_m2: f32 = 0.0186, "kg m²": Range(0.0, 100.0);
         /// Inertia of one wheel with its motor about its axis (J_w).
         pub wheel_inertia_kg_m2: f32 = 0.004, "kg m²": Range(0.0, 10.0);
@@ -139,7 +138,7 @@ declare! {
 }
 
 impl Config {
-    /// The ready-to-run form; the error names the field that is wrong.
+    /// Builds the validated controller; the error names the invalid field.
     pub fn build(&self) -> Result<Dynamic, ConfigError> {
         self.check_ranges()?;
         let half_track = self.half_track_m;
@@ -149,7 +148,7 @@ impl Config {
         }
         // (SᵀE)⁻¹.
         let (per_force, per_moment) = (0.5 * radius, 0.5 * radius / half_track);
-        // Both wheels roll with the axle: their rotation adds to its inertia.
+        // Both wheels roll with the axle: their rotational inertia adds to the mass and the yaw inertia.
         let rolling = 2.0 * self.wheel_inertia_kg_m2 / (radius * radius);
         Ok(Dynamic {
             config: *self,
@@ -181,11 +180,11 @@ pub struct Input {
     pub reference: AxleReference,
     /// Load of the frame in the reference bend, on this axle; see [`crate::math::Wrench`].
     pub reference_load: AxleLoad,
-    /// Load of the frame as estimated from its strains, if there is a valid estimate.
+    /// Load of the frame estimated from its strains; `None` without a valid estimate.
     pub beam_load: Option<AxleLoad>,
 }
 
-/// Torques of the wheels, and what led to them.
+/// Wheel torques, with intermediate results.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Command {
     /// Torques, N m; positive drives forward.
@@ -206,19 +205,17 @@ pub struct Command {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dynamic {
     config: Config,
-    /// Mean torque of the wheels for an acceleration, a velocity error, and the frame's force.
+    /// Mean wheel torque per acceleration, velocity error and frame force.
     mass: f32,
     velocity_gain: f32,
     force_share: f32,
-    /// Half the difference of the torques for a yaw acceleration, a yaw rate error, and the frame's
-    /// moment.
+    /// Half the difference of the torques per yaw acceleration, yaw rate error and frame moment.
     yaw_inertia: f32,
     yaw_rate_gain: f32,
     moment_share: f32,
     /// Share of ‖F_K‖² in ‖ξ‖².
     frame_in_xi: f32,
-    /// Torque of a motor at standstill (N m), and what it loses with the speed of its wheel over
-    /// ground (N m s/m).
+    /// Stall torque (N m), and decrease of torque with the speed of the wheel over ground (N m s/m).
     torque_line: Option<[f32; 2]>,
 }
 
@@ -230,7 +227,6 @@ impl Dynamic {
     /// Velocity command v_c (eq. 9) for a posture error (eq. 10), heading within half a turn.
     pub fn velocity_command(&self, error: Posture, reference: Twist) -> Twist {
         let config = &self.config;
-        // The heading error of a posture is within half a turn.
         let (sin, cos) = sin_cos(error.phi);
         let speed = reference.v.abs();
         let speed = if speed < config.heading_speed_floor_m_s {
@@ -294,7 +290,7 @@ impl Dynamic {
         };
         let xi_squared = self.xi_squared(velocity, input, &load);
 
-        // (SᵀE)⁻¹ is in the gains: the mean of the torques, and half their difference.
+        // The gains include (SᵀE)⁻¹: mean of the torques, and half their difference.
         let ahead = self.mass * reference.acceleration.v
             - self.velocity_gain * (input.twist.v - velocity.v) * xi_squared
             - self.force_share * load.forward;
@@ -311,8 +307,8 @@ impl Dynamic {
         let sizes = [left.abs(), right.abs()];
         let (mut torque_nm, mut scale) = (Wheels { left, right }, 1.0f32);
         if !(sizes[0] <= limits[0] && sizes[1] <= limits[1]) {
-            // Each input reaches a torque through sums and products alone, ‖ξ‖² being positive
-            // whatever it is, and none of those loses NaN or infinity.
+            // Every input enters a torque through sums and products only, and ‖ξ‖² is positive: NaN or infinity in an
+            // input always reaches a torque.
             if !(sizes[0] <= f32::MAX && sizes[1] <= f32::MAX) {
                 return Command::default();
             }
@@ -321,7 +317,7 @@ impl Dynamic {
                     scale = limit / size;
                 }
             }
-            // The last rounding may not exceed the limit either.
+            // The clamp removes an excess by rounding.
             let limit = self.config.max_torque_nm;
             torque_nm = torque_nm.map(|torque| clamp(scale * torque, -limit, limit));
         }

@@ -1,18 +1,17 @@
-//! The region from which the approach law never saturates.
+//! The funnel: region in which the approach law never saturates.
 //!
 //! With κ = (2 sin α + p η)/e and κ_d the curvature to be used, the funnel is
 //!
 //! F = { 2|sin α| + w|η| ≤ κ_d e, and |α| (+ |η| where αη < 0) ≤ 2.4 rad }, w = p = 3.
 //!
-//! It is invariant under the law and |κ| ≤ κ_d holds in it. With g = 2|sin α| + w|η| − κ_d e, on
-//! the boundary g = 0: where αη < 0, e g' = |η|((2p + w) cos α − p w) ≤ 0 if w ≥ 2p/(p − 1); else
-//! e g' = |η|((w − 2p) cos α − p w) ≤ 0; and |κ| ≤ κ_d needs w ≥ p. p = w = 3 meets both with
-//! equality. The bound on |α| keeps the robot from driving away for ever; α moves towards 0 by
-//! way of η at most.
+//! The funnel is invariant under the law, and |κ| ≤ κ_d holds inside. With g = 2|sin α| + w|η| − κ_d e, on the
+//! boundary g = 0: where αη < 0, e g' = |η|((2p + w) cos α − p w) ≤ 0 if w ≥ 2p/(p − 1); else e g' = |η|((w − 2p) cos
+//! α − p w) ≤ 0; and |κ| ≤ κ_d needs w ≥ p. p = w = 3 meets both with equality. The bound on |α| keeps the robot from
+//! driving away forever. |α| + |η| does not grow where αη < 0, and |α| falls elsewhere.
 //!
 //! # Panic contract
 //!
-//! Pure functions; nothing can fail. A comparison with NaN says "outside".
+//! Pure functions; nothing can fail. NaN counts as outside.
 
 use super::kinematic::PolarError;
 use crate::math::trig::{atan2, sin, sinc, sqrt};
@@ -45,19 +44,19 @@ pub fn contains(error: PolarError, curvature: f32) -> bool {
     needed_curvature(error) <= curvature && bearing_allowed(error.alpha, error.arrival())
 }
 
-/// Length (m) of the approach path from distance `e` in the funnel, estimated as that of an arc that
-/// starts at the angle `a` off its chord: `e a / sin a`, a² = α² − 6/5 αη + 18/35 η². Exact for
-/// η = 0, where the path is that arc, and to second order in (α, η) elsewhere: with dτ = ds/e, the
-/// linearised law gives α = (α₀ − 3/2 η₀) exp(−τ) + 3/2 η₀ exp(−3τ), and the length is
-/// `e (1 + ½ ∫ α² exp(−τ) dτ)`. Angles as seen along the driving direction.
+/// Estimated length (m) of the approach path from distance `e` in the funnel. The estimate is the length of an arc at
+/// the angle `a` off its chord: `e a / sin a`, a² = α² − 6/5 αη + 18/35 η². The estimate is exact for η = 0, where
+/// the path is this arc, and exact to second order in (α, η) elsewhere. With dτ = ds/e, the linearised law gives
+/// α = (α₀ − 3/2 η₀) exp(−τ) + 3/2 η₀ exp(−3τ), and the length is `e (1 + ½ ∫ α² exp(−τ) dτ)`. Angles as seen along
+/// the driving direction.
 fn arc_length(e: f32, alpha: f32, eta: f32) -> f32 {
     // The form is positive definite; beyond 2.6 rad the estimate would grow without bound.
     let a2 = alpha * alpha - 1.2 * alpha * eta + (18.0 / 35.0) * eta * eta;
     e / sinc(sqrt(a2.max(0.0)).min(2.6))
 }
 
-/// A position error given by the cosines and sines of its angles, so that a search can refuse most
-/// candidates without an arc tangent.
+/// A position error given by the cosines and sines of its angles, so that a search can reject most candidates without
+/// an arc tangent.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Candidate {
     pub distance_m: f32,
@@ -68,11 +67,11 @@ pub(super) struct Candidate {
 }
 
 impl Candidate {
-    /// Length of the approach path forward and in reverse, as far as `wanted`; `None` where the candidate is
-    /// outside the funnel of `curvature` or within `margin` (rad) of its bound `κ_d e`.
+    /// Length of the approach path forward and in reverse, each if `wanted`; `None` where the candidate is outside
+    /// the funnel of `curvature` or within `margin` (rad) of its bound `κ_d e`.
     pub fn lengths(&self, curvature: f32, margin: f32, wanted: [bool; 2]) -> [Option<f32>; 2] {
         let reach = curvature * self.distance_m - margin - 2.0 * self.sin_alpha.abs();
-        // |sin η| ≤ |η|: refuses without an arc tangent.
+        // |sin η| ≤ |η|: rejects without an arc tangent.
         if !(ARRIVAL_WEIGHT * self.sin_eta.abs() <= reach) {
             return [None; 2];
         }
@@ -116,15 +115,14 @@ mod tests {
     }
 
     properties! { cases 400;
-        /// Driven in f64 along the law's curvature from anywhere in the funnel, the robot stays in
-        /// it, never needs more than κ_d, and arrives with the goal's heading. The length it
-        /// drives is near the estimate.
+        /// Driven in f64 along the law's curvature from anywhere in the funnel, the robot stays in it, never needs
+        /// more than κ_d, and arrives with the goal's heading. The driven length is near the estimate.
         #[test]
-        fn funnel_is_invariant_and_leads_home(
+        fn funnel_is_invariant_and_leads_to_the_goal(
             e in 0.2f32..3.0, arrival in -1.0f32..1.0, bearing in -1.0f32..1.0,
             curvature in 1.2f32..3.0, reverse: bool,
         ) {
-            // A posture in the funnel: η, then what it leaves of |sin α|.
+            // A posture in the funnel: first η, then α within the remaining bound.
             let eta = (0.999 * arrival * curvature * e / 3.0).clamp(-3.0, 3.0);
             let left = 0.999 * (curvature * e - 3.0 * eta.abs()) / 2.0;
             let widest = if left < 1.0 { left.asin() } else { 2.4 - eta.abs() };
@@ -169,7 +167,7 @@ mod tests {
             prop_assert!((0.9..most).contains(&ratio), "{ratio}");
         }
 
-        /// The search's form of the test agrees with the plain one.
+        /// The search's form of the funnel test agrees with [`contains`].
         #[test]
         fn candidate_agrees_with_contains(
             e in 0.15f32..4.0, alpha in -PI..PI, eta in -PI..PI, curvature in 1.0f32..3.0,
@@ -207,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn bearing_counts_the_arrival_on_the_other_side_of_the_line_of_sight() {
+    fn bearing_bound_includes_an_opposed_arrival_error() {
         let bound = MAX_BEARING_RAD;
         for (alpha, eta, allowed) in [
             (bound, 0.0, true),

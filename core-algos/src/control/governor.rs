@@ -1,21 +1,21 @@
-//! Reference governor: what the kinematic controller asks for, made smooth and within limits.
+//! Reference governor: smooths the command of the kinematic controller and keeps it within limits.
 //!
 //! # Theory
 //!
-//! The cascade needs v̇, ψ̇ and ψ̈ of its input; differentiating the output of the kinematic
-//! controller would differentiate the noise of the estimate. So the wish `(v, ψ)` drives two small
+//! The cascade needs v̇, ψ̇ and ψ̈ of its input; differentiating the output of the kinematic controller would
+//! differentiate the noise of the estimate. The controller's command, the *wish* `(v, ψ)`, therefore drives two small
 //! filters whose states are the reference:
 //!
-//! - ψ follows a critically damped second-order filter (poles placed exactly for the sampling
-//!   interval), its acceleration limited to ψ̈_max, its rate to ψ̇_max, and both so that braking at
-//!   ψ̈_max always stops it before ±ψ_max: |ψ| ≤ ψ_max holds whatever is asked.
-//! - v follows a first-order lag with |v̇| limited. Its target is scaled by
-//!   `max(0, 1 − |ψ_wish − ψ|/tolerance)`: speed waits for steering, which keeps the path; a wish
-//!   may grant some slack. A change of direction passes through zero and rests there for a moment.
-//! - No wheel is asked for more than its speed limit. With steering ψ the fastest wheel (outer, either
-//!   axle) runs at `|v| (1/cos ψ + d |κ|) + (d + ½ |c'|/cos ψ) |ψ̇|`; the last part is taken at
-//!   ψ̇_max, which leaves a speed limit that depends on ψ alone. If v could not brake as fast as a
-//!   bending frame lowers that limit, ψ̇_max is reduced when the governor is built.
+//! - ψ follows a critically damped second-order filter, with poles placed exactly for the sampling interval. Its
+//!   acceleration is limited to ψ̈_max and its rate to ψ̇_max. Both are also limited so that braking at ψ̈_max always
+//!   stops ψ before ±ψ_max: |ψ| ≤ ψ_max holds for any wish.
+//! - v follows a first-order lag with |v̇| limited. Its target is scaled by `max(0, 1 − |ψ_wish − ψ|/tolerance)`:
+//!   speed waits for steering, which keeps the path. A wish may allow a steering error without waiting. At a change
+//!   of direction, v rests at zero for a short time.
+//! - No wheel exceeds its speed limit. With steering ψ the fastest wheel (outer, either axle) runs at
+//!   `|v| (1/cos ψ + d |κ|) + (d + ½ |c'|/cos ψ) |ψ̇|`; the last part is bounded by its value at ψ̇_max, so that the
+//!   speed limit depends on ψ alone. If v could not brake as fast as a bending frame lowers that limit, ψ̇_max is
+//!   reduced when the governor is built.
 //!
 //! # Panic contract
 //!
@@ -28,10 +28,9 @@ use crate::math::trig::{lag_gain, sqrt};
 use crate::math::{Steering, bounded, greater, lesser};
 use core::hint::cold_path;
 
-/// Bends at which the speed limit is sampled when a governor is built.
+/// Number of steering angles at which the speed limit is sampled when a governor is built.
 const SAMPLES: usize = 64;
-/// The lag towards a speed ends in a straight ramp at this share of the largest acceleration, so
-/// that it arrives.
+/// The lag of v ends in a linear ramp at this share of the largest acceleration, so that v reaches its target.
 const FINAL_RAMP: f32 = 0.05;
 
 declare! {
@@ -49,9 +48,9 @@ declare! {
         pub speed_rate_per_s: f32 = 6.0, "1/s": Positive;
         /// Natural frequency of the critically damped filter of ψ.
         pub steering_frequency_rad_s: f32 = 8.0, "rad/s": Positive;
-        /// Steering error at which speed is brought to zero.
+        /// Steering error above which the speed is zero.
         pub steering_tolerance_rad: f32 = 0.15, "rad": Positive;
-        /// Rest at zero speed when the direction changes.
+        /// Time at zero speed when the direction changes.
         pub reversal_hold_s: f32 = 0.1, "s": NonNegative;
         /// Largest circumferential speed of any wheel.
         pub max_wheel_speed_m_s: f32 = 0.6, "m/s": Range(0.02, 5.0);
@@ -67,8 +66,8 @@ declare! {
 }
 
 impl Config {
-    /// The ready-to-run form for a frame and the interval between two steps, s; the error names the
-    /// field that is wrong.
+    /// Builds the validated governor for a frame and the interval between two steps, s; the error names the invalid
+    /// field.
     pub fn build(&self, cascade: &Cascade, interval_s: f32) -> Result<Governor, ConfigError> {
         self.check_ranges()?;
         Allowed::Range(1e-4, 0.1).check("interval_s", interval_s)?;
@@ -93,7 +92,7 @@ impl Config {
             free: 0.0,
             gains: Gains::new(self, interval_s),
         };
-        // The share of the wheels' speed that bending takes, at its largest.
+        // Largest wheel speed per steering rate, m/rad.
         let bending = self.half_track_m + governor.largest_parting();
         governor.wheel_speed_left =
             self.max_wheel_speed_m_s - bending * self.max_steering_rate_rad_s;
@@ -124,17 +123,16 @@ struct Gains {
     dt: f32,
     half_dt: f32,
     per_dt: f32,
-    /// Change of ψ̇ in a step by the error of ψ (1/s) and by that of its rate: both poles of the
-    /// filter at `e^(−ω dt)` for an acceleration that is constant over the step, so it is stable at
-    /// any interval.
+    /// Change of ψ̇ in a step per error of ψ (1/s) and per error of ψ̇. Both poles of the filter are at `e^(−ω dt)`
+    /// for an acceleration that is constant over the step: stable at any interval.
     stiffness: f32,
     damping: f32,
     /// Largest change of ψ̇ in a step, rad/s, and its square.
     bending: f32,
     bending_square: f32,
-    /// Share of the way to its target that the lag of v makes in a step.
+    /// Step response of the lag of v after one step.
     speed_share: f32,
-    /// Largest change of v in a step, that of a stop, and the one at which the lag ends, m/s.
+    /// Change of v in a step, m/s: the largest, that of a stop, and that of the final ramp.
     ramp: f32,
     stop_ramp: f32,
     final_ramp: f32,
@@ -161,22 +159,19 @@ impl Gains {
     }
 }
 
-/// Velocity and steering asked of the robot.
+/// Commanded velocity and steering, before the governor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Wish {
     /// Velocity of O, m/s.
     pub v: f32,
-    /// Rate at which `v` is going to change where that is known (a trajectory), m/s²; removes the
-    /// lag of the filter. Otherwise 0.
+    /// Rate of `v` if known (on a trajectory), m/s², otherwise 0; removes the lag of the filter.
     pub v_rate: f32,
     /// Steering angle.
     pub psi: Steering,
-    /// Rate at which `psi` is going to change where that is known (a path ahead), rad/s; removes
-    /// the lag of the filter. Otherwise 0.
+    /// Rate of `psi` if known (from the path ahead), rad/s, otherwise 0; removes the lag of the filter.
     pub psi_rate: f32,
-    /// Error of steering that speed need not wait for, rad: what feedback on a path puts right
-    /// anyway. Otherwise 0.
+    /// Steering error that does not reduce the speed, rad, since feedback on a path corrects it; otherwise 0.
     pub steering_slack: f32,
 }
 
@@ -184,7 +179,7 @@ impl Wish {
     /// A wish of velocity (m/s) and path curvature (1/m).
     #[inline(always)]
     pub fn from_curvature(cascade: &Cascade, v: f32, kappa: f32) -> Self {
-        // What is not finite must stay so: the governor takes it as an absent wish.
+        // A curvature that is not finite gives NaN, which the governor treats as an absent wish.
         let psi = if kappa.abs() < cascade.max_curvature() || kappa.is_finite() {
             cascade.steering(kappa)
         } else {
@@ -199,7 +194,7 @@ impl Wish {
     }
 }
 
-/// Everything that changes: the reference itself, and what a change of direction waits for.
+/// State of the governor: the reference, and the rest timer of a change of direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// The smooth reference.
@@ -232,7 +227,7 @@ impl State {
 pub struct Governor {
     config: Config,
     cascade: Cascade,
-    /// ψ̇_max, reduced where v could not brake as fast as bending lowers its limit.
+    /// ψ̇_max, reduced if v could not brake as fast as the bending frame lowers the speed limit.
     max_steering_rate: f32,
     /// Wheel speed left for driving while the frame bends at full rate, m/s.
     wheel_speed_left: f32,
@@ -242,9 +237,9 @@ pub struct Governor {
     per_steering_tolerance: f32,
     /// Twice the largest |ψ̈|, rad/s².
     twice_bending: f32,
-    /// The clock of a rest stops here, s, so that a long one cannot stop that of a later one.
+    /// Upper limit of the rest timer, s.
     longest_rest: f32,
-    /// Way to the limit of ψ, rad, from which on the rate alone is bounded.
+    /// Distance to the limit of ψ, rad, above which only the limit of the rate applies.
     free: f32,
     gains: Gains,
 }
@@ -261,7 +256,7 @@ impl Governor {
         front.v.abs().max(rear.v.abs())
     }
 
-    /// Largest |v| (m/s) at which no wheel exceeds its limit at the steering angle `psi`, and which the speed limit itself allows.
+    /// Largest |v| (m/s) at the steering angle `psi` within the limits of the wheels and of the robot.
     pub fn speed_limit(&self, Steering(psi): Steering) -> f32 {
         if psi.abs() < self.unlimited_steering {
             return self.config.max_speed_m_s;
@@ -300,7 +295,7 @@ impl Governor {
             steepest = steepest.max((last - next) / step);
             last = next;
         }
-        // The steepest place lies between two samples.
+        // The steepest point may lie between two samples.
         1.05 * steepest
     }
 
@@ -309,7 +304,7 @@ impl Governor {
     /// `v_rate` and `psi_acceleration` of the motion are those of the step just made.
     #[inline(always)]
     pub fn step(&self, state: &mut State, wish: &Wish) {
-        // What is not finite makes the sum so; so do only numbers as large.
+        // NaN or infinity makes the sum not finite; finite numbers do so only at the limit of `f32`.
         let sum = (wish.v + wish.psi.0) + (wish.v_rate + wish.psi_rate + wish.steering_slack);
         if !(sum.abs() <= f32::MAX) {
             cold_path();
@@ -322,8 +317,7 @@ impl Governor {
             0.0 => 0.0,
             rate => bounded(rate, self.max_steering_rate),
         };
-        // A critically damped filter. The wish is a moving target: it is where the next step finds
-        // it.
+        // Critically damped filter towards a target that moves at `target_rate`.
         let wanted = gains.stiffness * (target_psi - before.psi.0)
             + gains.damping * (target_rate - before.psi_rate);
         self.steer(&mut state.motion, wanted);
@@ -338,7 +332,7 @@ impl Governor {
         let heading = if target != 0.0 { target } else { rate };
         if heading * state.direction < 0.0 {
             cold_path();
-            // The other direction: first to zero, then rest, then go.
+            // Change of direction: first brake to zero, then rest, then drive.
             if state.motion.v != 0.0 || state.rest_s < self.config.reversal_hold_s {
                 (target, rate) = (0.0, 0.0);
             }
@@ -358,8 +352,8 @@ impl Governor {
         self.drive(state, change, limit);
     }
 
-    /// One step of an emergency stop: v ramps to zero at the stop deceleration, ψ̇ to
-    /// zero at ψ̈_max, and ψ stays where that leaves it.
+    /// One step of an emergency stop: v ramps to zero at the stop deceleration, ψ̇ to zero at ψ̈_max, and ψ stays at
+    /// the resulting angle.
     pub fn stop(&self, state: &mut State) {
         let Motion { v, psi_rate, .. } = state.motion;
         self.steer(&mut state.motion, -psi_rate);
@@ -370,15 +364,14 @@ impl Governor {
 
     /// Applies the change of ψ̇ nearest to `wanted` (rad/s) that keeps all three limits.
     ///
-    /// Braking from rate w takes at most `D(w) = w²/(2A) + w T/2` in steps of T. The rate after the
-    /// step is held where `ψ + (w + w')T/2 + D(w') ≤ ψ_max`; if that holds before the step, full
-    /// braking fulfils it after the step, so it holds for ever.
+    /// Braking from rate w takes at most `D(w) = w²/(2A) + w T/2` in steps of T. The rate after the step is held
+    /// where `ψ + (w + w')T/2 + D(w') ≤ ψ_max`; if that holds before the step, full braking fulfils it after the
+    /// step, so it always holds.
     fn steer(&self, motion: &mut Motion, wanted: f32) {
         let gains = &self.gains;
         let limit = self.config.max_steering_rad;
         let rate = motion.psi_rate;
-        // The highest rate away from straight is at least zero: only that on the side that is
-        // wanted can bind.
+        // The highest rate is at least zero, so that only the limit on the side of the wanted rate can apply.
         let asked = rate + wanted;
         let ahead = motion.psi.0 + rate * gains.half_dt;
         let room = if asked < 0.0 {

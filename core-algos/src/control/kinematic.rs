@@ -4,9 +4,8 @@
 //! (reference in motion), in two forms:
 //!
 //! - [`Law::command`] is equation 4: velocity and yaw rate as functions of time;
-//! - [`Law::approach`] is the same law for a reference at rest with its heading gain scaled by
-//!   `|v|/e`, which makes the path independent of the speed profile, so that speed may be limited
-//!   or held back at will without bending the path.
+//! - [`Law::approach`] is equation 4 for a reference at rest, with the heading gain scaled by `|v|/e`. The path is
+//!   then independent of the speed profile: a reduced speed does not change the path.
 //!
 //! # Panic contract
 //!
@@ -39,17 +38,17 @@ use crate::math::{Posture, Steering, Transform, greater};
 use core::f32::consts::{PI, SQRT_2};
 use core::hint::cold_path;
 
-/// Smallest distance (m) that `1/e` is taken of in [`Law::command`].
+/// Smallest distance e (m) used for `1/e` in [`Law::command`].
 pub const MIN_DISTANCE_M: f32 = 1e-6;
 /// Smallest magnitude of the denominator of eq. 4, m.
 pub const MIN_DENOMINATOR_M: f32 = 1e-9;
-/// Smallest speed (m/s) that the yaw rate is divided by to give a curvature.
+/// Smallest speed (m/s) by which the yaw rate is divided for the curvature.
 pub const MIN_SPEED_M_S: f32 = 1e-6;
 
 declare! {
     /// Denominator of the velocity in eq. 4.
     pub enum Form, default Derived {
-        /// `e s cos α + r√2 sin 2θ sin α`: what the Lyapunov condition δ̇ = −k1 tanh δ gives.
+        /// `e s cos α + r√2 sin 2θ sin α`: derived from the Lyapunov condition δ̇ = −k1 tanh δ.
         Derived = "derived",
         /// `e s + r√2 sin 2θ sin α`: as the paper prints it, without `cos α`.
         Printed = "printed",
@@ -78,24 +77,23 @@ impl Direction {
     }
 }
 
-/// Position error in polar coordinates, as the robot's midpoint O sees its reference R.
+/// Position error of the robot's midpoint O against its reference R, in polar coordinates.
 ///
 /// With β the direction of the line of sight from O to R: θ = β − φ_r, α = β − φ.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PolarError {
     /// Distance from O to R, m (the paper's e).
     pub distance_m: f32,
-    /// Line of sight seen from the reference heading, rad in [−π, π] (θ).
+    /// Angle of the line of sight against the reference heading, rad in [−π, π] (θ).
     pub theta: f32,
-    /// Line of sight seen from the robot's heading, rad in [−π, π] (α).
+    /// Angle of the line of sight against the robot's heading, rad in [−π, π] (α).
     pub alpha: f32,
 }
 
 impl PolarError {
     /// The error of `posture` against `reference`.
     ///
-    /// At distance 0 there is no line of sight; the reference heading stands in for it, so θ = 0
-    /// and α is the heading error.
+    /// At distance 0 the reference heading replaces the line of sight, so that θ = 0 and α is the heading error.
     pub fn between(posture: Posture, reference: Posture) -> Self {
         let (dx, dy) = (reference.x - posture.x, reference.y - posture.y);
         let distance_m = hypot(dx, dy);
@@ -111,7 +109,7 @@ impl PolarError {
         }
     }
 
-    /// The same error for a robot that drives with its rear first: both headings turned by π.
+    /// The error for a robot that drives rear first: both headings are turned by π.
     pub fn reversed(self) -> Self {
         Self {
             distance_m: self.distance_m,
@@ -128,8 +126,8 @@ impl PolarError {
         }
     }
 
-    /// Heading error on arrival by the circular arc towards the reference, η = θ + α, rad in
-    /// [−π, π]. The same for both directions.
+    /// Heading error on arrival by the circular arc towards the reference, η = θ + α, rad in [−π, π]. Equal for both
+    /// directions of driving.
     pub fn arrival(self) -> f32 {
         wrap_angle(self.theta + self.alpha)
     }
@@ -140,7 +138,7 @@ impl PolarError {
     }
 }
 
-/// The same error in the terms of eq. 4.
+/// Polar error in the terms of eq. 4.
 #[derive(Clone, Copy, Debug)]
 struct Sight {
     /// e, m, and its inverse, 1/m, of at least [`MIN_DISTANCE_M`].
@@ -171,15 +169,15 @@ impl From<PolarError> for Sight {
 }
 
 impl Sight {
-    /// By the angles: where there is hardly a line of sight.
+    /// Computed from the angles, for distances near zero.
     #[cold]
     #[inline(never)]
     fn at(posture: Posture, reference: Posture) -> Self {
         PolarError::between(posture, reference).into()
     }
 
-    /// Of `center` against `reference`: θ and α themselves are not needed, and their sines and
-    /// cosines follow from those of the headings.
+    /// Polar error of `center` against `reference`. The sines and cosines of θ and α follow from those of the
+    /// headings.
     #[inline(always)]
     fn between(center: &Transform, reference: &Transform) -> Self {
         let (from, to) = (&center.posture, &reference.posture);
@@ -224,7 +222,7 @@ impl Command {
     };
 }
 
-/// A command, and the yaw rate (rad/s) of it that the heading error asks for: k2 tanh(θ + α).
+/// A command, and the part of its yaw rate due to the heading error: k2 tanh(θ + α), rad/s.
 struct Demand {
     command: Command,
     by_heading: f32,
@@ -249,7 +247,7 @@ declare! {
         pub circle_radius_m: f32 = 0.2, "m": Positive;
         /// Perturbation that keeps the manifold smooth at θ = 0 (ε = ζ − 1).
         pub epsilon: f32 = 1e-3, "": Positive;
-        /// Speed demanded far from the manifold (k1).
+        /// Commanded speed far from the manifold (k1).
         pub approach_gain_m_s: f32 = 1.5, "m/s": Range(1e-4, 20.0);
         /// Rate at which η = θ + α decays (k2).
         pub heading_gain_rad_s: f32 = 2.0, "rad/s": Range(0.01, 20.0);
@@ -259,7 +257,7 @@ declare! {
         pub denominator_floor: f32 = 0.3, "": Range(0.0, 1.0);
         /// Decay of η along the path in the approach form: dη/ds = −p η/e (p).
         pub arrival_gain: f32 = 3.0, "": Positive;
-        /// Distance below which the approach form steers ever less (σ).
+        /// Distance below which the approach form reduces its curvature (σ).
         pub softening_m: f32 = 0.03, "m": NonNegative;
     }
 }
@@ -311,11 +309,11 @@ impl Law {
 
     /// Velocity, curvature and yaw rate of O by equation 4, before limits.
     ///
-    /// Metres, radians, seconds; `error` is that of O against the reference posture. Valid for any
-    /// v_r, stable for v_r ≥ 0; [`Self::track`] handles a reference that backs.
+    /// Metres, radians, seconds; `error` is that of O against the reference posture. Valid for any v_r, stable for
+    /// v_r ≥ 0; [`Self::track`] handles a reversing reference.
     ///
-    /// Guards, none of which acts at an ordinary point:
-    /// - `1/e` is taken of at least [`MIN_DISTANCE_M`];
+    /// Guards, which act near singular points only:
+    /// - `1/e` uses a distance of at least [`MIN_DISTANCE_M`];
     /// - the derived denominator is at least `denominator_floor · e s` (positive); with floor 0,
     ///   and for the printed one, its magnitude is at least [`MIN_DENOMINATOR_M`], sign kept;
     /// - the curvature is the yaw rate over a speed of magnitude at least [`MIN_SPEED_M_S`], sign
@@ -360,7 +358,7 @@ impl Law {
         let phi_dot =
             by_heading + 2.0 * inverse * (v * sin_alpha - v_r * sin_theta) - v_r * kappa_r;
         let kappa = phi_dot / away_from_zero(v, MIN_SPEED_M_S);
-        // A velocity or yaw rate that is not finite leaves no curvature that is.
+        // If velocity or yaw rate is not finite, the curvature is not finite.
         let command = if kappa.abs() <= f32::MAX {
             Command { v, kappa, phi_dot }
         } else {
@@ -373,17 +371,17 @@ impl Law {
         }
     }
 
-    /// Equation 4 of `center` against a reference that does not back, and the yaw rate (rad/s) of
-    /// it that the heading error asks for, k2 tanh(θ + α).
+    /// Equation 4 for `center` and a reference that does not reverse, and the part of the yaw rate due to the heading
+    /// error: k2 tanh(θ + α), rad/s.
     pub(super) fn ahead(&self, center: &Transform, reference: Reference) -> (Command, f32) {
         let sight = Sight::between(center, &reference.posture.into());
         let demand = self.demand(&sight, reference.v, reference.kappa);
         (demand.command, demand.by_heading)
     }
 
-    /// Equation 4 of `center` against a reference in motion. A reference that backs (v_r < 0) is
-    /// followed rear first: seen forward its heading would be unstable (θ̇ ≈ −2 v_r θ/e), so both
-    /// headings are turned by π and v, κ negated.
+    /// Equation 4 for `center` and a reference in motion. A reversing reference (v_r < 0) is followed rear first:
+    /// both headings are turned by π, and v and κ negated. Followed front first, the heading would be unstable
+    /// (θ̇ ≈ −2 v_r θ/e).
     #[inline(always)]
     pub fn track(&self, center: impl Into<Transform>, reference: Reference) -> Command {
         let (center, goal) = (&center.into(), &Transform::from(reference.posture));
@@ -403,10 +401,10 @@ impl Law {
 
     /// Curvature (1/m) of the path towards a reference at rest: `(2 sin α + p η)/e`.
     ///
-    /// This is eq. 4 with k2 := p |v| η / (e tanh η). Seen along the driving direction: of a robot
-    /// in reverse, pass the reversed error and negate the result.
+    /// This is eq. 4 with k2 := p |v| η / (e tanh η). For a robot in reverse, pass the reversed error and negate the
+    /// result.
     ///
-    /// Near the goal, where bearings lose meaning, `e/(e² + σ²)` stands for `1/e`.
+    /// Near the goal, where bearings lose meaning, `e/(e² + σ²)` replaces `1/e`.
     #[cfg(test)]
     pub(crate) fn approach_curvature(&self, error: PolarError) -> f32 {
         self.arc_curvature(error, sin(error.alpha))
@@ -418,13 +416,12 @@ impl Law {
         (2.0 * sin_alpha + self.config.arrival_gain * error.arrival()) * inverse
     }
 
-    /// The approach form towards a reference at rest, driving in `direction`; `error` is that of
-    /// the robot as it stands (not reversed). Before limits.
+    /// The approach form towards a reference at rest, driving in `direction`; `error` is the robot's, not reversed.
+    /// Before limits.
     ///
-    /// The velocity is that of eq. 4, which near the goal (from four softening lengths down to two)
-    /// passes over into that times `max(0, cos α)`, so that the robot stops abeam of the goal
-    /// instead of circling it. The velocity never opposes `direction`. Input that is not finite
-    /// gives [`Command::REST`].
+    /// The velocity is that of eq. 4. Near the goal, from four softening lengths down to two, a factor of
+    /// `max(0, cos α)` is blended in, so that the robot stops abeam of the goal instead of circling it. The velocity
+    /// never opposes `direction`. Input that is not finite gives [`Command::REST`].
     pub fn approach(&self, error: PolarError, direction: Direction) -> Command {
         let seen = error.along(direction);
         let sight = Sight::from(seen);
@@ -446,7 +443,7 @@ impl Law {
     }
 }
 
-/// `x`, or the number of magnitude `least` on its side of zero if it is closer to zero than that.
+/// `x` with a magnitude of at least `least`, sign kept (+ at 0).
 fn away_from_zero(x: f32, least: f32) -> f32 {
     if x.abs() < least {
         cold_path();
@@ -463,7 +460,7 @@ pub fn curvature_of_steering(Steering(psi): Steering, frame_length_m: f32) -> f3
 }
 
 declare! {
-    /// Bounds of what the robot is asked to do.
+    /// Bounds of the commanded motion.
     pub struct LimitsConfig {
         /// Greatest speed of O, both directions.
         pub max_speed_m_s: f32 = 0.25, "m/s": Positive;
@@ -488,7 +485,7 @@ impl LimitsConfig {
     }
 }
 
-/// Bounds of speed and curvature that keep the path where they can.
+/// Bounds of speed and curvature. The bound of speed keeps the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
     max_speed: f32,
@@ -506,9 +503,9 @@ impl Limits {
         self.max_speed
     }
 
-    /// `command` within the bounds. A velocity beyond its bound is scaled together with the yaw
-    /// rate, so the path stays; a curvature beyond its bound is cut, and the yaw rate follows from
-    /// it. Not finite gives [`Command::REST`].
+    /// `command` within the bounds. A velocity beyond its bound is scaled together with the yaw rate, so that the
+    /// path is kept. A curvature beyond its bound is limited, and the yaw rate with it. A command that is not finite
+    /// gives [`Command::REST`].
     pub fn limit(&self, command: Command) -> Command {
         if !(command.v.is_finite() && command.kappa.is_finite()) {
             return Command::REST;

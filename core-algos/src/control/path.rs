@@ -2,41 +2,38 @@
 //!
 //! # Theory
 //!
-//! A path is a row of points 1 to 2 cm apart, each with its posture, curvature and arc length,
-//! which can be streamed while the robot drives ([`PathBuffer`]). Between points, position is the
-//! cubic that keeps both headings, curvature is linear, and heading is its integral.
+//! A path is a sequence of points 1 to 2 cm apart, each with posture, curvature and arc length. Points can be
+//! streamed while the robot drives ([`PathBuffer`]). Between points, position is the cubic that matches both
+//! headings, curvature is linear, and heading is the integral of curvature.
 //!
-//! **Path following** ([`Follower`]) is time-invariant: the reference stands where the robot
-//! stands, at the point of the path nearest to O, and so waits for it. Its speed is the largest
-//! from which, at every point ahead, the limits of steering rate `|dψ/ds| v` and steering
-//! acceleration `|d²ψ/ds²| v² + |dψ/ds| v̇`, and the end of the path, can still be met with the
-//! configured deceleration and reaction time.
+//! **Path following** ([`Follower`]) is time-invariant: the reference is at the point of the path nearest to O, and
+//! so waits for the robot. The reference speed is the largest that still allows the robot, with the configured
+//! deceleration and reaction time, to meet all limits ahead: steering rate `|dψ/ds| v`, steering acceleration
+//! `|d²ψ/ds²| v² + |dψ/ds| v̇`, and the end of the path.
 //!
 //! **Trajectory tracking** ([`Tracker`]) takes the reference from time instead.
 //!
-//! In both, law (4) lets O trail its reference by the distance e at which its manifold is met,
-//! `e = r√2 √(ε + 2 sin²θ)`. On a path of curvature κ_r, O itself on the path, `sin θ = −κ_r e/2`,
-//! hence `e = r√(2ε)/√(1 − r²κ_r²)`: the paper's distance on a straight line and more on a bend
-//! (27 % at r = 0.2 m, κ = 3.1 1/m). The reference is led along the path by that much, so that O
-//! runs on the path and stops at its end. A robot at y to the left of the path has
-//! `sin θ = −(y/e + κ_r e/2)`, and the follower leads by the e of that equation: the reference is
-//! then where the robot's circle meets the path, and the robot need not back up to get there.
+//! In both, law (4) lets O trail its reference by the distance e on the law's manifold, `e = r√2 √(ε + 2 sin²θ)`. On
+//! a path of curvature κ_r, with O on the path, `sin θ = −κ_r e/2`, hence `e = r√(2ε)/√(1 − r²κ_r²)`: the paper's
+//! distance on a straight line and more on a bend (27 % at r = 0.2 m, κ = 3.1 1/m). The reference is led along the
+//! path by this distance, so that O runs on the path and stops at its end. For a robot at y to the left of the path,
+//! `sin θ = −(y/e + κ_r e/2)`, and the follower leads by the e of this equation. The reference is then where the
+//! robot's circle meets the path, and the robot need not reverse to reach it.
 //!
-//! The lead makes ε free: on a straight path y decays at the rate `2 v/(r√(2ε))`, which should stay
-//! below what steering can follow. At r = 0.2 m and 0.25 m/s, an ε of 0.1 (e = 9 cm) keeps O three
-//! times nearer to a curved path than the 1e-3 that suits posture regulation.
+//! With the lead, ε can be chosen freely: on a straight path y decays at the rate `2 v/(r√(2ε))`, which should stay
+//! below what steering can follow. At r = 0.2 m and 0.25 m/s, an ε of 0.1 (e = 9 cm) keeps O three times nearer to a
+//! curved path than the 1e-3 that suits posture regulation.
 //!
 //! Paths are driven forward.
 //!
-//! [`Follower::wish`] and [`Tracker::wish`] apply law (4) to the reference and give the wish for the
-//! governor. Its heading gain k2 is scaled there by |v|/v_0, v_0 the nominal speed: corrections of
-//! heading are then made per length and not per time, so that slow driving does not ask for sharp
-//! bends; at v_0 the law is the paper's.
+//! [`Follower::wish`] and [`Tracker::wish`] apply law (4) to the reference and give the wish for the governor. The
+//! heading gain k2 is scaled by |v|/v_0, with v_0 the nominal speed. Heading is then corrected per length and not per
+//! time, so that slow driving does not cause sharp bends. At v_0 the law is the paper's.
 //!
 //! # Panic contract
 //!
-//! [`Config::build`] validates the limits and the buffers refuse bad points; following and
-//! tracking cannot fail. An empty buffer and a posture that is not finite give no reference.
+//! [`Config::build`] validates the limits and the buffers reject invalid points; following and tracking cannot fail.
+//! An empty buffer and a posture that is not finite give no reference.
 
 mod buffer;
 
@@ -52,30 +49,30 @@ use crate::math::trig::{clamp, sqrt};
 use crate::math::{Posture, Transform};
 use buffer::MAX_BEND_SQUARED;
 
-/// Below this speed (m/s) asked by law (4) its curvature gives way to that of the path: the law's
-/// is a yaw rate over a speed and loses its meaning as both vanish.
+/// Speed (m/s) of law (4) below which the law's curvature is blended into the path's. The law's curvature is yaw rate
+/// over speed and loses its meaning as both vanish.
 const SLOW_M_S: f32 = 0.03;
-/// Steering error that speed does not wait for, rad: the lag of the governor where the curvature of
-/// a path begins or ceases to grow. It costs some tenths of a millimetre across the path, waiting
-/// several millimetres along a trajectory.
+/// Steering error that does not reduce the speed, rad: the lag of the governor where the curvature of a path begins
+/// or ceases to grow. The slack costs tenths of a millimetre across the path; waiting would cost several millimetres
+/// along a trajectory.
 const STEERING_SLACK_RAD: f32 = 0.03;
 declare! {
     /// Limits along a path.
     pub struct Config {
-        /// Speed where nothing limits it.
+        /// Speed without other limits.
         pub max_speed_m_s: f32 = 0.25, "m/s": Positive;
-        /// Speed at which law (4) has the heading gain k2 it is given (v_0); at others, k2 |v|/v_0.
+        /// Speed at which law (4) has its configured heading gain k2 (v_0). At other speeds v the gain is k2 |v|/v_0.
         pub nominal_speed_m_s: f32 = 0.25, "m/s": Range(0.01, 2.0);
         /// Deceleration ahead of bends and of the end; somewhat below the governor's.
         pub deceleration_m_s2: f32 = 0.3, "m/s²": Range(0.01, 5.0);
-        /// Largest |ψ̇| the path may ask for; somewhat below the governor's.
+        /// Largest |ψ̇| along the path; somewhat below the governor's.
         pub max_steering_rate_rad_s: f32 = 0.8, "rad/s": Positive;
-        /// Largest |ψ̈| the path may ask for; somewhat below the governor's.
+        /// Largest |ψ̈| along the path; somewhat below the governor's.
         pub max_steering_acceleration_rad_s2: f32 = 6.0, "rad/s²": Positive;
-        /// Speed that is kept even where curvature changes too fast for it; the governor then
-        /// makes speed wait for steering.
+        /// Least speed, kept even where the curvature changes too fast; the governor then makes the speed wait for
+        /// steering.
         pub min_speed_m_s: f32 = 0.02, "m/s": Positive;
-        /// Delay between a lower reference speed and the robot's.
+        /// Delay of the robot's speed behind a falling reference speed.
         pub reaction_time_s: f32 = 0.2, "s": NonNegative;
         /// Length of path ahead of the last position that is searched for the robot.
         pub search_window_m: f32 = 0.1, "m": Positive;
@@ -85,8 +82,7 @@ declare! {
 }
 
 impl Config {
-    /// The follower of paths for a frame and the law it steers by; the error names the field that
-    /// is wrong.
+    /// The path follower for a frame and a law; the error names the invalid field.
     pub fn build(&self, cascade: &Cascade, law: &Law) -> Result<Follower, ConfigError> {
         self.check_ranges()?;
         Allowed::Range(1e-3, self.max_speed_m_s).check("min_speed_m_s", self.min_speed_m_s)?;
@@ -152,8 +148,8 @@ impl SteeringLaw {
         slope
     }
 
-    /// The law's velocity and curvature for `reference`; its curvature gives way to `kappa`, that
-    /// of the path at O, as its velocity vanishes.
+    /// The law's velocity and curvature for `reference`. As the velocity vanishes, the curvature is blended into
+    /// `kappa`, the path's curvature at O.
     fn wish(
         &self,
         center: &Transform,
@@ -180,7 +176,7 @@ impl SteeringLaw {
 /// Progress along a path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Progress {
-    /// Arc length of the point of the path nearest to O, m. It never falls.
+    /// Arc length of the point of the path nearest to O, m. Never decreases.
     pub s: f32,
     /// True if the robot has been found on the path.
     pub started: bool,
@@ -188,21 +184,20 @@ pub struct Progress {
     pub finished: bool,
 }
 
-/// Reference on a path, and where the robot stands to it.
+/// Reference on a path, and the robot's deviation from the path.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PathReference {
     /// Reference of law (4), led so that O runs on the path.
     pub reference: Reference,
-    /// The point of the path that O should be at.
+    /// Target posture of O on the path.
     pub target: Posture,
-    /// Curvature of the path there, 1/m.
+    /// Curvature of the path at the target, 1/m.
     pub kappa: f32,
     /// Rate of the reference speed while it falls, m/s²: feedforward for the governor.
     pub v_rate: f32,
     /// Rate of curvature along the path at O (dκ/ds), 1/m².
     pub kappa_slope: f32,
-    /// Steering rate the path asks for at the reference speed, rad/s: feedforward for the
-    /// governor.
+    /// Steering rate along the path at the reference speed, rad/s: feedforward for the governor.
     pub psi_rate: f32,
     /// Distance of O to the left of the path, m.
     pub lateral_error_m: f32,
@@ -235,8 +230,8 @@ impl Follower {
             .wish(&center.into(), reference.reference, reference.kappa, rates)
     }
 
-    /// Progress of `center` (the posture of O) along the path: at first the nearest point of all,
-    /// then the nearest at or ahead of the last one within the search window.
+    /// Progress of `center` (the posture of O) along the path. At first, the nearest point of the whole path; later,
+    /// the nearest point within the search window ahead of the last point.
     fn progress<const N: usize>(
         &self,
         last: &Progress,
@@ -266,16 +261,15 @@ impl Follower {
         }
     }
 
-    /// Largest speed (m/s) at `distance` (m) before a point that allows `limit` (m/s), braking at
-    /// the configured deceleration after the reaction time, and its rate as the robot nears that
-    /// point (m/s²).
+    /// Largest speed (m/s) at `distance` (m) before a point with the speed limit `limit` (m/s), and its rate (m/s²)
+    /// as the robot approaches this point. The robot brakes at the configured deceleration after the reaction time.
     fn braking(&self, limit: f32, distance: f32) -> (f32, f32) {
         let a = self.config.deceleration_m_s2;
         let delay = a * self.config.reaction_time_s;
         let reach = limit + delay;
         let reach = sqrt(reach * reach + 2.0 * a * distance.max(0.0));
         let speed = (reach - delay).max(0.0);
-        // v dv/ds of the line above.
+        // v dv/ds of the speed above.
         let rate = if distance > 0.0 {
             -a * speed / reach
         } else {
@@ -290,7 +284,7 @@ impl Follower {
         let top = config.max_speed_m_s;
         let lower = |a: (f32, f32), b: (f32, f32)| if b.0 < a.0 { b } else { a };
         let mut speed = lower((top, 0.0), self.braking(0.0, (end - s).min(1e3)));
-        // Beyond this, even a stop would not have to begin yet.
+        // Points beyond this distance do not limit the speed: even braking to a stop would begin later.
         let horizon = top * config.reaction_time_s + 0.5 * top * top / config.deceleration_m_s2;
         let mut steering = None;
         let mut before: Option<(f32, f32)> = None;
@@ -317,7 +311,7 @@ impl Follower {
             }
             before = Some((slope, length));
             let limit = limit.max(config.min_speed_m_s);
-            // A point that allows the speed so far does not ask for less before it.
+            // A point that allows the speed so far does not reduce it.
             if !(limit >= speed.0) {
                 speed = lower(speed, self.braking(limit, a.s - s));
             }
@@ -341,7 +335,7 @@ impl Follower {
         let remaining = (end - progress.s).max(0.0);
         progress.finished |= path.is_complete() && remaining <= self.config.end_tolerance_m;
         if progress.finished {
-            // What is left of the way is left to the law, with its reference at rest.
+            // The law drives the remaining distance with its reference at rest.
             progress.s = end;
         }
         let here = path.at(progress.s)?;
@@ -381,13 +375,13 @@ pub struct TrajectoryReference {
     pub reference: Reference,
     /// Target posture of O.
     pub target: Posture,
-    /// Curvature of the path there, 1/m.
+    /// Curvature of the path at the target, 1/m.
     pub kappa: f32,
     /// Acceleration along the path, m/s².
     pub acceleration: f32,
-    /// Steering rate the trajectory asks for, rad/s: feedforward for the governor.
+    /// Steering rate along the trajectory, rad/s: feedforward for the governor.
     pub psi_rate: f32,
-    /// True if the last point known has been reached.
+    /// True if the last known point has been reached.
     pub finished: bool,
 }
 
@@ -399,7 +393,7 @@ pub struct Tracker {
 }
 
 impl Tracker {
-    /// The tracker for a frame, the law it steers by and the usual speed of its trajectories (m/s).
+    /// The tracker for a frame, a law and the nominal speed of the trajectories (m/s).
     pub fn new(cascade: &Cascade, law: &Law, nominal_speed_m_s: f32) -> Result<Self, ConfigError> {
         Ok(Self {
             steering: SteeringLaw {

@@ -1,15 +1,14 @@
 //! Planner that brings any posture into the funnel of the approach law.
 //!
-//! Turning needs room: a start that is close to the goal and badly turned first has to drive away.
-//! The planner looks for none, one or two segments of constant curvature (left, straight, right;
-//! forward or in reverse) that end in the funnel ([`super::funnel`]), of least estimated length
-//! with a price on each cusp and each stop.
+//! Turning needs room: a start close to the goal with a large heading error must first drive away. The planner
+//! searches for none, one or two segments of constant curvature (left, straight, right; forward or in reverse) that
+//! end in the funnel ([`super::funnel`]), of least estimated length with a price on each cusp and each stop.
 //!
-//! The search is a branch and bound over segment lengths on a grid, then a refinement of the best
-//! lengths. Its bound: length driven so far plus the distance left never falls along a segment, so a
-//! branch whose sum exceeds the best plan is cut. It is incremental: [`Planner::step`] looks at a
-//! given number of candidate postures (about 150 floating-point operations each) and returns, so a
-//! control tick can afford it. Memory: the fixed-size [`Search`].
+//! The search is a branch and bound over segment lengths on a grid, then a refinement of the best lengths. Its bound:
+//! length driven so far plus the distance left never falls along a segment, so a branch whose sum exceeds the best
+//! plan is cut. The search is incremental: [`Planner::step`] evaluates a given number of candidate postures (about
+//! 150 floating-point operations each) and returns, so that each call fits in a control tick. Memory: the fixed-size
+//! [`Search`].
 //!
 //! # Panic contract
 //!
@@ -32,13 +31,13 @@ declare! {
         /// Share of the greatest curvature that funnel and segments use (κ_d over κ_max); the rest is
         /// left to feedback.
         pub curvature_share: f32 = 0.94, "": Range(0.1, 1.0);
-        /// Grid of segment lengths, where the plan has one segment.
+        /// Grid step of the segment length in plans of one segment.
         pub single_step_m: f32 = 0.04, "m": Range(5e-3, 1.0);
-        /// Grid of segment lengths, where it has two.
+        /// Grid step of the segment lengths in plans of two segments.
         pub pair_step_m: f32 = 0.08, "m": Range(5e-3, 1.0);
         /// Longest straight segment. An arc is at most one full turn.
         pub max_straight_m: f32 = 3.0, "m": Range(0.1, 100.0);
-        /// Least distance from the goal, at which the approach may begin.
+        /// Least distance from the goal at which the approach may begin.
         pub min_approach_m: f32 = 0.15, "m": Positive;
         /// Margin to the funnel's bound `κ_d e` at the beginning of the approach: room for errors
         /// of execution.
@@ -84,7 +83,7 @@ const MOTIONS: [(Direction, f32); 6] = [
     (Direction::Reverse, -1.0),
 ];
 
-/// Heading as a unit vector, so that a step along a segment costs no trigonometry.
+/// Posture with the heading as a unit vector, so that a step along a segment costs no trigonometry.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Pose {
     x: f32,
@@ -124,16 +123,16 @@ impl Pose {
 enum Stage {
     /// One segment: motion, steps along it.
     Single { motion: u8, steps: u16 },
-    /// Two segments: steps along the first (all motions advance together), its motion, the motion
-    /// of the second, steps along that.
+    /// Two segments: steps along the first (all motions advance together), motion of the first, motion of the second,
+    /// steps along the second.
     Pair {
         first_steps: u16,
         first: u8,
         second: u8,
         steps: u16,
     },
-    /// Lengths of the best plan by descent: which change is tried next, step, whether a change of
-    /// this step helped.
+    /// Descent over the lengths of the best plan: next change to try, step, and true if a change with this step
+    /// helped.
     Refine {
         change: u8,
         step_m: f32,
@@ -179,15 +178,14 @@ pub struct Search {
     start: Pose,
     best: Option<Plan>,
     stage: Stage,
-    /// Ends of the first segments of the current length, by motion, and whether that branch is
-    /// still within the bound.
+    /// Ends of the first segments of the current length, by motion; true if the branch is still within the bound.
     middle: [(Pose, bool); 6],
     here: Pose,
     evaluated: u32,
 }
 
 impl Search {
-    /// Takes a better plan: its segments, and what [`Planner::evaluate`] has found behind them.
+    /// Stores a better plan: its segments, with cost and direction of approach from [`Planner::evaluate`].
     fn improve(
         &mut self,
         (first, second): (Option<Segment>, Option<Segment>),
@@ -242,14 +240,14 @@ impl Planner {
         if !seen.is_finite() {
             return search;
         }
-        // Already in the funnel: no segment, but one that shortens the path may still be found.
+        // Already in the funnel: a plan without segments. A segment that shortens the path may still be found.
         search.improve((None, None), self.evaluate(start, 0.0, None, None).1);
         let (motion, steps) = (0, 0);
         search.stage = Stage::Single { motion, steps };
         search
     }
 
-    /// Looks at up to `budget` candidate postures.
+    /// Evaluates up to `budget` candidate postures.
     pub fn step(&self, search: &mut Search, budget: u32) -> Progress {
         for _ in 0..budget {
             match search.stage {
@@ -293,9 +291,9 @@ impl Planner {
         }
     }
 
-    /// Looks at a posture reached after `spent` metres (prices included), the last of them in
-    /// direction `last`. Returns the least the whole can cost and, if the posture lies in the
-    /// funnel and beats `best`, its cost and the direction of approach.
+    /// Evaluates a posture reached after `spent` metres (prices included), the last segment in direction `last`.
+    /// Returns a lower bound of the plan's cost. If the posture is in the funnel and the plan costs less than `best`,
+    /// also returns the plan's cost and the direction of approach.
     fn evaluate(
         &self,
         pose: Pose,
@@ -309,8 +307,8 @@ impl Planner {
         if !(e >= self.config.min_approach_m && least < best) {
             return (least, None);
         }
-        // No approach is shorter than the line of sight: one that costs too much even so is not looked
-        // at.
+        // No approach is shorter than the line of sight. A direction that costs too much at this length is not
+        // evaluated.
         let cusps = [Direction::Forward, Direction::Reverse].map(|approach| match last {
             Some(direction) if direction != approach => self.config.cusp_price_m,
             _ => 0.0,
@@ -370,7 +368,7 @@ impl Planner {
         search.stage = Stage::Single { motion, steps };
     }
 
-    /// Lengthens the first segment of each motion by a step, once all second ones are tried.
+    /// Lengthens the first segment of each motion by a step, once all second segments are tried.
     fn lengthen_first(&self, search: &mut Search, first_steps: u16, best: Option<f32>) {
         let step_m = self.config.pair_step_m;
         let length = f32::from(first_steps + 1) * step_m;
@@ -419,7 +417,7 @@ impl Planner {
             return;
         }
         if one.curvature == two.curvature {
-            // The same circle again, onward or back: a single segment does that.
+            // Both segments are on one circle: a single segment is enough.
             search.stage = next_second;
             return;
         }

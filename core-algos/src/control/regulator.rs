@@ -2,29 +2,27 @@
 //!
 //! Brings the robot's midpoint O to a goal posture and to rest. Two strategies:
 //!
-//! - [`Strategy::Funnel`] (default) regulates from any start: plan up to two segments of constant
-//!   curvature into the funnel, steer at rest, drive them with feedback on the path, then follow
-//!   the approach law; check at rest, and plan anew if the funnel was left or the goal missed.
-//! - [`Strategy::PaperLaw`] is equation 4 alone with a stop rule, its goal led by the rest distance
-//!   `r√(2ε)` so that O itself stops on the goal. Starts that are close and badly turned stall; the
-//!   regulator then gives up, as it does where the frame, bent by axles that have drifted apart,
-//!   does not turn the robot as asked.
+//! - [`Strategy::Funnel`] (default) regulates from any start. It plans up to two segments of constant curvature into
+//!   the funnel, steers at rest, drives the segments with feedback on the path, then follows the approach law. It
+//!   checks the posture at rest, and plans anew if the funnel was left or the goal missed.
+//! - [`Strategy::PaperLaw`] is equation 4 alone with a stop rule, its goal led by the rest distance `r√(2ε)` so that
+//!   O itself stops on the goal. Starts close to the goal with a large heading error stall, and the regulator gives
+//!   up. It also gives up if the frame, bent by axles that have drifted apart, does not turn the robot as commanded.
 //!
 //! # Phases
 //!
-//! Stop → Plan → (Steer → Segment → Stop)… → Steer → Approach → Hold → Done, with ways back to
-//! Plan from the end of the segments, from Approach and from Hold, and from Done when the robot is
-//! pushed away.
+//! Stop → Plan → (Steer → Segment → Stop)… → Steer → Approach → Hold → Done. The end of the segments, Approach and
+//! Hold can return to Plan; so can Done, if the robot is pushed away.
 //!
 //! # Sans-IO
 //!
-//! [`Regulator::tick`] takes the estimated posture of O, speed and steering as the governor last
-//! commanded them, and the goal; it returns what O should do next, before the governor.
+//! [`Regulator::tick`] takes the estimated posture of O, speed and steering as the governor last commanded them, and
+//! the goal; it returns the commanded motion of O, before the governor.
 //!
 //! # Panic contract
 //!
-//! [`Config::build`] validates; nothing else can fail. A posture or goal that is not finite is
-//! taken as absent: the robot is asked to stop with its steering held, and nothing else changes.
+//! [`Config::build`] validates; nothing else can fail. A posture or goal that is not finite counts as absent: the
+//! command is a stop with the steering held, and the state does not change.
 
 mod config;
 mod state;
@@ -46,12 +44,12 @@ use crate::time::EPOCH_S;
 pub struct Input {
     /// Estimated posture of O.
     pub posture: Posture,
-    /// Steering angle that the governor commands now. Not the estimate: its offset would decide when
-    /// to start.
+    /// Steering angle that the governor commands now. Not the estimate, whose offset would affect the start of a
+    /// segment.
     pub steering: Steering,
     /// Velocity of O that the governor commands now, m/s.
     pub speed_m_s: f32,
-    /// Posture that O is to reach, same frame as `posture`.
+    /// Goal posture of O, in the frame of `posture`.
     pub goal: Posture,
     /// Tolerance of the goal.
     pub within: Tolerance,
@@ -62,9 +60,9 @@ pub struct Input {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(deny_unknown_fields, default))]
 pub struct Tolerance {
-    /// Of the position, m.
+    /// Tolerance of the position, m.
     pub position_m: f32,
-    /// Of the heading, rad.
+    /// Tolerance of the heading, rad.
     pub heading_rad: f32,
 }
 
@@ -92,7 +90,7 @@ impl Tolerance {
         self.holds([posture.distance(goal), turn.abs()])
     }
 
-    /// True if errors of position (m) and heading (rad) are within; false for NaN.
+    /// True if errors of position (m) and heading (rad) are within the tolerance; false for NaN.
     pub fn holds(&self, [position, heading]: [f32; 2]) -> bool {
         position <= self.position_m && heading <= self.heading_rad
     }
@@ -107,26 +105,27 @@ pub struct Output {
     pub direction: Direction,
     /// Phase of the regulator.
     pub phase: Phase,
-    /// The robot is to stand still: command.v is 0 on purpose, not on the way through 0.
+    /// True if the robot is to stand still: `command.v` is 0 on purpose and does not just pass zero.
     pub feed_stop: bool,
-    /// At rest on the goal.
+    /// True if the robot is at rest on the goal.
     pub done: bool,
 }
 
-/// Change of goal (m, rad) beyond which the regulator starts afresh; below, the goal just moves.
+/// Change of goal (m, rad) above which the regulator restarts. A smaller change moves the goal without a restart.
 const NEW_GOAL: (f32, f32) = (0.01, 0.02);
-/// Time (s) outside the funnel, or without demand to move, that counts.
+/// Time outside the funnel after which the approach ends, s.
 const DOUBT_S: f32 = 0.1;
+/// Time without commanded motion after which the approach ends, s.
 const STALL_S: f32 = 1.0;
-/// Distance up to which a robot is stuck in the same place, m.
+/// Largest distance between two postures of a robot that is stuck in the same place, m.
 const SAME_PLACE_M: f32 = 0.01;
-/// Factor by which each attempt widens what counts as reached.
+/// Factor by which each attempt widens the accepted errors.
 const WIDENING: f32 = 1.6;
-/// Remainder of a segment that counts as driven, m.
+/// Remaining length at which a segment counts as driven, m.
 const SEGMENT_END_M: f32 = 2e-3;
 
-/// Curvature (1/m) that lets a deviation `off` from a path (in the frame of its nearest posture)
-/// decay critically over the length constant λ: y'' = −y/λ² − 2 y'/λ with y' = sign · heading error.
+/// Feedback curvature (1/m) for a critically damped decay of the deviation `off` from the nearest posture of a path,
+/// with length constant λ: y'' = −y/λ² − 2 y'/λ with y' = sign · heading error.
 fn path_feedback(off: Posture, sign: f32, length_constant: f32) -> f32 {
     let inverse = 1.0 / length_constant;
     -inverse * inverse * off.y - 2.0 * inverse * sign * off.phi
@@ -193,16 +192,16 @@ impl Regulator {
         }
     }
 
-    /// True if the robot is under way and does not move: friction can be more than what a small
-    /// speed, or a motor less than there should be, asks of the wheels.
+    /// True if the robot is commanded to move and does not: friction can exceed the torque at a small speed or with a
+    /// failed motor.
     fn is_stuck(&self, state: &mut State, input: &Input) -> bool {
         let under_way = matches!(state.phase, Phase::Segment | Phase::Approach);
         let dt = EPOCH_S;
         state.stuck.step(under_way, input.posture, dt) >= STUCK_S
     }
 
-    /// True if a stuck robot outside the tolerance has not moved since it was stuck before, or since the task began: what
-    /// holds it stays.
+    /// True if a stuck robot outside the tolerance has not moved since it was last stuck, or since the task began:
+    /// the obstacle stays.
     fn is_blocked(&self, state: &mut State, input: &Input) -> bool {
         let before = state.stuck_at.replace(input.posture);
         let again = before.is_some_and(|at| input.posture.distance(at) <= SAME_PLACE_M);
@@ -236,8 +235,8 @@ impl Regulator {
         }
     }
 
-    /// Error of steering (rad) when `kappa` is asked for: the difference in curvature over its
-    /// slope, which needs no inverse of eq. 5.
+    /// Steering error (rad) for a commanded curvature `kappa`: difference of curvature over its slope, which needs no
+    /// inverse of eq. 5.
     fn steering_error(&self, kappa: f32, psi: Steering) -> f32 {
         let length = self.config.limits.frame_length_m;
         let (s, c) = sin_cos(psi.0);
@@ -249,14 +248,14 @@ impl Regulator {
         (kappa.kappa - curvature_of_steering(psi, length)) / slope
     }
 
-    /// Factor of speed while the steering is on its way.
+    /// Factor that reduces the speed while the steering error is large.
     fn patience(&self, kappa: f32, psi: Steering) -> f32 {
         let share = self.steering_error(kappa, psi).abs() / self.config.steering_wait_rad;
         clamp(2.0 * (1.0 - share), 0.0, 1.0)
     }
 
-    /// True if the approach may go on (or begin) from `seen`: the funnel, with allowance for the
-    /// error of execution and of the estimate. The curvature itself stays within its limit.
+    /// True if the approach may begin or continue from `seen`: the funnel, with an allowance for errors of execution
+    /// and estimate. The commanded curvature stays within its limit.
     fn within_reach(&self, seen: PolarError) -> bool {
         let slack = self.config.leave_slack_rad / seen.distance_m.max(1e-3);
         let curvature = self.config.leave_factor * self.limits.max_curvature();
@@ -271,8 +270,8 @@ impl Regulator {
         PolarError::between(input.posture, input.goal)
     }
 
-    /// True if the goal is reached, bounds widened by `factor`. Each attempt widens them up to the task's tolerance: an
-    /// estimate that learns moves by more than the robot can come near.
+    /// True if the goal is reached, with bounds widened by `factor`. Each attempt widens the bounds up to the task's
+    /// tolerance, because corrections of the estimate may exceed the accepted errors.
     fn reached(&self, state: &State, input: &Input, factor: f32) -> bool {
         let error = self.error(input);
         let bound = |accepted: f32, tolerance: f32| {
@@ -287,8 +286,8 @@ impl Regulator {
                 <= bound(self.config.accept_heading_rad, input.within.heading_rad)
     }
 
-    /// Way (m) that the governor needs from `speed` to rest once zero is commanded: at its
-    /// deceleration down to where the lag takes over, then as the lag has it.
+    /// Distance (m) that the governor needs from `speed` to rest once zero is commanded: first at its deceleration,
+    /// then along the exponential of its lag.
     fn stopping_distance(&self, speed: f32) -> f32 {
         let (a, lag) = (self.config.braking_m_s2, self.config.speed_lag_s);
         let joint = a * lag;
@@ -321,8 +320,8 @@ impl Regulator {
         self.stand(state)
     }
 
-    /// Does a part of the planner's work of the next tick, `1/parts` of it, so that the tick itself is
-    /// short. Whether it is called, and how often, changes nothing in what [`Self::tick`] gives.
+    /// Does `1/parts` of the planner's work of the next tick ahead, to shorten that tick. The output of
+    /// [`Self::tick`] does not depend on these calls.
     pub fn plan_ahead(&self, state: &mut State, parts: u32) {
         if let (Phase::Plan, Some(search)) = (state.phase, state.search.as_mut()) {
             let budget = self.config.planner_budget;
@@ -349,7 +348,7 @@ impl Regulator {
                 self.proceed(state, input, 0);
             }
             Progress::Impossible => {
-                // Out of the planner's reach: let the law, saturated, come as near as it can.
+                // No plan: the saturated law approaches the goal as far as it can.
                 state.search = None;
                 let ahead = cos(self.error(input).alpha) >= 0.0;
                 state.plan = Plan::direct(if ahead {
@@ -364,7 +363,7 @@ impl Regulator {
         self.stand(state)
     }
 
-    /// At rest before step `index` of the plan.
+    /// At rest before step `index` of the plan: steers for the step, or plans anew if the approach cannot begin.
     fn proceed(&self, state: &mut State, input: &Input, index: u8) {
         let is_segment = state.plan.segment(usize::from(index)).is_some();
         let seen = self.error(input).along(state.plan.approach);
@@ -378,7 +377,7 @@ impl Regulator {
         }
     }
 
-    /// Another attempt, if any is left.
+    /// Begins another attempt, or gives up after the last.
     fn renew(&self, state: &mut State) {
         state.attempts = state.attempts.saturating_add(1);
         if state.attempts > self.config.max_attempts {
@@ -484,7 +483,7 @@ impl Regulator {
         self.output(state, v, command.kappa)
     }
 
-    /// The last piece of the approach: the arc that ends in the goal posture.
+    /// Last part of the approach: the arc that ends in the goal posture.
     fn final_arc(&self, state: &mut State, input: &Input, curvature: f32) -> Output {
         let direction = state.plan.approach;
         let sign = direction.sign();
@@ -493,7 +492,7 @@ impl Regulator {
             curvature,
             length_m: self.config.final_arc_m,
         };
-        // Way left along the arc, then the deviation there: the projection, once corrected.
+        // Remaining distance along the arc and deviation from it: a projection with one correction.
         let seen = input.posture.relative_to(input.goal);
         let first = -sign * seen.x;
         let off = input
@@ -562,8 +561,8 @@ impl Regulator {
                     return self.stand(state);
                 }
                 if state.doubt >= STALL_S {
-                    // On the circle manifold with the heading left over: eq. 4 asks to turn on the
-                    // spot, which a bent frame cannot.
+                    // On the circle manifold with a heading error: eq. 4 commands a turn on the spot, which a bent
+                    // frame cannot do.
                     state.enter(Phase::GaveUp);
                     return self.stand(state);
                 }

@@ -1,4 +1,4 @@
-//! Time for which a robot was asked to move and did not.
+//! Time for which a robot was commanded to move and did not.
 
 use crate::math::Posture;
 
@@ -21,8 +21,8 @@ impl Stuck {
         time_s: 0.0,
     };
 
-    /// Observes O at `posture` after `dt` seconds; `asked` is true if the robot is to move. Gives the time without
-    /// motion, s.
+    /// Observes O at `posture` after `dt` seconds; `asked` is true if the robot is commanded to move. Returns the
+    /// time without motion, s.
     pub fn step(&mut self, asked: bool, posture: Posture, dt: f32) -> f32 {
         if asked && posture.distance(self.at) <= MOVED_M {
             self.time_s += dt;
@@ -35,7 +35,7 @@ impl Stuck {
         self.time_s
     }
 
-    /// Begins to count anew.
+    /// Restarts the count.
     pub fn reset(&mut self) {
         self.time_s = 0.0;
     }
@@ -46,13 +46,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn time_counts_while_asked_and_within_a_millimetre_of_the_last_motion() {
+    fn time_without_motion_counts_while_commanded_within_one_millimetre() {
         let mut stuck = Stuck::NEW;
         for (asked, x, y, time_s) in [
             (true, MOVED_M, 0.0, 0.5),
             (true, 0.0, -MOVED_M, 1.0),
             (true, MOVED_M.next_up(), 0.0, 0.0),
-            // From where it moved last.
+            // The distance is measured from the posture of the last motion.
             (true, 0.0, 0.0, 0.0),
             (true, 0.0, 0.0, 0.5),
             (false, 0.0, 0.0, 0.0),

@@ -2,14 +2,13 @@
 //!
 //! # Theory
 //!
-//! Counts differenced over one interval are quantised far too coarsely, and a low-pass filter
-//! behind them costs phase that the axle's controller does not have. The observer instead carries
-//! a wheel that turns at constant speed and corrects it by the error of each count,
-//! `θ' = ω + 2 b e`, `ω' = b² e`: a type-2 loop with both poles at −b. It follows constant speed
-//! without error, `ω̂(s)/ω(s) = b²/(s + b)²`. Sampled, both poles are placed at `e^(−b dt)`.
+//! Counts differenced over one interval are quantised far too coarsely, and the phase lag of a low-pass filter is
+//! more than the axle's controller tolerates. The observer instead models a wheel at constant speed and corrects the
+//! model by the error e of each count, `θ' = ω + 2 b e`, `ω' = b² e`: a type-2 loop with both poles at −b. The loop
+//! follows constant speed without error, `ω̂(s)/ω(s) = b²/(s + b)²`. In discrete time both poles are at `e^(−b dt)`.
 //!
-//! The angle is kept as the last count and a remainder of at most a few counts, so resolution does
-//! not fade with distance, and differences of counts wrap as the counter does.
+//! The angle is kept as the last count and a remainder of at most a few counts, so that the resolution does not
+//! decrease with distance. Differences of counts wrap as the counter does.
 //!
 //! # Panic contract
 //!
@@ -20,7 +19,7 @@ use crate::math::trig::lag_gain;
 use crate::time::TICK_S;
 use core::f32::consts::TAU;
 
-/// Most counts: up to it, single precision holds every whole number.
+/// Most counts: `f32` holds every whole number up to this one.
 const MAX_COUNTS: f32 = 16_777_215.0;
 
 declare! {
@@ -28,8 +27,8 @@ declare! {
     pub struct Config {
         /// Bandwidth of the observer (b).
         pub bandwidth_rad_s: f32 = 250.0, "rad/s": Range(1.0, 2000.0);
-        /// Largest speed the wheel can have; a count further from the prediction than this
-        /// speed reaches in one interval is not a motion of the wheel.
+        /// Largest speed of the wheel. A count that differs from the prediction by more than this speed reaches in
+        /// one interval is a jump of the counter.
         pub max_speed_rad_s: f32 = 60.0, "rad/s": Positive;
         derived {
             /// Encoder counts per revolution of the wheel, gear and edges included.
@@ -39,7 +38,7 @@ declare! {
 }
 
 impl Config {
-    /// The ready-to-run form; the error names the field that is wrong.
+    /// Builds the validated observer; the error names the invalid field.
     pub fn build(&self) -> Result<WheelObserver, ConfigError> {
         self.check_ranges()?;
         let radians_per_count = TAU / self.counts_per_revolution as f32;
@@ -49,25 +48,25 @@ impl Config {
             radians_per_count,
             angle_gain: lag_gain(2.0 * decay),
             speed_gain: gain * gain * radians_per_count / TICK_S,
-            // A count or two more: quantisation alone must never look like a jump.
+            // Two counts more: quantisation alone is never a jump.
             largest_error: self.max_speed_rad_s * TICK_S / radians_per_count + 2.0,
         })
     }
 }
 
-/// Everything that changes.
+/// State of the observer.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     /// Estimated speed of the wheel, rad/s, forward positive.
     pub speed_rad_s: f32,
     /// Estimated angle travelled in the last step, rad.
     pub increment_rad: f32,
-    /// True if the last count was too far off to be a motion of the wheel. It became the new
-    /// origin; speed and increment are those predicted.
+    /// True if the last count was a jump of the counter. This count is the new origin; speed and increment are
+    /// predicted.
     pub jumped: bool,
-    /// The last count taken in; `None` before the first.
+    /// Last count; `None` before the first.
     count: Option<i32>,
-    /// Estimated angle less that of the last count, counts.
+    /// Estimated angle less the angle of the last count, counts.
     remainder: f32,
     /// Intervals since the last count.
     missed: f32,
@@ -80,13 +79,13 @@ pub struct WheelObserver {
     angle_gain: f32,
     /// rad/s per count of error.
     speed_gain: f32,
-    /// Counts.
+    /// Largest error of a count that is not a jump, counts.
     largest_error: f32,
 }
 
 impl WheelObserver {
-    /// One interval: takes in the encoder's count (which wraps as an `i32`), or none if it is
-    /// missing, in which case the wheel goes on at its speed. The first count is the origin.
+    /// One interval: takes the encoder's count, which wraps as an `i32`. Without a count, the wheel is predicted at
+    /// its speed. The first count is the origin.
     pub fn step(&self, state: &State, count: Option<i32>) -> State {
         let advance = state.speed_rad_s * TICK_S / self.radians_per_count;
         let mut next = State {

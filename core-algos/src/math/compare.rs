@@ -1,8 +1,8 @@
-//! The greater and the lesser of two numbers, and whether numbers are finite.
+//! Greater and lesser of two numbers, limits, and the test for finite numbers.
 //!
-//! `f32::max` and `f32::min` are function calls on a Cortex-M4F, which has no such instruction;
-//! a comparison and a move are four instructions. A number that mostly lies within its bounds is
-//! best compared once, by its magnitude.
+//! `f32::max` and `f32::min` are function calls on a Cortex-M4F, which has no such instruction; a comparison and a
+//! move are four instructions. A number that is mostly within its bounds needs one comparison only, of its magnitude
+//! ([`bounded`]).
 
 use core::hint::cold_path;
 
@@ -26,10 +26,10 @@ pub fn bounded(x: f32, bound: f32) -> f32 {
     }
 }
 
-/// True if all are finite. On a Cortex-M4F this takes two instructions a value; `f32::is_finite`
-/// beside other comparisons becomes a classification of bits, more than twenty.
+/// True if all values are finite. Takes two instructions a value on a Cortex-M4F; `f32::is_finite` next to other
+/// comparisons takes more than twenty.
 pub fn all_finite<const N: usize>(values: [f32; N]) -> bool {
-    // 0·x is zero for what is finite and NaN for all else.
+    // 0·x is zero if x is finite, otherwise NaN.
     values.iter().fold(0.0, |sum, value| sum + 0.0 * value) == 0.0
 }
 
@@ -38,7 +38,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bounds_hold_on_both_sides_and_for_everything_that_is_no_number() {
+    fn bounded_limits_both_signs_infinity_and_nan() {
         for (x, limited) in [(0.5, 0.5), (-2.0, -2.0), (2.5, 2.0), (-9.0, -2.0)] {
             assert_eq!(bounded(x, 2.0), limited);
         }
@@ -47,7 +47,7 @@ mod tests {
     }
 
     #[test]
-    fn one_value_that_is_not_finite_is_enough() {
+    fn all_finite_rejects_a_single_nan_or_infinity() {
         assert!(all_finite([f32::MAX, f32::MIN, -0.0, 1e-45]));
         for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             for place in 0..3 {
@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn they_order_numbers_and_pass_a_second_nan_on() {
+    fn greater_and_lesser_order_numbers_and_return_b_beside_nan() {
         assert_eq!((greater(1.0, 2.0), greater(2.0, 1.0)), (2.0, 2.0));
         assert_eq!((lesser(1.0, 2.0), lesser(2.0, 1.0)), (1.0, 1.0));
         assert_eq!((greater(f32::NAN, 1.0), lesser(f32::NAN, 1.0)), (1.0, 1.0));

@@ -96,7 +96,7 @@ pub fn scale<const R: usize, const C: usize>(a: &Mat<R, C>, s: f32) -> Mat<R, C>
     a.map(|row| row.map(|entry| s * entry))
 }
 
-/// `j p jᵀ` for a symmetric `p`: how a covariance goes through a linear map. Exactly symmetric.
+/// `j p jᵀ` for a symmetric `p`: propagation of a covariance through a linear map. The result is exactly symmetric.
 pub fn propagate<const R: usize, const C: usize>(j: &Mat<R, C>, p: &Mat<C, C>) -> Mat<R, R> {
     let jp = multiply(j, p);
     let mut m = [[0.0; R]; R];
@@ -175,7 +175,7 @@ pub fn cholesky_solve<const N: usize>(l: &Mat<N, N>, b: &[f32; N]) -> [f32; N] {
     x
 }
 
-/// Inverse of a symmetric positive-definite matrix; `None` if it is not.
+/// Inverse of a symmetric matrix; `None` unless the matrix is positive definite.
 pub fn inverse_spd<const N: usize>(a: &Mat<N, N>) -> Option<Mat<N, N>> {
     let l = cholesky(a)?;
     let unit = identity::<N>();

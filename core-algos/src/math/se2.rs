@@ -30,7 +30,7 @@ impl From<Posture> for [f32; 3] {
 }
 
 impl Posture {
-    /// The frame itself.
+    /// Origin of the frame, heading 0.
     pub const ORIGIN: Self = Self::new(0.0, 0.0, 0.0);
 
     /// A posture from position (m) and heading (rad).
@@ -130,7 +130,7 @@ impl Posture {
     }
 }
 
-/// A posture with the sine and cosine of its heading taken once for all who need them.
+/// A posture with the sine and cosine of its heading, computed once.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Transform {
     /// The posture.
@@ -149,7 +149,7 @@ impl From<Posture> for Transform {
 }
 
 impl Transform {
-    /// The same place, looking the other way.
+    /// Position unchanged, heading turned by π.
     pub fn turned(&self) -> Self {
         let phi = wrap_angle(self.posture.phi + PI);
         Self {

@@ -1,27 +1,25 @@
-//! The elementary functions every algorithm uses.
+//! Elementary functions for all algorithms.
 //!
-//! One module, so that a host and a Cortex-M4F compute the same bits: sine, cosine, tangent's
-//! inverse and hyperbolic tangent are `f32` polynomials of our own (`libm` takes twice to fifty
-//! times the instructions), the square root is the processor's, correctly rounded everywhere;
-//! exponential and logarithm are `libm`, plain Rust on both sides. A product is never contracted
-//! with a sum.
+//! One module, so that a host and a Cortex-M4F compute the same bits. Sine, cosine, arc tangent and hyperbolic
+//! tangent are `f32` polynomials or quotients of polynomials (`libm` takes 2 to 50 times the instructions). The
+//! square root is the processor's, correctly rounded everywhere. Exponential and logarithm are `libm`, plain Rust on
+//! both sides. A product is never contracted with a sum.
 
 use core::f32::consts::{FRAC_2_PI, FRAC_PI_2, PI, TAU};
 
-/// Adding and then subtracting 1.5 · 2^23 rounds to the nearest integer, which then stands in the
-/// lowest bits.
+/// Adding and then subtracting 1.5 · 2^23 rounds to the nearest integer. The lowest bits of the sum are this integer.
 const ROUND: f32 = 12_582_912.0;
 /// π/2 in three parts. The first two have 10 and 11 significant bits, so that `n` times them is
 /// exact for |n| < 2^13 (Cody and Waite).
 const HALF_PI_HIGH: f32 = 1.570_312_5;
 const HALF_PI_MIDDLE: f32 = 4.837_513e-4;
 const HALF_PI_LOW: f32 = 7.549_79e-8;
-/// Beyond this the three-part reduction is no longer exact.
+/// Largest |x| for which the three-part reduction is exact.
 const REDUCTION_LIMIT: f32 = 8192.0;
 /// The sign of an `f32`.
 const SIGN: u32 = 1 << 31;
 
-/// The size of `size`, which is positive, with the sign of `sign`.
+/// Positive `size` with the sign of `sign`.
 fn with_sign(size: f32, sign: f32) -> f32 {
     f32::from_bits(size.to_bits() | sign.to_bits() & SIGN)
 }
@@ -45,7 +43,7 @@ fn sin_cos_far(x: f32) -> (f32, f32) {
     sin_cos_near(x % TAU)
 }
 
-/// The same for |x| ≤ 8192, or NaN.
+/// Sine and cosine for |x| ≤ 8192 or NaN.
 fn sin_cos_near(x: f32) -> (f32, f32) {
     let rounded = x * FRAC_2_PI + ROUND;
     let n = rounded - ROUND;
@@ -77,7 +75,7 @@ pub fn cos(x: f32) -> f32 {
     sin_cos(x).1
 }
 
-/// Arc tangent of a number within [−1, 1], to 2e-7.
+/// Arc tangent of a number within [−1, 1]; absolute error at most 2e-7.
 fn atan_unit(x: f32) -> f32 {
     let z = x * x;
     x * (ATAN[0]
@@ -86,7 +84,7 @@ fn atan_unit(x: f32) -> f32 {
                 + z * (ATAN[3] + z * (ATAN[4] + z * (ATAN[5] + z * (ATAN[6] + z * ATAN[7])))))))
 }
 
-/// Minimax on [0, 1], error 3.8e-8.
+/// Polynomial of the arc tangent, minimax on [0, 1], error 3.8e-8.
 const ATAN: [f32; 8] = [
     9.999_993_4e-1,
     -3.332_986_1e-1,
@@ -129,16 +127,16 @@ pub fn hypot(x: f32, y: f32) -> f32 {
     sqrt(x * x + y * y)
 }
 
-/// Beyond this tanh is ±1 to 2.8e-7.
+/// Beyond this |x|, tanh x is ±1 within 2.8e-7.
 const TANH_LIMIT: f32 = 7.9;
-/// tanh x = x A(x²)/B(x²): A, and B but for its leading 1; minimax up to the limit, error 1.3e-7.
+/// tanh x = x A(x²)/B(x²): A, and B without its leading coefficient 1; minimax up to [`TANH_LIMIT`], error 1.3e-7.
 const TANH_ABOVE: [f32; 4] = [4_043_941.5, 522_797.4, 11_945.103, 46.369_97];
 const TANH_BELOW: [f32; 4] = [4_043_942.8, 1_870_771.9, 96_351.05, 966.956_24];
 
 /// Hyperbolic tangent.
 ///
-/// Absolute error at most 5e-7 everywhere (so that a value may pass 1 by as much); relative error
-/// at most 1e-6. NaN gives NaN, ±∞ gives ±1.
+/// Absolute error at most 5e-7 everywhere (a result may exceed 1 by as much); relative error at most 1e-6. NaN gives
+/// NaN, ±∞ gives ±1.
 #[inline]
 pub fn tanh(x: f32) -> f32 {
     if x.abs() < TANH_LIMIT {
@@ -158,8 +156,8 @@ pub fn exp(x: f32) -> f32 {
     libm::expf(x)
 }
 
-/// `1 − e^(−x)`, the share of the way to its target that a first-order lag makes in x time constants;
-/// for x ≥ 0 to 3e-7 of itself. NaN gives NaN.
+/// `1 − e^(−x)`: step response of a first-order lag after x time constants. Relative error at most 3e-7 for x ≥ 0.
+/// NaN gives NaN.
 #[inline]
 pub fn lag_gain(x: f32) -> f32 {
     -libm::expm1f(-x)
@@ -190,7 +188,7 @@ pub fn wrap_angle(angle: f32) -> f32 {
     if angle.abs() <= PI {
         return angle;
     }
-    // Within three half turns one addition, exact, does it.
+    // Up to three half turns, one addition is enough, and exact.
     let near = angle - with_sign(TAU, angle);
     if near.abs() <= PI {
         return near;
@@ -205,7 +203,7 @@ pub fn wrap_angle(angle: f32) -> f32 {
     }
 }
 
-/// The same in `f64`.
+/// [`wrap_angle`] in `f64`.
 #[inline]
 pub fn wrap_angle_f64(angle: f64) -> f64 {
     use core::f64::consts::{PI, TAU};

@@ -1,12 +1,11 @@
-//! A sum kept as two `f32`: about 47 significant bits in a tenth of the instructions that an `f64` takes
-//! on a processor that has none.
+//! A sum held in two `f32`: about 47 significant bits, in a tenth of the instructions of an `f64` in software.
 //!
-//! For a position or an angle advanced a million times by small steps. The error-free
-//! transformation is Dekker's sum. NaN and infinity propagate.
+//! Suits a position or an angle that is advanced a million times by small steps. The error-free transformation is
+//! Dekker's sum. NaN and infinity propagate.
 
 use core::f32::consts::{PI, TAU};
 
-/// What `TAU` lacks of 2π.
+/// 2π − `TAU`.
 const TAU_LOW: f32 = -1.748_455_5e-7;
 
 /// The sum `high + low`, with `low` at most half a unit in the last place of `high`.
@@ -44,14 +43,14 @@ impl From<TwoFloat> for f64 {
 }
 
 impl TwoFloat {
-    /// `self + increment` for an increment that is small beside the number. When the increment is the
-    /// larger one, an error of half a unit in its own last place remains.
+    /// `self + increment`, for an increment smaller than the sum. A larger increment leaves an error of half a unit
+    /// in its own last place.
     pub fn advanced(self, increment: f32) -> Self {
         fast_two_sum(self.high, increment + self.low)
     }
 
-    /// This angle (rad) less one turn if that brings it nearer to zero: keeps an angle that moves
-    /// by less than a turn at a time within [−π, π].
+    /// This angle (rad), wrapped by at most one turn. An angle that moves by less than a turn a step stays within
+    /// [−π, π].
     #[inline]
     pub fn wrapped_once(self) -> Self {
         // The difference of the high parts is exact.
@@ -98,7 +97,7 @@ mod tests {
         assert!(error.abs() < 1e-8, "{error}");
     }
 
-    /// In steps of a millisecond at 2 rad/s.
+    /// Steps of 1 ms at ±2 rad/s.
     #[test]
     fn wrapping_loses_nothing_over_many_turns() {
         for step in [2e-3f32, -2e-3] {

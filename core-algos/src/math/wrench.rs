@@ -1,19 +1,17 @@
-//! The wrench of the frame between two axles and what each axle feels of it.
+//! Wrench of the frame between two axles, and its load on each axle.
 
 use super::trig::sin_cos;
 use super::{Posture, Steering};
 
-/// Forces and moments of the frame, in the frame of its root (the rear axle's frame, moved to the
-/// root).
+/// Forces and moments of the frame. Axes are those of the rear axle, the origin is at the root.
 ///
-/// The frame acts on the rear axle with `(+force, +moment_root)` at its root and on the front axle
-/// with `(−force, −moment_end)` at its tip. For a massless frame with its tip at `(x, y)` from the
-/// root, `moment_root = moment_end + x force_y − y force_x`. A frame bent to the left (ψ > 0) in
-/// pure bending has no force and both moments `+EI κ`: it turns the rear axle left and the front
-/// axle right.
+/// The frame acts on the rear axle with `(+force, +moment_root)` at its root and on the front axle with
+/// `(−force, −moment_end)` at its tip. For a massless frame with its tip at `(x, y)` from the root,
+/// `moment_root = moment_end + x force_y − y force_x`. A frame bent to the left (ψ > 0) in pure bending has no force
+/// and both moments `+EI κ`: the frame turns the rear axle left and the front axle right.
 ///
-/// The same fields can hold the moments about the two axle midpoints, once a frame with rigid ends
-/// has been reduced to them; the rigid lengths below are then 0.
+/// The moments may also be those about the two axle midpoints, for a frame with rigid ends reduced to these points.
+/// The rigid lengths in [`Wrench::on_rear`] and [`Wrench::on_front`] are then 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Wrench {
@@ -40,7 +38,7 @@ pub struct AxleLoad {
 }
 
 impl AxleLoad {
-    /// The load of two frames.
+    /// Sum of the loads of two frames.
     #[must_use]
     pub fn plus(self, other: Self) -> Self {
         Self {
@@ -73,8 +71,8 @@ impl Wrench {
             && self.moment_end.is_finite()
     }
 
-    /// Pure bending by the steering angle `psi` of a frame of bending stiffness (N m²) and
-    /// flexible length (m): `M = EI 2ψ/L`.
+    /// Pure bending at the steering angle `psi`: `M = EI 2ψ/L`, with bending stiffness EI (N m²) and flexible length
+    /// L (m).
     pub fn pure_bending(stiffness: f32, length: f32, psi: Steering) -> Self {
         let moment = stiffness * 2.0 * psi.0 / length;
         Self {
@@ -142,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn bent_frame_wants_to_straighten() {
+    fn bent_frame_loads_its_axles_with_opposite_moments() {
         // 0.833 N m² over 0.37 m at 0.5 rad: 2.25 N m.
         let wrench = Wrench::pure_bending(0.833, 0.37, Steering(0.5));
         let relative = Posture::new(0.3, 0.1, 1.0);

@@ -1,11 +1,10 @@
 use super::*;
 
-/// The sensor as its data sheet says: banks of registers, of which only those are kept that have
-/// a meaning here, and samples that vary once it is powered up.
+/// Model of the sensor after its data sheet: banks of registers, and noisy samples once the sensor is powered up.
 struct Part {
     banks: [[u8; 128]; 3],
     bank: usize,
-    /// Bytes on the wire in the latest step.
+    /// Bytes transferred in the latest step.
     bytes: usize,
     noise: u32,
     yaw_counts: i16,
@@ -104,32 +103,32 @@ impl Part {
     }
 }
 
-/// Registers 0x4e to 0x53: ±250 °/s and ±2 g at 8 kHz, UI filters of second order at a twentieth of that.
+/// Registers 0x4e to 0x53: ±250 °/s and ±2 g at 8 kHz, UI filters of second order at a twentieth of the rate.
 const SET_UP: [u8; 6] = [0x0f, 0x63, 0x63, 0x16, 0x66, 0x0d];
 
 fn step(sensor: &mut Icm42688, part: &mut Part, still: bool) -> Reading {
     part.bytes = 0;
     let reading = sensor.step(still, |bytes| part.transfer(bytes));
-    // 10.5 MHz: 18 bytes are 14 µs.
+    // At 10.5 MHz, 18 bytes take 14 µs.
     assert!(part.bytes <= 18, "{}", part.bytes);
     reading
 }
 
-/// Runs for so many milliseconds, motors off.
+/// Runs `ms` milliseconds, motors off.
 fn rest(sensor: &mut Icm42688, part: &mut Part, ms: usize) {
     for _ in 0..ms {
         step(sensor, part, true);
     }
 }
 
-/// A sensor that has run for so many milliseconds, motors off.
+/// A sensor after `ms` milliseconds, motors off.
 fn after(ms: usize) -> (Icm42688, Part) {
     let (mut sensor, mut part) = (Icm42688::new(1.0, 1.0).unwrap(), Part::new());
     rest(&mut sensor, &mut part, ms);
     (sensor, part)
 }
 
-/// Steps, motors on, until the sensor is lost.
+/// Number of steps, motors on, until the sensor is lost.
 fn until_lost(sensor: &mut Icm42688, mut transfer: impl FnMut(&mut [u8]) -> bool) -> usize {
     let lost = (1..10_000).find(|_| {
         sensor.step(false, &mut transfer);
@@ -146,13 +145,13 @@ fn registers_are_those_of_the_data_sheet() {
     assert_eq!(part.banks[0][0x4e..0x54], SET_UP);
     // Reset values 0x30 with bits 1 and 0 at 11, and 0x91 with bits 7 and 6 at 01, all others kept.
     assert_eq!(part.banks[0][0x4c..0x4e], [0x33, 0x51]);
-    // 536 Hz: delta 12, its square 144, shift 8; for the accelerometer beside a disable bit.
+    // 536 Hz: delta 12, its square 144, shift 8. The accelerometer's delta shares its register with a disable bit.
     assert_eq!(part.banks[1][0x0c..0x0f], [0x0c, 0x90, 0x80]);
     assert_eq!(part.banks[2][0x03..0x06], [0x18, 0x90, 0x80]);
 }
 
 #[test]
-fn a_warm_start_finds_its_bank() {
+fn set_up_succeeds_from_any_selected_bank() {
     let (mut sensor, mut part) = (Icm42688::new(1.0, 1.0).unwrap(), Part::new());
     part.bank = 2;
     rest(&mut sensor, &mut part, 100);
@@ -165,7 +164,7 @@ fn yaw_rate_is_read_once_the_bias_is_known() {
     let (mut sensor, mut part) = after(1200);
     part.yaw_counts = 1310;
     let reading = step(&mut sensor, &mut part, false);
-    // 131 counts per °/s, the noise of the part ±4 counts.
+    // 131 counts per °/s; the noise of the part is ±4 counts.
     let yaw = reading.gyro_rad_s.unwrap();
     assert!((yaw - 10f32.to_radians()).abs() < 6e-4, "{yaw}");
     assert!(reading.acceleration_m_s2.unwrap().abs() < 6e-3);
@@ -174,9 +173,9 @@ fn yaw_rate_is_read_once_the_bias_is_known() {
     }
 }
 
-/// Lost at once, set up again, and back after a second of standstill, not before.
+/// The sensor is lost at once and set up again; readings return only after 1 s of standstill.
 #[test]
-fn a_reset_is_seen_at_once_and_the_bias_is_sought_anew() {
+fn reset_is_detected_at_once_and_the_bias_is_estimated_again() {
     let (mut sensor, mut part) = after(1200);
     part.reset();
     assert_eq!(step(&mut sensor, &mut part, false), Reading::default());
@@ -229,13 +228,13 @@ fn a_changed_register_is_found_and_a_disturbed_transfer_is_not_a_loss() {
 }
 
 #[test]
-fn a_line_that_is_stuck_or_a_frozen_sample_is_a_loss() {
+fn stuck_line_or_frozen_sample_loses_the_sensor() {
     let low = |bytes: &mut [u8]| {
         bytes.fill(0);
         true
     };
     let fails = |_: &mut [u8]| false;
-    // Low: by the registers read back; no transfer at all: as if nothing changed.
+    // Line low: a wrong register is read back. Failed transfers count like repeated samples.
     type Transfer = fn(&mut [u8]) -> bool;
     let broken: [(Transfer, usize); 2] = [(low, 18), (fails, 51)];
     for (transfer, within) in broken {
@@ -243,12 +242,12 @@ fn a_line_that_is_stuck_or_a_frozen_sample_is_a_loss() {
         let steps = until_lost(&mut sensor, transfer);
         assert!(steps <= within, "{steps}");
     }
-    // High: the status tells of a reset.
+    // Line high: the status reports a reset.
     let (mut sensor, mut part) = after(1200);
     part.mute = true;
     step(&mut sensor, &mut part, false);
     assert!(sensor.is_lost());
-    // Asked again until it answers.
+    // The set-up is repeated until the sensor answers.
     for _ in 0..1000 {
         assert_eq!(step(&mut sensor, &mut part, true), Reading::default());
     }
@@ -281,7 +280,7 @@ fn a_failed_transfer_in_the_set_up_leaves_no_wrong_register() {
 }
 
 #[test]
-fn a_sensor_that_is_not_there_is_lost() {
+fn absent_sensor_is_lost() {
     let (mut sensor, mut part) = (Icm42688::new(1.0, 1.0).unwrap(), Part::new());
     part.mute = true;
     rest(&mut sensor, &mut part, 10);

@@ -7,21 +7,21 @@ use crate::math::matrix::{cholesky, cholesky_solve};
 
 /// Most shapes computed from one start.
 const MAX_DESCENT: u8 = 10;
-/// A step as small as this leaves the rest to the refinement, where there will be one.
+/// Predicted decrease of the cost below which the refinement, if one follows, replaces further steps.
 const CLOSE: f32 = 4.0;
 
-/// A descent from a start: the lowest point so far.
+/// A descent from a start, with its lowest point so far.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Descent {
     pub(super) lowest: Minimum,
     pub(super) damping: f32,
-    /// Steps, with the start.
+    /// Number of steps, including the start.
     pub(super) steps: u8,
     pub(super) done: bool,
 }
 
 impl Solver {
-    /// The minimum below a start, by all its steps.
+    /// Runs a whole descent from `start`; returns its lowest point.
     pub(super) fn descend(
         &self,
         start: Parameters,
@@ -35,8 +35,7 @@ impl Solver {
         Some(descent.lowest)
     }
 
-    /// A descent that has computed the shape of its start. `None` if the budget is used up or the shape is not
-    /// finite.
+    /// Begins a descent: computes the shape of its start. `None` if the budget is used up or the shape is not finite.
     pub(super) fn start_at(
         &self,
         parameters: Parameters,
@@ -89,13 +88,13 @@ impl Solver {
             return;
         };
         let step = cholesky_solve(&factor, &lowest.normal.descent);
-        // Decrease that the step promises, in squared standard deviations.
+        // Predicted decrease of the cost by the step, in squared standard deviations.
         let mut promise = 0.0;
         for i in 0..3 {
             promise += step[i] * lowest.normal.descent[i];
         }
-        // The refinement that follows makes this step too; other minima are compared with what
-        // it will reach. A large load must show what it reaches.
+        // The refinement that follows repeats this step, so the predicted cost is enough for comparisons. With a
+        // large load the step is computed.
         let modest = lowest.parameters[1].abs() <= self.large_load();
         if *damping == 0.0 && modest && promise < CLOSE && told(&lowest.normal) {
             lowest.normal.cost -= promise;

@@ -17,20 +17,20 @@ pub struct Fit {
     pub curvature: [f32; MAX_GAUGES],
     /// Weighted sum of squared residuals.
     pub chi_square: f32,
-    /// Readings minus the parameters they determine (the prior counts as information): what
-    /// `chi_square` is on average.
+    /// Number of readings minus the number of parameters that the readings, not the prior, determine: expectation of
+    /// `chi_square`.
     pub degrees_of_freedom: f32,
-    /// True if the iteration settled.
+    /// True if the iteration converged.
     pub converged: bool,
-    /// Shapes computed.
+    /// Number of shapes computed.
     pub evaluations: u8,
 }
 
 impl Solver {
-    /// Covariances of the parameters: in all, without the walk of the zeros, and of the noise alone.
+    /// Covariances of the parameters: total, without the drift of the zeros, and of the noise alone.
     fn spreads(&self, inverse: &Mat3, shape: &Shape, readings: &Readings) -> [Mat3; 3] {
         let (strip, Readings { k, weights, .. }) = (&self.strip, readings);
-        // Parameters: independent errors weigh by construction; common ones move all readings.
+        // Independent errors are in the weights; common errors move all readings.
         let mut by_offset = [0.0; 3];
         let mut by_gain = [0.0; 3];
         for i in 0..MAX_GAUGES {
@@ -50,7 +50,7 @@ impl Solver {
                 spread[r][c] += by_offset[r] * by_offset[c] + by_gain[r] * by_gain[c];
             }
         }
-        // Covariance for a variance of 1 of each reading: scales the walk of the zeros and the noise.
+        // Covariance for a variance of 1 of each reading: a scale for the drift of the zeros and for the noise.
         let mut unit: Mat3 = [[0.0; 3]; 3];
         for i in 0..MAX_GAUGES {
             let share = weights[i] * weights[i];
@@ -132,7 +132,7 @@ impl Solver {
             tip_moment: root_moment + force_x * posture.y - force_y * posture.x,
             covariance: propagate(&wrench_jacobian, &spread),
         };
-        // trace(H⁻¹ prior): how much of the parameters the prior decides.
+        // trace(H⁻¹ prior): number of parameters decided by the prior.
         let decided_by_prior = normal.prior * (inverse[1][1] + inverse[2][2]);
         let fit = Fit {
             relative,

@@ -1,20 +1,20 @@
-//! Minima of the fit, and which of two is better.
+//! Minima of the fit and their comparison.
 
 use super::ray::Parameters;
 use super::{Normal, Shape};
 use crate::beam::strip::GaugeMask;
 use crate::math::matrix::{cholesky, cholesky_solve, inverse_spd};
 
-/// A residual this large makes the fit try other starts.
+/// Residual (weighted sum of squares) from which the fit tries other starts.
 pub(super) const SUSPICIOUS: f32 = 12.0;
 
-/// The load is known if the prior decides less than this share of a parameter.
+/// Share of the load decided by the prior below which the strains determine the load.
 const PRIOR_SHARE: f32 = 0.1;
 
-/// Residuals of 4 to 8 readings that readings of the stated uncertainty leave, or less, with probability 2.5e-4.
+/// Limits of the residual of 4 to 8 readings. Readings of the stated uncertainty stay below with probability 2.5e-4.
 const EXACT: [f32; 5] = [1e-7, 5e-4, 0.0096, 0.0455, 0.12];
 
-/// End of a descent.
+/// Result of a descent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Minimum {
     pub(super) parameters: Parameters,
@@ -24,7 +24,8 @@ pub(super) struct Minimum {
 }
 
 impl Minimum {
-    /// True if this is the lower minimum, or the same one but settled.
+    /// True if this minimum is lower by more than 0.01. If only this minimum converged, true if it is higher by less
+    /// than 0.01.
     fn better_than(&self, other: &Self) -> bool {
         let margin = if self.converged && !other.converged {
             1e-2
@@ -35,13 +36,13 @@ impl Minimum {
     }
 }
 
-/// True if the strains alone fix the load.
+/// True if the strains alone determine the load.
 pub(super) fn told(normal: &Normal) -> bool {
     inverse_spd(&normal.hessian)
         .is_some_and(|inverse| normal.prior * (inverse[1][1] + inverse[2][2]) < PRIOR_SHARE)
 }
 
-/// Decrease of the cost that the Gauss–Newton step promises.
+/// Decrease of the cost predicted by the Gauss–Newton step.
 pub(super) fn promise(normal: &Normal) -> Option<f32> {
     let step = cholesky_solve(&cholesky(&normal.hessian)?, &normal.descent);
     let mut promise = 0.0;
@@ -51,7 +52,7 @@ pub(super) fn promise(normal: &Normal) -> Option<f32> {
     Some(promise)
 }
 
-/// True if the residual shows that the readings are far more exact than stated.
+/// True if the residual shows that the readings are far more accurate than stated.
 pub(super) fn is_exact(mask: GaugeMask, chi_square: f32) -> bool {
     let limit = (mask.count() as usize)
         .checked_sub(4)

@@ -29,7 +29,7 @@ impl Ray {
         d_y: [0.0; 3],
     };
 
-    /// Curvature here: the balance of moments, exact whatever the integration step.
+    /// Curvature at this point by the balance of moments: exact for any integration step.
     pub(super) fn curvature(&self, [middle, fx, fy]: Parameters) -> f32 {
         middle + fx * self.y - fy * self.x
     }
@@ -43,9 +43,9 @@ impl Ray {
         gradient
     }
 
-    /// One step of signed length `h` along the strip: θ'' = f_x sin θ − f_y cos θ by the
-    /// five-stage, sixth-order Runge–Kutta–Nyström method of Albrecht (1955), positions by the
-    /// same stages, derivatives by differentiating the step itself.
+    /// One step of signed length `h` along the strip. θ'' = f_x sin θ − f_y cos θ is integrated by the five-stage,
+    /// sixth-order Runge–Kutta–Nyström method of Albrecht (1955), positions by the same stages. Derivatives are those
+    /// of the step itself.
     pub(super) fn step(&mut self, parameters: Parameters, h: f32) {
         const A: [[f32; 4]; 5] = [
             [0.0; 4],
@@ -104,11 +104,11 @@ impl Ray {
     }
 }
 
-/// Longest integration step, as a fraction of the length. Sixth order: 1/8 keeps the posture
-/// within 2e-6 of the length up to the second buckling load.
+/// Longest integration step, as a fraction of the length. The method is of sixth order: a step of 1/8 keeps the
+/// posture within 2e-6 of the length up to the second buckling load.
 const MAX_STEP: f32 = 0.1;
 
-/// A stretch between two points of interest: step length (signed, in units of L) and count.
+/// Integration steps between two points of interest: step length (signed, in units of L) and count.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Leg {
     pub(super) step: f32,

@@ -1,4 +1,4 @@
-//! Starts of a fit beside the shape of the polynomial.
+//! Starts of a fit other than the polynomial's shape.
 
 use super::ray::Parameters;
 use super::{Solver, bounded};
@@ -9,14 +9,13 @@ use crate::math::trig::{cos, sinc, sqrt};
 /// Axial compressions in units of EI/L² at which [`Solver::waves`] looks for a start.
 const WAVE_LOADS: [f32; 10] = [0.0, 5.0, 12.0, 20.0, 30.0, 42.0, 55.0, 70.0, 88.0, 110.0];
 
-/// Start of a fit: the end of another fit.
+/// Start of a fit: result of an earlier fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start(pub(super) Parameters);
 
 impl Solver {
-    /// Starts from small-deflection theory: at a given axial load the curvature is a wave,
-    /// κ = a cos ωs + b sin ωs with ω² the compression, so one linear fit per load; the best
-    /// three, best first.
+    /// Starts from small-deflection theory. At a given axial load the curvature is a wave κ = a cos ωs + b sin ωs,
+    /// with ω² the compression: one linear fit per load. Returns the best three, best first.
     pub(super) fn waves(
         &self,
         k: &[f32; MAX_GAUGES],
@@ -25,7 +24,7 @@ impl Solver {
         let mut best = [(f32::INFINITY, [0.0; 3]); 3];
         for load in WAVE_LOADS {
             let omega = sqrt(load);
-            // A trace of a prior keeps the normal matrix regular.
+            // A very weak prior keeps the normal matrix regular.
             let mut hessian = [[1e-3, 0.0], [0.0, 1e-3]];
             let mut right = [0.0; 2];
             let mut rows = [[0.0; 2]; MAX_GAUGES];
@@ -48,7 +47,7 @@ impl Solver {
                 let residual = k[i] - rows[i][0] * middle - rows[i][1] * slope;
                 chi_square += weights[i] * residual * residual;
             }
-            // At the middle, θ = 0 and κ' = −f_y; what is left of the load is along the strip.
+            // At the middle, θ = 0 and κ' = −f_y; the rest of the load is axial.
             let along = -sqrt((load * load - slope * slope).max(0.0));
             let mut found = (chi_square, bounded([middle, along, -slope]));
             for slot in &mut best {

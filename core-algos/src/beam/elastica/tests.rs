@@ -38,7 +38,7 @@ fn curvature(bent: &Bent) -> [f32; MAX_GAUGES] {
     PerGauge::new(&list.collect::<Vec<_>>()).unwrap().padded()
 }
 
-/// A strip with gauges at the Gauss–Legendre nodes, bent and pushed.
+/// A bent strip under an end force, with gauges at the Gauss–Legendre nodes.
 fn bent_by(force: [f64; 2]) -> Bent {
     let root_curvature = 2.5;
     let shape = Elastica {
@@ -48,7 +48,7 @@ fn bent_by(force: [f64; 2]) -> Bent {
     shape.bent(&gauss())
 }
 
-/// (position error m, heading error rad)
+/// Position error, m, and heading error, rad.
 fn error(fit: &Fit, bent: &Bent) -> (f64, f64) {
     let p = fit.relative.posture;
     (
@@ -57,7 +57,7 @@ fn error(fit: &Fit, bent: &Bent) -> (f64, f64) {
     )
 }
 
-/// Shapes that robots can take are the domain of many tests.
+/// Many tests draw shapes from this domain.
 #[test]
 fn random_shapes_fill_their_domain() {
     let (mut random, mut forces) = (Random(21), Vec::new());
@@ -84,7 +84,8 @@ fn random_shapes_fill_their_domain() {
 }
 
 /// Curvature of a shape at each of the ascending places `at`, then x, y, direction and curvature at the root and at
-/// the tip, in the frame of the middle. Each half is a strip of its own; mirrored, the one at the root leads forward.
+/// the tip, in the frame of the middle. Each half is computed as a strip clamped at the middle; the half at the root
+/// is mirrored.
 fn exact(at: &[f64], [middle, fx, fy]: [f64; 3]) -> Vec<f64> {
     let half = |sign: f64| {
         let shape = Elastica {
@@ -125,7 +126,7 @@ fn exact_gradient(at: &[f64], parameters: [f64; 3]) -> [Vec<f64>; 3] {
     })
 }
 
-/// Parameters that single precision holds, of a shape between two buckled ones and one in tension.
+/// Random parameters, exact in `f32`, of shapes from buckled to tensioned.
 fn some_parameters(random: &mut Random) -> [f64; 3] {
     [(-6.0, 6.0), (-60.0, 20.0), (-20.0, 20.0)]
         .map(|(low, high)| f64::from(random.between(low, high) as f32))
@@ -156,7 +157,7 @@ fn solved(matrix: [[f64; 3]; 3], right: [f64; 3]) -> [f64; 3] {
     })
 }
 
-/// Exact readings of a shape with noise of `sigma` in curvature × length, and their uncertainties.
+/// Readings of a shape (curvature × length) plus `noise`, with their weights.
 fn readings(solver: &Solver, at: &[f64], shape: [f64; 3], noise: impl FnMut() -> f64) -> Readings {
     let mut noise = noise;
     let mut k = [0.0; MAX_GAUGES];
@@ -218,7 +219,7 @@ fn a_leg_is_walked_in_the_fewest_steps_of_at_most_a_tenth() {
     }
 }
 
-/// Gradient and curvature of the cost Σ w (k − κ)² + t ln(1 + |f|²/σ²), halved.
+/// Reference: half the gradient and half the Hessian of the cost Σ w (k − κ)² + t ln(1 + |f|²/σ²).
 #[test]
 fn normal_equations_are_those_of_the_cost() {
     let (at, mut random) = (uniform(6), Random(13));
@@ -275,7 +276,7 @@ fn normal_equations_are_those_of_the_cost() {
                 );
             }
         }
-        // The prior of a shape whose readings say nothing.
+        // With readings of zero weight, only the prior remains.
         let silent = Readings {
             weights: [0.0; MAX_GAUGES],
             ..readings
@@ -292,7 +293,7 @@ fn normal_equations_are_those_of_the_cost() {
     }
 }
 
-/// With a prior that is nearly none, only the polynomial between the gauges is not exact.
+/// With a very weak prior, only the interpolation between the gauges is not exact.
 #[test]
 fn the_start_of_a_bent_strip_is_near_its_shape() {
     let mut random = Random(14);
@@ -318,9 +319,10 @@ fn the_start_of_a_bent_strip_is_near_its_shape() {
     }
 }
 
-/// Least squares of a wave at each load, in double precision: the three that fit best. Of equals the lesser load.
+/// Reference: least squares of a wave at each load, in `f64`, and the three best fits. Equal fits are ordered by
+/// load.
 #[test]
-fn waves_are_the_best_three_by_small_deflections() {
+fn waves_are_the_three_best_small_deflection_fits() {
     let (at, mut random) = (uniform(5), Random(15));
     let solver = solver(&at, |_| {});
     let weights: [f32; MAX_GAUGES] =
@@ -426,7 +428,7 @@ fn steps_to_a_lower_point(
 
 /// Every step of descents from far starts, against the damped normal equations in double precision.
 #[test]
-fn a_descent_steps_to_the_damped_minimum_and_keeps_what_is_lower() {
+fn descent_takes_damped_steps_and_keeps_the_lower_point() {
     let (at, mut random) = (gauss(), Random(16));
     let solver = solver(&at, |_| {});
     let (mut rejected, mut settled, mut left, mut damped) = (0, 0, 0, 0);
@@ -505,7 +507,7 @@ fn a_descent_ends_with_its_budget_and_leaves_a_modest_load_to_the_refinement() {
         let start = shape.map(|p| p as f32);
         (solver.start_at(start, &readings, &mut 6).unwrap(), readings)
     };
-    // Three standard deviations of 4.
+    // A large load is above three prior scales of 4.
     for (fx, evaluations) in [
         (12.0f32, 3),
         (-12.0, 3),
@@ -529,7 +531,7 @@ fn a_descent_ends_with_its_budget_and_leaves_a_modest_load_to_the_refinement() {
             ..begun
         }
     );
-    // Without a Hessian that can be solved the damping grows, and no shape is computed.
+    // With a singular Hessian the damping grows, and no shape is computed.
     let mut flat = begun;
     flat.lowest.normal.hessian = [[0.0; 3]; 3];
     for damping in [1e-3, 10.0 * 1e-3f32 + 1e-3] {
@@ -547,7 +549,7 @@ fn a_descent_ends_with_its_budget_and_leaves_a_modest_load_to_the_refinement() {
     }
 }
 
-/// A minimum of which only the figures matter.
+/// A minimum with the given cost, residual and convergence; the shape does not matter.
 fn minimum(cost: f32, chi_square: f32, converged: bool) -> Minimum {
     let solver = solver(&gauss(), |_| {});
     let readings = readings(&solver, &gauss(), [0.0; 3], || 0.0);
@@ -561,7 +563,7 @@ fn minimum(cost: f32, chi_square: f32, converged: bool) -> Minimum {
 }
 
 #[test]
-fn the_lower_minimum_wins_and_the_settled_one_of_two_alike() {
+fn lower_minimum_wins_and_the_converged_one_of_two_equal() {
     let beyond = 1.0f32 + 1e-2;
     for (a, b, wins) in [
         ((1.0, true), (0.9, true), true),
@@ -586,7 +588,7 @@ fn the_lower_minimum_wins_and_the_settled_one_of_two_alike() {
 }
 
 #[test]
-fn a_minimum_is_suspicious_unless_it_settled_with_a_residual_below_12() {
+fn minimum_is_suspicious_unless_converged_with_a_residual_below_12() {
     for (chi_square, converged, suspicious) in [
         (12.0f32.next_down(), true, false),
         (12.0, true, true),
@@ -602,7 +604,7 @@ fn a_minimum_is_suspicious_unless_it_settled_with_a_residual_below_12() {
 
 /// Quantiles of χ² with 1 to 5 degrees of freedom at 2.5e-4, from tables.
 #[test]
-fn residuals_that_readings_of_the_stated_noise_hardly_leave_are_exact() {
+fn residual_below_the_chi_square_quantile_is_exact() {
     for (gauges, limit) in [(4, 1e-7f32), (5, 5e-4), (6, 0.0096), (7, 0.0455), (8, 0.12)] {
         let mask = GaugeMask::first(gauges);
         assert!(
@@ -617,7 +619,7 @@ fn residuals_that_readings_of_the_stated_noise_hardly_leave_are_exact() {
 
 /// A normal matrix whose inverse and solution are known to the bit.
 #[test]
-fn a_load_is_told_if_the_prior_decides_less_than_a_tenth() {
+fn load_is_determined_if_the_prior_decides_less_than_a_tenth() {
     let mut normal = minimum(0.0, 0.0, true).normal;
     // The inverse has 0.5 and 0.25 on the diagonal for the forces.
     normal.hessian = [[8.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 4.0]];
@@ -637,9 +639,10 @@ fn a_load_is_told_if_the_prior_decides_less_than_a_tenth() {
     assert!(!super::minimum::told(&normal) && promise(&normal).is_none());
 }
 
-/// Of a straight strip the prior decides the axial force, with much noise both, of a bent one none.
+/// The prior decides the axial force of a straight strip, both forces under large noise, and no force of a bent
+/// strip.
 #[test]
-fn degrees_of_freedom_count_what_the_prior_decides() {
+fn degrees_of_freedom_include_parameters_decided_by_the_prior() {
     let sure = solver(&gauss(), |_| {});
     let unsure = solver(&gauss(), |c| {
         (c.uncertainty.noise_strain, c.uncertainty.load_prior) = (1e-3, 1e-2);
@@ -709,9 +712,9 @@ fn a_wrench_is_finite_if_all_its_numbers_are() {
     }
 }
 
-/// A force F with variance P guarantees the force F − 4 P/F.
+/// The significant part of a force F with variance P is F − 4 P/F.
 #[test]
-fn a_force_is_vouched_for_beyond_two_standard_deviations() {
+fn vouched_force_is_zero_within_two_standard_deviations() {
     let posture = crate::math::Posture::new(0.3, 0.1, 0.5);
     for (force, variance, vouched) in [
         (10.0, 9.0, 6.4),
@@ -791,7 +794,7 @@ fn a_search_is_open_as_long_as_a_lower_minimum_may_be_elsewhere() {
                 assert_eq!(search, before);
                 continue;
             }
-            // The other starts cost two shapes, and nothing is done for less.
+            // The other starts cost two shapes; a smaller effort changes nothing.
             assert_eq!(solver.go_on(&mut search, MAX_EVALUATIONS, 1), 0);
             assert_eq!(search, before);
             assert_eq!(solver.go_on(&mut search, MAX_EVALUATIONS, 2), 0);
@@ -805,7 +808,7 @@ fn a_search_is_open_as_long_as_a_lower_minimum_may_be_elsewhere() {
             let left = solver.go_on(&mut search, MAX_EVALUATIONS, 100);
             assert!(!search.is_open() && search.descent.is_none());
             assert_eq!(search.evaluations - evaluations + left, 100);
-            // All of few readings, or until a shape explains them.
+            // All starts are tried with few readings, otherwise until a shape explains the readings.
             let settled = mask.count() > 3 && !is_suspicious(search.best.as_ref());
             assert!(search.tried == 3 || settled, "{mask:?}");
             let [first, last] = [before, search].map(|search| search.best.unwrap());
@@ -813,7 +816,7 @@ fn a_search_is_open_as_long_as_a_lower_minimum_may_be_elsewhere() {
             let elsewhere = (last.parameters != first.parameters).then_some(last.parameters);
             assert_eq!(start(&search), elsewhere);
         }
-        // From where the last fit ended, nothing else is tried.
+        // A start from the last fit's result needs no other start.
         let there = Start(begin(&exact, five, None).best.unwrap().parameters);
         let next = begin(&exact, five, Some(there));
         assert!(!next.is_open() && next.is_converged() && next.evaluations <= 2);
@@ -823,17 +826,17 @@ fn a_search_is_open_as_long_as_a_lower_minimum_may_be_elsewhere() {
     }
 }
 
-/// The refinement takes two shapes of the budget, and the search has two at least.
+/// The refinement takes two shapes of the budget; the search has at least two.
 #[test]
 fn a_budget_is_shared_by_search_and_refinement() {
     let budgets = [0, 3, 4, 5, 40, 41].map(before_refinement);
     assert_eq!(budgets, [2, 2, 2, 3, 38, 38]);
 }
 
-/// A fit in pieces, each with its bound, ends where the fit at once does; and the next one, of a
-/// frame that has moved on a little, starts there and needs no search.
+/// A fit in bounded pieces ends where a whole fit does. The next fit, of a slightly moved frame, starts from this
+/// result and needs no search.
 #[test]
-fn a_fit_in_pieces_is_the_same_fit_and_its_end_a_good_start() {
+fn fit_in_pieces_equals_the_whole_fit_and_starts_the_next_fit() {
     let (at, mut random) = (gauss(), Random(5));
     let solver = solver(&at, |_| {});
     let mask = solver.strip.gauges;
@@ -877,7 +880,7 @@ fn a_fit_in_pieces_is_the_same_fit_and_its_end_a_good_start() {
     assert!(searched > 10, "{searched}");
 }
 
-/// A tick's budget bounds the shapes of an estimate, the refinement among them.
+/// A tick's budget bounds the shapes of an estimate, including the refinement.
 #[test]
 fn budget_of_a_tick_bounds_search_and_refinement() {
     let (at, mut random) = (gauss(), Random(8));
@@ -982,7 +985,7 @@ fn wrench_is_that_of_the_shape_and_in_balance() {
     }
 }
 
-/// Spread of the fit under the errors its covariance claims, and of its residual.
+/// Sample covariance and mean residual of the fit under errors of the stated uncertainties.
 #[test]
 fn covariance_and_residual_match_monte_carlo() {
     let solver = solver(&gauss(), |c| {
@@ -996,7 +999,7 @@ fn covariance_and_residual_match_monte_carlo() {
         u.position_m = 1e-6;
         u.heading_rad = 1e-6;
     });
-    // A bend with enough shape to tell all three parameters.
+    // A bend that determines all three parameters.
     let truth = curvature(&bent_by([-9.0, 5.0]));
     let mut random = Random(11);
     let n = 3000;
@@ -1042,10 +1045,10 @@ fn force_of_a_straight_strip_stays_near_zero_under_noise() {
     }
 }
 
-/// Zeros that have walked make a straight strip look buckled. Told so, the fit vouches for no force;
-/// not told, it finds some that are large.
+/// Drifted zeros make a straight strip look buckled. A fit that includes the drift has no significant force; without
+/// the drift, some forces are large.
 #[test]
-fn walked_zeros_of_a_straight_strip_are_no_force() {
+fn drifted_zeros_of_a_straight_strip_give_no_significant_force() {
     let solver = solver(&gauss(), |_| {});
     let all = solver.strip.gauges;
     let mut random = Random(7);
@@ -1060,15 +1063,15 @@ fn walked_zeros_of_a_straight_strip_are_no_force() {
             .unwrap();
         let vouched = fit.wrench.vouched(fit.relative.posture);
         told += large(vouched);
-        // A line through the gauges' readings: about their mean, 0.7 mrad a microstrain.
+        // The heading is about 0.7 mrad a microstrain of the mean reading.
         assert!(fit.relative.posture.phi.abs() < 0.02);
     }
     assert!(trusting > 40 && told == 0, "{trusting} {told}");
 }
 
-/// A strip that is bent tells its force even by zeros that have walked, and stays in balance.
+/// A bent strip determines its force even with drifted zeros, and the wrench stays in balance.
 #[test]
-fn the_force_of_a_bent_strip_is_vouched_for() {
+fn force_of_a_bent_strip_is_significant_despite_drifted_zeros() {
     let solver = solver(&gauss(), |_| {});
     let mut random = Random(8);
     let unit = 0.833 / (LENGTH * LENGTH);
@@ -1097,9 +1100,9 @@ fn the_force_of_a_bent_strip_is_vouched_for() {
     assert!((square / claimed).sqrt() < 1.3, "{square} {claimed}");
 }
 
-/// The walk of the zeros counts in the wrench's covariance, and not in the posture's.
+/// The drift of the zeros enlarges the covariance of the wrench, not that of the posture.
 #[test]
-fn walked_zeros_leave_the_covariance_of_the_posture() {
+fn drifted_zeros_leave_the_covariance_of_the_posture_unchanged() {
     let solver = solver(&gauss(), |c| {
         (c.uncertainty.position_m, c.uncertainty.heading_rad) = (1e-6, 1e-6);
         c.uncertainty.common_offset_strain = 0.0;
@@ -1113,7 +1116,7 @@ fn walked_zeros_leave_the_covariance_of_the_posture() {
             .unwrap()
     };
     let (fresh, walked) = (fit(0.0), fit(25e-12));
-    // 1 µε of noise and zero each, and 5 µε of walk.
+    // Noise 1 µε, zero error 1 µε, drift 5 µε.
     let ratio = walked.wrench.covariance[0][0] / fresh.wrench.covariance[0][0];
     assert!((ratio / 13.5 - 1.0).abs() < 0.1, "{ratio}");
     for i in 0..3 {

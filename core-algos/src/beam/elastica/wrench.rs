@@ -3,15 +3,14 @@
 use crate::math::Posture;
 use crate::math::matrix::{Mat3, is_finite};
 
-/// Standard deviations within which a force may be none.
+/// Standard deviations within which a force is not significant.
 const VOUCHED: f32 = 2.0;
 
 /// Wrench of the strip on the axles, in the rear axle's frame.
 ///
-/// The strip acts on the rear axle with force (+fx, +fy) and moment +root_moment about its
-/// midpoint, and on the front axle with force (−fx, −fy) and moment −tip_moment about its midpoint.
-/// A left bend by pure moments has fx = fy = 0 and both moments positive; a strip compressed
-/// between the axles has fx < 0.
+/// The strip acts on the rear axle with force (+fx, +fy) and moment +root_moment, on the front axle with force (−fx,
+/// −fy) and moment −tip_moment. Each moment is about the axle's midpoint. A left bend by pure moments has fx = fy = 0
+/// and both moments positive; a strip compressed between the axles has fx < 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wrench {
     /// Force along the rear axle's x, N.
@@ -22,8 +21,8 @@ pub struct Wrench {
     pub root_moment: f32,
     /// Moment at the front axle's midpoint, N m.
     pub tip_moment: f32,
-    /// Covariance of (fx, fy, root_moment). Of a strip that is nearly straight the strains do not
-    /// tell fx: then its variance is that of the prior.
+    /// Covariance of (fx, fy, root_moment). The strains of a nearly straight strip do not determine fx; its variance
+    /// is then that of the prior.
     pub covariance: Mat3,
 }
 
@@ -37,14 +36,13 @@ impl Wrench {
             && is_finite(&self.covariance)
     }
 
-    /// Significant part of the wrench: each force is reduced by its uncertainty, and is zero within
-    /// two standard deviations. `posture` is that of the front axle, for the balance of moments.
-    /// The strains of a nearly straight strip do not determine the axial force; its fitted value
-    /// must neither stop the robot nor drive its motors.
+    /// Significant part of the wrench: each force is reduced by its uncertainty, and is zero within two standard
+    /// deviations. `posture` is that of the front axle, for the balance of moments. The strains of a nearly straight
+    /// strip do not determine the axial force; the fitted force must neither stop the robot nor drive its motors.
     pub fn vouched(&self, posture: Posture) -> Self {
         let sure = |force: f32, variance: f32| {
             let share = 1.0 - VOUCHED * VOUCHED * variance / (force * force);
-            // Not a number for no force.
+            // The share is NaN or −∞ for a force of zero.
             if share > 0.0 { share * force } else { 0.0 }
         };
         let fx = sure(self.fx, self.covariance[0][0]);

@@ -1,6 +1,6 @@
 use super::*;
 
-/// The gauges of the default strip, and the most that there may be.
+/// Masks of the default strip's gauges, and of the largest number of gauges.
 const FIVE: GaugeMask = GaugeMask(0b11111);
 const ALL: GaugeMask = GaugeMask(0xff);
 
@@ -30,7 +30,7 @@ fn sample_fault_is_reported_after_5_bad_periods_and_ends_after_50_good_ones() {
                 (fault, 4, Fault::None),
                 (fault, 300, fault),
                 (Fault::None, 300, Fault::None),
-                // Of any kind; the latest is reported.
+                // Bad periods of any kind count; the latest fault is reported.
                 (Fault::Missing, 2, Fault::None),
                 (Fault::Saturated, 2, Fault::None),
                 (Fault::OutOfRange, 1, Fault::OutOfRange),
@@ -65,12 +65,13 @@ fn latched_fault_outlasts_good_and_bad_samples() {
     }
 }
 
-/// Closes a window of 50 periods in which the counts of each gauge cover a range; nothing changes before its last period.
+/// Runs a window of 50 periods in which the counts of each gauge cover its range. Asserts that nothing changes before
+/// the last period.
 fn pass_window(monitor: &Monitor, state: &mut State, mask: GaugeMask, ranges: [i32; MAX_GAUGES]) {
     for period in 0..50 {
         let before = (state.flat, state.faults);
         for (i, range) in ranges.into_iter().enumerate().filter(|it| it.1 != NONE) {
-            // In the middle, then at the upper and at the lower end.
+            // Counts in the middle, then at the upper and at the lower end of the range.
             let offset = [range / 2, range, 0][(period as usize / 10).min(2)];
             state.see(i, 2000 + offset);
         }
@@ -82,7 +83,7 @@ fn pass_window(monitor: &Monitor, state: &mut State, mask: GaugeMask, ranges: [i
     }
 }
 
-/// No samples.
+/// Range of a gauge without samples.
 const NONE: i32 = -1;
 
 #[test]
@@ -91,7 +92,7 @@ fn flat_gauge_is_suspect_or_dead_by_the_number_of_gauges_and_the_motion_of_the_o
     let (suspect, dead) = (0b1, 0b1);
     let monitor = monitor();
     for (ranges, suspects, deads) in [
-        // Half of the four others.
+        // Four other gauges: two must move.
         ([0, 60, 60, 60, 60, N, N, N], suspect, 0),
         ([0, 60, 1, 1, 60, N, N, N], suspect, 0),
         ([0, 59, 59, 1, 60, N, N, N], 0, 0),
@@ -100,14 +101,14 @@ fn flat_gauge_is_suspect_or_dead_by_the_number_of_gauges_and_the_motion_of_the_o
         ([0, 0, 60, 60, 1, N, N, N], 0b11, 0),
         ([0, 0, 0, 60, 1, N, N, N], 0, 0),
         ([0, 0, 0, 0, 0, N, N, N], 0, 0),
-        // Half of five, of three, of seven.
+        // Five, three and seven other gauges: three, two and four must move.
         ([0, 60, 60, 1, 1, 1, N, N], 0, 0),
         ([0, 60, 60, 60, 1, 1, N, N], suspect, 0),
         ([0, 60, 1, 1, N, N, N, N], 0, 0),
         ([0, 60, 60, 1, N, N, N, N], suspect, 0),
         ([0, 60, 60, 60, 1, 1, 1, 1], 0, 0),
         ([0, 60, 60, 60, 60, 1, 1, 1], suspect, 0),
-        // Too few to contradict.
+        // Too few other gauges for a comparison.
         ([0, 60, 1, N, N, N, N, N], 0, dead),
         ([0, 59, 59, N, N, N, N, N], 0, 0),
         ([0, 0, 60, N, N, N, N, N], 0, 0b11),
@@ -124,7 +125,7 @@ fn flat_gauge_is_suspect_or_dead_by_the_number_of_gauges_and_the_motion_of_the_o
             let [suspects, deads] = expected.map(|mask| GaugeMask(mask.rotate_left(shift)));
             assert_eq!(state.flat, suspects, "{rotated:?}");
             assert_eq!(state.latched(), deads, "{rotated:?}");
-            // At rest in the next window, which knows no counts of this one.
+            // The next window, with all gauges at rest, does not use the counts of this window.
             pass_window(&monitor, &mut state, ALL, [0; MAX_GAUGES]);
             assert_eq!((state.flat, state.latched()), (GaugeMask::NONE, deads));
         }
@@ -132,14 +133,14 @@ fn flat_gauge_is_suspect_or_dead_by_the_number_of_gauges_and_the_motion_of_the_o
 }
 
 #[test]
-fn gauges_that_are_foreign_or_latched_are_no_others_and_faulty_ones_are() {
+fn flatness_ignores_foreign_and_latched_gauges_but_counts_faulty_gauges() {
     let monitor = monitor();
     let ranges = [0, 60, 60, 1, 1, 0, 0, 0];
     for (mask, fault, suspects, deads) in [
         (FIVE, Fault::None, 0b1, 0),
         (GaugeMask(0b111), Fault::None, 0, 0b1),
         (FIVE, Fault::Saturated, 0b1, 0),
-        // One of the two that move is latched: one of three moves.
+        // One of the two moving gauges is latched: one of three other gauges moves.
         (FIVE, Fault::Dead, 0, 0b10),
         (FIVE, Fault::Inconsistent, 0, 0b10),
         (GaugeMask(0b1111), Fault::Dead, 0, 0b11),
@@ -150,7 +151,7 @@ fn gauges_that_are_foreign_or_latched_are_no_others_and_faulty_ones_are() {
         assert_eq!(state.flat, GaugeMask(suspects), "{mask:?} {fault:?}");
         assert_eq!(state.latched(), GaugeMask(deads), "{mask:?} {fault:?}");
     }
-    // Any counts have a range.
+    // The range of extreme counts does not overflow.
     let mut state = State::default();
     for count in [i32::MAX, i32::MIN] {
         state.see(0, count);
@@ -159,7 +160,7 @@ fn gauges_that_are_foreign_or_latched_are_no_others_and_faulty_ones_are() {
     assert_eq!(state.flat, GaugeMask(0b10));
 }
 
-/// Contradictions count within one spell of flatness, however many windows that lasts.
+/// Contradicting fits are counted within one spell of flatness, over any number of windows.
 #[test]
 fn contradictions_of_a_suspect_count_until_it_moves() {
     let monitor = monitor();
@@ -212,7 +213,7 @@ fn suspect_is_dead_after_5_fits_in_a_row_that_contradict_it() {
                 (beyond, 1, true),
             ] {
                 for _ in 0..fits {
-                    // Another suspect, which the fits confirm, has a count of its own.
+                    // A second suspect, whose fits agree with its readings, is counted separately.
                     monitor.judge_flat(&mut state, (gauge + 1) % MAX_GAUGES, within);
                     monitor.judge_flat(&mut state, gauge, sign * difference);
                 }
@@ -259,7 +260,7 @@ fn before_search() -> State {
     }
 }
 
-/// A round of the search; residuals without each gauge.
+/// One round of the search, with the residuals without each gauge.
 fn search(state: &mut State, used: GaugeMask, residuals: [f32; MAX_GAUGES]) {
     let monitor = monitor();
     for i in used.iter() {
@@ -274,7 +275,7 @@ fn blaming(i: usize, best: f32) -> [f32; MAX_GAUGES] {
 }
 
 #[test]
-fn gauge_without_which_alone_the_rest_agree_is_inconsistent_after_2_rounds() {
+fn gauge_that_alone_explains_the_residual_is_inconsistent_after_2_rounds() {
     for (used, guilty, other) in [(FIVE, 0, 1), (FIVE, 4, 0), (FIVE, 2, 3), (ALL, 7, 2)] {
         for (best, second, latched) in [
             (1.0, 200.0, true),
@@ -289,7 +290,7 @@ fn gauge_without_which_alone_the_rest_agree_is_inconsistent_after_2_rounds() {
             let mut residuals = blaming(guilty, best);
             residuals[other] = second;
             if second == f32::INFINITY {
-                // Nothing agrees without any other gauge.
+                // No fit without one gauge has a small residual.
                 residuals = blaming(guilty, f32::INFINITY);
             }
             let mut state = before_search();
@@ -307,7 +308,7 @@ fn gauge_without_which_alone_the_rest_agree_is_inconsistent_after_2_rounds() {
 }
 
 #[test]
-fn verdicts_must_follow_each_other_and_name_one_gauge() {
+fn verdicts_must_be_consecutive_and_against_one_gauge() {
     let (third, first, unclear) = (blaming(3, 1.0), blaming(0, 1.0), [200.0; MAX_GAUGES]);
     for (rounds, latched) in [
         (&[third, third][..], Some(3)),
@@ -352,7 +353,7 @@ fn search_begins_anew_after_a_good_fit_and_after_a_dead_gauge() {
         assert!(!state.latched().contains(6));
         search(&mut state, used, blaming(6, 1.0));
         assert!(state.latched().contains(6));
-        // The search goes on among the others.
+        // The search continues among the other gauges.
         used = used.without(6);
         search(&mut state, used, blaming(0, 1.0));
         assert!(!state.latched().contains(0));
@@ -362,7 +363,7 @@ fn search_begins_anew_after_a_good_fit_and_after_a_dead_gauge() {
 }
 
 #[test]
-fn round_in_which_a_tested_gauge_goes_or_one_comes_too_late_gives_no_verdict() {
+fn round_with_a_changed_set_of_gauges_gives_no_verdict() {
     let monitor = monitor();
     let (six, last_five) = (GaugeMask(0b11_1111), GaugeMask(0b11_1110));
     for (before, after) in [(last_five, six), (six, last_five)] {
@@ -381,14 +382,14 @@ fn round_in_which_a_tested_gauge_goes_or_one_comes_too_late_gives_no_verdict() {
         search(&mut state, after, blamed);
         assert_eq!(state.latched(), GaugeMask(0b1000));
     }
-    // One that comes behind the last gauge of a round waits for its turn.
+    // A gauge that is added between two rounds does not discard the first verdict.
     let mut state = before_search();
     for used in [FIVE, six] {
         assert_eq!(state.latched(), GaugeMask::NONE);
         search(&mut state, used, blaming(3, 1.0));
     }
     assert_eq!(state.latched(), GaugeMask(0b1000));
-    // The gauge that goes was the last one of the round.
+    // The last gauge of the round is no longer used.
     let mut state = before_search();
     for i in 0..5 {
         monitor.hear(&mut state, six, i, 200.0);

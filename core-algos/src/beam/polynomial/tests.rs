@@ -74,7 +74,7 @@ fn both_methods_match_the_same_polynomial_in_f64() {
             let fast = quadrature(&strip, &rule, &padded(&k)).posture;
             let exact = integrate(LENGTH, 400, |s| polynomial(&gauges, &k, s));
             let pieces = piecewise(&strip, &rule, &padded(&k), 100).posture;
-            // The same arcs in f64, in the paper's form with its division.
+            // Reference for `piecewise`: the arcs in `f64`, in the paper's form with a division by the curvature.
             let (mut x, mut y, mut phi) = (0.0, 0.0, 0.0f64);
             for i in 0..100 {
                 let d_length = LENGTH / 100.0;
@@ -98,7 +98,7 @@ fn both_methods_match_the_same_polynomial_in_f64() {
 }
 
 #[test]
-fn an_arc_ends_where_a_circle_does_and_rigid_ends_extend_it() {
+fn constant_curvature_gives_a_circular_arc_extended_by_rigid_ends() {
     let (root, tip) = (0.02f64, 0.03f64);
     for gauges in placements() {
         let strip = strip(&gauges, |c| {
@@ -142,7 +142,7 @@ fn piecewise_converges_to_quadrature_with_the_square_of_the_segment() {
 }
 
 #[test]
-fn bending_left_leads_left() {
+fn positive_strain_bends_the_strip_to_the_left() {
     let strip = Config::default().build().unwrap();
     let rule = rule(&strip, strip.gauges);
     let curvature = strip.curvature(&[5e-4; MAX_GAUGES]);
@@ -152,7 +152,7 @@ fn bending_left_leads_left() {
 }
 
 #[test]
-fn a_lost_gauge_leaves_the_polynomial_of_the_rest() {
+fn lost_gauge_leaves_the_polynomial_of_the_other_gauges() {
     let gauges = &placements()[3];
     let strip = strip(gauges, |_| {});
     let rest: Vec<f64> = [0, 1, 3, 4].map(|i| gauges[i]).to_vec();
@@ -168,8 +168,7 @@ fn a_lost_gauge_leaves_the_polynomial_of_the_rest() {
     assert!(Interpolant::new(&strip, GaugeMask(0b1)).is_none());
 }
 
-/// Noise-free readings of elastica shapes: what is left is the polynomial's own error, which
-/// the allowance must cover.
+/// Noise-free readings of elastica shapes: the remaining error is the polynomial's, and the covariance must cover it.
 #[test]
 fn covariance_covers_the_error_between_the_gauges() {
     let mut random = Random(5);
@@ -245,8 +244,8 @@ fn highest(at: &[f64], k: &[f64]) -> f64 {
     last.max(before)
 }
 
-/// The covariance and that of the noise from derivatives by finite differences and the highest Legendre coefficients
-/// by projection, with all gauges and with one lost.
+/// Reference: covariances of posture and noise from derivatives by finite differences and the highest Legendre
+/// coefficients by projection, with all gauges and with one lost.
 #[test]
 fn covariances_are_those_of_the_propagated_errors() {
     let uncertainty = Uncertainty {

@@ -1,9 +1,9 @@
-//! Samples of one gauge in a period: their line, and their scatter about it.
+//! Samples of one gauge in a period: line fit, and noise from the residuals of the line.
 
 /// Samples of one gauge since the last estimate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Period {
-    /// Conversions seen, good or not: the index of the next one.
+    /// Number of conversions, good or not: index of the next conversion.
     pub(super) seen: u16,
     /// Sums over the good samples of the count, the index, its square, and count times index.
     sum: i64,
@@ -27,7 +27,7 @@ impl Period {
         self.good = self.good.saturating_add(1);
         let (count, index) = (i64::from(count), i64::from(self.seen));
         let difference = count - i64::from(self.first);
-        // 2^24 counts times 2^16 samples, squared indices: all far below 2^63.
+        // Counts have 24 bits, indices 16: the sums over counts and indices stay below 2^56.
         self.sum = self.sum.saturating_add(count);
         self.index_sum = self.index_sum.saturating_add(index);
         self.index_square_sum = self.index_square_sum.saturating_add(index * index);
@@ -35,24 +35,24 @@ impl Period {
         self.square_sum = self.square_sum.saturating_add(difference * difference);
     }
 
-    /// Number of good samples times the sum of squared differences of their indices from the mean, and slope of
-    /// their line, counts a sample; `None` with fewer than two.
+    /// `n Σ(k − k̄)²` of the n good samples' indices k, and slope of the fitted line, counts a sample. `None` with
+    /// fewer than two good samples.
     fn line(&self) -> Option<(f32, f32)> {
         let good = i64::from(self.good);
-        // In integers, so that nothing cancels: n Σk² − (Σk)² and n Σkc − Σk Σc.
+        // Integer arithmetic, no cancellation: n Σk² − (Σk)² and n Σkc − Σk Σc.
         let spread = good * self.index_square_sum - self.index_sum * self.index_sum;
         let product = good * self.product_sum - self.index_sum * self.sum;
         (spread > 0).then_some((spread as f32, product as f32 / spread as f32))
     }
 
-    /// Samples from the mean index to `ahead` samples after the last conversion.
+    /// Distance from the mean index to `ahead` samples after the last conversion, samples.
     fn lead(&self, ahead: f32) -> f32 {
         let last = f32::from(self.seen) - 1.0;
         last + ahead - self.index_sum as f32 / f32::from(self.good)
     }
 
-    /// The count of a gauge by its good samples, of which there is at least one: on the line fitted
-    /// to them, `ahead` samples after the last conversion; without `ahead` their mean.
+    /// Count of the gauge from one or more good samples: the fitted line `ahead` samples after the last conversion,
+    /// or the mean without `ahead`.
     pub(super) fn count(&self, ahead: Option<f32>) -> f32 {
         let mean = self.sum as f32 / f32::from(self.good);
         match (ahead, self.line()) {
@@ -61,8 +61,8 @@ impl Period {
         }
     }
 
-    /// Variance of [`Self::count`] by white noise, counts², from the scatter of the samples about their line. `None`
-    /// with fewer than three good samples.
+    /// Variance of [`Self::count`], counts². The samples have white noise, estimated from the residuals of the line.
+    /// `None` with fewer than three good samples.
     pub(super) fn variance(&self, ahead: Option<f32>) -> Option<f32> {
         let (spread, slope) = self.line().filter(|_| self.good > 2)?;
         let (n, good) = (f32::from(self.good), i64::from(self.good));
@@ -80,7 +80,7 @@ mod tests {
     use super::*;
     use crate::fusion::testing::Random;
 
-    /// A period of these counts; `None` is a conversion that is not good.
+    /// A period of these counts; `None` is a bad conversion.
     fn period(counts: impl Iterator<Item = Option<i32>>) -> Period {
         let mut period = Period::default();
         for count in counts {
@@ -92,7 +92,7 @@ mod tests {
         period
     }
 
-    /// Regression in double precision, about the means.
+    /// Reference: linear regression in `f64`.
     #[test]
     fn count_and_variance_are_those_of_the_fitted_line() {
         let mut random = Random::new(8);
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_on_a_line_do_not_scatter() {
+    fn samples_on_a_line_have_no_variance() {
         for (slope, count) in (1..60).flat_map(|slope| [(slope, 1000), (-slope, 997)]) {
             let line = (0..count).map(|k| Some(1_000_000 + slope * k));
             let variance = period(line).variance(None).unwrap();

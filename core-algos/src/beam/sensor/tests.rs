@@ -6,7 +6,7 @@ use proptest::prelude::*;
 const LENGTH: f64 = 0.37;
 const LSB: f64 = 1.0 / (4096.0 * 64.0 * 2.0);
 
-/// A strip that swings between bends, its bridges and its converter.
+/// Simulated strip that bends to and fro, with its bridges and converter.
 struct Bench {
     random: Random,
     gain: [f64; 5],
@@ -26,7 +26,7 @@ impl Bench {
         }
     }
 
-    /// Strains and end posture `t` seconds in.
+    /// Strains and end posture at time `t`, s.
     fn truth(&self, t: f64) -> ([f64; 5], [f64; 3]) {
         let w = t + self.phase;
         let shape = Elastica {
@@ -49,7 +49,7 @@ impl Bench {
         counts
     }
 
-    /// Ten samples around `t`, each passed through `tamper`.
+    /// Estimate from ten samples at time `t`, each modified by `tamper`.
     fn estimate(
         &mut self,
         sensor: &RelativePositionSensor,
@@ -73,7 +73,7 @@ fn sensor() -> RelativePositionSensor {
     config.build().unwrap()
 }
 
-/// Squared error weighed by the covariance (three numbers: 3 on average).
+/// Normalised estimation error squared (NEES) of three numbers: 3 on average.
 fn normalised_error(relative: &RelativePosture, truth: [f64; 3]) -> f64 {
     let p: [f32; 3] = relative.posture.into();
     let d: [f32; 3] = core::array::from_fn(|i| (f64::from(p[i]) - truth[i]) as f32);
@@ -82,9 +82,9 @@ fn normalised_error(relative: &RelativePosture, truth: [f64; 3]) -> f64 {
     (0..3).map(|i| f64::from(d[i] * weighed[i])).sum()
 }
 
-/// A bend that grows at a constant rate is seen without lag, gaps in the samples or not.
+/// A bend that grows at a constant rate is estimated without lag, even with gaps in the samples.
 #[test]
-fn a_moving_frame_is_seen_as_it_is_now() {
+fn extrapolated_estimate_of_a_moving_frame_has_no_lag() {
     let config = Config::default();
     let sensor = config.build().unwrap();
     let averaging = Config {
@@ -92,7 +92,7 @@ fn a_moving_frame_is_seen_as_it_is_now() {
         ..config
     };
     let averaging = averaging.build().unwrap();
-    // ψ̇ = 1 rad/s: the front axle turns by 2 rad/s against the rear, 1 ms and 0.8 ms late.
+    // ψ̇ = 1 rad/s: the front axle turns at 2 rad/s against the rear. Readings are late by 1 ms and 0.8 ms.
     let strain = |t: f64| 0.5e-3 / LENGTH * 2.0 * (t - 1.8e-3);
     for gaps in [false, true] {
         let (mut state, mut slow) = (State::default(), State::default());
@@ -118,9 +118,9 @@ fn a_moving_frame_is_seen_as_it_is_now() {
     }
 }
 
-/// No alarm and an honest covariance over many robots and bends.
+/// No fault and a consistent covariance over many robots and bends.
 #[test]
-fn healthy_sensors_raise_no_alarm_and_are_as_good_as_they_claim() {
+fn healthy_sensor_reports_no_fault_and_a_consistent_covariance() {
     let sensor = sensor();
     let (mut total, mut n, mut worst_m, mut worst_rad) = (0.0, 0.0, 0.0f64, 0.0f64);
     let mut unexplained = 0.0;
@@ -142,15 +142,15 @@ fn healthy_sensors_raise_no_alarm_and_are_as_good_as_they_claim() {
             worst_rad = worst_rad.max((f64::from(p.phi) - truth[2]).abs());
         }
     }
-    // The zeros and gains of a robot stay: 0.02 is one robot of 30 in most bends.
+    // The zeros and gains of a robot are constant: a probability of 0.02 is one robot of 30 in most bends.
     assert!(unexplained / n < 0.06, "{}", unexplained / n);
-    // 30 draws of gain and offset: the mean of 3 has a spread of 0.4.
+    // With 30 draws of gain and offset, the mean NEES of 3 has a standard deviation of 0.4.
     assert!((1.0..4.5).contains(&(total / n)), "{}", total / n);
     assert!(worst_m < 2e-3 && worst_rad < 8e-3, "{worst_m} {worst_rad}");
 }
 
-/// Runs with `tamper` from the second second on; gives the faults and the worst normalised
-/// error after the fault was found.
+/// Runs for 5 s, with `tamper` after the first second. Returns the delay of detection (periods), the faults, and the
+/// largest NEES after detection.
 fn tampered(
     seed: u64,
     mut tamper: impl FnMut(&mut [i32; MAX_GAUGES], f64),
@@ -183,7 +183,7 @@ fn only(i: usize, fault: Fault) -> [Fault; MAX_GAUGES] {
 }
 
 #[test]
-fn each_failed_gauge_is_found_and_the_estimate_goes_on() {
+fn each_failed_gauge_is_detected_and_the_estimate_continues() {
     for seed in 0..2 {
         for gauge in 0..5 {
             let (found, faults, worst) = tampered(seed, |counts, _| counts[gauge] = 4095);
@@ -213,8 +213,8 @@ fn each_failed_gauge_is_found_and_the_estimate_goes_on() {
     }
 }
 
-/// Variance of the heading over the claimed one, and consistency, of a still strip whose gauges have noise of so many
-/// counts, all alike: only the last periods count.
+/// Ratio of sample variance to stated variance of the heading, and consistency, of a strip at rest. `sigma` is the
+/// noise of each gauge, counts. The first 100 periods are ignored.
 fn scatter(config: &Config, sigma: [f64; 5]) -> (f64, bool) {
     let sensor = config.build().unwrap();
     let (mut random, mut state, mut claimed) = (Random(5), State::default(), 0.0);
@@ -241,7 +241,7 @@ fn scatter(config: &Config, sigma: [f64; 5]) -> (f64, bool) {
 }
 
 #[test]
-fn noise_beyond_the_configured_is_claimed_and_named() {
+fn excess_noise_enlarges_the_covariance_and_is_not_consistent() {
     for (method, extrapolate) in [
         (Method::Elastica, true),
         (Method::Elastica, false),
@@ -259,7 +259,7 @@ fn noise_beyond_the_configured_is_claimed_and_named() {
             assert_eq!(consistent, sound, "{method:?} {sigma}");
             assert!((0.8..1.25).contains(&ratio), "{method:?} {sigma}: {ratio}");
         }
-        // The middle gauge weighs most; the claim is that of the mean noise.
+        // The middle gauge has the largest weight; the covariance is that of the mean noise.
         let (ratio, consistent) = scatter(&config, [0.3, 0.3, 8.0, 0.3, 0.3]);
         assert!(!consistent && ratio < 2.5, "{method:?}: {ratio}");
     }
@@ -267,7 +267,7 @@ fn noise_beyond_the_configured_is_claimed_and_named() {
     assert!(consistent && ratio < 1.0, "{ratio}");
 }
 
-/// Two of five readings are left over by three parameters, three if the prior decides one.
+/// Five readings and three parameters leave two degrees of freedom, or three if the prior decides a parameter.
 #[test]
 fn a_residual_above_the_limit_enlarges_the_covariances_by_its_excess() {
     let config = Config::default();
@@ -297,13 +297,13 @@ fn a_residual_above_the_limit_enlarges_the_covariances_by_its_excess() {
             assert!((1.999..3.001).contains(&degrees), "{degrees}");
         }
     }
-    // A residual that is explained leaves them, however low the limit.
+    // A residual that the uncertainties explain leaves the covariances unchanged, however low the limit.
     let sound = estimate(5.0, 0);
     assert!(sound.consistent);
     assert_eq!(sound, estimate(1e6, 0));
 }
 
-/// Of 1 µε; the mean of the gauges counts, and each by itself.
+/// Configured noise 1 µε. The excess is a mean over the gauges; the limit applies to each gauge.
 #[test]
 fn a_gauge_is_noisy_above_three_times_the_configured_noise() {
     let sensor = sensor();
@@ -325,7 +325,7 @@ fn a_gauge_is_noisy_above_three_times_the_configured_noise() {
                 odd.is_nan() || (excess - expected).abs() < 1e-17,
                 "{excess:e}"
             );
-            // A gauge that is not good does not count.
+            // A gauge that is not good is ignored.
             let others = sensor.excess_noise(&state, GaugeMask::first(5).without(i));
             assert!((others.0 - 3e-12).abs() < 1e-17 && others.1);
         }
@@ -339,7 +339,7 @@ fn a_gauge_is_noisy_above_three_times_the_configured_noise() {
 }
 
 #[test]
-fn zeros_walk_by_their_variance_a_second() {
+fn drift_of_the_zeros_has_the_configured_variance_per_second() {
     let mut config = Config::default();
     config.period_s = 0.02;
     let state = State {
@@ -351,7 +351,7 @@ fn zeros_walk_by_their_variance_a_second() {
     assert!((drift / 25e-15 - 1.0).abs() < 1e-5, "{drift:e}");
 }
 
-/// Flatness alone finds a stuck gauge on a strip of three, whose fit has no residual.
+/// On a strip of three gauges the fit has no residual: only the flatness test detects a stuck gauge.
 #[test]
 fn a_flat_gauge_among_three_is_dead() {
     let mut config = Config::default();
@@ -384,7 +384,7 @@ fn without_two_gauges_there_is_no_posture() {
     sensor.sample(&mut state, &[2048, -1, -1, 2048, 4095, 0, 0, 0]);
     let estimate = sensor.estimate(&mut state);
     assert_eq!(estimate.used, GaugeMask(0b1001));
-    // Two gauges know less than five.
+    // Two gauges give a larger covariance than five.
     let two = estimate.relative.unwrap().covariance;
     sensor.sample(&mut state, &[2048; MAX_GAUGES]);
     let five = sensor.estimate(&mut state).relative.unwrap().covariance;

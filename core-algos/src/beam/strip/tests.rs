@@ -26,7 +26,7 @@ fn gauges_out_of_order_outside_or_not_numbers_are_refused_by_name() {
         assert_eq!(gauges(list).unwrap_err().field, "gauges_m", "{list:?}");
     }
     assert!(gauges(&[0.0, 0.37]).is_ok());
-    // A thousandth of the length apart, at the least.
+    // Least spacing: a thousandth of the length.
     for (second, accepted) in [(1e-3f32, true), (1e-3f32.next_down(), false)] {
         let strip = with(|c| {
             c.length_m = 1.0;
@@ -52,7 +52,7 @@ fn lists_hold_up_to_eight_numbers() {
     assert_eq!(list.padded(), [3.0, 4.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
 }
 
-/// The noise of the readings grows; what no strain shows stays.
+/// The noise of the readings grows; errors that strains do not show stay.
 #[test]
 fn excess_noise_scales_the_noise_of_the_readings() {
     let strip = with(|c| {
@@ -69,7 +69,7 @@ fn excess_noise_scales_the_noise_of_the_readings() {
     };
     let found = strip.with_excess_noise(relative, 12e-12);
     for (i, j) in (0..9).map(|k| (k / 3, k % 3)) {
-        // 12 over 4 µε².
+        // Excess of 12 µε² over configured 4 µε².
         let more = 3.0 * of_readings[i][j];
         for (found, before) in [
             (found.covariance, relative.covariance),
@@ -83,7 +83,7 @@ fn excess_noise_scales_the_noise_of_the_readings() {
     }
 }
 
-/// Roots of the Legendre polynomial of degree five, times eight.
+/// The nodes are the roots of 63 u⁵ − 70 u³ + 15 u, eight times the Legendre polynomial of degree five.
 #[test]
 fn default_gauges_stand_at_the_gauss_nodes() {
     for place in Config::default().gauges_m.iter() {
@@ -116,7 +116,7 @@ fn a_posture_is_sound_if_finite_with_positive_variances() {
     }
 }
 
-/// The line through strains at gauges of one side, by the normal equations.
+/// Reference: normal equations of a line through strains of gauges mostly on one side.
 #[test]
 fn sigmas_are_those_of_a_fitted_line() {
     let places = [0.05, 0.11, 0.16, 0.3];
@@ -171,7 +171,7 @@ fn every_scalar_refuses_zero_or_nan() {
 }
 
 #[test]
-fn masks_are_sets() {
+fn gauge_masks_are_sets() {
     let set = GaugeMask::first(5).without(2);
     assert_eq!(set.count(), 4);
     let held: Vec<usize> = (0..100).filter(|i| set.contains(*i)).collect();
@@ -192,7 +192,7 @@ fn unusable_readings_are_left_out() {
         c.gauges_m = PerGauge::uniform(5, 0.0);
         (0..5).for_each(|i| c.gauges_m.set(i, 0.1 * i as f32));
     });
-    // Eight turns are 50 rad, in 0.5 m.
+    // The limit of 50 rad on 0.5 m is a curvature of 100 1/m.
     let curvature = [
         100.0,
         f32::NAN,

@@ -50,7 +50,7 @@ properties! {
     }
 
     #[test]
-    fn axles_stand_where_the_bent_frame_puts_them(psi in -1.3f32..1.3, end in 0.0f32..0.1) {
+    fn axle_postures_match_the_bent_frame(psi in -1.3f32..1.3, end in 0.0f32..0.1) {
         let cascade = cascade(end, Form::Exact);
         let center = Posture::new(0.4, -0.3, 2.0);
         let motion = Motion { psi: Steering(psi), ..Motion::default() };
@@ -66,8 +66,7 @@ properties! {
         prop_assert!((heading - center.phi).abs() < 1e-6);
     }
 
-    /// The axles are carried by their references: central differences, in `f64`, of the
-    /// postures that O and ψ put them in give the velocities, with nothing across the axle.
+    /// The velocities match central differences, in `f64`, of the axle postures for O and ψ; no axle moves sideways.
     #[test]
     fn velocities_are_the_rates_of_the_postures(
         v in -0.5f32..0.5, psi in -1.2f32..1.2, psi_rate in -2.0f32..2.0, end in 0.0f32..0.1,
@@ -79,7 +78,7 @@ properties! {
             + 2.0 * end as f64 * p.cos();
         let yaw_rate = v as f64 * cascade.curvature(Steering(psi)) as f64;
         let h = 1e-4;
-        // O moves across its heading as the chord changes: ½ tan ψ ċ.
+        // O moves sideways as the chord changes: ½ tan ψ ċ.
         let stretch = (chord(psi as f64 + h) - chord(psi as f64 - h)) / (2.0 * h);
         let lateral = 0.5 * (psi as f64).tan() * stretch * psi_rate as f64;
         for (side, (twist, _)) in [1.0, -1.0].into_iter().zip(twists) {
@@ -156,7 +155,7 @@ fn printed_form_is_the_small_angle_limit_of_the_exact_one() {
             ..Motion::default()
         };
         let (a, b) = (exact.axle_twists(&motion), printed.axle_twists(&motion));
-        // The term itself, so that its sign is compared too.
+        // Sign of the term.
         assert!((a[0].0.v - a[1].0.v) * psi < 0.0);
         [0, 1].map(|i| (a[i].0.v - b[i].0.v).abs())
     };

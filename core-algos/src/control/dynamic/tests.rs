@@ -2,13 +2,13 @@ use super::*;
 use crate::math::trig::hypot;
 use proptest::prelude::*;
 
-/// A rigid axle in `f64` that rolls without slip, under two wheel torques, one tick late.
+/// A rigid axle in `f64` that rolls without slip under two wheel torques, which act one tick late.
 struct Axle {
     at: [f64; 3],
     v: f64,
     omega: f64,
     torque: [f64; 2],
-    /// Moment from outside, N m.
+    /// External moment, N m.
     moment: f64,
 }
 
@@ -46,7 +46,7 @@ fn controller() -> Dynamic {
     Config::default().build().unwrap()
 }
 
-/// The controller with another feedforward of the frame.
+/// The controller with the given source of the frame load.
 fn controller_with(frame_force: FrameForce) -> Dynamic {
     let config = Config {
         frame_force,
@@ -55,7 +55,7 @@ fn controller_with(frame_force: FrameForce) -> Dynamic {
     config.build().unwrap()
 }
 
-/// A load that turns the axle.
+/// A frame load of a moment only, N m.
 fn turning(moment: f32) -> AxleLoad {
     AxleLoad {
         moment,
@@ -87,7 +87,7 @@ fn drive(dynamic: &Dynamic, axle: &mut Axle, twist: Twist, load: AxleLoad, time:
 }
 
 properties! { cases 40;
-    /// Forward and in reverse, from a wrong start, on a circle or straight.
+    /// Forward and in reverse, from a start with errors, on a circle or straight.
     #[test]
     fn axle_converges_to_its_reference(
         speed in 0.1f32..0.3, reverse: bool, kappa in -2.0f32..2.0,
@@ -132,8 +132,8 @@ properties! { cases 40;
         prop_assert!(last < start * 1.001 + 1e-9);
     }
 
-    /// The torques against a load of the frame, through `SᵀE` written out as matrices, give back
-    /// force and moment.
+    /// The torques against a load of the frame, multiplied by `SᵀE` written out as matrices, are that force and
+    /// moment.
     #[test]
     fn torques_realise_force_and_moment(
         force in -40.0f32..40.0, moment in -5.0f32..5.0, phi in -3.0f64..3.0,
@@ -151,7 +151,7 @@ properties! { cases 40;
         prop_assert!((e[2] - moment as f64).abs() < 1e-4);
     }
 
-    /// The torques of an acceleration give an axle in `f64` its share of it.
+    /// The torques for an acceleration give a simulated axle the fed-forward share of the acceleration.
     #[test]
     fn acceleration_is_fed_forward(v in -0.5f32..0.5, omega in -2.0f32..2.0, share in 0.1f32..1.0) {
         let config = Config {
@@ -217,7 +217,8 @@ properties! { cases 40;
         for (torque, free) in limited.torque_nm.list().into_iter().zip(free.torque_nm.list()) {
             prop_assert!((torque - limited.scale * free).abs() < 1e-5);
         }
-        // What each wheel can give in the direction of its torque; one of two that ask for more gives all of it.
+        // Limit of each wheel in the direction of its torque. With torques above the limits, one wheel is at its
+        // limit.
         let mut most = f64::INFINITY;
         for (side, torque) in [-1.0, 1.0].into_iter().zip(free.torque_nm.list().map(f64::from)) {
             let speed = (f64::from(input.twist.v) + side * 0.162 * f64::from(input.twist.omega)) / 0.073;
@@ -255,7 +256,7 @@ properties! { cases 40;
 
 /// The sum of two large torques overflows at one wheel, their difference does not.
 #[test]
-fn one_torque_that_is_not_finite_gives_none() {
+fn overflow_of_one_torque_gives_no_torque() {
     let dynamic = Dynamic {
         mass: 2e38,
         yaw_inertia: 2e38,
@@ -268,9 +269,9 @@ fn one_torque_that_is_not_finite_gives_none() {
     }
 }
 
-/// A wrong heading at rest is turned back on the spot, which the law without its floor does not.
+/// A heading error at rest is corrected on the spot; without the speed floor the error stays.
 #[test]
-fn heading_is_held_at_standstill() {
+fn heading_error_is_corrected_at_standstill() {
     let end = |heading_speed_floor_m_s| {
         let config = Config {
             heading_speed_floor_m_s,
@@ -285,7 +286,7 @@ fn heading_is_held_at_standstill() {
     assert!(end(0.0).abs() > 0.1);
 }
 
-/// The frame's moment pushes; the feedforward knows it to 15 %.
+/// The frame's moment turns the axle; the feedforward has an error of 15 %.
 #[test]
 fn feedforward_of_the_frame_cuts_the_yaw_error() {
     let steady = |frame_force| {

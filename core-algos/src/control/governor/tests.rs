@@ -50,7 +50,7 @@ fn run(governor: &Governor, mut state: State, wish: Wish, time: f32) -> State {
 }
 
 properties! { cases 200;
-    /// Whatever is asked, at whatever interval, and stopped or not: all limits hold.
+    /// All limits hold for any wishes, intervals and stops.
     #[test]
     fn no_limit_is_ever_exceeded(
         wheel in 0.3f32..0.7, max_speed in 0.1f32..1.0, dt in 0.0005f32..0.02,
@@ -84,7 +84,7 @@ properties! { cases 200;
                 prop_assert!(now.psi_acceleration.abs() <= 8.01);
                 prop_assert!(fastest_wheel(&now, 0.162) <= wheel * 1.0001);
                 prop_assert!(before.v * now.v >= 0.0, "direction changes through zero");
-                // The rates are those of the values.
+                // The rates match the changes of the values.
                 prop_assert!((now.v - before.v - now.v_rate * dt).abs() < 1e-6);
                 let mean = 0.5 * (before.psi_rate + now.psi_rate);
                 prop_assert!((now.psi.0 - before.psi.0 - mean * dt).abs() < 1e-6);
@@ -111,7 +111,7 @@ properties! { cases 200;
     }
 }
 
-/// Inside its limits the filter of ψ is the continuous one: `1 − (1 + ωt) e^(−ωt)`.
+/// Within its limits the filter of ψ has the continuous step response `1 − (1 + ωt) e^(−ωt)`.
 #[test]
 fn small_step_follows_the_critically_damped_response() {
     for dt in [0.001f32, 0.01, 0.02] {
@@ -122,7 +122,7 @@ fn small_step_follows_the_critically_damped_response() {
             state = stepped(&governor, &state, &wish);
             let x = 8.0 * f64::from(dt) * i as f64;
             let exact = 0.1 * (1.0 - (1.0 + x) * (-x).exp());
-            // A hold over half an interval delays the sampled filter by no more than that.
+            // The hold delays the sampled filter by at most half an interval.
             let tolerance = 0.3 * f64::from(dt) * 0.5 + 1e-5;
             assert!((f64::from(state.motion.psi.0) - exact).abs() < tolerance);
         }
@@ -145,7 +145,7 @@ fn known_rate_removes_the_lag() {
         without = stepped(&governor, &without, &wish(0.0));
     }
     assert!((with.motion.psi.0 - 0.4).abs() < 0.006);
-    // 2/ω behind.
+    // The lag is 2/ω.
     assert!((without.motion.psi.0 - (0.4 - 0.4 * 0.25)).abs() < 0.006);
     assert!(with.motion.v > 2.0 * without.motion.v, "speed waits");
 }
@@ -162,7 +162,7 @@ fn known_acceleration_removes_the_lag_of_speed() {
         };
         state = stepped(&governor, &state, &wish);
     }
-    // Where the wish is at the end of the step.
+    // The wish at the end of the step.
     assert!((state.motion.v - 0.2025).abs() < 1e-4, "{}", state.motion.v);
 }
 
@@ -201,7 +201,7 @@ fn change_of_direction_rests_at_zero() {
     }
     assert!(state.motion.v < -0.19);
     assert!((10..=12).contains(&resting), "{resting}");
-    // Having rested already, the next change starts at once.
+    // After a rest, the next change of direction starts at once.
     state = run(&governor, state, wish(0.0), 2.0);
     assert_eq!(state.motion.v, 0.0);
     assert!(stepped(&governor, &state, &wish(0.2)).motion.v > 0.0);
@@ -251,7 +251,7 @@ fn wish_beyond_the_curvature_of_the_frame_is_its_largest_steering() {
 }
 
 #[test]
-fn steering_is_no_faster_than_speed_can_brake_for_it() {
+fn steering_rate_is_limited_by_the_braking_of_the_speed() {
     let config = Config {
         max_wheel_speed_m_s: 0.35,
         max_speed_m_s: 1.0,
@@ -268,7 +268,7 @@ fn steering_is_no_faster_than_speed_can_brake_for_it() {
 }
 
 #[test]
-fn wish_to_slow_down_at_rest_does_not_back_the_robot() {
+fn wish_to_slow_down_at_rest_does_not_reverse_the_robot() {
     let wish = Wish {
         v: 1e-4,
         v_rate: -0.3,

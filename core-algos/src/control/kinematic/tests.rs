@@ -11,8 +11,8 @@ fn law(form: Form) -> Law {
     .unwrap()
 }
 
-/// One integration step of unicycle and reference in f64 with fixed inputs, by RK4 of fine
-/// substeps: the motion the law is about, stated without polar coordinates.
+/// Motion of a unicycle in f64 with constant inputs, by the midpoint rule in fine substeps, without polar
+/// coordinates.
 fn drive(mut q: [f64; 3], v: f64, omega: f64, time: f64) -> [f64; 3] {
     let n = 20;
     let h = time / n as f64;
@@ -34,8 +34,8 @@ fn polar(q: [f64; 3], r: [f64; 3]) -> [f64; 3] {
 }
 
 properties! {
-    /// The derived form makes δ obey δ̇ = −k1 tanh δ and θ + α obey −k2 tanh(θ + α), for a
-    /// reference at rest or in motion: measured by driving both bodies a little to and fro.
+    /// In the derived form, δ̇ = −k1 tanh δ and d(θ + α)/dt = −k2 tanh(θ + α), for a reference at rest or in motion.
+    /// The rates are central differences in time.
     #[test]
     fn errors_decay_as_designed(
         x in -2.0f32..2.0, y in -2.0f32..2.0, phi in -3.0f32..3.0,
@@ -70,9 +70,9 @@ properties! {
         prop_assert!((sum_dot + 2.0 * now[1].tanh()).abs() < 2e-4, "{sum_dot} {}", now[1]);
     }
 
-    /// Along the approach path η falls as e-folds of distance: dη/ds = −p η/e.
+    /// Along the approach path, dη/ds = −p η/e.
     #[test]
-    fn approach_path_straightens_arrival(
+    fn arrival_error_decays_along_the_approach_path(
         x in -2.0f32..2.0, y in -2.0f32..2.0, phi in -3.0f32..3.0, reverse: bool,
     ) {
         let law = Config { softening_m: 0.0, ..Config::default() }.build().unwrap();
@@ -116,7 +116,7 @@ properties! {
         }
     }
 
-    /// Speed alone beyond its bound: the path (curvature) is what was asked for.
+    /// If only the speed is beyond its bound, the commanded curvature is kept.
     #[test]
     fn limits_keep_the_path(v in -3.0f32..3.0, kappa in -3.0f32..3.0) {
         let limits = Limits { max_speed: 0.25, max_curvature: 3.0 };
@@ -171,8 +171,8 @@ fn a_reference_ahead_is_trailed_at_the_rest_distance() {
     assert!((command.v - 0.2).abs() < 1e-5 && command.kappa.abs() < 1e-5);
 }
 
-/// A reference on a circle or a line, forward or backing, is caught up with and then followed
-/// within millimetres once it is led.
+/// A led reference on a circle or a line, forward or in reverse, is caught up with and then followed within
+/// millimetres.
 #[test]
 fn a_moving_reference_is_followed() {
     let law = Config::default().build().unwrap();
@@ -279,7 +279,7 @@ properties! { cases 400;
         prop_assert!((f64::from(found.phi_dot) - phi_dot).abs() < 10.0 * tolerance, "{found:?} {phi_dot}");
         let kappa = f64::from(found.phi_dot) / f64::from(found.v);
         prop_assert!((f64::from(found.kappa) - kappa).abs() < 1e-5 * (1.0 + kappa.abs()));
-        // A reference that backs is followed rear first.
+        // A reversing reference is followed rear first.
         let (center, goal) = (Posture::new(0.1, -0.2, alpha), Posture::new(0.4, 0.3, theta));
         let law = config.build().unwrap();
         let tracked = law.track(center, Reference { posture: goal, v: v_r, kappa: kappa_r });
@@ -291,7 +291,7 @@ properties! { cases 400;
         prop_assert!((tracked.phi_dot - same.phi_dot).abs() < 1e-2, "{tracked:?} {same:?}");
     }
 
-    /// From two to four softening lengths the speed passes over into that times max(0, cos α).
+    /// From four softening lengths down to two, a factor of max(0, cos α) is blended into the speed.
     #[test]
     fn approach_slows_down_abeam_of_the_goal(
         e in 0.01f32..0.3, theta in -3.0f32..3.0, alpha in -1.5f32..1.5, reverse: bool,
@@ -314,9 +314,9 @@ properties! { cases 400;
     }
 }
 
-/// Below the least distance the angles themselves count; just above, their sines.
+/// Below the least distance the error is computed from the angles, above from the sines and cosines of the headings.
 #[test]
-fn reference_at_hand_is_tracked_by_the_angles() {
+fn reference_near_zero_distance_is_tracked_by_the_angles() {
     let law = Config::default().build().unwrap();
     for distance in [0.0, 0.5, 1.0, 1.5, 40.0].map(|part| part * MIN_DISTANCE_M) {
         for (phi, v) in [(0.3, 0.2), (-0.4, 0.0), (0.0, 0.1)] {
@@ -344,7 +344,7 @@ fn reference_at_hand_is_tracked_by_the_angles() {
 }
 
 #[test]
-fn number_near_zero_is_kept_away_from_it() {
+fn away_from_zero_keeps_sign_and_least_magnitude() {
     for (x, expected) in [
         (0.0, 1e-6),
         (1e-7, 1e-6),

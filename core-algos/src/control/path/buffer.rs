@@ -4,7 +4,7 @@ use crate::math::Posture;
 use crate::math::trig::{sin_cos, wrap_angle};
 use core::fmt;
 
-/// The lead is not raised beyond this share of `1/√(1 − r²κ²)`'s singularity.
+/// Largest r²κ² in the lead, whose factor `1/√(1 − r²κ²)` is singular at 1.
 pub(super) const MAX_BEND_SQUARED: f32 = 0.9;
 
 /// One point of a path.
@@ -31,19 +31,19 @@ pub struct TrajectoryPoint {
     pub point: PathPoint,
 }
 
-/// Why a point was not taken.
+/// Reason for the rejection of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum PathError {
-    /// No room: drive on, or give the buffer more points.
+    /// The buffer is full: some points must be driven first, or the buffer must be larger.
     Full,
     /// A component is not finite, or a speed negative.
     NotFinite,
-    /// Arc length (of a trajectory: time) does not grow, or arc length falls.
+    /// Arc length does not increase. In a trajectory: time does not increase, or arc length decreases.
     NotAdvancing,
     /// The path has already been ended.
     Ended,
-    /// The frame does not bend to the curvature.
+    /// The curvature is more than the frame can bend to.
     TooTight,
 }
 
@@ -68,12 +68,12 @@ pub struct PathSample {
     pub posture: Posture,
     /// Curvature, 1/m.
     pub kappa: f32,
-    /// Its rate along the path (dκ/ds), 1/m².
+    /// Rate of curvature along the path (dκ/ds), 1/m².
     pub kappa_slope: f32,
 }
 
-/// The path between `a` and `b` at arc length `s`; beyond them and at `a`, on the circle of the nearer one: a place
-/// before the start is taken for the start, where the bend does not change yet.
+/// The path between `a` and `b` at arc length `s`. Outside this range, and at `a`, the path is the circle of the
+/// nearer point, with constant curvature.
 pub(super) fn between(a: PathPoint, b: PathPoint, s: f32) -> PathSample {
     let length = b.s - a.s;
     let beyond = |end: PathPoint| PathSample {
@@ -90,13 +90,13 @@ pub(super) fn between(a: PathPoint, b: PathPoint, s: f32) -> PathSample {
     let u = (s - a.s) / length;
     let (sa, ca) = sin_cos(a.posture.phi);
     let (sb, cb) = sin_cos(b.posture.phi);
-    // Hermite's cubic, written from the nearer point so that no digits are lost.
+    // Hermite cubic, relative to `a` so that no digits are lost.
     let (dx, dy) = (b.posture.x - a.posture.x, b.posture.y - a.posture.y);
     let ease = u * u * (3.0 - 2.0 * u);
     let leave = u * (1.0 - u) * (1.0 - u) * length;
     let arrive = -u * u * (1.0 - u) * length;
     let turn = wrap_angle(b.posture.phi - a.posture.phi);
-    // Heading as the integral of linear curvature, closed on the heading of the next point.
+    // Heading: integral of the linear curvature, corrected to reach the heading of the next point.
     let rise = b.kappa - a.kappa;
     let missing = turn - 0.5 * length * (a.kappa + b.kappa);
     let along = u * length;
@@ -111,9 +111,9 @@ pub(super) fn between(a: PathPoint, b: PathPoint, s: f32) -> PathSample {
     }
 }
 
-/// A point of a buffer; each lies after the one before it.
+/// A point of a buffer; points are in ascending order.
 pub trait Point: Copy {
-    /// Fills the room that no point has taken.
+    /// Value of unused slots.
     const BLANK: Self;
 
     /// Arc length (m) or time (s), which grows from point to point.
@@ -122,7 +122,7 @@ pub trait Point: Copy {
     /// Point of the path.
     fn place(&self) -> PathPoint;
 
-    /// True if every component is one that a point may have.
+    /// True if every component is valid.
     fn is_sound(&self) -> bool;
 
     /// True if the point may come after `last`.
@@ -148,7 +148,7 @@ impl Point for PathPoint {
         self.posture.is_finite() && self.kappa.is_finite() && self.s.is_finite()
     }
 
-    /// Arc length must grow.
+    /// Arc length must increase.
     fn follows(&self, last: &Self) -> bool {
         self.s > last.s
     }
@@ -173,19 +173,19 @@ impl Point for TrajectoryPoint {
         self.point.is_sound() && self.time_s.is_finite() && self.v.is_finite() && self.v >= 0.0
     }
 
-    /// Time must grow and arc length may not fall.
+    /// Time must increase and arc length may not decrease.
     fn follows(&self, last: &Self) -> bool {
         self.time_s > last.time_s && self.point.s >= last.point.s
     }
 }
 
-/// A row of at most `N` points: new ones come while the first ones are driven and dropped.
+/// Ring buffer of at most `N` points. New points are added while driven points are dropped.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Buffer<P, const N: usize> {
     slots: [P; N],
     first: usize,
     count: usize,
-    /// No more points will come; otherwise the robot stops at the last one it knows.
+    /// True if no more points will come. Otherwise the robot stops at the last point and waits for more.
     complete: bool,
 }
 
@@ -202,7 +202,7 @@ impl<P: Point, const N: usize> Default for Buffer<P, N> {
 }
 
 impl<P: Point, const N: usize> Buffer<P, N> {
-    /// Without points.
+    /// An empty buffer.
     pub const fn new() -> Self {
         Self {
             slots: [P::BLANK; N],
@@ -291,7 +291,7 @@ impl<P: Point, const N: usize> Buffer<P, N> {
             .map_or(Posture::ORIGIN, |point| point.place().posture)
     }
 
-    /// Drops the points that lie wholly before `key`: the segment around it stays.
+    /// Drops the points before `key`, except the start of the segment around `key`.
     pub fn discard_before(&mut self, key: f32) {
         while self.count > 2 && self.get(1).is_some_and(|second| second.key() <= key) {
             self.first = self.slot(1);
@@ -299,8 +299,8 @@ impl<P: Point, const N: usize> Buffer<P, N> {
         }
     }
 
-    /// Index of the last point with `key ≤ value` that has a next one; the first point if there is none. `None` with
-    /// fewer than two points.
+    /// Index of the last point with `key ≤ value` that has a successor; the first point if there is no such point.
+    /// `None` with fewer than two points.
     fn index(&self, value: f32, key: impl Fn(&P) -> f32) -> Option<usize> {
         let last = self.count.checked_sub(2)?;
         let (mut low, mut high) = (0, last);
@@ -316,14 +316,14 @@ impl<P: Point, const N: usize> Buffer<P, N> {
         Some(low)
     }
 
-    /// The point of [`Self::index`] and the next.
+    /// The point of [`Self::index`] and its successor.
     fn segment(&self, value: f32, key: impl Fn(&P) -> f32) -> Option<[P; 2]> {
         let first = self.index(value, key)?;
         Some([self.get(first)?, self.get(first + 1)?])
     }
 
-    /// The path at arc length `s` (m); it goes on beyond its ends on the circle of the end point.
-    /// `None` if there is no point.
+    /// The path at arc length `s` (m). Beyond its ends, the path continues on the circle of the end point. `None` if
+    /// there is no point.
     pub fn at(&self, s: f32) -> Option<PathSample> {
         let [a, b] = match self.segment(s, |point| point.place().s) {
             Some(segment) => segment,
@@ -334,7 +334,7 @@ impl<P: Point, const N: usize> Buffer<P, N> {
 }
 
 impl<const N: usize> PathBuffer<N> {
-    /// Segments from the one around `s` on.
+    /// Segments from the segment around `s` onward.
     pub(super) fn segments_from(&self, s: f32) -> impl Iterator<Item = [PathPoint; 2]> {
         let mut next = self.index(s, |point| point.s);
         let mut end = next.and_then(|first| self.get(first));
@@ -348,8 +348,8 @@ impl<const N: usize> PathBuffer<N> {
 }
 
 impl<const N: usize> TrajectoryBuffer<N> {
-    /// Arc length (m), speed (m/s) and acceleration (m/s²) at `time` (s): the cubic through both
-    /// neighbours with their speeds. Before the first and after the last point: at rest there.
+    /// Arc length (m), speed (m/s) and acceleration (m/s²) at `time` (s): the cubic through both neighbours with
+    /// their speeds. Before the first and after the last point: at rest at this point.
     pub(super) fn time_law(&self, time: f32) -> Option<[f32; 3]> {
         let (first, last) = (self.get(0)?, self.last()?);
         if !(time > first.time_s) {

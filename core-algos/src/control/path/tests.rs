@@ -66,9 +66,9 @@ fn straight<const N: usize>(points: usize, spacing: f32) -> PathBuffer<N> {
 }
 
 properties! { cases 64;
-    /// Between its points, a path of 2 cm spacing is the curve they were taken from.
+    /// Between its points, which are 2 cm apart, a path matches the curve of the points.
     #[test]
-    fn interpolation_is_the_curve(
+    fn interpolated_path_matches_the_curve(
         start in -3.0f64..3.0, slope in -3.0f64..3.0, at in 0.0f64..1.0,
     ) {
         let mut path = PathBuffer::<64>::new();
@@ -83,8 +83,7 @@ properties! { cases 64;
         prop_assert!((sample.kappa_slope - slope as f32).abs() < 1e-2);
     }
 
-    /// The chord at which law (4) stands still behind a reference on a circle of the path: its
-    /// manifold error, evaluated by the law itself, vanishes.
+    /// With the lead, the manifold error of law (4) vanishes for a reference on the circle of the path.
     #[test]
     fn lead_puts_the_robot_on_the_manifold(
         kappa in -2.5f32..2.5, lateral in -0.05f32..0.05,
@@ -100,7 +99,7 @@ properties! { cases 64;
     }
 
     #[test]
-    fn nothing_but_finite_references(
+    fn references_are_finite_for_any_posture(
         x in prop::num::f32::ANY, y in prop::num::f32::ANY, phi in prop::num::f32::ANY,
     ) {
         let mut path = circle();
@@ -116,9 +115,9 @@ properties! { cases 64;
         }
     }
 
-    /// Feedforward of the steering: the change of its angle along the path, times the speed.
+    /// Feedforward of steering: derivative of the steering angle along the path, times the speed.
     #[test]
-    fn steering_rate_is_that_along_the_path(start in -1.0f64..1.0, slope in -2.0f64..2.0) {
+    fn steering_rate_feedforward_matches_the_path(start in -1.0f64..1.0, slope in -2.0f64..2.0) {
         let mut path = PathBuffer::<64>::new();
         for i in 0..=50 {
             path.push(clothoid(start, slope, 1.0, i as f64 / 50.0)).unwrap();
@@ -134,15 +133,14 @@ properties! { cases 64;
         prop_assert!((found - rate).abs() < bound, "{found} {rate}");
     }
 
-    /// Driven at its reference speed with ideal steering, a robot keeps the limits of the
-    /// path's steering, whatever the curvature does.
+    /// A robot at the reference speed with ideal steering keeps the steering limits on any path.
     #[test]
     fn reference_speed_keeps_the_steering_limits(
         bends in prop::collection::vec(-2.8f32..2.8, 3..10),
     ) {
         let mut path = PathBuffer::<512>::new();
         let mut posture = Posture::ORIGIN;
-        // Curvature swings between the bends by a cosine over 40 cm each.
+        // Between bends the curvature changes as a cosine over 40 cm.
         let mut kappa_before = 0.0;
         let mut s = 0.0f32;
         for bend in bends {
@@ -163,7 +161,7 @@ properties! { cases 64;
         let mut speed = follower.speed(&path, at, path.end()).0;
         while at < path.end() - 0.01 {
             let next = follower.speed(&path, at, path.end()).0;
-            // Braking no harder than configured, the steps of the samples apart.
+            // Braking is at most as configured, apart from steps between samples.
             prop_assert!(speed - next <= config.deceleration_m_s2 * 0.01 + 0.02);
             speed = next;
             let here = path.at(at).unwrap();
@@ -180,7 +178,7 @@ properties! { cases 64;
 }
 
 #[test]
-fn buffer_streams_and_tells_when_it_is_full() {
+fn buffer_streams_points_and_rejects_them_when_full() {
     let mut path = straight::<16>(16, 0.02);
     assert_eq!(path.push(on_line(0.32)), Err(PathError::Full));
     path.discard_before(0.1);
@@ -190,7 +188,7 @@ fn buffer_streams_and_tells_when_it_is_full() {
         path.push(on_line(i as f32 * 0.02)).unwrap();
     }
     assert_eq!(path.room(), 0);
-    // Across the place where the ring turns.
+    // Across the wrap of the ring.
     for i in 0..60 {
         let s = 0.1 + i as f32 * 0.005;
         assert!((path.at(s).unwrap().posture.x - s).abs() < 1e-6);
@@ -205,7 +203,7 @@ fn buffer_streams_and_tells_when_it_is_full() {
 }
 
 #[test]
-fn open_path_goes_on_beyond_its_ends() {
+fn path_continues_beyond_its_ends_on_the_end_circle() {
     let path = straight::<16>(11, 0.02);
     assert!((path.at(0.3).unwrap().posture.x - 0.3).abs() < 1e-6);
     assert!((path.at(-0.1).unwrap().posture.x + 0.1).abs() < 1e-6);
@@ -232,7 +230,7 @@ fn reference_waits_for_the_robot_and_never_goes_back() {
     assert!(out.reference.posture.x > 0.7 + rest - 1e-4);
     assert!((step(0.75, 0.0).0 - 0.75).abs() < 1e-5);
     assert!((step(0.60, 0.0).0 - 0.75).abs() < 1e-5, "not back");
-    // Further than the window: the robot cannot have gone there in a step.
+    // Beyond the window: the robot cannot get there in one step.
     assert!(step(1.9, 0.0).0 < 0.75 + 0.1 + 0.021);
 }
 
@@ -252,13 +250,13 @@ fn unfinished_path_is_driven_to_its_last_point_but_not_ended() {
     let (end, out) = follower.step(&start, &path, near).unwrap();
     assert!(end.finished && end.s == path.end());
     assert_eq!((out.reference.v, out.v_rate), (0.0, 0.0));
-    // It stays so.
+    // The path stays finished.
     let pushed = Posture::new(0.9, 0.0, 0.0);
     assert!(follower.step(&end, &path, pushed).unwrap().0.finished);
 }
 
 #[test]
-fn trajectory_is_met_at_its_times() {
+fn trajectory_reference_matches_its_time() {
     // Constant acceleration 0.1 m/s² along x for 2 s, in points 0.1 s apart.
     let mut buffer = TrajectoryBuffer::<32>::new();
     for i in 0..=20 {
@@ -302,7 +300,7 @@ fn bad_configuration_is_named() {
 }
 
 #[test]
-fn point_that_no_path_has_is_refused() {
+fn invalid_point_is_rejected() {
     let good = TrajectoryPoint {
         time_s: 1.0,
         v: 0.0,
@@ -325,7 +323,7 @@ fn point_that_no_path_has_is_refused() {
         assert_eq!(push(&|p| p.v = value).0, bad);
     }
     assert_eq!(push(&|p| p.v = -1e-6).0, bad);
-    // Arc length may stand still while time goes on.
+    // Arc length may stay constant while time increases.
     let mut buffer = TrajectoryBuffer::<4>::new();
     for (time_s, s, expected) in [
         (1.0, 0.5, Ok(())),
@@ -342,7 +340,8 @@ fn point_that_no_path_has_is_refused() {
     }
 }
 
-/// The docs' speed in f64: the least, over all that is ahead, from which braking after the reaction time meets its limit.
+/// Reference speed of the module docs in f64: the smallest, over all points ahead, from which braking after the
+/// reaction time meets the limit of the point.
 fn speed_by_the_docs(config: &Config, points: &[PathPoint], s: f32, end: f64) -> f64 {
     let [a, t] = [config.deceleration_m_s2, config.reaction_time_s].map(f64::from);
     let [rate, bend] = [
@@ -376,8 +375,7 @@ fn speed_by_the_docs(config: &Config, points: &[PathPoint], s: f32, end: f64) ->
 }
 
 properties! { cases 64;
-    /// On a path of straights, bends that begin with a corner of curvature and clothoids; the rate is that of a robot that
-    /// drives at the speed.
+    /// The path has steps of curvature and clothoids. The rate is that of a robot at the reference speed.
     #[test]
     fn speed_is_the_largest_from_which_all_limits_ahead_are_met(
         kappas in prop::collection::vec(-2.8f32..2.8, 4..8), at in 0.0f32..1.0, gentle: bool,
@@ -408,7 +406,7 @@ properties! { cases 64;
         let h = 1e-4f32;
         let around = [s - h, s + h].map(|s| speed_by_the_docs(&config, &points, s, end.into()));
         let rate = (around[1] - around[0]) / (2.0 * f64::from(h)) * exact;
-        // Not where the limit that binds changes.
+        // Except where the active limit changes.
         let smooth = [s - 3.0 * h, s + 3.0 * h].map(|s| speed_by_the_docs(&config, &points, s, end.into()));
         let wide = (smooth[1] - smooth[0]) / (6.0 * f64::from(h)) * exact;
         if s > 1e-3 && (rate - wide).abs() < 1e-3 && s < end - 1e-3 {
@@ -418,8 +416,8 @@ properties! { cases 64;
 }
 
 #[test]
-fn search_for_the_robot_reaches_to_the_window_from_the_last_point() {
-    // Numbers that are exact, so that a segment begins where the window ends.
+fn search_for_the_robot_covers_the_window_ahead_of_the_last_point() {
+    // Exact numbers, so that a segment begins where the window ends.
     let config = Config {
         search_window_m: 0.125,
         ..Config::default()
@@ -433,7 +431,7 @@ fn search_for_the_robot_reaches_to_the_window_from_the_last_point() {
     let beyond = Posture::new(0.9, 0.0, 0.0);
     let (progress, _) = follower(config).step(&last, &path, beyond).unwrap();
     assert_eq!(progress.s, 0.5 + 0.125 + 1.0 / 64.0);
-    // The first search sees the whole path.
+    // The first search covers the whole path.
     let (progress, _) = follower(config)
         .step(&Progress::default(), &path, beyond)
         .unwrap();
@@ -452,9 +450,10 @@ fn speed_at_a_limit_is_the_limit_and_does_not_fall() {
     }
 }
 
-/// Points that change in heading, speed and time: position and speed of the cubic, and its acceleration by differences.
+/// Position and speed match the cubic, and acceleration its differences, for points that differ in heading, speed and
+/// time.
 #[test]
-fn trajectory_between_its_points_is_one_motion() {
+fn trajectory_position_speed_and_acceleration_are_consistent() {
     let mut buffer = TrajectoryBuffer::<8>::new();
     for (time_s, v, s) in [
         (0.5, 0.1, 0.0),
@@ -493,9 +492,9 @@ fn trajectory_between_its_points_is_one_motion() {
     }
 }
 
-/// Beyond its ends a path has a constant curvature, at the end point too.
+/// Beyond its ends, and at the end point, a path has a constant curvature.
 #[test]
-fn curvature_rises_between_points_only() {
+fn path_curvature_changes_between_points_only() {
     let (a, b) = (clothoid(0.0, 1.0, 1.0, 0.5), clothoid(0.0, 1.0, 1.0, 0.6));
     for (s, slope) in [
         (0.49, 0.0),
@@ -508,7 +507,7 @@ fn curvature_rises_between_points_only() {
         let found = buffer::between(a, b, s).kappa_slope;
         assert!((found - slope).abs() < 1e-5, "{s}: {found}");
     }
-    // Two points in one place, as the only one of a path is taken.
+    // Two equal points, as for a path of one point.
     for s in [0.4, 0.5, 0.6] {
         let found = buffer::between(a, a, s);
         let exact = a.posture.advance(s - 0.5, 0.5 * (s - 0.5));
@@ -520,9 +519,10 @@ fn curvature_rises_between_points_only() {
 }
 
 properties! { cases 200;
-    /// The law of the docs: heading gain per length, curvature within the frame's, that of the path at rest.
+    /// The law of the module docs: heading gain per length, curvature within that of the frame, and at rest the
+    /// path's curvature.
     #[test]
-    fn wish_is_law_four_with_its_heading_gain_by_length(
+    fn wish_is_equation_four_with_heading_gain_per_length(
         x in -0.3f32..0.0, y in -0.3f32..0.3, phi in -1.0f32..1.0, v in 0.0f32..0.3, kappa in -2.0f32..2.0,
     ) {
         let law = law();

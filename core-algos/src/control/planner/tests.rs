@@ -54,7 +54,7 @@ properties! { cases 100;
 
     /// Segments a little longer or shorter cost no less.
     #[test]
-    fn no_plan_beside_the_found_one_costs_less(
+    fn plan_with_slightly_changed_lengths_does_not_cost_less(
         x in -1.0f32..1.0, y in -1.0f32..1.0, phi in -3.1f32..3.1,
     ) {
         let planner = Config::default().build(3.0).unwrap();
@@ -75,7 +75,7 @@ properties! { cases 100;
         }
     }
 
-    /// The goal's frame is all that counts.
+    /// The plan depends only on the start in the goal's frame.
     #[test]
     fn plan_moves_with_the_goal(phi in -3.0f32..3.0, gx in -5.0f32..5.0, turn in -3.0f32..3.0) {
         let planner = Config::default().build(2.0).unwrap();
@@ -90,7 +90,7 @@ properties! { cases 100;
 }
 
 #[test]
-fn straight_behind_needs_no_segment() {
+fn start_on_the_goals_axis_needs_no_segment() {
     let planner = Config::default().build(3.0).unwrap();
     for (x, approach) in [(-1.0, Direction::Forward), (1.0, Direction::Reverse)] {
         let (progress, _) = search(&planner, Posture::new(x, 0.0, 0.0), 100);
@@ -127,7 +127,7 @@ fn drive([x, y, phi]: [f64; 3], forward: bool, curvature: f64, length: f64) -> [
     ]
 }
 
-/// Cost of an approach from a posture to the origin in one direction, as the docs of planner and funnel have it; `None`
+/// Cost of an approach from a posture to the origin in one direction, as in the docs of planner and funnel; `None`
 /// outside the funnel.
 fn approach_cost(
     [x, y, phi]: [f64; 3],
@@ -155,7 +155,7 @@ fn approach_cost(
     Some(length + cusp)
 }
 
-/// Starts all over the planner's range; the first may approach forward or, on a longer way, in reverse.
+/// Starts over the planner's range. The first may approach forward or, on a longer path, in reverse.
 fn starts() -> impl Iterator<Item = [f64; 3]> {
     let beside = [-1.2f64.cos(), 1.2f64.sin(), -2.4];
     let others = (1..=40).map(|k| {
@@ -191,7 +191,7 @@ fn cost_is_length_of_segments_and_approach_and_price_of_stops_and_cusps() {
             last = Some(forward);
         }
         pairs += u32::from(plan.segment(1).is_some());
-        // Within rounding of the bound of the funnel.
+        // The curvature is 1e-3 larger: allowance for rounding at the bound of the funnel.
         let forward = plan.approach == Direction::Forward;
         let cost = spent + approach_cost(q, forward, last, 0.94 * 3.0 + 1e-3).unwrap();
         assert!(
@@ -227,7 +227,7 @@ fn plan_costs_no_more_than_any_on_the_grid() {
             for k in 1..=(longest(kappa) / 0.08) as u32 {
                 let first = 0.08 * f64::from(k);
                 let middle = drive(start, forward, kappa, first);
-                // Whatever follows costs the line of sight at least.
+                // The rest of the plan costs at least the line of sight.
                 if first + 0.16 + middle[0].hypot(middle[1]) >= best {
                     continue;
                 }

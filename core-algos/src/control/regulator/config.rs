@@ -20,7 +20,7 @@ declare! {
     pub struct Config {
         /// Strategy to reach the goal.
         pub strategy: Strategy = Strategy::Funnel;
-        /// Gains of equation 4 where it drives alone.
+        /// Gains of equation 4 where it is used alone.
         pub law: kinematic::Config = kinematic::Config::default();
         /// Gains of the approach in the funnel: `arrival_gain` 3, `circle_radius_m` below `1/(2 κ_max)`.
         pub approach: kinematic::Config = kinematic::Config {
@@ -28,16 +28,15 @@ declare! {
             approach_gain_m_s: 2.0,
             ..kinematic::Config::default()
         };
-        /// The planner.
+        /// Parameters of the planner.
         pub planner: planner::Config = planner::Config::default();
-        /// Candidate postures the planner looks at in a tick.
+        /// Candidate postures that the planner evaluates in a tick.
         pub planner_budget: u32 = 400, "": Positive;
-        /// Steering error below which a segment is begun.
+        /// Steering error below which a segment begins.
         pub steering_tolerance_rad: f32 = 0.05, "rad": Positive;
-        /// A segment is begun after this time whatever the steering.
+        /// Time after which a segment begins at any steering error.
         pub steering_timeout_s: f32 = 3.0, "s": Positive;
-        /// Steering error at which the speed is held at zero; from half of it down the speed is
-        /// free.
+        /// Steering error above which the speed is zero. Below half this error the speed is not reduced.
         pub steering_wait_rad: f32 = 0.2, "rad": Positive;
         /// Length over which deviations from a segment's path decay.
         pub path_length_constant_m: f32 = 0.2, "m": Range(0.02, 10.0);
@@ -45,38 +44,38 @@ declare! {
         pub rest_speed_m_s: f32 = 0.004, "m/s": Positive;
         /// Commanded speed below which steering for the next segment begins.
         pub steer_speed_m_s: f32 = 0.02, "m/s": Positive;
-        /// Time at rest before the posture is judged.
+        /// Time at rest before the posture is compared with the goal.
         pub settle_time_s: f32 = 0.2, "s": Positive;
-        /// Way left along the path at which the approach ends.
+        /// Remaining distance along the path at which the approach ends.
         pub latch_distance_m: f32 = 0.003, "m": Positive;
         /// At rest, the goal counts as reached within this distance. Each renewed attempt allows
         /// 60 % more, up to the tolerance of the goal.
         pub accept_distance_m: f32 = 0.01, "m": Range(0.003, 0.5);
-        /// At rest, the goal counts as reached within this heading error; widened likewise.
+        /// At rest, the goal counts as reached within this heading error; each renewed attempt allows 60 % more.
         pub accept_heading_rad: f32 = 0.026, "rad": Range(1e-3, 1.0);
-        /// A reached goal is left when the error exceeds the accepted one by this factor.
+        /// A reached goal is left when the error exceeds the accepted error by this factor.
         pub release_factor: f32 = 2.5, "": Range(1.1, 100.0);
         /// The funnel counts as left when the needed curvature exceeds κ_max by this factor.
         pub leave_factor: f32 = 1.15, "": Range(1.0, 10.0);
-        /// Bearing error, beyond the bearings' own near the goal, from which the funnel counts as left.
+        /// Additional bearing error that is allowed before the funnel counts as left.
         pub leave_slack_rad: f32 = 0.1, "rad": NonNegative;
-        /// Within this distance of the goal, the approach follows the arc it is on to its end:
-        /// bearings lose meaning.
+        /// Distance from the goal below which the approach follows its present arc to the end, because bearings lose
+        /// meaning.
         pub final_arc_m: f32 = 0.15, "m": Positive;
         /// Length over which deviations from the final arc decay.
         pub final_length_constant_m: f32 = 0.06, "m": Range(0.01, 10.0);
         /// Renewed attempts before giving up.
         pub max_attempts: u8 = 20, "": Range(0.0, 255.0);
-        /// Equation 4 alone: stop within this of the rest distance.
+        /// Equation 4 alone: distance beyond the rest distance within which the robot stops.
         pub stop_margin_m: f32 = 0.03, "m": Positive;
-        /// Equation 4 alone: stop below this demanded speed.
+        /// Equation 4 alone: commanded speed below which the robot stops.
         pub stop_speed_m_s: f32 = 0.004, "m/s": Positive;
         derived {
             /// Bounds of speed and steering.
             pub limits: LimitsConfig = LimitsConfig::default();
             /// Deceleration of the governor.
             pub braking_m_s2: f32 = 0.4, "m/s²": Positive;
-            /// Lag of the governor's speed where its deceleration is not at its limit.
+            /// Time constant of the governor's speed below its limit of deceleration.
             pub speed_lag_s: f32 = 1.0 / 6.0, "s": Positive;
         }
     }

@@ -20,7 +20,7 @@ pub enum Phase {
     Segment,
     /// Following the law to the goal.
     Approach,
-    /// At the goal, coming to rest; the posture is then judged.
+    /// At the goal, coming to rest; the posture is then compared with the goal.
     Hold,
     /// At rest on the goal.
     Done,
@@ -34,17 +34,17 @@ pub(super) enum Next {
     /// A new plan.
     #[default]
     Plan,
-    /// Segment of this index, or the approach after the last.
+    /// Segment of this index, or the approach after the last segment.
     Step(u8),
 }
 
-/// All that changes.
+/// State of the regulator.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     pub(super) phase: Phase,
     pub(super) goal: Option<Posture>,
     pub(super) search: Option<Search>,
-    /// Candidates of the next tick that the search has looked at already.
+    /// Candidates of the next tick that the search has already evaluated.
     pub(super) ahead: u32,
     pub(super) plan: Plan,
     pub(super) next: Next,
@@ -52,21 +52,21 @@ pub struct State {
     pub(super) origin: Posture,
     /// Posture of the robot at the previous tick.
     pub(super) last: Posture,
-    /// Time without motion while under way.
+    /// Time without motion while driving.
     pub(super) stuck: Stuck,
-    /// Posture where the robot was stuck last, at first that of the beginning.
+    /// Posture where the robot was last stuck; initially the posture at the start.
     pub(super) stuck_at: Option<Posture>,
-    /// The robot gave up because it cannot move.
+    /// True if the robot gave up because it cannot move.
     pub(super) blocked: bool,
     /// Distance driven along the present segment, m.
     pub(super) progress: f32,
-    /// Curvature of the final arc once the approach is on it, 1/m, of the robot's heading.
+    /// Curvature of the final arc once the approach follows it, 1/m, positive to the left of the robot's heading.
     pub(super) final_curvature: Option<f32>,
-    /// Curvature that is held while the robot stands.
+    /// Curvature that is held at standstill, 1/m.
     pub(super) kappa: f32,
     /// Time in the present phase, s.
     pub(super) elapsed: f32,
-    /// Time of consecutive ticks outside the funnel or without demand to move, s.
+    /// Time of consecutive ticks outside the funnel or without commanded motion, s.
     pub(super) doubt: f32,
     /// Renewed attempts at the present goal.
     pub(super) attempts: u8,
@@ -78,12 +78,12 @@ impl State {
         self.phase
     }
 
-    /// True if the robot gave up because it was asked to move and did not.
+    /// True if the robot gave up because it was commanded to move and did not.
     pub fn is_blocked(&self) -> bool {
         self.blocked
     }
 
-    /// Forgets the goal, so that the next input begins anew.
+    /// Discards the goal, so that the next input restarts the regulator.
     pub fn forget_goal(&mut self) {
         self.goal = None;
     }

@@ -3,8 +3,7 @@ use proptest::prelude::{any, prop, prop_assert};
 
 mod phases;
 
-/// A robot that does at once what it is told, except that it steers at 1 rad/s and changes speed
-/// at 0.4 m/s².
+/// A robot without lag, except for limits of 1 rad/s of steering and 0.4 m/s² of acceleration.
 struct Robot {
     q: [f64; 3],
     v: f64,
@@ -42,10 +41,9 @@ impl Robot {
     }
 }
 
-/// Planning in parts gives every output of planning at once, to the bit, and leaves the tick
-/// nothing of its budget.
+/// Planning ahead gives bit-identical outputs. All parts together use the whole budget of the tick.
 #[test]
-fn planning_ahead_changes_nothing_but_when_it_is_done() {
+fn planning_ahead_does_not_change_the_output() {
     let regulator = Config::default().build().unwrap();
     let goal = Posture::ORIGIN;
     for (parts, calls) in [(9, 9), (9, 4), (1, 3), (400, 17)] {
@@ -90,10 +88,10 @@ fn run(
     output
 }
 
-/// Friction holds a robot that is asked for little speed: it is done where it stands, or says that it
-/// comes no nearer, but does not wait for ever.
+/// Friction holds a robot at a small commanded speed. The robot is done at its posture or gives up; it does not wait
+/// forever.
 #[test]
-fn a_robot_that_sticks_before_the_goal_comes_to_an_end() {
+fn robot_held_by_friction_before_the_goal_is_done_or_gives_up() {
     for (sticking, expected) in [(0.012, Phase::Done), (0.3, Phase::GaveUp)] {
         let regulator = Config::default().build().unwrap();
         let mut robot = Robot::at(Posture::new(-0.4, 0.02, 0.0));
@@ -109,7 +107,7 @@ fn a_robot_that_sticks_before_the_goal_comes_to_an_end() {
     }
 }
 
-/// An estimate that is corrected sideways in every approach: the goal counts as reached at its tolerance.
+/// The estimate is corrected sideways in every approach: the goal counts as reached within its tolerance.
 #[test]
 fn corrections_within_the_tolerance_end_at_the_goal() {
     let regulator = Config::default().build().unwrap();
@@ -160,7 +158,6 @@ fn regulator(strategy: Strategy) -> Regulator {
 }
 
 properties! { cases 100;
-    /// Any start, any goal.
     #[test]
     fn reaches_the_goal_from_anywhere(
         start in prop::array::uniform3(-2.0f32..2.0), turn in -3.1f32..3.1,
@@ -180,7 +177,7 @@ properties! { cases 100;
         prop_assert!(robot.v.abs() < 5e-3);
     }
 
-    /// Whatever it is told, in whatever order, what it asks for is within the limits.
+    /// For any inputs in any order, the command is within the limits.
     #[test]
     fn output_is_always_within_the_limits(
         inputs in prop::collection::vec(
@@ -209,7 +206,7 @@ properties! { cases 100;
 
 /// Errors of steering against eq. 5 at two steering angles.
 #[test]
-fn steering_error_is_that_of_the_angle() {
+fn steering_error_matches_the_difference_of_angles() {
     let regulator = Config::default().build().unwrap();
     let length = regulator.config.limits.frame_length_m;
     for psi in [-0.3, -0.1, 0.0, 0.2, 0.3] {
@@ -221,7 +218,7 @@ fn steering_error_is_that_of_the_angle() {
     }
 }
 
-/// The way to rest, integrated: the deceleration is the smaller of the governor's and of that of its lag.
+/// Reference: integrated distance to rest. The deceleration is the smaller of the governor's and that of its lag.
 #[test]
 fn stopping_distance_is_the_integral_of_the_speed() {
     let regulator = Config::default().build().unwrap();
@@ -240,7 +237,6 @@ fn stopping_distance_is_the_integral_of_the_speed() {
     }
 }
 
-/// The circle of the last piece leads through the goal.
 #[test]
 fn final_arc_leads_through_the_goal() {
     let regulator = Config::default().build().unwrap();
@@ -261,7 +257,7 @@ fn final_arc_leads_through_the_goal() {
     assert!(nearest < 6e-4, "{nearest}, {curvature} from {from:?}");
 }
 
-/// An approach whose steering is not there yet is slower.
+/// The approach is slower while the steering error is large.
 #[test]
 fn approach_waits_for_steering() {
     let regulator = Config::default().build().unwrap();
@@ -284,7 +280,7 @@ fn approach_waits_for_steering() {
 }
 
 #[test]
-fn the_papers_law_brings_the_papers_start_home() {
+fn papers_law_reaches_the_goal_from_the_papers_start() {
     let regulator = regulator(Strategy::PaperLaw);
     let mut robot = Robot::at(Posture::new(-1.342, -1.342, 0.0));
     let mut state = State::default();
@@ -295,7 +291,7 @@ fn the_papers_law_brings_the_papers_start_home() {
 }
 
 #[test]
-fn a_robot_pushed_off_its_goal_comes_back() {
+fn robot_pushed_off_its_goal_returns() {
     let regulator = regulator(Strategy::Funnel);
     let mut robot = Robot::at(Posture::new(-0.6, 0.05, 0.0));
     let mut state = State::default();
@@ -312,7 +308,7 @@ fn a_robot_pushed_off_its_goal_comes_back() {
 }
 
 #[test]
-fn a_new_goal_starts_afresh_and_a_lost_estimate_stops() {
+fn new_goal_restarts_and_lost_estimate_stops_the_robot() {
     let regulator = regulator(Strategy::Funnel);
     let mut robot = Robot::at(Posture::new(-1.0, 0.0, 0.0));
     let mut state = State::default();

@@ -11,7 +11,7 @@ fn counts(angle: f64) -> i64 {
     (angle * 20_000.0 / std::f64::consts::TAU).floor() as i64
 }
 
-/// Speeds seen for a given motion, counting from `origin`.
+/// States of the observer for a given motion; the counter starts at `origin`.
 fn observe(origin: i32, angle: impl Fn(f64) -> f64, steps: usize) -> Vec<State> {
     let observer = observer();
     let mut state = State::default();
@@ -35,7 +35,7 @@ fn constant_speed_is_followed_without_error_in_speed_or_angle() {
             if i < 100 {
                 continue;
             }
-            // One count of quantisation q shows as at most b q/e in speed.
+            // One count of quantisation q causes a speed error of at most b q/e.
             let quantum = 250.0 * std::f64::consts::TAU / 20_000.0 / std::f64::consts::E;
             assert!((f64::from(state.speed_rad_s) - speed).abs() < quantum);
             let gap = travelled - speed * i as f64 * DT;
@@ -79,7 +79,7 @@ fn sine_has_the_gain_and_phase_of_a_double_pole() {
 }
 
 #[test]
-fn a_missing_count_is_bridged_at_speed() {
+fn missing_count_is_bridged_at_constant_speed() {
     let observer = observer();
     let mut state = State::default();
     for i in 0..500i64 {
@@ -94,7 +94,7 @@ fn a_missing_count_is_bridged_at_speed() {
 }
 
 #[test]
-fn a_jump_of_the_counter_is_told_and_kept_out_of_the_speed() {
+fn counter_jump_is_reported_and_does_not_change_the_speed() {
     let observer = observer();
     let (mut state, mut jumps, mut travelled) = (State::default(), 0, 0.0);
     for i in 0..400i64 {
@@ -119,7 +119,7 @@ fn bad_configuration_is_named() {
 }
 
 properties! {
-    /// The counter may stand anywhere, its own wrap included.
+    /// Any origin of the counter, including near its wrap.
     #[test]
     fn origin_of_the_count_does_not_matter(origin: i32, speed in -20.0f64..20.0) {
         let near_wrap = i32::MAX.wrapping_add(origin % 500);
@@ -145,9 +145,9 @@ properties! {
     }
 }
 
-/// The bound of a jump grows with each interval that had no count, up to a thousand of them.
+/// The bound of a jump grows with each interval without a count, up to a thousand intervals.
 #[test]
-fn largest_change_of_a_count_is_that_of_all_intervals_since_the_last() {
+fn bound_of_a_jump_grows_with_missing_counts() {
     let observer = WheelObserver {
         largest_error: 10.0,
         ..observer()
@@ -168,7 +168,7 @@ fn largest_change_of_a_count_is_that_of_all_intervals_since_the_last() {
                 }
                 state = observer.step(&state, Some(40 + sign * change));
                 assert_eq!(state.jumped, jumped, "{missing} {change}");
-                // What was missed counts once.
+                // Missing intervals count only once.
                 let next = observer.step(&state, Some(40 + sign * (change + 1000)));
                 assert!(next.jumped);
             }

@@ -64,7 +64,7 @@ fn atan2_is_within_5e_7_of_f64() {
     let mut random = crate::fusion::testing::Random::new(5);
     let mut worst = 0.0f64;
     for i in 0..2_000_000 {
-        // All directions, lengths of many orders of size.
+        // All directions; lengths of many orders of magnitude.
         let length = 10f64.powf(60.0 * random.uniform() - 30.0);
         let direction = if i % 2 == 0 {
             core::f64::consts::TAU * random.uniform()
@@ -82,7 +82,7 @@ fn atan2_is_within_5e_7_of_f64() {
 }
 
 #[test]
-fn atan2_on_the_axes() {
+fn atan2_on_the_axes_is_exact() {
     let half = core::f32::consts::FRAC_PI_2;
     let tiny = f32::from_bits(1);
     for size in [tiny, 1.0, f32::MAX] {
@@ -113,7 +113,7 @@ fn non_finite_input_gives_nan() {
 }
 
 #[test]
-fn sinc_joins_its_two_branches() {
+fn sinc_near_its_branch_limit_is_within_2e_7_of_f64() {
     for i in -2000..2000 {
         let x = i as f32 * 1e-5;
         let exact = if x == 0.0 {
@@ -133,7 +133,7 @@ properties! {
         let (s, c) = (angle as f64).sin_cos();
         let (ws, wc) = (wrapped as f64).sin_cos();
         prop_assert!((s - ws).abs() < 1e-4 && (c - wc).abs() < 1e-4);
-        // A whole number of turns of the f32 next to 2π was taken off.
+        // The angles differ by whole turns of the `f32` nearest 2π.
         let turns = (angle as f64 - wrapped as f64) / f64::from(TAU);
         prop_assert!((turns - turns.round()).abs() < 1e-6);
     }
@@ -146,7 +146,7 @@ properties! {
 }
 
 #[test]
-fn lag_gain_is_that_of_f64() {
+fn lag_gain_is_within_3e_7_of_f64() {
     for i in 0..40_000 {
         let x = 1e-4 * i as f32;
         let exact = -f64::from(-x).exp_m1();

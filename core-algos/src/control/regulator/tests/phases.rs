@@ -1,4 +1,4 @@
-//! Limits, gains and transitions of the phases, each on both sides.
+//! Limits, gains and transitions of the phases, each on both sides of its limit.
 
 use super::*;
 use crate::control::planner::Segment;
@@ -91,7 +91,7 @@ fn path_feedback_has_the_gains_of_critical_decay() {
 }
 
 #[test]
-fn goal_that_moves_by_more_than_1_cm_or_20_mrad_starts_afresh() {
+fn goal_that_moves_by_more_than_1_cm_or_20_mrad_restarts_the_regulator() {
     let regulator = plain();
     for (x, y, phi, same) in [
         (0.0099, 0.0, 0.0, true),
@@ -134,7 +134,7 @@ fn goal_that_moves_by_more_than_1_cm_or_20_mrad_starts_afresh() {
 
 /// At ψ = 0 a steering error is half the frame's length times the difference in curvature.
 #[test]
-fn speed_is_free_up_to_half_the_steering_wait_and_zero_from_it_on() {
+fn speed_is_unreduced_below_half_the_steering_wait_and_zero_above_it() {
     let regulator = plain();
     for (error, factor) in [
         (0.0, 1.0),
@@ -154,7 +154,7 @@ fn speed_is_free_up_to_half_the_steering_wait_and_zero_from_it_on() {
 
 /// 1.15 times the greatest curvature, and 0.1 rad over the distance.
 #[test]
-fn reach_is_the_funnel_with_its_slack() {
+fn approach_region_is_the_funnel_widened_by_its_slack() {
     let regulator = plain();
     let max = regulator.limits.max_curvature();
     for distance in [0.2f32, 0.5, 1.0] {
@@ -196,7 +196,7 @@ fn goal_is_reached_within_bounds_that_each_attempt_widens_to_the_tolerance() {
             assert!(!reached(2.0 * d, 0.0, 2.0 * h));
         }
     }
-    // A tolerance below the accepted error asks for no more than that.
+    // A tolerance below the accepted error has no effect.
     let mut strict = at(0.0099, 0.0, 0.0259);
     (strict.within.position_m, strict.within.heading_rad) = (1e-3, 1e-3);
     for (attempts, x) in [(0, 0.0099), (9, 0.0099), (0, 0.0101), (9, 0.0101)] {
@@ -211,13 +211,13 @@ fn goal_is_reached_within_bounds_that_each_attempt_widens_to_the_tolerance() {
 
 /// Phase after one tick of a robot in a phase, at a posture, with a speed.
 #[test]
-fn phases_follow_each_other_at_their_limits() {
+fn phase_transitions_occur_at_their_limits() {
     let regulator = plain();
     let (far, near) = (at(-1.0, 0.0, 0.0), at(0.005, 0.0, 0.0));
     let beside = at(0.0, -0.3, 0.0);
     let direct = Next::Step(0);
     use Phase::{Approach, Done, GaveUp, Hold, Plan, Steer, Stop};
-    // Phase, what follows, time in it, attempts; input, speed; phase after, attempts after.
+    // Phase, next step, time in the phase, attempts; input, speed; phase and attempts after the tick.
     for (phase, next, elapsed, attempts, input, speed, expected, after) in [
         (Stop, Next::Plan, 0.0, 0, far, 0.0041, Stop, 0),
         (Stop, Next::Plan, 0.0, 0, far, -0.0041, Stop, 0),
@@ -227,13 +227,13 @@ fn phases_follow_each_other_at_their_limits() {
         (Stop, direct, 0.0, 0, far, 0.0201, Stop, 0),
         (Stop, direct, 0.0, 0, far, 0.0199, Steer, 0),
         (Stop, direct, 0.0, 0, far, -0.0199, Steer, 0),
-        // Outside of the funnel another plan is made, as often as attempts are left.
+        // Outside the funnel a new plan is made, while attempts are left.
         (Stop, direct, 0.0, 0, beside, 0.0, Stop, 1),
         (Stop, direct, 0.0, 19, beside, 0.0, Stop, 20),
         (Stop, direct, 0.0, 20, beside, 0.0, GaveUp, 21),
         (GaveUp, direct, 9.0, 21, near, 0.0, GaveUp, 21),
         (Plan, Next::Plan, 0.0, 0, far, 0.0, Stop, 0),
-        // After 3 s whatever the steering.
+        // After 3 s at any steering error.
         (Steer, direct, 2.985, 0, beside, 0.0, Steer, 0),
         (Steer, direct, 2.995, 0, beside, 0.0, Approach, 0),
         // After 0.2 s at rest.
@@ -244,7 +244,7 @@ fn phases_follow_each_other_at_their_limits() {
         (Hold, Next::Plan, 0.195, 0, near, -0.0041, Hold, 0),
         (Hold, Next::Plan, 0.195, 0, far, 0.0, Stop, 1),
         (Hold, Next::Plan, 0.195, 20, far, 0.0, GaveUp, 21),
-        // Left at 2.5 times the error that was accepted.
+        // The goal is left at 2.5 times the accepted error.
         (Done, Next::Plan, 9.0, 0, at(0.0249, 0.0, 0.0), 0.0, Done, 0),
         (Done, Next::Plan, 9.0, 0, at(0.0251, 0.0, 0.0), 0.0, Stop, 0),
         (Done, Next::Plan, 9.0, 1, at(0.0399, 0.0, 0.0), 0.0, Done, 1),
@@ -289,9 +289,9 @@ fn phases_follow_each_other_at_their_limits() {
     }
 }
 
-/// From where no plan leads into the funnel the law alone drives on, with the end that is nearer to the goal first.
+/// Without a plan into the funnel the law drives alone, with the end nearer to the goal first.
 #[test]
-fn goal_out_of_reach_of_a_plan_is_approached_at_once() {
+fn goal_without_a_plan_is_approached_directly() {
     let regulator = plain();
     for (x, direction) in [(-1.0, Direction::Forward), (1.0, Direction::Reverse)] {
         let mut state = State {
@@ -317,7 +317,7 @@ fn goal_out_of_reach_of_a_plan_is_approached_at_once() {
     }
 }
 
-/// A segment is begun with a steering error of 0.05 rad: at ψ = 0 a curvature of 0.1 rad over the frame's length.
+/// A segment begins at a steering error of 0.05 rad: at ψ = 0 a curvature of 0.1 rad over the frame's length.
 #[test]
 fn segment_begins_with_the_steering_near_its_curvature() {
     let regulator = plain();
@@ -340,10 +340,10 @@ fn segment_begins_with_the_steering_near_its_curvature() {
     }
 }
 
-/// Speed along a straight segment with some way left, braking at so much: the least of √(2 a s), 2.5/s · s + 5 mm/s, and
-/// the greatest speed. It ends where the robot needs the way to stop, or 2 mm before.
+/// Speed on a straight segment with remaining distance s, for a braking deceleration a: the least of √(2 a s), 2.5/s
+/// · s + 5 mm/s, and the greatest speed. The segment ends at the stopping distance, at least 2 mm before its end.
 #[test]
-fn segment_is_driven_at_the_speed_of_the_way_left_and_ends_at_the_stopping_distance() {
+fn segment_speed_follows_the_remaining_distance_to_the_stopping_distance() {
     for (braking_m_s2, left, speed, expected) in [
         (0.4, 0.02, 0.0, Some(0.055)),
         (0.4, 0.08, 0.0, Some(0.205)),
@@ -392,7 +392,7 @@ fn segment_is_driven_at_the_speed_of_the_way_left_and_ends_at_the_stopping_dista
                 if phase == Phase::Stop {
                     assert_eq!(state.next, Next::Step(1));
                 }
-                // Half of it with a steering error of 0.15 rad.
+                // Half the speed at a steering error of 0.15 rad.
                 turned.1.steering = Steering(0.15);
                 let found = regulator.tick(&mut turned.0, &turned.1).command.v;
                 assert!(
@@ -405,8 +405,8 @@ fn segment_is_driven_at_the_speed_of_the_way_left_and_ends_at_the_stopping_dista
 }
 
 #[test]
-fn approach_outside_of_the_funnel_ends_after_100_ms_and_one_without_demand_after_a_second() {
-    // A law without demand: what is within reach and idle at once.
+fn approach_ends_after_100_ms_outside_the_funnel_or_1_s_without_speed() {
+    // First the default law; below, a law that commands almost no speed, inside the funnel.
     let regulator = plain();
     let (inside, outside) = (at(-1.0, 0.0, 0.0), at(-0.2, -0.3, 0.0));
     for (doubt, input, phase, left) in [
@@ -487,7 +487,7 @@ fn final_arc_begins_at_15_cm_and_ends_3_mm_before_the_goal() {
                 "{direction:?} {y}: {found} {expected}"
             );
         }
-        // 2/s of the way left; critical decay over 0.06 m about the arc.
+        // Speed of 2/s times the remaining distance; critical decay to the arc over 0.06 m.
         for (left, y, curvature, v) in [
             (0.0031f32, 0.0f32, 0.0f32, 0.0062f32),
             (0.0029, 0.0, 0.0, 0.0),
@@ -501,7 +501,7 @@ fn final_arc_begins_at_15_cm_and_ends_3_mm_before_the_goal() {
                 ..state(Phase::Approach)
             };
             state.plan.approach = direction;
-            // Backwards along the arc, and beside it.
+            // `left` metres back along the arc, and `y` beside the arc.
             let turn = -sign * left * curvature;
             let mut input = at(0.0, 0.0, 0.0);
             input.posture = GOAL
@@ -527,9 +527,9 @@ fn final_arc_begins_at_15_cm_and_ends_3_mm_before_the_goal() {
     }
 }
 
-/// Time without motion counts within a phase: 1.5 s in each of two are none of 2 s.
+/// Time without motion is counted within a phase: 1.5 s in each of two phases is not 2 s.
 #[test]
-fn phase_begins_without_time_in_which_the_robot_did_not_move() {
+fn new_phase_restarts_the_time_without_motion() {
     let (regulator, input) = (plain(), at(-1.0, 0.0, 0.0));
     let mut state = State {
         next: Next::Step(0),
@@ -574,7 +574,7 @@ fn robot_stuck_again_in_the_same_place_off_its_goal_is_blocked() {
             final_curvature: Some(0.0),
             ..state(Phase::Approach)
         };
-        // The first tick notes the posture.
+        // The first tick stores the posture.
         for _ in 0..202 {
             if state.phase == Phase::Approach {
                 regulator.tick(&mut state, &input);
@@ -592,7 +592,7 @@ fn robot_stuck_again_in_the_same_place_off_its_goal_is_blocked() {
 
 /// Equation 4 alone: posture beside the led goal (m, m, rad), phase, doubt (s), speed (m/s); phase after.
 #[test]
-fn papers_law_stops_at_its_led_goal_and_gives_up_where_it_asks_for_no_speed() {
+fn papers_law_stops_at_its_led_goal_and_gives_up_without_commanded_speed() {
     let regulator = regulator(Strategy::PaperLaw);
     let rest = 0.2 * 2e-3f32.sqrt();
     let command = |posture| {
@@ -602,7 +602,7 @@ fn papers_law_stops_at_its_led_goal_and_gives_up_where_it_asks_for_no_speed() {
             .command(PolarError::between(posture, led), 0.0, 0.0);
         regulator.limits.limit(law)
     };
-    // Beside the goal on the manifold, across its heading: the law asks for a turn on the spot.
+    // Beside the goal on the manifold, across its heading: the law commands a turn on the spot.
     let (mut low, mut high) = (-0.5f32, -0.3);
     let turned = |y| Posture::new(rest, y, 1.0);
     for _ in 0..40 {
@@ -625,7 +625,7 @@ fn papers_law_stops_at_its_led_goal_and_gives_up_where_it_asks_for_no_speed() {
         (home, Approach, 0.0, 0.1, Hold),
         (home, Hold, 0.0, 0.0041, Hold),
         (home, Hold, 0.0, -0.0039, Done),
-        // 2.5 times 3 cm.
+        // The goal is left at 2.5 times 3 cm.
         (at_distance(0.0749), Done, 0.0, 0.0, Done),
         (at_distance(0.0751), Done, 0.0, 0.0, Approach),
         (at_distance(-0.074), Hold, 0.0, 0.1, Hold),
