@@ -19,7 +19,7 @@ impl Extended {
         }
     }
 
-    /// Takes in the counter and gives the count since the start; it wraps as an `i32`.
+    /// Takes the counter; returns the count since the start, which wraps as an `i32`.
     pub fn step(&mut self, counter: u16) -> i32 {
         let moved = counter.wrapping_sub(self.last) as i16;
         self.last = counter;
@@ -34,7 +34,7 @@ mod tests {
     use proptest::prelude::*;
 
     properties! {
-        /// Against an angle kept in 64 bits, whose low bits are the counter.
+        /// The reference is a position of 64 bits, whose low bits are the counter.
         #[test]
         fn no_count_is_lost(
             start in any::<i64>().prop_map(|x| x >> 8),
@@ -50,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn turns_far_beyond_both_widths() {
+    fn count_survives_wraps_of_16_and_32_bits() {
         // 2^33 counts forward in steps of 30 000, past the wrap of 16 and of 32 bits.
         let (mut position, mut extended) = (0i64, Extended::starting_at(0));
         while position < 1 << 33 {
