@@ -187,7 +187,7 @@ mod tests {
 
     /// An INA240 settles to 0.5 % in 9.6 µs, the driver in 1 µs.
     #[test]
-    fn equal_duties_leave_the_settling_time_of_the_amplifier() {
+    fn equal_duties_leave_the_time_for_the_amplifier_to_settle() {
         for duty in (0..=4200).step_by(60) {
             let clearance = clearance(4200, [duty, duty]);
             assert!(clearance as f64 / 168.0 >= 10.6, "{duty}: {clearance}");
