@@ -1,7 +1,7 @@
 //! A 16-bit encoder counter extended to 32 bits.
 //!
-//! The difference of two readings, taken modulo 2^16, is the motion between them as long as that is
-//! less than 2^15 counts: at 1 kHz thousands of revolutions a second of any encoder.
+//! The difference of two readings, modulo 2^16, is the motion between them if the motion is below 2^15 counts. With
+//! 8192 counts per revolution and readings at 1 kHz, this limit is 4000 revolutions per second.
 
 /// Extended count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

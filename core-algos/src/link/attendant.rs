@@ -12,7 +12,7 @@
 //! | order, [`Request::Keep`], [`Request::Release`] on another board | refused: other board | at once | | the lead node is on the front board |
 //! | order, keep, release, record on the front board, without the lease or with an old number | refused: leased, old order | at once | [`Lease`] | one host commands |
 //! | [`Order::Place`] while the nodes drive | refused: armed, and the lease renewed | at once | motors off or braking | the posture would jump under the controller |
-//! | [`Request::Record`] or [`Request::Rig`] unless the motors are off | refused: armed; takes no lease | at once | motors off | nodes and motors begin anew |
+//! | [`Request::Record`] or [`Request::Rig`] unless the motors are off | refused: armed; takes no lease | at once | motors off | nodes and motors are restarted |
 //! | [`Request::Send`] without a frame, with an invalid frame or a frame of a node | refused: malformed | at once | | a host sends only as the service tool |
 //! | [`Request::Watch`], [`Request::Stack`], [`Request::Crash`], [`Request::Configuration`] | carried out in every motor state | at once | | reading is always safe |
 //! | requests of a session | refused: no session | at once | | the board drives by itself |

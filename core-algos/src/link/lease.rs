@@ -2,7 +2,7 @@
 //!
 //! | condition | reaction | after | until | reason |
 //! |---|---|---|---|---|
-//! | no order yet, or lease released | order of any host taken | at once | it is taken | nobody commands |
+//! | no order yet, or lease released | order of any host taken | at once | an order is taken | no host commands |
 //! | newer order of the latest host | order taken, lease renewed | at once | more than 1 s without an order, or release | the host is alive |
 //! | order of the latest host, sequence number 0 or at least 32768 ahead of the latest | refused: old order; lease not renewed | at once | an order of another host | a delayed frame stays old, also after end or release of the lease |
 //! | order of another host, latest order 1 s ago or less | refused: leased; lease not renewed | at once | more than 1 s after the latest order, or release | one host commands |

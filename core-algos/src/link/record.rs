@@ -30,7 +30,7 @@ pub enum Entry<'a> {
     /// Identifier and data of a bus frame that the tick received or the board sent.
     Frame(u16, &'a [u8]),
     /// Tick of the nodes. They received the frames of other boards since the previous tick, and their own frames of
-    /// that tick.
+    /// the previous tick.
     Tick {
         /// Ticks since the latest recorded tick.
         step: u32,

@@ -1,7 +1,7 @@
 //! Motors, drivers and supply of an axle board, in the numbers of their data sheets.
 //!
 //! The configurations of current loops, response monitors, thermal model, current sensors and supply converter are
-//! derived from this one set. A test checks that its defaults give theirs.
+//! derived from this one set. A test checks that the defaults of the set give the defaults of each part.
 
 use crate::acquisition::analog::SupplyConfig;
 use crate::config::{Allowed, ConfigError, declare, require};
@@ -17,9 +17,8 @@ const READABLE: f32 = 0.98;
 declare! {
     /// Circuits behind the pins of an axle board.
     ///
-    /// Default: A 12 V gear motor of 2.5 N m at standstill and 20 rad/s without load, INA240A1 on 10 mΩ, and
-    /// a battery of three cells: 3.3 V and 3.5 V a cell below; above, four full cells are no reason
-    /// to stop.
+    /// Default: A 12 V gear motor of 2.5 N m at standstill and 20 rad/s without load, and INA240A1 on 10 mΩ. The lower
+    /// limits of the supply suit three cells (3.3 V and 3.5 V a cell), the upper limit four full cells.
     pub struct Drive {
         /// True supply voltage divided by the measured voltage.
         pub supply_gain: f32 = 1.0, "": Range(0.9, 1.1);

@@ -211,7 +211,8 @@ impl Condition {
     }
 }
 
-/// Bits of a set, reserved ones included. A heartbeat carries the lower 44: notices and degradations have those.
+/// Number of bits of a set, reserved bits included. A heartbeat carries the lower 44 bits, which hold all notices and
+/// degradations.
 pub(super) const BITS: usize = 46;
 
 /// The condition of each bit.

@@ -138,7 +138,7 @@ impl State {
         self.operating
     }
 
-    /// The first hard condition since the last clearing.
+    /// The first stop or cut since the last clearing.
     pub fn first(&self) -> Option<Condition> {
         self.first
     }
@@ -216,7 +216,7 @@ impl Supervisor {
             let hard = state.hard();
             state.operating = transition(state.operating, Cause::Request(request), hard);
         }
-        // A stop-class condition that came and went while nothing moved needs no clearing.
+        // While the motors are off, a condition of class stop that is over needs no clearing.
         if matches!(state.operating, OperatingState::Boot | OperatingState::Idle) {
             state.latched = state.present.hard();
             state.first = state.latched.worst();

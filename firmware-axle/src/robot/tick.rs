@@ -75,7 +75,7 @@ pub struct AxleTick {
     own: Outbox,
     wheels: [wheel_observer::State; 2],
     windings: [winding::State; 2],
-    /// True after a restart by a fault or while driving, until it is cleared.
+    /// True after a fault restarted the board, or the nodes restarted while driving, until the fault is cleared.
     restarted: bool,
     /// True if the nodes commanded the motors on.
     driving: bool,

@@ -14,7 +14,7 @@
 //! there scan and buffer begin together.
 //!
 //! Of the errata (ES0182) one applies: the sequence must not be changed while it runs. It is written once, with the
-//! converter off. The corruption of DMA2's data requires a second stream.
+//! converter off. The corruption of DMA2's data occurs only with a second stream.
 
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering, compiler_fence};
 
