@@ -97,7 +97,7 @@ fn start(
     }
     let button = button(p.PA0, settings);
 
-    // A board with a window watchdog never erases flash, so the timeout of its watchdog is never extended.
+    // With a running window watchdog the board never erases flash, so the timeout of `watchdog` is never extended.
     let (feeder, _) = watchdog.split();
     let (task_watchdog, check_ins) = TaskWatchdog::new(&COUNTS, watchdog::TASKS, feeder);
     let [of_drive, of_tick, of_bus] = check_ins;

@@ -1,4 +1,4 @@
-//! Lease: one host at a time commands the robot, any number may watch.
+//! Lease: one host at a time commands the robot; any number of hosts may watch.
 //!
 //! | condition | reaction | after | until | reason |
 //! |---|---|---|---|---|

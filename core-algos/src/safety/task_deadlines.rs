@@ -25,7 +25,7 @@ pub struct TaskDeadlines<const N: usize> {
 }
 
 impl<const N: usize> TaskDeadlines<N> {
-    /// Tasks with these deadlines (µs); the first begins at `now`.
+    /// Tasks with these deadlines (µs); each first deadline is measured from `now`.
     pub const fn new(within: [Micros; N], now: Micros) -> Self {
         Self {
             within,

@@ -18,7 +18,7 @@ pub fn sqrt(x: f32) -> f32 {
     libm::sqrtf(x)
 }
 
-/// A separate function, because inline assembly may not name single-precision registers on a processor without
+/// A separate function, because inline assembly cannot name single-precision registers on a processor without
 /// double-precision registers.
 #[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
 // SAFETY: in this ABI the argument arrives and the result leaves in s0; nothing else is touched.

@@ -60,7 +60,7 @@ const PATIENCE: u8 = 40;
 const TRIP: (f32, u16) = (6.0, 40);
 /// Wake-up time of the drivers, periods: 2 ms. No current is commanded meanwhile.
 const WAKE_PERIODS: u8 = 40;
-/// Time in which the drivers fall asleep, periods: 2 ms. An earlier wake-up may not restart a driver.
+/// Time in which the drivers fall asleep, periods: 2 ms. An earlier wake-up might not restart a driver.
 const SLEEP_PERIODS: u8 = 40;
 /// Successive periods of a driver fault until the trip: 200 µs. A driver that switched itself off reports a fault for
 /// milliseconds; a spike from the bridges lasts for one sample.

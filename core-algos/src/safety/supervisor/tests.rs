@@ -19,7 +19,7 @@ impl Bench {
         }
     }
 
-    /// Supervisor in this state. Nothing is latched, except in a fault its cause, which is over.
+    /// Supervisor in this state. A fault has its cause latched, which is over; the other states have nothing latched.
     fn in_state(state: OperatingState) -> Self {
         use StateRequest::{Arm, Disarm, Ready, Start};
         let mut bench = Self::new();
