@@ -69,7 +69,7 @@ pub enum MotorState {
     Off,
     /// Shorted by their drivers until the wheels stand still.
     Braking,
-    /// Torque by the nodes.
+    /// Driven with the torque that the nodes command.
     Driven,
 }
 
