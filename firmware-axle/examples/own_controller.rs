@@ -1,4 +1,4 @@
-//! Image of the axle board with a kinematic controller of one's own.
+//! Image of the axle board with a kinematic controller of the user.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]

@@ -1,4 +1,4 @@
-//! Axle board: what its images share.
+//! Axle board: code shared by its images.
 #![cfg_attr(target_os = "none", no_std)]
 
 #[cfg(target_os = "none")]

@@ -45,20 +45,19 @@ use operator::Button;
 use tick::{Axle, AxleTick, Report};
 use watchdog::TaskWatchdog;
 
-/// Runs the board. The controller of the user takes the place of the regulator.
+/// Runs the board. A controller of the user replaces the regulator.
 pub fn run(spawner: Spawner, controller: Option<&'static dyn KinematicController>) {
     drivers_asleep();
     fault::on_fault(drivers_asleep);
     let watchdog = Watchdog::start();
     if let Err(error) = start(board::start(env!("BUILD")), watchdog, controller, spawner) {
-        // Nothing was started: the motors stay off, and the watchdog, which nobody feeds, has the board try
-        // again.
+        // Nothing was started: the motors stay off, and the watchdog, which is not fed, resets the board.
         defmt::error!("configuration: {} = {}", error.field, error.value);
     }
 }
 
-/// Pulls nSLEEP of both drivers low: with its pin an output, whatever else is set up. Before the motors
-/// are started this is their safe state.
+/// Makes the pin of nSLEEP an output and pulls it low: both drivers sleep. This is the safe state before the motors are
+/// started.
 fn drivers_asleep() {
     RCC.ahb1enr().modify(|w| w.set_gpiocen(true));
     // The clock runs two cycles later (ES0182).
@@ -69,8 +68,7 @@ fn drivers_asleep() {
         .modify(|w| w.set_moder(motors::SLEEP, Moder::OUTPUT));
 }
 
-/// Builds everything and starts it, or a session. The log is a task too, so that the stack of the start is free
-/// again.
+/// Builds and starts everything, or a session. The log is a task too, so that the stack of the start is freed.
 fn start(
     p: Peripherals,
     watchdog: Watchdog,
@@ -99,7 +97,7 @@ fn start(
     }
     let button = button(p.PA0, settings);
 
-    // A board with a window watchdog erases nothing, so its time is never extended.
+    // With a running window watchdog the board never erases flash, so the timeout of `watchdog` is never extended.
     let (feeder, _) = watchdog.split();
     let (task_watchdog, check_ins) = TaskWatchdog::new(&COUNTS, watchdog::TASKS, feeder);
     let [of_drive, of_tick, of_bus] = check_ins;
@@ -151,14 +149,14 @@ fn start(
     Ok(())
 }
 
-/// Operator's button with the drive that it begins.
+/// Operator's button with the drive that it starts.
 fn button(pin: Peri<'static, PA0>, settings: &Settings) -> Button {
     let start = settings.button.start;
     let start = settings.robot.put_down(start, &Told::default());
     Button::new(pin, start, settings.button)
 }
 
-/// Clock of a board: the front one's is the common time.
+/// Clock of a board; the front board's clock is the common time.
 fn clock(role: Role) -> TickSync {
     match role {
         Role::LEAD => TickSync::leading(),

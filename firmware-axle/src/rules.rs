@@ -33,9 +33,9 @@ pub struct Command {
 pub struct Feedback {
     /// Currents, root mean square over the tick, A.
     pub current_a: [f32; 2],
-    /// Supply, V.
+    /// Supply voltage, V.
     pub supply_v: f32,
-    /// Between the drivers, °C; `None` if the thermistor is open or short.
+    /// Temperature between the drivers, °C; `None` if the thermistor is open or short.
     pub temperature_c: Option<f32>,
     /// True if the drivers are awake.
     pub on: bool,
@@ -47,12 +47,12 @@ pub struct Feedback {
     pub unresponsive: bool,
     /// Longest run of the current loop since the start, core cycles.
     pub longest_cycles: u32,
-    /// Why the motors were switched off; lasts until it is cleared.
+    /// Condition that switched the motors off, latched until cleared.
     pub fault: Option<Condition>,
 }
 
 impl Feedback {
-    /// Before the first tick.
+    /// Feedback before the first tick.
     pub const NOTHING: Self = Self {
         current_a: [0.0; 2],
         supply_v: 0.0,
@@ -112,14 +112,14 @@ impl Command {
 
 /// The button's state between epochs.
 ///
-/// A press counts after a release: a button that is held, stuck or wired the other way round at the start begins no
-/// drive.
+/// A press counts only after a release: a button that is held, stuck or wired the other way round at the start has no
+/// effect.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Presses {
     down: bool,
     /// Epochs since the level changed, saturating.
     held: u8,
-    /// The button was up, and not pressed since.
+    /// True after a release, until the next press.
     released: bool,
 }
 
@@ -139,7 +139,7 @@ impl Presses {
     }
 }
 
-/// Task that a press gives a robot; `None` leaves it with the one it has.
+/// Task for a press of the button; `None` keeps the robot's task.
 pub fn task_of_press(activity: Activity, button: &Button, latest: Option<Posture>) -> Option<Task> {
     match (activity, button.action) {
         (Activity::Faulted, _) => Some(Task::Clear),
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_fall_with_the_drivers_heat_and_each_windings_current() {
+    fn current_limits_fall_with_driver_temperature_and_winding_load() {
         let drive = Drive::default();
         let winding = drive.winding().build().unwrap();
         let output = Output {
@@ -243,7 +243,7 @@ mod tests {
         assert_eq!(count(&[false; 5]), 0);
         assert_eq!(count(&[true, true, true, true, false]), 0);
         assert_eq!(count(&[true; 300]), 1);
-        // A release that bounces is none.
+        // A bouncing release does not count.
         assert_eq!(count(&[false, true, true]), 0);
         assert_eq!(count(&[true; 5]), 0);
         assert_eq!(count(&[false; 5]), 0);

@@ -44,13 +44,12 @@ const ROLE: Role = Role::Beam(FRAME);
 async fn main(spawner: Spawner) {
     let watchdog = Watchdog::start();
     if let Err(error) = start(board::start(env!("BUILD")), watchdog, spawner) {
-        // Nothing was started, and the watchdog, which nobody feeds, has the board try again.
+        // Nothing was started, and the watchdog, which is not fed, resets the board.
         defmt::error!("configuration: {} = {}", error.field, error.value);
     }
 }
 
-/// Builds everything and starts it, or a session. The background is a task too, so that the stack of the start is
-/// free again.
+/// Builds and starts everything, or a session. The background is a task too, so that the stack of the start is freed.
 fn start(p: Peripherals, watchdog: Watchdog, spawner: Spawner) -> Result<(), ConfigError> {
     static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
     static COUNTS: [AtomicU32; watchdog::TASKS.len()] =

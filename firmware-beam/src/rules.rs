@@ -4,11 +4,11 @@ use core_algos::bus::{LeadMode, Message};
 use core_algos::safety::Permit;
 use core_algos::time::{Micros, TICK};
 
-/// Time since the last message that shows motors on, after which they are taken to be off: the axles'
-/// own timeout has passed twice.
+/// Time since the last message that shows motors on, after which the motors count as off: twice the
+/// axles' own timeout.
 const MOTORS_OFF: Micros = 100 * TICK;
 
-/// Time of the latest message that shows motors on, or that the lead node wants them on.
+/// Time of the latest message that shows motors on, or a command of the lead node to switch them on.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Motors(Option<Micros>);
 

@@ -1,4 +1,4 @@
-//! Messages to bytes and back, by the table of [`super::layout`].
+//! Conversion of messages to bytes and back, by the table of [`super::layout`].
 //!
 //! # Example
 //!
@@ -81,12 +81,12 @@ pub enum DecodeError {
     Length {
         /// Identifier of the frame.
         id: u16,
-        /// Bytes it has.
+        /// Length of the frame, bytes.
         found: u8,
-        /// Bytes it must have.
+        /// Length of its message, bytes.
         expected: u8,
     },
-    /// A signal holds a value its message does not know.
+    /// A signal holds an undefined value.
     Value {
         /// Identifier of the frame.
         id: u16,
@@ -117,7 +117,7 @@ pub fn encode(message: &Message) -> Result<CanFrame, EncodeError> {
     let (id, values) = message.to_values();
     let found = id.and_then(|id| Some((id, layout::find(id)?)));
     let Some((id, layout)) = found else {
-        // No robot has that axle or frame; or a status of the service tool, which has none.
+        // The number of the axle or frame is too large, or the sender is the service tool, which has no status.
         return Err(EncodeError {
             message: "Message",
             signal: "sender",
@@ -174,7 +174,7 @@ pub fn decode(frame: &CanFrame) -> Result<Message, DecodeError> {
 fn to_raw(signal: &Signal, value: f32) -> Option<i32> {
     let scaled = (value - signal.offset) / signal.scale;
     let (low, high) = signal.raw_range();
-    // Bounds are at most 2^24, so they, the whole part and the rest are exact in f32.
+    // Bounds are at most 2^24, so bounds, whole part and rest are exact in f32.
     if !(low as f32 - 1.0..=high as f32 + 1.0).contains(&scaled) {
         return None;
     }

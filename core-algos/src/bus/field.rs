@@ -1,4 +1,4 @@
-//! Fields of messages: types that only the bus has, and the values of the bus that each field is sent as.
+//! Fields of messages: types of the bus only, and the conversion of each field to signal values.
 
 use crate::math::matrix::{Mat3, cholesky};
 use crate::math::trig::{exp, ln, sqrt, wrap_angle};
@@ -10,12 +10,12 @@ use core::slice::{Iter, IterMut};
 pub const POSITION_STEP_M: f32 = 1e-5;
 /// Width of a transmitted odometric position, bits.
 pub const POSITION_BITS: u8 = 20;
-/// Span after which it repeats, m.
+/// Span of transmitted odometric positions, which are sent modulo this span, m.
 pub const POSITION_SPAN_M: f32 = POSITION_STEP_M * (1 << POSITION_BITS) as f32;
 
-/// Raw delay of a `TimeSync` that says "not known".
+/// Raw value of an unknown delay in a `TimeSync`.
 const UNKNOWN_DELAY: u16 = u16::MAX;
-/// Most signals of a message.
+/// Largest number of signals in a message.
 pub(super) const MAX_SIGNALS: usize = 7;
 /// Values of the signals of a message.
 pub(super) type Values = [f32; MAX_SIGNALS];
@@ -23,7 +23,7 @@ pub(super) type Values = [f32; MAX_SIGNALS];
 wire_enum! {
     /// Result of a calibration.
     CalibrationResult {
-        /// Taken over and stored.
+        /// In use and stored.
         #[default]
         Stored = "stored",
         /// Refused: the motors are on.
@@ -36,19 +36,19 @@ wire_enum! {
         Drifting = "drifting",
         /// Refused: the result is out of range.
         OutOfRange = "out_of_range",
-        /// In use, but it could not be stored.
+        /// In use, but storing failed.
         NotStored = "not_stored",
     }
 }
 
-/// A calibration the beam board can be asked for.
+/// Calibration that the beam board carries out on request.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Calibrate {
-    /// The strip is bent to this curvature now (0 for straight), 1/m: find the zeros.
+    /// Calibrate the zeros; the strip has this curvature (0 for straight), 1/m.
     Zero(f32),
-    /// The strip is bent to this curvature now, 1/m: find the gains.
+    /// Calibrate the gains; the strip has this curvature, 1/m.
     Gain(f32),
 }
 
@@ -62,7 +62,7 @@ wire_enum! {
         Active = "active",
         /// Standstill at the end of a task: hold the references.
         Hold = "hold",
-        /// Motors off, and forget latched faults.
+        /// Motors off, and clear latched faults.
         Clear = "clear",
     }
 }
@@ -80,7 +80,7 @@ impl Hash24 {
         Self((sum ^ sum >> 24) & 0xff_ffff)
     }
 
-    /// First six digits of the hash at the end of the text that names an image; zero without one.
+    /// First six hexadecimal digits of the hash at the end of a build identification; zero without a hash.
     pub fn of_build(text: &str) -> Self {
         let hash = text.rsplit(' ').next().unwrap_or_default();
         let digits = hash.get(..6).unwrap_or_default();
@@ -88,7 +88,7 @@ impl Hash24 {
     }
 }
 
-/// A position difference or position brought into half a span around zero.
+/// Wraps a position or position difference to half a span around zero.
 pub fn wrap_position(x: f32) -> f32 {
     const HALF: f32 = 0.5 * POSITION_SPAN_M;
     if x.abs() < HALF {
@@ -104,10 +104,10 @@ pub fn wrap_position(x: f32) -> f32 {
     }
 }
 
-/// Smallest standard deviation the bus tells from zero.
+/// Smallest transmitted standard deviation, m or rad; smaller ones are raised to it.
 const SIGMA_FLOOR: f32 = 2e-9;
 
-/// Covariance of logarithms of standard deviations and of correlations.
+/// Covariance from logarithms of standard deviations and correlations.
 fn covariance_from(logs: [f32; 3], mut correlation: [f32; 3]) -> Mat3 {
     let sigma = logs.map(exp);
     let mut m = [[0.0; 3]; 3];
@@ -136,11 +136,11 @@ fn covariance_from(logs: [f32; 3], mut correlation: [f32; 3]) -> Mat3 {
     m
 }
 
-/// A field of a message as one or more values of the bus, in the order of its signals.
+/// Conversion of a message field to one or more signal values, in the order of the signals.
 pub(super) trait Field: Sized {
     /// Appends the values.
     fn write(self, to: &mut IterMut<f32>);
-    /// Takes the values; `None` if they are no field of this type.
+    /// Takes the values; `None` if they are invalid for this type.
     fn read(from: &mut Iter<f32>) -> Option<Self>;
 }
 
@@ -199,7 +199,7 @@ single! {
     CalibrationResult: |result| f32::from(result as u8), |value| Self::from_number(value as u8);
 }
 
-/// The number of an epoch: its lowest byte, then the rest.
+/// Number of an epoch: lowest byte, then the upper 24 bits.
 impl Field for u32 {
     fn write(self, to: &mut IterMut<f32>) {
         (self as u8).write(to);
@@ -212,7 +212,7 @@ impl Field for u32 {
     }
 }
 
-/// Bits of a set: the lowest 24, then 16 more.
+/// Bits of a set: the lowest 24, then the upper ones.
 impl Field for Conditions {
     fn write(self, to: &mut IterMut<f32>) {
         let bits = self.bits();

@@ -1,8 +1,8 @@
 //! Layout of a message: identifier, sender, period, timeout and signals.
 //!
 //! Signals are little-endian, packed without gaps in the order of the table; the physical value is
-//! `raw · scale + offset`, and the range follows from width and scale. Defaults of timeouts elsewhere are taken
-//! from [`timeout_s`].
+//! `raw · scale + offset`, and the range follows from width and scale. Default timeouts of the nodes come from
+//! [`timeout_s`].
 
 pub use super::message::{MESSAGES, id};
 pub use super::signal::{Layout, Of, Sender, Signal, frame_bits};
@@ -14,14 +14,14 @@ use core::fmt;
 /// Bit rate of the bus, bit/s.
 pub const BIT_RATE: u32 = 1_000_000;
 
-/// A message of one robot's bus.
+/// Message on the bus of a robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OnBus {
     /// CAN identifier (11 bits).
     pub id: u16,
-    /// Its row of the table.
+    /// Row of the table.
     pub layout: &'static Layout,
-    /// Who sends it.
+    /// Sender.
     pub sender: Node,
     /// End of the name: the axle, frame, board or node.
     suffix: &'static str,
@@ -34,7 +34,7 @@ impl fmt::Display for OnBus {
     }
 }
 
-/// Node whose message has this place after the first identifier of its row.
+/// Node that owns the message at this offset from the first identifier of its row.
 fn owner(of: Of, offset: u16) -> Option<Node> {
     match of {
         Of::Robot => None,
@@ -51,12 +51,12 @@ fn owner(of: Of, offset: u16) -> Option<Node> {
 /// The messages on the bus of a robot, by identifier.
 pub fn messages(topology: Topology) -> impl Iterator<Item = OnBus> {
     MESSAGES.iter().flat_map(move |layout| {
-        // No row has more identifiers than the frames of the last board need.
+        // The boards of frames have the largest offsets, below 0x20.
         (0..0x20).filter_map(move |offset| on_bus(topology, layout, offset))
     })
 }
 
-/// The message of a place of a row; `None` if the robot has none.
+/// Message at an offset of a row; `None` if the robot has none.
 fn on_bus(topology: Topology, layout: &'static Layout, offset: u16) -> Option<OnBus> {
     let owner = match layout.of {
         Of::Robot if offset > 0 => return None,
@@ -117,7 +117,7 @@ pub fn find(id: u16) -> Option<&'static Layout> {
     })
 }
 
-/// Who sends the message of an identifier.
+/// Sender of the message with this identifier.
 pub fn sender(id: u16) -> Option<Node> {
     let layout = find(id)?;
     match layout.sender {
@@ -126,7 +126,7 @@ pub fn sender(id: u16) -> Option<Node> {
     }
 }
 
-/// Age at which a message with this first identifier no longer counts, ms; 0 for one that does not age or is unknown.
+/// Timeout of the message with this first identifier, ms; 0 if it has none or is unknown.
 pub const fn timeout_ms(id: u16) -> u16 {
     let mut i = 0;
     while i < MESSAGES.len() {
@@ -138,12 +138,12 @@ pub const fn timeout_ms(id: u16) -> u16 {
     0
 }
 
-/// The same in seconds.
+/// Timeout of the message with this first identifier, s; 0 if it has none or is unknown.
 pub const fn timeout_s(id: u16) -> f32 {
     timeout_ms(id) as f32 / 1000.0
 }
 
-/// Worst-case share of the bus that all periodic messages of a robot take, 0 to 1.
+/// Worst-case bus load of all periodic messages of a robot, 0 to 1.
 pub fn load(topology: Topology, bit_rate: f32) -> f32 {
     let bits = messages(topology).map(|message| message.layout.bits_per_second());
     bits.sum::<f32>() / bit_rate
@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_sent_every_epoch_is_so_by_the_table() {
+    fn periods_are_whole_epochs_and_timeouts_at_least_five_periods() {
         use crate::time::EPOCH;
         for layout in MESSAGES {
             let periodic = u64::from(layout.period_ms) * 1000;
@@ -206,13 +206,13 @@ mod tests {
             assert!(layout.timeout_ms >= 5 * layout.period_ms, "{}", layout.name);
         }
         assert_eq!(timeout_s(id::AXLE_POSTURE), 0.05);
-        // One limit stands for mode and reference in the axle node.
+        // The axle node uses one timeout for mode and references.
         for id in [id::LEAD_STATUS, id::REFERENCE_POSTURE, id::REFERENCE_MOTION] {
             assert_eq!(timeout_s(id), 0.06);
         }
     }
 
-    /// The bytes of the 24-bit hash, whose vectors are published, fold to the check number.
+    /// The check number is folded from the 24-bit hash, which another test compares with published vectors.
     #[test]
     fn schema_is_the_hash_of_the_table() {
         let mut bytes = Vec::new();

@@ -1,12 +1,11 @@
-//! The messages of the bus: the one table that [`Message`], codec, timeouts of the nodes, bus description and
-//! docs/bus.md come from.
+//! Table of the bus messages: the source of [`Message`], codec, timeouts of the nodes, bus description and docs/bus.md.
 //!
-//! Every message carries a sequence number: the number, modulo 256, of the 10 ms epoch its content refers to. Odometric
-//! postures are cumulative, so a lost message delays information and loses none; their positions are sent modulo
-//! [`POSITION_SPAN_M`](super::field::POSITION_SPAN_M), and only differences are used.
+//! Every periodic message carries as sequence number the 10 ms epoch, modulo 256, to which its content refers.
+//! Odometric postures are cumulative, so a lost message delays information and loses none. Their positions are sent
+//! modulo [`POSITION_SPAN_M`](super::field::POSITION_SPAN_M), and only differences are used.
 //!
-//! An identifier is 16 times the number of a function, plus the number of the axle or frame. A message of a
-//! board has a greater identifier for frame i than for axle i, by 16.
+//! An identifier is 16 times a function number, plus the offset of the axle, frame, board or node. The offset of the
+//! board or node of frame i is 16 + i.
 
 use super::field::{
     Calibrate, CalibrationResult, Field, Hash24, LeadMode, Odometric, POSITION_BITS,
@@ -19,8 +18,8 @@ use crate::math::wrench::Wrench;
 use crate::safety::{Conditions, OperatingState};
 use crate::topology::{AxleId, FrameId, MAX_AXLES, MAX_FRAMES, Node, Role};
 
-/// A reference is two frames of one epoch, and one of them is lost twice as often as a message of one
-/// frame: it may miss one epoch more. The mode shares its limit.
+/// Timeout of references and mode, ms. A reference needs two frames of one epoch and is lost twice as often as a
+/// message of one frame, so its timeout is one epoch longer.
 const COMMAND_MS: u16 = 60;
 
 const SEQUENCE: [Signal; 1] = [Signal::unsigned("sequence", 8)];
@@ -31,8 +30,8 @@ const POSTURE: [Signal; 3] = [
     Signal::signed("phi", 16, 1e-4, "rad"),
 ];
 
-/// Standard deviations as natural logarithms, so that 1e-8 and 1 are resolved alike (2 %), and
-/// correlation coefficients.
+/// Standard deviations as natural logarithms, which have a resolution of 2 % from 1e-8 to 1, and correlation
+/// coefficients.
 const UNCERTAINTY: [Signal; 6] = [
     Signal::log_sigma("ln_sigma_x", "ln m"),
     Signal::log_sigma("ln_sigma_y", "ln m"),
@@ -42,9 +41,8 @@ const UNCERTAINTY: [Signal; 6] = [
     Signal::signed("correlation_yphi", 8, 1.0 / 127.0, ""),
 ];
 
-/// Rows: meaning and name; whose it is, if there is one for each axle, frame, board or node; first identifier and
-/// sender; period and age at which the content no longer counts, ms, 0 if there is none; fields with meaning, type and
-/// signals.
+/// Row: meaning and name; owner, if each axle, frame, board or node has such a message; first identifier and sender;
+/// period and timeout, ms, 0 if none; fields with meaning, type and signals.
 macro_rules! messages {
     ($(
         $(#[doc = $meaning:literal])+
@@ -63,7 +61,7 @@ macro_rules! messages {
             $(#[doc = $meaning])+
             $name {
                 $(
-                    /// Whose it is.
+                    /// Owner.
                     $(#[$whose])*
                     $which: $kind,
                 )?
@@ -86,7 +84,7 @@ macro_rules! messages {
             };)+
         }
 
-        /// Every message of the bus, by its first identifier.
+        /// Every message of the bus, in the order of the first identifiers.
         pub const MESSAGES: [Layout; [$($id),+].len()] = [$(Layout {
             id: $id,
             name: stringify!($name),
@@ -99,7 +97,7 @@ macro_rules! messages {
         }),+];
 
         impl Message {
-            /// Identifier, none of a node that has no such message, and values of the signals.
+            /// Identifier, `None` if the owner has no such message, and values of the signals.
             pub(super) fn to_values(self) -> (Option<u16>, Values) {
                 let mut values = Values::default();
                 let mut to = values.iter_mut();
@@ -114,7 +112,7 @@ macro_rules! messages {
                 (id, values)
             }
 
-            /// The message with a first identifier and a place after it; `None` if there is none or a value is undefined.
+            /// Message of a first identifier and an offset; `None` if no such message exists or a value is undefined.
             pub(super) fn from_values(first: u16, _offset: u16, values: &Values) -> Option<Self> {
                 let mut from = values.iter();
                 Some(match first {
@@ -151,14 +149,14 @@ macro_rules! of {
 
 /// Axle, frame, board or node as an offset from the first identifier of its message.
 pub(super) trait Placed: Sized {
-    /// Place after the first identifier; `None` for what no robot has, and for a node without such a message.
+    /// Offset from the first identifier; `None` if the number is too large or the node has no such message.
     fn offset(self) -> Option<u16>;
 
-    /// Whose message has this place.
+    /// Owner of the message at this offset.
     fn at(offset: u16) -> Option<Self>;
 }
 
-/// Place of the first frame after that of the first axle.
+/// Offset of the board of the first frame.
 const FRAMES: u16 = 0x10;
 
 impl Placed for AxleId {
@@ -226,7 +224,7 @@ const fn count(fields: &[&[Signal]]) -> usize {
     count
 }
 
-/// Signals of all fields one after the other, each with the meaning of its field.
+/// Signals of all fields in order, each with the meaning of its field.
 const fn flat<const N: usize>(fields: &[&[Signal]], notes: &[&'static str]) -> [Signal; N] {
     let mut all = [SEQUENCE[0]; N];
     let (mut place, mut i) = (0, 0);
@@ -248,11 +246,11 @@ messages! {
     {
         /// Number of the epoch that begins.
         epoch: u32 = [Signal::unsigned("sequence", 8), Signal::unsigned("epoch_high", 24)],
-        /// Time from the beginning of the epoch before to the end of that epoch's `TimeSync` on the
-        /// bus, µs; none if it was not sent or not within 65 ms.
+        /// Delay of the previous `TimeSync`, from the beginning of its epoch to its end on the bus, µs; none if it was
+        /// not sent within 65 ms.
         last_delay_us: Option<u16> = [Signal::unsigned("last_delay", 16).in_unit("us")],
     }
-    /// Operating state of a node: its heartbeat.
+    /// Heartbeat of a node with its operating state.
     NODE_STATUS = NodeStatus of node: Node at 0x040 from Sender::Own, every 10 counts 50;
     {
         /// Epoch modulo 256.
@@ -260,10 +258,10 @@ messages! {
         /// Operating state.
         state: OperatingState = [Signal::labelled("state", 4, &OperatingState::NAMES)],
         /// Code of the first stop or cut since the last clearing, see
-        /// [`Condition`](crate::safety::Condition); of a node that is not armed, what arming waits
-        /// for; 0 if there is none.
+        /// [`Condition`](crate::safety::Condition); before arming, code of the condition that prevents
+        /// arming; 0 if there is none.
         reason: u8 = [Signal::unsigned("reason", 8)],
-        /// Notices and degradations since the heartbeat before.
+        /// Notices and degradations since the previous heartbeat.
         notices: Conditions = [Signal::unsigned("notices", 24), Signal::unsigned("notices_high", 20)],
     }
     /// Mode and progress of the lead node.
@@ -283,7 +281,7 @@ messages! {
     {
         /// Epoch modulo 256 at whose beginning the reference holds.
         sequence: u8 = SEQUENCE,
-        /// The reference.
+        /// Reference posture.
         posture: Posture as Odometric = POSTURE,
     }
     /// Reference velocities and accelerations of an axle.
@@ -300,7 +298,7 @@ messages! {
         /// Yaw acceleration, rad/s².
         yaw_acceleration_rad_s2: f32 = [Signal::signed("yaw_acceleration", 14, 0.02, "rad/s2")],
     }
-    /// Odometric posture of an axle since it was started, in its own frame.
+    /// Odometric posture of an axle since its start, in its own odometric frame.
     AXLE_POSTURE = AxlePosture of axle: AxleId at 0x100 from Sender::Own, every 10 counts 50;
     {
         /// Epoch modulo 256 at whose beginning the posture holds.
@@ -319,7 +317,7 @@ messages! {
         yaw_rate_rad_s: f32 = [Signal::signed("yaw_rate", 16, 1e-3, "rad/s")],
         /// Measurements refused by the innovation gate since the last message, at most 255.
         refused: u8 = [Signal::unsigned("refused", 8)],
-        /// Yaw-rate samples that took part in the odometry since the last message, at most 127.
+        /// Yaw-rate samples used by the odometry since the last message, at most 127.
         gyro_samples: u8 = [Signal::unsigned("gyro_samples", 7)],
         /// True if the gyro was zeroed at rest since the last message.
         gyro_zeroed: bool = [Signal::unsigned("gyro_zeroed", 1)],
@@ -378,13 +376,13 @@ messages! {
     {
         /// Epoch modulo 256.
         sequence: u8 = SEQUENCE,
-        /// Ticks that were missed since the start, at most 255.
+        /// Ticks missed since the start, at most 255.
         missed_ticks: u8 = [Signal::unsigned("missed_ticks", 8)],
         /// Largest lateness of a tick since the last report, µs, at most 4095.
         tick_jitter_us: u16 = [Signal::unsigned("tick_jitter", 12).in_unit("us")],
         /// Longest tick since the last report, µs, at most 4095.
         tick_worst_us: u16 = [Signal::unsigned("tick_worst", 12).in_unit("us")],
-        /// Supply of the board, V, at most 25.5.
+        /// Supply voltage of the board, V, at most 25.5.
         supply_v: f32 = [Signal { scale: 0.1, ..Signal::unsigned("supply", 8) }.in_unit("V")],
         /// Highest temperature on the board, °C, −128 to 127.
         temperature_c: f32 = [Signal::signed("temperature", 8, 1.0, "degC")],
@@ -393,7 +391,7 @@ messages! {
     BEAM_CALIBRATION = BeamCalibration of
         #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "FrameId::is_first"))] frame: FrameId at 0x600 from Sender::Node(Node::Service), every 0 counts 0;
     {
-        /// Comes back in the answer.
+        /// Number of the request, returned in the result.
         sequence: u8 = SEQUENCE,
         /// Requested calibration.
         calibrate: Calibrate = [
@@ -405,11 +403,11 @@ messages! {
     BEAM_CALIBRATED = BeamCalibrated of
         #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "FrameId::is_first"))] frame: FrameId at 0x610 from Sender::Own, every 0 counts 0;
     {
-        /// Of the request.
+        /// Number of the request.
         sequence: u8 = SEQUENCE,
         /// Result of the calibration.
         result: CalibrationResult = [Signal::labelled("result", 8, &CalibrationResult::NAMES)],
-        /// Gauge to blame, counted from the root.
+        /// Gauge that caused a refusal, counted from the root.
         gauge: u8 = [Signal::unsigned("gauge", 4)],
     }
     /// Identity of a board.

@@ -1,7 +1,7 @@
 //! Messages between the nodes and their bytes on a classic CAN bus.
 //!
-//! [`message`] holds the one table of messages; [`field`] types of their fields; [`signal`] and [`layout`] what the table says of
-//! identifiers and signals; [`codec`] turns a message into at most eight bytes and back by it.
+//! [`message`] holds the table of messages; [`field`] the types of their fields; [`signal`] and [`layout`] their
+//! identifiers, timing and signals; [`codec`] converts a message to at most eight bytes and back.
 //!
 //! Encoding refuses NaN and values out of range; decoding refuses unknown identifiers and frames of
 //! the wrong length. Neither can panic.

@@ -17,9 +17,9 @@ pub struct Signal {
     pub offset: f32,
     /// Unit of the physical value; empty for a pure number.
     pub unit: &'static str,
-    /// Names of the raw values 0, 1, 2…, of which no other may occur; empty for a quantity.
+    /// Names of the raw values 0, 1, 2…, the only valid ones; empty for a quantity.
     pub labels: &'static [&'static str],
-    /// Meaning of the field that it is of.
+    /// Meaning of the field.
     pub meaning: &'static str,
 }
 
@@ -84,7 +84,7 @@ impl Signal {
         }
     }
 
-    /// Physical value of a raw one.
+    /// Physical value of a raw value.
     pub fn physical(&self, raw: i32) -> f32 {
         raw as f32 * self.scale + self.offset
     }
@@ -116,7 +116,7 @@ pub enum Of {
 pub enum Sender {
     /// This node.
     Node(Node),
-    /// Whose message it is: the node of the axle, of the frame or of the board, or the node itself.
+    /// The owner: the node of the axle, frame or board, or the node itself.
     Own,
 }
 
@@ -125,17 +125,17 @@ pub enum Sender {
 pub struct Layout {
     /// First CAN identifier (11 bits); a lower one wins arbitration.
     pub id: u16,
-    /// Name; the bus description adds whose it is.
+    /// Name; the bus description appends the owner.
     pub name: &'static str,
     /// Meaning, one sentence.
     pub meaning: &'static str,
     /// Kind of the message.
     pub of: Of,
-    /// Who sends it.
+    /// Sender.
     pub sender: Sender,
-    /// Time between two of them, ms; 0 if it is sent on request only.
+    /// Period, ms; 0 if the message is sent only on request.
     pub period_ms: u16,
-    /// Age at which the content no longer counts, ms; 0 if it does not age.
+    /// Timeout: age from which the content is not used, ms; 0 if there is none.
     pub timeout_ms: u16,
     /// Signals in order.
     pub signals: &'static [Signal],
@@ -164,7 +164,7 @@ pub const fn frame_bits(bytes: u8) -> u32 {
 }
 
 impl Layout {
-    /// Worst-case bits a second this message takes at its period; 0 for one sent on request.
+    /// Worst-case load of this message at its period, bit/s; 0 if the message is sent on request.
     pub fn bits_per_second(&self) -> f32 {
         if self.period_ms == 0 {
             return 0.0;

@@ -2,9 +2,9 @@
 //!
 //! A driver that is awake with its enable pin low shorts its motor, which brakes. Asleep, the driver leaves the motor
 //! open, and the robot rolls on. So the drivers stay awake until both wheels stand still. A shorted motor that turns
-//! has a current, so standstill is seen without the tick, which may be what has failed.
+//! has a current, so standstill is detected even if the tick has failed.
 //!
-//! Nothing here can fail; what is not a number counts as motion.
+//! Nothing here can fail; NaN counts as motion.
 
 /// Limits of standstill.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -13,11 +13,11 @@ pub struct Limits {
     pub current_a: f32,
     /// Largest speed of a wheel that stands still, rad/s.
     pub speed_rad_s: f32,
-    /// Periods for which both must hold.
+    /// Successive PWM periods for which both must hold.
     pub periods: u16,
 }
 
-/// Watch over the standstill of both motors.
+/// Standstill detector of both motors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Braking {
     limits: Limits,
@@ -26,11 +26,11 @@ pub struct Braking {
     still: u16,
 }
 
-/// Share of a new reading in the mean: noise and steps of the converter are larger than the limit.
+/// Weight of a new reading in the mean: noise and converter steps of a single reading exceed the limit.
 const SHARE: f32 = 1.0 / 64.0;
 
 impl Braking {
-    /// Before the first period.
+    /// Detector before the first period.
     pub const fn new(limits: Limits) -> Self {
         Self {
             limits,
@@ -39,13 +39,13 @@ impl Braking {
         }
     }
 
-    /// The motors are driven: the next braking begins anew.
+    /// Resets the detector, while the motors are driven.
     pub fn reset(&mut self) {
         (self.mean_a, self.still) = ([None; 2], 0);
     }
 
-    /// One period of braking with the currents (A; `None` if a reading is at a rail) and the latest known wheel
-    /// speeds (rad/s); true once both wheels have stood still for their time.
+    /// Runs one period of braking with the currents (A; `None` if a reading is at a rail) and the latest known wheel
+    /// speeds (rad/s); true once both wheels have stood still for the required periods.
     pub fn step(&mut self, current_a: [Option<f32>; 2], speed_rad_s: [f32; 2]) -> bool {
         let Limits {
             current_a: current,
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_period_of_motion_or_a_reset_begins_the_time_anew() {
+    fn motion_in_one_period_or_reset_restarts_the_count() {
         let mut braking = Braking::new(LIMITS);
         let rest = |braking: &mut Braking, count: usize| {
             (0..count).any(|_| braking.step([Some(0.0); 2], [0.0; 2]))
@@ -132,7 +132,7 @@ mod tests {
         braking.reset();
         assert!(!rest(&mut braking, 99));
         assert!(rest(&mut braking, 1));
-        // What was not a number is forgotten.
+        // NaN does not stay in the mean.
         assert!(!braking.step([Some(f32::NAN), Some(0.0)], [0.0; 2]));
         assert!(!rest(&mut braking, 99));
         assert!(rest(&mut braking, 1));

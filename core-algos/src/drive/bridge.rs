@@ -1,8 +1,8 @@
-//! Duty to the two pins of a bridge in phase/enable mode (DRV8874 and the like): sign on one pin,
-//! magnitude on the other.
+//! Duty to the two pins of a bridge in phase/enable mode (DRV8874 and similar): sign on one pin, magnitude on the
+//! other.
 //!
-//! With the enable pin low the bridge brakes (slow decay through both low sides), so the mean
-//! voltage is duty times supply; dead time is the driver's own business. Coasting is its sleep pin's.
+//! With the enable pin low the bridge brakes (slow decay through both low sides), so the mean voltage is duty times
+//! supply. The driver inserts the dead time. Its sleep pin lets the motor coast.
 
 use crate::math::compare::lesser;
 
@@ -15,11 +15,11 @@ pub struct Pins {
     pub forward: bool,
 }
 
-/// Pins for a signed duty, −1 to 1, of a timer that counts to `top`; what is larger counts as ±1,
-/// NaN as 0. The compare value is the nearest one, except for rounding in `f32`: below 0.01 counts.
+/// Pins for a signed duty, −1 to 1, with a timer that counts to `top`. Larger magnitudes count as ±1, NaN as 0. The
+/// compare value is the nearest one, except for rounding in `f32`: below 0.01 counts.
 pub fn pins(duty: f32, top: u16) -> Pins {
     let magnitude = lesser(1.0, duty.abs());
-    // At most 65 535.5, so the cast, which truncates and saturates, rounds to the nearest. It makes 0 of NaN.
+    // At most 65 535.5, so the cast, which truncates and saturates, rounds to the nearest. NaN becomes 0.
     Pins {
         compare: (magnitude * f32::from(top) + 0.5) as u16,
         forward: duty > 0.0,
@@ -32,9 +32,8 @@ mod tests {
     use proptest::prelude::*;
 
     properties! {
-        /// The mean voltage of the pins is the duty to half a count.
         #[test]
-        fn pins_stand_for_the_duty(duty in -1.0f32..=1.0, top in 100u16..=u16::MAX) {
+        fn mean_of_pins_is_the_duty_to_half_a_count(duty in -1.0f32..=1.0, top in 100u16..=u16::MAX) {
             let pins = pins(duty, top);
             prop_assert!(pins.compare <= top);
             let magnitude = f64::from(pins.compare) / f64::from(top);
@@ -45,7 +44,7 @@ mod tests {
         }
 
         #[test]
-        fn any_duty_is_within_the_timer(bits: u32, top: u16) {
+        fn compare_value_never_exceeds_the_top(bits: u32, top: u16) {
             let duty = f32::from_bits(bits);
             let pins = pins(duty, top);
             prop_assert!(pins.compare <= top);
@@ -56,7 +55,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ends_are_reached() {
+    fn full_and_zero_duty_are_reached() {
         let full = |forward| Pins {
             compare: 4200,
             forward,

@@ -1,7 +1,7 @@
 //! A 16-bit encoder counter extended to 32 bits.
 //!
-//! The difference of two readings, taken modulo 2^16, is the motion between them as long as that is
-//! less than 2^15 counts: at 1 kHz thousands of revolutions a second of any encoder.
+//! The difference of two readings, modulo 2^16, is the motion between them if the motion is below 2^15 counts. With
+//! 8192 counts per revolution and readings at 1 kHz, this limit is 4000 revolutions per second.
 
 /// Extended count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -19,7 +19,7 @@ impl Extended {
         }
     }
 
-    /// Takes in the counter and gives the count since the start; it wraps as an `i32`.
+    /// Takes the counter; returns the count since the start, which wraps as an `i32`.
     pub fn step(&mut self, counter: u16) -> i32 {
         let moved = counter.wrapping_sub(self.last) as i16;
         self.last = counter;
@@ -34,7 +34,7 @@ mod tests {
     use proptest::prelude::*;
 
     properties! {
-        /// Against an angle kept in 64 bits, whose low bits are the counter.
+        /// The reference is a position of 64 bits, whose low bits are the counter.
         #[test]
         fn no_count_is_lost(
             start in any::<i64>().prop_map(|x| x >> 8),
@@ -50,7 +50,7 @@ mod tests {
     }
 
     #[test]
-    fn turns_far_beyond_both_widths() {
+    fn count_survives_wraps_of_16_and_32_bits() {
         // 2^33 counts forward in steps of 30 000, past the wrap of 16 and of 32 bits.
         let (mut position, mut extended) = (0i64, Extended::starting_at(0));
         while position < 1 << 33 {

@@ -5,19 +5,20 @@
 //! Sampled at its own period T the winding is `i⁺ = a i + b (u − e)`, `a = exp(−R T/L)`,
 //! `b = (1 − a)/R`, `e = k_e ω`. The controller `K (z − a)/(z − 1)` cancels the winding's pole, and
 //! `K = (1 − exp(−ω_b T))/b` puts the closed loop's at `exp(−ω_b T)`: a step of the reference is
-//! followed as `1 − exp(−ω_b t)`. A voltage that takes effect a period later, as on a board, keeps
-//! the response free of overshoot as long as `1 − exp(−ω_b T) ≤ 1/4`; `build` asks for that.
-//! When the voltage is limited, what it lacks is taken off the integral (back-calculation with the
-//! same time constant), which then follows the voltage the winding really drops: nothing winds up,
-//! and nothing kicks when the limit is left.
+//! followed as `1 − exp(−ω_b t)`. If the voltage takes effect one period later, as on a board, the response has no
+//! overshoot as long as `1 − exp(−ω_b T) ≤ 1/4`; `build` requires this.
 //!
-//! All quantities are those of the wheel: gear ratio r makes `k_t = r · k_t,motor`, and the speed is
-//! that of the wheel. Positive torque, current and voltage drive forward.
+//! When the voltage is limited, the difference is subtracted from the integral (back-calculation with the same time
+//! constant). The integral then follows the real voltage drop of the winding, so there is no windup and no jump when
+//! the limit is left.
+//!
+//! All quantities refer to the wheel: a gear ratio r gives `k_t = r · k_t,motor`. Positive torque, current and voltage
+//! drive forward.
 //!
 //! # Panic contract
 //!
-//! [`Config::build`] validates; [`CurrentLoop::step`] cannot fail. An input that is not finite, or a
-//! supply not above zero, gives zero volts and says so.
+//! [`Config::build`] validates; [`CurrentLoop::step`] cannot fail. If an input is not finite or the supply is not above
+//! zero, the duty is 0 and [`Output::valid`] is false.
 
 use crate::config::{Allowed, ConfigError, declare, require};
 use crate::math::compare::{all_finite, lesser};
@@ -40,13 +41,13 @@ declare! {
         pub period_s: f32 = 50e-6, "s": Range(1e-6, 1e-2);
         /// Largest current.
         pub max_current_a: f32 = 4.0, "A": Range(1e-3, 1e3);
-        /// Largest share of the supply put on the motor.
+        /// Largest share of the supply voltage applied to the motor.
         pub max_duty: f32 = 0.98, "": Range(0.05, 1.0);
     }
 }
 
 impl Config {
-    /// The ready-to-run form; the error names the field that is wrong.
+    /// Builds the current loop; the error names the invalid field.
     pub fn build(&self) -> Result<CurrentLoop, ConfigError> {
         self.check_ranges()?;
         let resistance = self.resistance_ohm;
@@ -74,32 +75,32 @@ impl Config {
 /// Input of the loop at a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input {
-    /// Wheel torque asked for, N m.
+    /// Commanded wheel torque, N m.
     pub torque_nm: f32,
     /// Measured current, A.
     pub current_a: f32,
     /// Speed of the wheel, rad/s.
     pub speed_rad_s: f32,
-    /// Measured supply, V.
+    /// Measured supply voltage, V.
     pub supply_v: f32,
-    /// Largest current at present, A, from [`super::winding`].
+    /// Current limit at this step, A, from [`super::winding`].
     pub limit_a: f32,
 }
 
 /// Output of the loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Output {
-    /// Share of the supply to put on the motor, −1 to 1.
+    /// Share of the supply voltage to apply to the motor, −1 to 1.
     pub duty: f32,
-    /// Current asked for, A, limits applied.
+    /// Reference current after the limit, A.
     pub reference_a: f32,
-    /// True if a limit of current or voltage holds.
+    /// True if current or voltage is limited.
     pub limited: bool,
     /// True if all inputs were usable; if not, the motor must be switched off.
     pub valid: bool,
 }
 
-/// All that changes.
+/// State of a current loop.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     integral_v: f32,
@@ -109,7 +110,7 @@ pub struct State {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CurrentLoop {
     gain: f32,
-    /// Integral over proportional gain, for one period.
+    /// Ratio of integral gain to proportional gain, for one period.
     integral_share: f32,
     torque_constant: f32,
     max_current: f32,
@@ -122,11 +123,11 @@ impl CurrentLoop {
         self.torque_constant * current_a
     }
 
-    /// One period. Cost about 40 operations.
+    /// Runs one period, about 40 operations.
     pub fn step(&self, state: &mut State, input: &Input) -> Output {
         let (torque, current, speed) = (input.torque_nm, input.current_a, input.speed_rad_s);
         let off = !(all_finite([torque, current, speed, input.supply_v])
-            // Below it the duty, a quotient, would round beyond its bound.
+            // With a smaller supply the duty, a quotient, would round beyond its bound.
             && input.supply_v >= f32::MIN_POSITIVE
             && input.limit_a >= 0.0);
         if off {

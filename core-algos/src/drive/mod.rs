@@ -1,10 +1,9 @@
-//! Motors and encoders of an axle board: torque to duty at the rate of the pulse-width modulation,
-//! and what the board reads, from counts to SI units.
+//! Motors and encoders of an axle board: torque to duty at the PWM rate, and readings from counts to SI units.
 //!
-//! Data goes [`shunt`] (count → current) → [`winding`] (current → limit) → [`current`] (torque →
-//! voltage) → [`bridge`] (voltage → compare value) → [`sampling`] (when to convert next);
-//! [`response`] sees whether the motor answers, [`protection`] switches off, [`braking`] finds standstill
-//! afterwards, and [`count`] extends an encoder's counter.
+//! Data flow: [`shunt`] (count → current) → [`winding`] (current → limit) → [`current`] (torque → voltage) → [`bridge`]
+//! (voltage → compare value) → [`sampling`] (instant of the next conversion). [`response`] monitors the response of the
+//! motor, [`protection`] switches the motors off, [`braking`] then detects standstill, and [`count`] extends an
+//! encoder's counter.
 //!
 //! # Panic contract
 //!

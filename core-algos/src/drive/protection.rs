@@ -1,21 +1,20 @@
-//! Conditions that switch the motors off at once: a driver's fault, too much current, a supply beyond its
-//! limits, the emergency stop. Seen every period of the pulse-width modulation; all but the emergency
-//! stop must last.
+//! Conditions that switch the motors off at once: driver fault, overcurrent, supply beyond its limits, emergency stop.
+//! They are checked every PWM period. All except the emergency stop must last for several periods.
 //!
-//! Nothing here can fail; what is not a number is beyond every limit.
+//! Nothing here can fail; NaN is beyond every limit.
 
 use crate::safety::Condition;
 
-/// Limits, and for how many periods in a row each may be exceeded.
+/// Limits, and the number of successive PWM periods after which each trips.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// Current of a motor, A, and periods.
+    /// Largest current of a motor, A, and periods beyond it.
     pub current: (f32, u16),
-    /// Periods for which a driver must report a fault.
+    /// Periods of a driver fault.
     pub fault_periods: u16,
-    /// Lowest and highest supply, V.
+    /// Lowest and highest supply voltage, V.
     pub supply_v: (f32, f32),
-    /// Periods for which the supply may be beyond.
+    /// Periods of a supply voltage beyond its limits.
     pub supply_periods: u16,
 }
 
@@ -30,18 +29,18 @@ pub struct Motor {
     pub faulty: bool,
 }
 
-/// One period.
+/// Readings of one PWM period.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sample {
     /// Left and right.
     pub motors: [Motor; 2],
     /// Supply, V.
     pub supply_v: f32,
-    /// True if the emergency stop acts.
+    /// True if the emergency stop is active.
     pub stopped: bool,
     /// True if the drivers are meant to be awake.
     pub awake: bool,
-    /// True if they had the time to wake up: before, they report a fault.
+    /// True if the wake-up time of the drivers is over; before, they report a fault.
     pub ready: bool,
 }
 
@@ -55,7 +54,7 @@ pub struct Protection {
 }
 
 impl Protection {
-    /// With nothing seen yet.
+    /// Protection before the first period.
     pub const fn new(limits: Limits) -> Self {
         Self {
             limits,
@@ -65,13 +64,13 @@ impl Protection {
         }
     }
 
-    /// Takes in a period; why the motors must be off from now on, if they must.
+    /// Checks one period; returns a condition if the motors must be switched off.
     pub fn step(&mut self, sample: &Sample) -> Option<Condition> {
         let limits = &self.limits;
         let mut trip = None;
         let motors = sample.motors.iter();
         for ((motor, over), faulty) in motors.zip(&mut self.over).zip(&mut self.faulty) {
-            // A reading at the rail is a current beyond all range, or a broken sensor.
+            // A reading at the rail is a current out of range, or a broken sensor.
             let beyond = match motor.current_a {
                 Some(current) => !(current.abs() <= limits.current.0),
                 None => motor.zeroed,
@@ -91,7 +90,7 @@ impl Protection {
             sample.awake && !inside,
             limits.supply_periods,
         ) {
-            // What is not a number counts as low.
+            // NaN counts as low.
             trip = trip.or(Some(match high {
                 true => Condition::SupplyHigh,
                 false => Condition::SupplyLow,
@@ -104,7 +103,7 @@ impl Protection {
     }
 }
 
-/// Counts the periods in a row in which something was so; whether they are enough.
+/// Counts successive periods with `so`; true from `periods` of them on.
 fn lasts(count: &mut u16, so: bool, periods: u16) -> bool {
     *count = if so { count.saturating_add(1) } else { 0 };
     *count >= periods
@@ -136,7 +135,7 @@ mod tests {
         }
     }
 
-    /// Periods of a sample until it trips, within a second; good ones come first.
+    /// Periods until a spoiled sample trips, up to 1 s; 50 good periods come first.
     fn periods(spoil: impl Fn(&mut Sample)) -> Option<(usize, Condition)> {
         let mut protection = Protection::new(LIMITS);
         for _ in 0..50 {
@@ -175,10 +174,9 @@ mod tests {
         assert_eq!(stopped, Some((1, Condition::EmergencyStop)));
     }
 
-    /// A line that is pulled low in three samples of four for ever is noise, as are spikes of the
-    /// left and right drivers in turn.
+    /// A fault line that is low in three samples of four is noise, as are alternating spikes of both drivers.
     #[test]
-    fn what_does_not_last_does_not_trip() {
+    fn interrupted_fault_does_not_trip() {
         let mut protection = Protection::new(LIMITS);
         for k in 0..10_000 {
             let mut sample = good();
@@ -191,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn asleep_only_the_current_counts() {
+    fn sleeping_drivers_trip_only_by_current() {
         let asleep = |s: &mut Sample| {
             (s.awake, s.ready) = (false, false);
             s.supply_v = 0.0;
@@ -199,14 +197,14 @@ mod tests {
             s.motors.iter_mut().for_each(|motor| motor.faulty = true);
         };
         assert_eq!(periods(asleep), None);
-        // Without a zero there is no current to judge.
+        // Without a zero the current is unknown.
         let unknown = |s: &mut Sample| {
             for motor in &mut s.motors {
                 (motor.current_a, motor.zeroed) = (None, false);
             }
         };
         assert_eq!(periods(unknown), None);
-        // While they wake up the drivers say that they are faulty.
+        // Drivers report a fault while they wake up.
         let waking = |s: &mut Sample| {
             s.ready = false;
             s.motors[0].faulty = true;

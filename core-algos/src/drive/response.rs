@@ -1,12 +1,11 @@
-//! Response of a motor: the voltage that its current and speed explain, against the one applied.
+//! Response monitor of a motor: compares the applied voltage with the voltage that current and speed explain.
 //!
 //! Over a window of `n` periods of length T the means of voltage, current and speed obey
-//! `V = R i + k_e ω + L (i_n − i_0)/(n T)`. What is left over stays small for a sound motor, within
-//! the tolerance of a resistance that grows with the winding's temperature. With an open winding,
-//! a lost wire or a bridge that does not switch, the current stays away while the current loop
-//! raises the voltage, and the remainder is nearly all of it.
+//! `V = R i + k_e ω + L (i_n − i_0)/(n T)`. The residual of a healthy motor is small, within a tolerance for the
+//! resistance, which grows with the winding's temperature. With an open winding, a lost wire or a bridge that does not
+//! switch, no current flows while the current loop raises the voltage, and the residual is nearly the whole voltage.
 //!
-//! [`Config::build`] validates; [`Response::step`] cannot fail. What is not finite is no answer.
+//! [`Config::build`] validates; [`Response::step`] cannot fail. An input that is not finite counts as no response.
 
 use super::current;
 use crate::config::{ConfigError, declare, in_range};
@@ -14,7 +13,7 @@ use crate::config::{ConfigError, declare, in_range};
 declare! {
     /// Motor and tolerances.
     ///
-    /// Default: The motor of [`current::Config`], up to 60 % hotter in resistance.
+    /// Default: The motor of [`current::Config`], with up to 60 % more resistance by heat.
     pub struct Config {
         /// Resistance of winding, leads and bridge (R).
         pub resistance_ohm: f32 = current::Config::default().resistance_ohm, "Ω": Range(1e-3, 1e3);
@@ -26,15 +25,15 @@ declare! {
         pub period_s: f32 = current::Config::default().period_s, "s": Range(1e-6, 1e-2);
         /// Length of a window.
         pub window_s: f32 = 0.01, "s": Range(4e-6, 1.0);
-        /// Voltage that may be left over without a current.
+        /// Largest residual voltage without current.
         pub tolerance_v: f32 = 1.5, "V": Range(0.1, 100.0);
-        /// Share of R i that may be left over.
+        /// Share of R i by which the residual voltage may be larger.
         pub tolerance_share: f32 = 0.6, "": Range(0.0, 5.0);
     }
 }
 
 impl Config {
-    /// The ready-to-run form; the error names the field that is wrong.
+    /// Builds the monitor; the error names the invalid field.
     pub fn build(&self) -> Result<Response, ConfigError> {
         self.check_ranges()?;
         let period = self.period_s;
@@ -50,7 +49,7 @@ impl Config {
     }
 }
 
-/// All that changes.
+/// State of a monitor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct State {
     periods: u16,
@@ -60,12 +59,12 @@ pub struct State {
     voltage: f32,
     current: f32,
     speed: f32,
-    /// The last window's voltage was not explained.
+    /// True if the voltage of the last window was not explained.
     unexplained: bool,
 }
 
 impl State {
-    /// True if the motor did not answer in the last whole window.
+    /// True if the voltage of the last whole window was not explained.
     pub fn unexplained(&self) -> bool {
         self.unexplained
     }
@@ -84,9 +83,8 @@ pub struct Response {
 }
 
 impl Response {
-    /// One period in which `voltage_v` was applied, with the current (A) and the wheel's speed
-    /// (rad/s) at its beginning. To be called only while the bridge is on; begin with a new
-    /// [`State`] when it comes on.
+    /// Adds one period with the applied voltage, and with current (A) and wheel speed (rad/s) at its beginning. Call
+    /// only while the bridge is on; begin with a new [`State`] when the bridge is switched on.
     pub fn step(&self, state: &mut State, voltage_v: f32, current_a: f32, speed_rad_s: f32) {
         if state.periods == 0 {
             state.first = current_a;
@@ -105,7 +103,7 @@ impl Response {
         state.speed += speed_rad_s;
     }
 
-    /// True if a whole window that ends with the current `last` (A) obeys the winding's equation.
+    /// True if the residual of a whole window that ends with the current `last` (A) is within the tolerance.
     fn explains(&self, state: &State, last: f32) -> bool {
         let share = 1.0 / f32::from(self.periods);
         let current = state.current * share;

@@ -1,40 +1,40 @@
-//! Instants to sample the motor currents within a period of the pulse-width modulation.
+//! Sampling instants of the motor currents within a PWM period.
 //!
-//! The counter goes up to its top and down again, the pulses stand around zero, and the converter is
-//! started when the counter passes a compare value on the way up. The readings of both currents
-//! follow one another in one *window*; an edge of either motor within it, or so shortly before that
-//! driver and amplifier have not settled, spoils them. The edges on the way up are at the compare
-//! values of the motors, those on the way down lie opposite.
+//! The counter counts up to its top and down again, and the pulses are centred on zero. The converter is started when
+//! the counter passes a compare value on the way up. Both currents are converted in one *window*, one after the other.
+//! An edge of either motor within the window, or so shortly before it that driver and amplifier have not settled,
+//! spoils the readings. Edges on the way up are at the compare values of the motors, edges on the way down are their
+//! mirror.
 //!
-//! There are three places: around the top, in the middle of both OFF; just after zero, in the middle of both ON; and
-//! half-way up, between the edges of one motor that is nearly off and one that is nearly full. Common-mode steps disturb
-//! the amplifier for up to 10 µs, so the first two compete by the time since the latest edge. Around the middle of ON or
-//! OFF a reading is the mean of the ripple; half-way it is off by about a third of the ripple of a small duty, so that
-//! place is taken where the others are too close to an edge.
+//! There are three places for the window: around the top, in the middle of both OFF; just after zero, in the middle of
+//! both ON; and half-way up, between the edges of one motor that is nearly off and one that is nearly full. A
+//! common-mode step disturbs the amplifier for up to 10 µs, so of the first two places the one with the longer time
+//! since the latest edge is used. In the middle of ON or OFF a reading is the mean of the ripple. Half-way up the error
+//! is about a third of the ripple of a small duty, so this place is used only if the others are too close to an edge.
 //!
 //! # Panic contract
 //!
 //! [`Timing::build`] validates at compile time; [`Sampling::compare`] cannot fail.
 
-/// Counts of the timer that converter, drivers and amplifiers need.
+/// Times that converter, drivers and amplifiers need, counts of the timer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Timing {
     /// Top of the counter.
     pub top: u16,
     /// Largest trim of the top to either side.
     pub trim: u16,
-    /// From the trigger to the end of the last reading.
+    /// Time from the trigger to the end of the last reading.
     pub window: u16,
-    /// From an edge of the timer to the first reading, at least, at any pair of duties.
+    /// Least time from an edge of the timer to the first reading, at any pair of duties.
     pub settling: u16,
-    /// From the end of the last reading to the next edge, at least.
+    /// Least time from the end of the last reading to the next edge.
     pub margin: u16,
-    /// Earliest compare value that still gives a pulse the converter sees.
+    /// Smallest compare value whose trigger pulse is long enough for the converter.
     pub earliest: u16,
 }
 
 impl Timing {
-    /// The ready-to-run form; `None` if a pair of duties would find no clean place.
+    /// Builds the sampling; `None` if there is a pair of duties without a clean place.
     pub const fn build(self) -> Option<Sampling> {
         let half = self.window / 2;
         let lowest_top = self.top.checked_sub(self.trim);
@@ -42,7 +42,7 @@ impl Timing {
         else {
             return None;
         };
-        // In wide numbers, so that nothing overflows.
+        // In 32 bits, so that nothing overflows.
         let (lowest, window) = (lowest_top as u32, self.window as u32 + self.margin as u32);
         let (on, settling) = (self.earliest as u32, self.settling as u32);
         let off = self.top - half;
@@ -51,8 +51,8 @@ impl Timing {
             return None;
         };
         let (on_from, between_from) = (on + window, between as u32 + window);
-        // Where no place is clean for long: the longer pulse just too long for the place around the top, the shorter
-        // one just too short for the one after zero, or where that place and the one half-way are equal.
+        // The worst pairs of duties: the longer pulse is just too long for the place around the top. The shorter pulse
+        // is just too short for the place after zero, or gives that place and the one half-way equal clearance.
         let at_the_top = between_from <= off_up_to + 1;
         let after_zero = on_from + settling <= between as u32;
         let equal = on + between as u32 >= 2 * settling;
@@ -71,7 +71,7 @@ impl Timing {
     }
 }
 
-/// Timing of the axle board: 168 counts a microsecond, two conversions of 28 cycles at 21 MHz.
+/// Timing of the axle board: 168 counts per microsecond, two conversions of 28 cycles at 21 MHz.
 pub const AXLE: Timing = Timing {
     top: 4200,
     trim: i8::MAX as u16,
@@ -81,11 +81,11 @@ pub const AXLE: Timing = Timing {
     settling: 930,
     // Delay of the trigger: the converter's clock is an eighth of the timer's.
     margin: 34,
-    // The trigger is low for twice that, 1 µs, and the converter's clock sees it.
+    // The trigger is low for twice this time, 1 µs, which the converter's clock detects.
     earliest: 84,
 };
 
-/// The three places and where they are clean.
+/// The three places of the window, and the compare values of the motors for which they are clean.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sampling {
     off: u16,
@@ -98,7 +98,7 @@ pub struct Sampling {
 }
 
 impl Sampling {
-    /// Compare value of the trigger for a period in which the motors' are `compares`.
+    /// Compare value of the trigger for a period with these compare values of the motors.
     pub const fn compare(&self, compares: [u16; 2]) -> u16 {
         let [a, b] = compares;
         let (shorter, longer) = if a < b { (a, b) } else { (b, a) };
@@ -140,8 +140,8 @@ mod tests {
 
     const TIMING: Timing = AXLE;
 
-    /// Levels of the timer's outputs by the reference manual's rule for a counter that goes up and
-    /// down: active below the compare value. The counter at every clock cycle of `periods` periods.
+    /// Counter at every clock cycle of `periods` periods. By the reference manual, an output of a counter that counts
+    /// up and down is active below its compare value.
     fn counter(top: u16, periods: usize) -> Vec<u16> {
         let up = 0..top;
         let down = (1..=top).rev();
@@ -155,7 +155,7 @@ mod tests {
             .collect()
     }
 
-    /// Counts from the latest edge to the window, by walking through the periods; no edge is within the window.
+    /// Counts from the latest edge to the window, by a walk through the periods; asserts that the window has no edge.
     fn clearance(top: u16, compares: [u16; 2]) -> usize {
         let sampling = TIMING.build().unwrap();
         let compare = sampling.compare(compares);
@@ -185,9 +185,9 @@ mod tests {
         assert!(clearance >= least, "{top} {compares:?}: {clearance}");
     }
 
-    /// 9.6 µs of an INA240 to 0.5 %, and 1 µs of the driver.
+    /// An INA240 settles to 0.5 % in 9.6 µs, the driver in 1 µs.
     #[test]
-    fn equal_duties_leave_the_time_that_the_amplifier_takes_to_settle() {
+    fn equal_duties_leave_the_time_for_the_amplifier_to_settle() {
         for duty in (0..=4200).step_by(60) {
             let clearance = clearance(4200, [duty, duty]);
             assert!(clearance as f64 / 168.0 >= 10.6, "{duty}: {clearance}");
@@ -196,9 +196,9 @@ mod tests {
         }
     }
 
-    /// The sampling place changes at the exact count.
+    /// Compare values around each change of the place.
     #[test]
-    fn no_edge_is_near_where_the_place_changes() {
+    fn window_is_clean_at_each_change_of_the_place() {
         let limits = [
             0, 1, 661, 662, 845, 846, 847, 1921, 1922, 1923, 2405, 2406, 2407, 3056, 3639, 3640,
             3641, 4116, 4200,
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn places_by_hand() {
+    fn places_match_hand_calculation() {
         let sampling = TIMING.build().unwrap();
         // Up to 45.8 % both: half a window before the top. Beyond that: after zero.
         assert_eq!(sampling.compare([0, 0]), 4200 - 272);
@@ -227,10 +227,10 @@ mod tests {
         assert_eq!(sampling.compare([847, 4116]), 84);
     }
 
-    /// The ripple, summed up from the volt-seconds of each clock cycle, moves a reading by less than
-    /// 30 mA (seven counts) of a full pack on the default motor.
+    /// The ripple is integrated from the volt-seconds of each clock cycle, with a full pack and the default motor.
+    /// 30 mA are seven counts.
     #[test]
-    fn a_reading_is_the_mean_current() {
+    fn reading_is_the_mean_current_within_30_ma() {
         let sampling = TIMING.build().unwrap();
         let (supply, inductance, clock) = (16.8, 2.3e-3, 168e6);
         let mut worst: f64 = 0.0;
@@ -260,8 +260,8 @@ mod tests {
         assert!(worst > 0.005, "{worst}");
     }
 
-    /// Counts from the latest edge to a window at `place`; `None` if an edge is within. Without pulses, or with
-    /// nothing else, there is no edge.
+    /// Counts from the latest edge to a window at `place`; `None` if the window has an edge. A compare value of 0 or
+    /// above the top gives no edges.
     fn clear(timing: &Timing, top: u16, place: u16, compares: [u16; 2]) -> Option<i32> {
         let [top, place] = [top, place].map(i32::from);
         let end = place + i32::from(timing.window + timing.margin);
@@ -287,10 +287,10 @@ mod tests {
         Some(clearance)
     }
 
-    /// Small timings at all pairs of duties: the place that is chosen is clean at every trim. It is the better one of
-    /// the top and zero, or half-way if neither is clean for long.
+    /// Small random timings at all pairs of duties. The chosen place is clean at every trim. It is the better one of
+    /// the top and zero, or half-way if neither is clean for the settling time.
     #[test]
-    fn the_place_of_every_pair_is_the_best_by_the_edges_of_the_outputs() {
+    fn chosen_place_is_the_best_by_the_edges_of_the_outputs() {
         let mut random = crate::fusion::testing::Random::new(3);
         let mut within =
             |low: u16, high: u16| random.between(low.into(), high.into()).round() as u16;
@@ -334,7 +334,7 @@ mod tests {
                     .find(|choice| choice.0 == place);
                 let clearance = chosen.unwrap().1;
                 assert!(clearance >= settling, "{timing:?} {a} {b}: {place}");
-                // The edge on the way down counts as a count earlier.
+                // `build` takes the edge on the way down as one count earlier.
                 let spare = 2 * (top - trim) - off - timing.window - timing.margin + 1;
                 if better.1 >= settling && a.max(b) != spare {
                     assert_eq!(place, better.0, "{timing:?} {a} {b}");
@@ -346,7 +346,7 @@ mod tests {
 
     /// Each limit of a timing and the next count beyond, one condition at a time.
     #[test]
-    fn a_timing_is_accepted_up_to_the_count_at_which_no_place_is_clean() {
+    fn timing_is_accepted_up_to_its_exact_limits() {
         type Change = fn(&mut Timing, u16);
         // 84 + 1828 counts are twice 956; 400 + 578 + 850 counts are 1828; half a window is 272.
         let settling: Change = |timing, value| timing.settling = value;
@@ -378,7 +378,7 @@ mod tests {
                 assert_eq!(timing.build().is_some(), accepted, "{k}: {value}");
             }
         }
-        // What would be below zero.
+        // Differences below zero.
         for (trim, window) in [(5000, 544), (2200, 544), (127, 4300)] {
             let timing = Timing {
                 trim,

@@ -1,8 +1,8 @@
-//! Counts of the converter to motor current: a shunt in the motor's lead and an amplifier whose
-//! output stands at mid-supply without current (INA240 and the like).
+//! Motor current from counts of the converter: a shunt in the motor's lead and an amplifier whose output is at
+//! mid-supply without current (INA240 and similar).
 //!
-//! The converter is referred to the amplifier's own supply, so the middle is ratiometric; what is
-//! left of the amplifier's offset is found while the motors are off.
+//! The reference of the converter is the supply of the amplifier, so mid-supply is the middle of the counts. The
+//! remaining offset of the amplifier is measured while the motors are off.
 //!
 //! [`Config::build`] validates; [`Shunt::read`] and [`Zeroing`] cannot fail.
 
@@ -17,9 +17,9 @@ declare! {
         pub volts_per_ampere: f32 = 0.2, "V/A": Range(-10.0, 10.0);
         /// Reference of the converter.
         pub reference_v: f32 = 3.3, "V": Range(1.0, 5.5);
-        /// A count this close to either end is no reading.
+        /// Counts closer than this to either end of the converter are no reading.
         pub rail_margin_counts: u16 = 20, "counts": Range(0.0, 999.0);
-        /// Largest offset of the middle that is believed.
+        /// Largest accepted offset of the zero from the middle.
         pub max_offset_a: f32 = 0.2, "A": Range(0.0, 100.0);
         /// Largest standard deviation of a reading at rest.
         pub max_noise_a: f32 = 0.1, "A": Range(1e-4, 100.0);
@@ -29,11 +29,11 @@ declare! {
 /// Counts of the 12-bit converter.
 const SPAN: f32 = 4096.0;
 const MIDDLE: f32 = 2048.0;
-/// Samples a zeroing takes: 0.1 s at 20 kHz.
+/// Samples of a zeroing: 0.1 s at 20 kHz.
 const SAMPLES: u32 = 2000;
 
 impl Config {
-    /// The ready-to-run form; the error names the field that is wrong.
+    /// Builds the scale; the error names the invalid field.
     pub fn build(&self) -> Result<Shunt, ConfigError> {
         self.check_ranges()?;
         let slope = self.volts_per_ampere;
@@ -65,15 +65,14 @@ pub struct Shunt {
 }
 
 impl Shunt {
-    /// Current of a count, A, with the count `zero` that stands for none; `None` at either end of
-    /// the converter.
+    /// Current of a count, A; `zero` is the count without current. `None` at either end of the converter.
     pub fn read(&self, count: u16, zero: f32) -> Option<f32> {
         (count >= self.lowest && count <= self.highest)
             .then(|| (f32::from(count) - zero) * self.amperes_per_count)
     }
 }
 
-/// Search for the count without current, while the motors are off.
+/// Measurement of the count without current, while the motors are off.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Zeroing {
     samples: u32,
@@ -88,12 +87,12 @@ pub enum Zeroed {
     Pending,
     /// The count without current.
     Found(f32),
-    /// The readings scatter too much, or lie too far from the middle. It begins anew.
+    /// The readings scatter too much, or are too far from the middle; the zeroing restarts.
     Refused,
 }
 
 impl Zeroing {
-    /// Takes in a count.
+    /// Adds a count.
     pub fn step(&mut self, shunt: &Shunt, count: u16) -> Zeroed {
         self.samples += 1;
         self.sum += u32::from(count);
@@ -124,7 +123,7 @@ mod tests {
     use super::*;
     use crate::fusion::testing::Random;
 
-    /// Count of the converter for a current, as the circuit makes it.
+    /// Count of the converter for a current, computed from the circuit.
     fn count(current: f64, offset_v: f64, noise_v: f64) -> u16 {
         let volts = 1.65 + 0.010 * 20.0 * current + offset_v + noise_v;
         (volts / 3.3 * 4096.0).floor().clamp(0.0, 4095.0) as u16
@@ -156,9 +155,9 @@ mod tests {
         assert_eq!(readable, [false, false, true, true, false, false]);
     }
 
-    /// 1/256 A a count: the mean is off and the readings scatter by an exact number of amperes.
+    /// One count is 1/256 A, so that offset and scatter are exact.
     #[test]
-    fn a_zero_is_found_up_to_the_offset_and_noise_that_are_allowed_time_after_time() {
+    fn zero_is_found_up_to_the_allowed_offset_and_noise_in_each_zeroing() {
         let config = Config {
             volts_per_ampere: 0.125,
             reference_v: 2.0,
@@ -213,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_current_or_a_loose_wire_is_no_zero() {
+    fn current_or_loose_wire_is_refused_as_zero() {
         let shunt = Config::default().build().unwrap();
         assert_eq!(find(&shunt, || count(0.5, 0.0, 0.0)), Zeroed::Refused);
         assert_eq!(find(&shunt, || 4095), Zeroed::Refused);

@@ -1,12 +1,12 @@
 //! Thermal limit of a motor's current: a model of the winding, and fold-back.
 //!
 //! The winding warms by its own loss and cools towards its surroundings:
-//! `τ dϑ/dt = R_th R i² − ϑ`, ϑ above ambient (the i²t protection of motor drives). Near the limit
-//! the permitted current falls in a line to zero, so that a warm motor grows weak rather than dies.
-//! A board that restarts begins at [`Config::start_c`].
+//! `τ dϑ/dt = R_th R i² − ϑ`, ϑ above ambient (the i²t protection of motor drives). Near the temperature limit the
+//! permitted current falls linearly to zero, so that a hot motor gets weak and is not damaged. A board that restarts
+//! begins at [`Config::start_c`].
 //!
-//! [`Config::build`] validates; [`Winding::step`] cannot fail. A current that is not finite counts
-//! as the largest one.
+//! [`Config::build`] validates; [`Winding::step`] cannot fail. A current that is not finite counts as the largest
+//! current.
 
 use crate::config::{Allowed, ConfigError, declare, in_range, require};
 use crate::math::trig::{clamp, lag_gain};
@@ -26,7 +26,7 @@ declare! {
         pub start_c: f32 = 60.0, "°C": Range(-40.0, 200.0);
         /// Temperature from which the current is folded back.
         pub fold_back_c: f32 = 100.0, "°C": Range(-39.0, 200.0);
-        /// Temperature at which no current is left.
+        /// Temperature at which the current limit reaches 0.
         pub max_c: f32 = 120.0, "°C": Range(-38.0, 250.0);
         /// Time between steps.
         pub period_s: f32 = 1e-3, "s": Range(1e-5, 0.1);
@@ -36,7 +36,7 @@ declare! {
 }
 
 impl Config {
-    /// The ready-to-run form; the error names the field that is wrong.
+    /// Builds the thermal model; the error names the invalid field.
     pub fn build(&self) -> Result<Winding, ConfigError> {
         self.check_ranges()?;
         let resistance = self.resistance_ohm;
@@ -70,17 +70,17 @@ pub fn fold_back(temperature: f32, from: f32, to: f32) -> f32 {
     permitted((to - temperature) / (to - from))
 }
 
-/// A share limited to 0 to 1; NaN is no permission.
+/// Limits a share to 0 to 1; NaN gives 0.
 fn permitted(share: f32) -> f32 {
     if share > 0.0 { share.min(1.0) } else { 0.0 }
 }
 
-/// All that changes.
+/// State of a thermal model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// Estimated temperature of the winding, °C.
     pub temperature_c: f32,
-    /// Remainder of a step below the resolution of the temperature.
+    /// Remainder of a step below the resolution of the temperature, K.
     carry: f32,
 }
 
@@ -97,7 +97,7 @@ pub struct Winding {
 }
 
 impl Winding {
-    /// At the start.
+    /// State after a start.
     pub fn at_start(&self) -> State {
         State {
             temperature_c: self.start,
@@ -105,9 +105,8 @@ impl Winding {
         }
     }
 
-    /// One step with the current that flowed (A, root mean square); gives the largest current
-    /// permitted until the next, A. `driver_share` is the share that the driver's own temperature
-    /// permits (see [`fold_back`]).
+    /// Runs one step with the root mean square of the current, A; returns the current limit until the next step, A.
+    /// `driver_share` is the share that the driver's temperature permits (see [`fold_back`]).
     pub fn step(&self, state: &mut State, current_a: f32, driver_share: f32) -> f32 {
         let most = 2.0 * self.max_current;
         let current = if current_a.is_finite() {
@@ -145,7 +144,7 @@ mod tests {
         }
     }
 
-    /// A motor that always takes what it is permitted never passes its limit.
+    /// A motor that always draws the permitted current never exceeds its temperature limit.
     #[test]
     fn full_load_settles_below_the_limit() {
         let winding = Config::default().build().unwrap();
@@ -162,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_a_number_permits_nothing_more() {
+    fn input_that_is_not_finite_never_raises_the_limit() {
         let winding = Config::default().build().unwrap();
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             let (mut state, mut full) = (winding.at_start(), winding.at_start());
@@ -177,9 +176,9 @@ mod tests {
         assert_eq!(fold_back(101.0, 80.0, 100.0), 0.0);
     }
 
-    /// The winding stands at the temperature that folds the current back to a half.
+    /// At 110 °C the winding folds the current back to a half.
     #[test]
-    fn the_lesser_share_of_winding_and_driver_limits_the_current() {
+    fn lesser_share_of_winding_and_driver_limits_the_current() {
         let winding = Config::default().build().unwrap();
         for (temperature_c, driver, share) in [
             (30.0, 7.0, 1.0),
@@ -201,9 +200,9 @@ mod tests {
         }
     }
 
-    /// A current heats by its square; beyond twice the largest one it counts as that.
+    /// A current heats by its square. The model limits it to twice the largest current.
     #[test]
-    fn heat_has_no_sign_and_a_bound() {
+    fn heating_is_independent_of_sign_and_bounded() {
         let winding = Config::default().build().unwrap();
         let after = |current| {
             let mut state = winding.at_start();
@@ -216,9 +215,9 @@ mod tests {
         assert_ne!(after(7.9), after(8.0));
     }
 
-    /// The share of the way to the settled temperature in one step, 1 − exp(−T/τ).
+    /// One step covers the share 1 − exp(−T/τ) of the difference to the settled temperature.
     #[test]
-    fn one_step_goes_the_exponential_share_of_the_way() {
+    fn step_covers_the_exponential_share_of_the_difference() {
         for (period_s, time_constant_s) in [(1e-5, 1.0), (9.9e-3, 1.0), (1e-2, 1.0), (0.1, 0.1)] {
             let config = Config {
                 period_s,

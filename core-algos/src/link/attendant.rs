@@ -1,25 +1,25 @@
-//! A board that drives, at its link: it says who it is, takes orders for the lead node, and a request for a session
-//! with a rig.
+//! A driving board's side of the link: identity, orders for the lead node, reports, and the request for a session.
 //!
 //! | request | reaction | after | until | reason |
 //! |---|---|---|---|---|
-//! | [`Request::Hello`] of any version | board named; no number is a repetition; the front board takes orders | at once | reset | host or board may have been restarted |
+//! | [`Request::Hello`] of any version | identity sent; the next number is new; the front board takes orders | at once | reset | host or board may have restarted |
 //! | number of the last request | last answer again, nothing carried out | at once | another number or a hello | the answer was lost |
 //! | any, while an order is carried out | no answer | at once | [`Attendant::done`], which answers the order | the host repeats its request |
-//! | [`Request::Relay`] to another board, on the front board | handed on each time; one reply of the latest such board returned | its reply | the reply | the other board knows repetitions |
-//! | [`Request::Relay`] of no request | refused: malformed | at once | | there is nothing to hand on |
-//! | [`Request::Relay`] otherwise | refused: other board | at once | | the identifiers do not name the relay |
-//! | [`Request::Order`] before a hello, on the front board | refused: no session; takes no lease | at once | a hello | meant for the board before its restart |
+//! | [`Request::Relay`] to another board, on the front board | forwarded each time; one reply of the latest destination returned | reply of the destination | the reply | the destination recognizes repetitions |
+//! | [`Request::Relay`] with an empty payload | refused: malformed | at once | | there is nothing to forward |
+//! | [`Request::Relay`] otherwise | refused: other board | at once | | identifiers on the bus do not name the relaying board, so there is only one |
+//! | [`Request::Order`] before a hello, on the front board | refused: no session; takes no lease | at once | a hello | the order was meant for the board before its restart |
 //! | order, [`Request::Keep`], [`Request::Release`] on another board | refused: other board | at once | | the lead node is on the front board |
 //! | order, keep, release, record on the front board, without the lease or with an old number | refused: leased, old order | at once | [`Lease`] | one host commands |
 //! | [`Order::Place`] while the nodes drive | refused: armed, and the lease renewed | at once | motors off or braking | the posture would jump under the controller |
-//! | [`Request::Record`] or [`Request::Rig`] unless the motors are off | refused: armed; takes no lease | at once | motors off | nodes and motors begin anew |
-//! | [`Request::Send`] of no frame, a damaged one or one of a node | refused: malformed | at once | | a host speaks for the service tool only |
-//! | [`Request::Watch`], [`Request::Stack`], [`Request::Crash`], [`Request::Configuration`] | carried out, whatever the motors are | at once | | reading is always safe |
+//! | [`Request::Record`] or [`Request::Rig`] unless the motors are off | refused: armed; takes no lease | at once | motors off | nodes and motors are restarted |
+//! | [`Request::Send`] without a frame, with an invalid frame or a frame of a node | refused: malformed | at once | | a host sends only as the service tool |
+//! | [`Request::Watch`], [`Request::Stack`], [`Request::Crash`], [`Request::Configuration`] | carried out in every motor state | at once | | reading is always safe |
 //! | requests of a session | refused: no session | at once | | the board drives by itself |
-//! | what cannot be decoded | refused: malformed | at once | | another version |
+//! | undecodable request | refused: malformed | at once | | another version |
 //!
-//! A request behind a demand in the same bytes gets no answer. Its host repeats it.
+//! A [`Demand`] is an action that the caller must perform. Requests behind a demand in the same bytes get no answer,
+//! and the host repeats them.
 
 use super::endpoint::Identity;
 use super::framing::{Decoder, SerialFrame};
@@ -35,33 +35,32 @@ use crate::node::robot::RobotConfig;
 use crate::time::Micros;
 use crate::topology::{Node, Role};
 
-/// Bytes of entries in a report, at most; a part of the lead node's output takes its share.
+/// Largest size of the entries in a report, bytes, less the part of the lead node's output in it.
 pub const REPORT_ENTRIES: usize = 232;
 /// Time between reports to a host that watches, ms.
 pub const REPORT_MS: u64 = 2;
-/// Bytes of the lead node's output in a report: all of it in two.
+/// Bytes of the lead node's output in one report: two reports hold the largest output.
 const REPORT_CHUNK: usize = MAX_TELEMETRY / 2;
 
-/// Action that a request demands of the board.
+/// Action that a request demands of the caller.
 #[derive(Clone, Debug, PartialEq)]
 #[must_use]
 pub enum Demand {
-    /// To carry out the order of this number, and to answer it with [`Attendant::done`].
+    /// Carry out the order with this sequence number and report the result by [`Attendant::done`].
     Order(u16, Order),
-    /// To reset into a session.
+    /// Reset into a session.
     Session,
-    /// To send a frame to another board over the bus, and to hand its reply to [`Attendant::relayed`].
+    /// Send a frame to another board over the bus and pass the reply to [`Attendant::relayed`].
     Relay(Role, SerialFrame),
-    /// To send a frame on the bus.
+    /// Send a frame on the bus.
     Send(CanFrame),
-    /// To hand over entries and outputs of the lead node from here on, with [`Attendant::report`] every
-    /// [`REPORT_MS`].
+    /// Pass entries and outputs of the lead node to the attendant and call [`Attendant::report`] every [`REPORT_MS`].
     Watch,
-    /// To let the nodes begin anew.
+    /// Restart the nodes.
     Record,
 }
 
-/// State of the motors of a board, or of the robot as a board without motors knows it.
+/// Motor state of a board, or of the robot on a board without motors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u8)]
 pub enum MotorState {
@@ -70,23 +69,23 @@ pub enum MotorState {
     Off,
     /// Shorted by their drivers until the wheels stand still.
     Braking,
-    /// Given a torque by the nodes.
+    /// Driven with the torque that the nodes command.
     Driven,
 }
 
-/// State of a board that its attendants share.
+/// State of a board, shared by the attendants of its ports.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Station {
     /// Time of the board, µs.
     pub now: Micros,
-    /// Its motors.
+    /// Motor state.
     pub motors: MotorState,
     /// Host that commands the robot.
     pub lease: Lease,
 }
 
 impl Station {
-    /// Admits a request to the lead node, if the lead node is on this board.
+    /// Checks role, motor state and lease for an order, record, keep or release; admits any other request.
     fn admit(&mut self, role: Role, request: &Request) -> Result<(), Refusal<'static>> {
         let (Request::Order { stamp, .. }
         | Request::Record(stamp)
@@ -120,10 +119,10 @@ impl Station {
     }
 }
 
-/// Stack use and crash record of the board.
+/// Functions that read stack use and crash record of the board.
 type Sources = (fn() -> StackUse, fn() -> CrashRecord);
 
-/// Reply to a request that is no order, and the action that it demands. `crash` holds what the reply refers to.
+/// Reply to a request other than an order, and the demanded action. The reply borrows from `crash`.
 fn answer<'a>(
     request: Option<Request>,
     station: &mut Station,
@@ -160,7 +159,7 @@ fn answer<'a>(
     }
 }
 
-/// The frame, if it is one that a service tool may send.
+/// First packed frame, if it is a valid message of the service tool.
 fn service(packed: &[u8]) -> Option<CanFrame> {
     let frame = protocol::unpack(packed).next()?;
     let sender = layout::sender(frame.id)?;
@@ -174,7 +173,7 @@ fn relays(role: Role, to: Role, payload: &[u8]) -> bool {
 
 /// The part of an encoded configuration that begins at `offset`.
 fn configuration<'a>(config: &RobotConfig, offset: u16, room: &'a mut [u8]) -> Reply<'a> {
-    // Its largest size is known to fit.
+    // The largest configuration fits.
     let encoded = postcard::to_slice(config, room).map_or(&[][..], |used| used);
     let rest = encoded.get(usize::from(offset)..).unwrap_or_default();
     Reply::Configuration {
@@ -183,21 +182,21 @@ fn configuration<'a>(config: &RobotConfig, offset: u16, room: &'a mut [u8]) -> R
     }
 }
 
-/// A board that drives.
+/// A driving board's side of the link.
 #[derive(Clone, Debug)]
 pub struct Attendant {
     decoder: Decoder,
     identity: Identity,
     stack: fn() -> StackUse,
     crash: fn() -> CrashRecord,
-    /// Number of the last request, and what was answered.
+    /// Number of the last request; `answer` is its reply.
     last: Option<u8>,
     answer: SerialFrame,
-    /// Number of an order that is being carried out.
+    /// Request number of an order that is being carried out.
     pending: Option<u8>,
-    /// True if a host has said hello since the start.
+    /// True after the first hello since the start.
     greeted: bool,
-    /// Another board whose reply is due.
+    /// Destination of a relayed request whose reply is awaited.
     relaying: Option<Role>,
     telemetry: Spread,
     /// Configuration of the board's nodes.
@@ -206,8 +205,8 @@ pub struct Attendant {
 }
 
 impl Attendant {
-    /// A board that has just been started, with nodes of this configuration; `stack` measures its stack, `crash` reads
-    /// its crash record.
+    /// Board after a start. `config` is the configuration of its nodes, `stack` measures stack use, `crash` reads the
+    /// crash record.
     pub fn new(
         identity: Identity,
         config: &'static RobotConfig,
@@ -230,10 +229,8 @@ impl Attendant {
         }
     }
 
-    /// Takes bytes that arrived and gives each answer to `send`, whole. A board refuses a session and a record until
-    /// its motors are off, and a new place while its nodes drive.
-    /// While an order is carried out, other requests stay without an answer, and the host repeats them. So do requests
-    /// that arrive in one piece with a request that demands an action: each action is given to the caller.
+    /// Takes received bytes, passes each complete answer to `send` and returns the first demanded action.
+    /// Requests behind a demand, or during an order, get no answer, and the host repeats them.
     pub fn receive(
         &mut self,
         bytes: &[u8],
@@ -254,7 +251,7 @@ impl Attendant {
             let request = protocol::decode::<Request>(payload).map(|(_, request)| request);
             let role = self.identity.role;
             let reply = match request {
-                // Never taken for a repetition.
+                // A hello is never a repetition.
                 Some(Request::Hello { nonce, .. }) => Reply::Hello {
                     protocol: PROTOCOL,
                     nonce,
@@ -263,7 +260,7 @@ impl Attendant {
                     counters,
                     session: false,
                 },
-                // The other board knows a repetition. One board relays: the identifiers do not name it.
+                // The destination recognizes repetitions.
                 Some(Request::Relay { role: to, payload }) if relays(role, to, payload) => {
                     self.relaying = Some(to);
                     demand = SerialFrame::new(payload).map(|frame| Demand::Relay(to, frame));
@@ -283,7 +280,7 @@ impl Attendant {
                 }
                 request => {
                     let admitted = match request {
-                        // Meant for the board before its restart.
+                        // The order was meant for the board before its restart.
                         Some(Request::Order { .. }) if !self.greeted && role == Role::LEAD => {
                             Err(Refusal::NoSession)
                         }
@@ -315,7 +312,7 @@ impl Attendant {
         demand
     }
 
-    /// Takes the reply of another board.
+    /// Sends the reply of another board to the host, if it is awaited.
     pub fn relayed(&mut self, from: Role, payload: &[u8], send: &mut impl FnMut(&[u8])) {
         if self.relaying == Some(from)
             && let Some(&number) = payload.first()
@@ -326,29 +323,29 @@ impl Attendant {
         }
     }
 
-    /// True if the last output of the lead node was sent to its end.
+    /// True if the last output of the lead node was sent completely.
     pub fn wants_telemetry(&self) -> bool {
         self.telemetry.left() == 0
     }
 
-    /// Takes in the next output of the lead node.
+    /// Sets the next output of the lead node to send.
     pub fn tell(&mut self, telemetry: &Telemetry) {
         self.telemetry.fill(telemetry);
     }
 
-    /// Bytes of entries that the next report has room for, beside the next part of the lead node's output.
+    /// Room for entries in the next report beside the next part of the lead node's output, bytes.
     pub fn room(&self) -> usize {
-        // The length of a part may take a byte more.
+        // The length field of a part may take one byte more.
         match self.telemetry.left().min(REPORT_CHUNK) {
             0 => REPORT_ENTRIES,
             part => REPORT_ENTRIES - 1 - part,
         }
     }
 
-    /// Sends the host these entries and the next part of the lead node's output, unless there is nothing to send.
+    /// Sends these entries and the next part of the lead node's output; sends nothing if both are empty.
     pub fn report(&mut self, lost: u16, entries: &[u8], send: &mut impl FnMut(&[u8])) {
         let offset = self.telemetry.sent() as u16;
-        // Entries without a part were taken before the output came.
+        // Entries collected before an output arrived may leave no room for a part.
         let telemetry = match entries.len() <= self.room() {
             true => self.telemetry.next(REPORT_CHUNK),
             false => &[],
@@ -364,13 +361,13 @@ impl Attendant {
             telemetry,
         };
         self.reports = self.reports.wrapping_add(1);
-        // Bounded to fit; an empty frame is not sent.
+        // A report is bounded to fit a frame.
         if let Some(frame) = protocol::encode(0, &report) {
             send(frame.bytes());
         }
     }
 
-    /// Answers the order that was carried out, or why it was not.
+    /// Answers the pending order with its result.
     pub fn done(&mut self, done: Result<(), PathError>, send: &mut impl FnMut(&[u8])) {
         let Some(number) = self.pending.take() else {
             return;
@@ -382,7 +379,7 @@ impl Attendant {
         self.respond(number, protocol::encode(number, &reply), send);
     }
 
-    /// Every reply is bounded to fit a frame; an empty one would make the host ask again.
+    /// Sends and stores an answer. Every reply fits a frame; an empty answer would make the host repeat its request.
     fn respond(&mut self, number: u8, answer: Option<SerialFrame>, send: &mut impl FnMut(&[u8])) {
         self.answer = answer.unwrap_or_default();
         self.last = Some(number);

@@ -1,25 +1,26 @@
-//! The board's side of the link: bytes in, bytes out, and the board's nodes between.
+//! Board's side of the link in a session: bytes in, the board's nodes, bytes out.
 //!
-//! Writing the board's store takes time and hardware, so it is not done here: whoever feeds the bytes
-//! asks [`Endpoint::save`] after each lot whether something is to be written, and answers with
-//! [`Endpoint::saved`]. Until then other requests stay without an answer, and the host repeats them.
+//! The caller writes the board's store, because a write takes time and hardware. After each [`Endpoint::receive`] the
+//! caller polls [`Endpoint::save`] for a pending write and reports its result by [`Endpoint::saved`]. Until then other
+//! requests get no answer, and the host repeats them.
 //!
 //! | request | reaction | refused if | until | reason |
 //! |---|---|---|---|---|
-//! | hello of this version | session open; nodes, configuration and leave forgotten; no number is a repetition | never | a hello of another version, or reset | either side may have been restarted |
+//! | hello of this version | session open; nodes, received configuration and leave discarded; the next number is new | never | a hello of another version, or reset | either side may have restarted |
 //! | hello of another version | as above, and the session is closed | never | a hello of this version | |
 //! | number of the last request | last answer again, nothing carried out | never | another number, or a hello | the answer was lost |
-//! | any but a hello | by the rows below | no session: no session; not decoded: malformed | | |
-//! | part of the configuration | appended; a part at 0 begins anew | not at the end of the parts before, of another total, or beyond the total: part | hello | |
-//! | start | nodes built in place of those before, lead node at the place given | incomplete or another sum: hash; not decoded, or out of range: named | hello, or a start, even one refused | |
-//! | tick | nodes run once, the next number is expected | samples of another board, not started, another tick | | the board's time is that of the frame |
-//! | resume | the next tick is the one given | not started; a tick carried out already: tick | | time has passed without the board |
-//! | order | lead node's | not started; no lead node: other board; the node's reason | | |
-//! | parameter set | kept until reset | motors may be on; no such parameter; out of range | reset | |
-//! | parameters saved | one write asked for; answered when it is done | motors may be on; no node can be built with them; store broken | answer | writing a flash holds the core |
+//! | any other request | by the rows below | no session: no session; not decoded: malformed | | |
+//! | part of the configuration | appended; offset 0 starts over | offset not at the end of the previous parts, total differs, or part exceeds the total: part | hello | |
+//! | start | nodes replaced, lead node at the given posture | configuration incomplete or checksum differs: hash; not decodable: undecodable; out of range: parameter | hello, or a start, even if refused | |
+//! | tick | nodes run once, the next tick is expected | samples of another board, not started, another tick | | the board's time is the time in the request |
+//! | resume | the given tick is expected next | not started; tick already carried out: tick | | time has passed without the board |
+//! | order | applied to the lead node | not started; no lead node: other board; the lead node's reason | | |
+//! | parameter set | kept until reset | motors may be on; index unknown; out of range | reset | |
+//! | parameters saved | one write pending; answered when it is done | motors may be on; no node can be built with the values; store broken | answer | a flash write halts the core |
 //! | any, while a save is under way | no answer | | the save is done | the host repeats its request |
-//! | leave | done, and the board is to be reset | never | hello | |
-//! | requests of a board that drives | none | always: malformed | | a rig is bus and commander |
+//! | leave | done; the board must be reset | never | hello | |
+//! | rig | done | never | | the session is open |
+//! | other requests for a driving board | none | always: malformed | | the rig simulates the bus and is the only host |
 
 use super::framing::{Counters, Decoder, SerialFrame, crc32c};
 use super::protocol::{
@@ -38,12 +39,12 @@ use crate::time::{Micros, TICK};
 use crate::topology::Role;
 use core::fmt::Write;
 
-/// Who a board is.
+/// Identity of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity {
     /// Build identification, at most 64 bytes.
     pub build: &'static str,
-    /// Board.
+    /// Role of the board.
     pub role: Role,
 }
 
@@ -56,7 +57,7 @@ impl Identity {
     }
 }
 
-/// A board at the end of a link, in a session with a rig.
+/// Board's side of the link in a session.
 #[derive(Clone, Debug)]
 pub struct Endpoint {
     decoder: Decoder,
@@ -64,8 +65,7 @@ pub struct Endpoint {
 }
 
 impl Endpoint {
-    /// A board that has just been started and has no configuration, with nothing in its store;
-    /// `stack` measures its stack.
+    /// Board after a start, without configuration and with an empty store; `stack` measures stack use.
     #[inline]
     pub fn new(identity: Identity, stack: fn() -> StackUse) -> Self {
         Self {
@@ -74,19 +74,19 @@ impl Endpoint {
         }
     }
 
-    /// Takes in what the board's store held at its start.
+    /// Loads the contents of the board's store after a start.
     pub fn load(&mut self, contents: &Contents) {
         self.session.stored.load(contents);
     }
 
-    /// Pending write to the store, given once; to be answered by [`Self::saved`].
+    /// Pending write to the store, returned once; the caller reports the result by [`Self::saved`].
     pub fn save(&mut self) -> Option<Save> {
         let off = self.session.saving.as_mut()?.off.take()?;
         Some(self.session.stored.save(off))
     }
 
-    /// Tells the host how the save ended: the number of values written and what the store holds, or
-    /// none if it failed.
+    /// Sends the host the result of the save: number of values written and contents of the store, or `None` if the
+    /// write failed.
     pub fn saved(&mut self, done: Option<(usize, &Contents)>, send: &mut impl FnMut(&[u8])) {
         self.session.saved(done, send);
     }
@@ -96,7 +96,7 @@ impl Endpoint {
         &self.session.stored
     }
 
-    /// Takes bytes that arrived; gives each answer to `send`, whole.
+    /// Takes received bytes; passes each complete answer to `send`.
     pub fn receive(&mut self, bytes: &[u8], send: &mut impl FnMut(&[u8])) {
         for &byte in bytes {
             let before = self.decoder.counters();
@@ -110,17 +110,17 @@ impl Endpoint {
         }
     }
 
-    /// Frames that arrived whole, and damaged ones.
+    /// Numbers of received and damaged frames.
     pub fn counters(&self) -> Counters {
         self.decoder.counters()
     }
 
-    /// True if the host has left: the board is to be reset.
+    /// True if the host has left and the board must be reset.
     pub fn has_left(&self) -> bool {
         self.session.left
     }
 
-    /// Starts nodes that were built elsewhere, in their place.
+    /// Starts nodes that the caller built.
     pub fn begin(&mut self, nodes: Ready) -> &mut Board {
         begin(&mut self.session.board, nodes)
     }
@@ -135,11 +135,11 @@ impl Endpoint {
 struct Session {
     identity: Identity,
     stack: fn() -> StackUse,
-    /// True if a host has said hello in this version.
+    /// True after a hello of this protocol version.
     open: bool,
-    /// True if the host has left since.
+    /// True if the host has left since the hello.
     left: bool,
-    /// Number of the last request, and what was answered.
+    /// Number of the last request; `answer` is its reply.
     last: Option<u8>,
     answer: SerialFrame,
     configuration: Configuration,
@@ -151,7 +151,7 @@ struct Session {
     telemetry: Spread,
 }
 
-/// The nodes in their place. Not inlined, so that nothing else is on the stack while they pass over it.
+/// Moves the nodes into `place`. Not inlined, so that the stack holds only the nodes during the move.
 #[inline(never)]
 fn begin(place: &mut Option<Board>, nodes: Ready) -> &mut Board {
     place.insert(nodes.begin())
@@ -162,7 +162,7 @@ fn begin(place: &mut Option<Board>, nodes: Ready) -> &mut Board {
 struct Saving {
     /// Number of the request.
     number: u8,
-    /// That the motors were off then, until what is to be written has been taken.
+    /// Proof that the motors were off at the request; `None` once the write is taken.
     off: Option<Disarmed>,
 }
 
@@ -216,7 +216,7 @@ impl Session {
         }
     }
 
-    /// Every reply is bounded to fit a frame; an empty one would make the host ask again.
+    /// Sends and stores an answer. Every reply fits a frame; an empty answer would make the host repeat its request.
     fn respond(&mut self, number: u8, answer: Option<SerialFrame>, send: &mut impl FnMut(&[u8])) {
         self.answer = answer.unwrap_or_default();
         self.last = Some(number);
@@ -232,7 +232,7 @@ impl Session {
             self.saving = Some(Saving { number, off });
             return;
         }
-        // What a reply refers to stands here.
+        // Storage that the reply borrows.
         let (mut text, mut bus) = (Text::new(), Packed::new());
         let reply = match request {
             Some(request) if self.open => self.reply_to(request, &mut text, &mut bus),
@@ -266,7 +266,7 @@ impl Session {
         bus: &'a mut Packed,
     ) -> Result<Reply<'a>, Refusal<'a>> {
         match request {
-            // A rig gets the lead node's output with each tick, and is the bus.
+            // For a driving board only. Here telemetry comes with each tick, and the rig simulates the bus.
             Request::Hello { .. }
             | Request::Watch
             | Request::Configuration { .. }
@@ -276,7 +276,7 @@ impl Session {
             | Request::Keep(_)
             | Request::Release(_)
             | Request::Send { .. } => Err(Refusal::Malformed),
-            // A session is under way.
+            // The session is already open.
             Request::Rig => Ok(Reply::Done),
             Request::Leave => self.leave(),
             Request::Configure {
@@ -285,7 +285,7 @@ impl Session {
                 bytes,
             } => self.configuration.append(total, offset, bytes),
             Request::Start { hash, tick, place } => self.start(hash, tick, place, text),
-            // The session is that of one host.
+            // A session has one host, so an order needs no lease.
             Request::Order { order, .. } => {
                 order.carry_out(self.lead()?).map_err(Refusal::Point)?;
                 Ok(Reply::Done)
@@ -321,7 +321,7 @@ impl Session {
                     Err(error) => Err(not_kept(error, text)),
                 }
             }
-            // One that can be carried out does not come here.
+            // `carry_out` handles a save without an error.
             Request::SaveParameters => {
                 Disarmed::of(self.board.as_ref()).ok_or(Refusal::Armed)?;
                 Err(match self.stored.check() {
@@ -359,7 +359,7 @@ impl Session {
         Ok(Reply::Done)
     }
 
-    /// Leaves out the ticks up to `tick`.
+    /// Skips the ticks before `tick`.
     fn resume<'a>(&mut self, tick: u32) -> Result<Reply<'a>, Refusal<'a>> {
         if self.board.is_none() {
             return Err(Refusal::NotStarted);
@@ -379,7 +379,7 @@ impl Session {
         board.lead().ok_or(Refusal::OtherBoard { role })
     }
 
-    /// One tick; what is sent goes to `bus`. Gives the number of frames that were refused too.
+    /// Runs one tick and appends sent frames to `sent`; returns the output and the number of refused frames.
     fn tick<'a>(
         &mut self,
         tick: u32,
@@ -422,9 +422,9 @@ impl Session {
     }
 }
 
-/// A refusal that names the field, its value and what is allowed.
+/// Refusal with field, value and allowed range.
 fn out_of_range<'a>(error: &ConfigError, text: &'a mut Text) -> Refusal<'a> {
-    // What does not fit is left out.
+    // Text that does not fit is dropped.
     let _ = write!(text, "{error}");
     Refusal::Parameter {
         text: text.as_str(),
@@ -438,7 +438,7 @@ fn not_kept(error: StoreError, text: &mut Text) -> Refusal<'_> {
     }
 }
 
-/// Encoded configuration as it comes in.
+/// Encoded configuration, received in parts.
 #[derive(Clone, Debug, Default)]
 struct Configuration {
     bytes: heapless::Vec<u8, MAX_CONFIG>,
@@ -446,7 +446,7 @@ struct Configuration {
 }
 
 impl Configuration {
-    /// Takes the next part; one at the beginning starts over.
+    /// Appends the next part; offset 0 starts over.
     fn append<'a>(
         &mut self,
         total: u16,
@@ -471,7 +471,7 @@ impl Configuration {
         })
     }
 
-    /// All of them, if they are complete and have this check sum.
+    /// The configuration, if it is complete and has this checksum.
     fn complete<'a>(&self, hash: u32) -> Result<&[u8], Refusal<'a>> {
         let found = crc32c(&self.bytes);
         if self.bytes.len() != self.total || found != hash {

@@ -1,39 +1,38 @@
-//! Frames of a byte stream: payload and check sum, byte-stuffed so that 0 only ends a frame.
+//! Frames in a byte stream: payload and checksum, byte-stuffed (COBS) so that 0 is the delimiter.
 //!
 //! ```text
 //! payload (at most 248 bytes) | CRC-32C, little-endian (4)   → COBS (+1) → 0
 //! ```
 //!
-//! CRC-32C finds every error of up to five bits and every burst of up to 32 in a payload of this
-//! length; any other damage passes it with a probability of 2⁻³². An error within the stuffing can
-//! become many errors in the payload, so it is that probability that counts: of a million damaged
-//! frames 2.3·10⁻⁴ are expected to pass.
+//! CRC-32C detects every error of up to five bits and every burst of up to 32 bits in a payload of this length. Other
+//! damage passes with a probability of 2⁻³². One error in the stuffing can cause many errors in the payload, so 2⁻³²
+//! applies: of a million damaged frames 2.3·10⁻⁴ are expected to pass.
 //!
 //! | condition | reaction | reason |
 //! |---|---|---|
-//! | payload of 1 to 248 bytes | frame of 6 bytes more | |
+//! | payload of 1 to 248 bytes | frame, 6 bytes longer | |
 //! | payload empty or longer | no frame | |
-//! | 0 after bytes with right stuffing, right check sum and a payload | payload; counted as received | |
-//! | 0 after other bytes, or after more than 255 | no payload; one damaged frame, however long | |
-//! | 0 after no byte | nothing, and not counted | a frame that repeats begins with a 0 |
+//! | 0 after valid stuffing with a payload and its checksum | payload; counted as received | |
+//! | 0 after other bytes, or after more than 255 | no payload; counted as one damaged frame | |
+//! | 0 without bytes before it | ignored, not counted | a repeated frame begins with a 0 |
 //! | next byte after a 0 | a new frame begins | damage ends with its frame |
 //!
-//! A payload has at least one byte: the check sum of none is 0, which is too easily met.
+//! A payload has at least one byte: the checksum of no bytes is 0, which noise matches too easily.
 //!
-//! A frame may have a 0 before it too. Frames that repeat something do: what was left of a frame
-//! whose end was lost then damages none but itself.
+//! A repeated frame begins with a 0. This delimiter ends the rest of a truncated frame, which then does not damage the
+//! repetition.
 
 use crc::{CRC_32_ISCSI, Crc};
 
-/// Largest payload.
+/// Largest payload, bytes.
 pub const MAX_PAYLOAD: usize = 248;
-/// Largest frame, with a 0 at both ends.
+/// Largest frame, bytes, with a 0 at both ends.
 pub const MAX_FRAME: usize = MAX_PAYLOAD + CRC_BYTES + 3;
 
 const CRC_BYTES: usize = 4;
 const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
 
-/// Check sum over any bytes; also used for the hash of parameters.
+/// CRC-32C of `bytes`.
 pub fn crc32c(bytes: &[u8]) -> u32 {
     CRC.checksum(bytes)
 }
@@ -58,7 +57,7 @@ impl SerialFrame {
         let room = frame.get_mut(1..MAX_FRAME - 1)?;
         let stuffed = cobs::try_encode(checked.get(..payload.len() + CRC_BYTES)?, room).ok()?;
         frame.truncate(stuffed + 2);
-        // The encoder leaves the rest as it was; a frame ends with a 0.
+        // The encoder writes no delimiter.
         *frame.last_mut()? = 0;
         Some(Self(frame))
     }
@@ -68,7 +67,7 @@ impl SerialFrame {
         self.0.get(1..).unwrap_or_default()
     }
 
-    /// The bytes to send when this repeats what may have been cut short: a 0 comes first.
+    /// The bytes to send if the frame is a repetition: begins with a 0.
     pub fn repeated(&self) -> &[u8] {
         &self.0
     }
@@ -77,9 +76,9 @@ impl SerialFrame {
 /// Counters of a decoder.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Counters {
-    /// Frames whose check sum was right.
+    /// Frames with a correct checksum.
     pub received: u32,
-    /// Frames that were not: too long, wrongly stuffed or with a wrong check sum.
+    /// Damaged frames: too long, invalid stuffing or wrong checksum.
     pub damaged: u32,
 }
 
@@ -115,10 +114,10 @@ impl Decoder {
         self.counters
     }
 
-    /// Takes the next byte; the payload when it ends a good frame.
+    /// Takes the next byte; returns the payload if the byte ends a valid frame.
     pub fn take_byte(&mut self, byte: u8) -> Option<&[u8]> {
         if byte != 0 {
-            // A frame that is too long is remembered by its length alone.
+            // Bytes beyond the buffer are only counted.
             if let Some(slot) = self.bytes.get_mut(self.length) {
                 *slot = byte;
             }
@@ -138,7 +137,7 @@ impl Decoder {
     }
 }
 
-/// The payload of a stuffed frame, in place.
+/// Decodes a stuffed frame in place; returns its payload if the checksum is correct.
 fn check(stuffed: &mut [u8]) -> Option<&[u8]> {
     let length = cobs::decode_in_place(stuffed).ok()?;
     let (payload, sum) = stuffed
@@ -167,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_has_seven_bytes_beside_its_payload_at_most_and_none_is_zero_but_the_ends() {
+    fn frame_adds_six_bytes_and_contains_zero_only_at_its_ends() {
         for length in [1, 9, MAX_PAYLOAD] {
             for fill in [0, 1, 255] {
                 let frame = SerialFrame::new(&vec![fill; length]).unwrap();
@@ -184,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_recovers_within_one_frame() {
+    fn stream_with_damaged_byte_recovers_within_one_frame() {
         let payloads: Vec<Vec<u8>> = (0..4u8).map(|i| vec![i, 0, i, 77, 0]).collect();
         let frames: Vec<SerialFrame> = payloads
             .iter()
@@ -204,7 +203,7 @@ mod tests {
                 let found = decode(&mut decoder, &[frames[0].bytes(), &second, &rest].concat());
                 assert_eq!(found.first(), Some(&payloads[0]));
                 assert_eq!(found.last(), Some(&payloads[3]));
-                // An end that is lost takes the next frame with it, unless that begins with a 0.
+                // A lost delimiter damages the next frame too, unless that frame begins with a 0.
                 let end_lost = place + 1 == length && damage < 2;
                 let empty = damage == 2 && (place == 0 || place + 1 == length);
                 assert_eq!(found.contains(&payloads[2]), !end_lost, "{place} {damage}");
@@ -224,7 +223,7 @@ mod tests {
         let good = SerialFrame::new(&[5, 0, 6]).unwrap();
         let mut wrong_sum = good.bytes().to_vec();
         wrong_sum[1] ^= 1;
-        // A valid frame of the most bytes that are kept, and one more.
+        // A frame that fills the decoder's buffer, and one byte more.
         let payload: Vec<u8> = (1..=250).collect();
         let checked = [&payload[..], &crc32c(&payload).to_le_bytes()].concat();
         let mut room = [0; 300];
@@ -241,7 +240,7 @@ mod tests {
             (good.bytes(), 1, 0),
             (&[0, 0, 0], 0, 0),
             (&[9, 0], 0, 1),
-            // Only a check sum, which is right.
+            // Correct checksum of an empty payload.
             (&[1, 1, 1, 1, 1, 0], 0, 1),
             (&[7; 2550], 0, 0),
             (&[0], 0, 1),
@@ -257,7 +256,7 @@ mod tests {
 
     properties! {
         #[test]
-        fn any_payload_comes_back(payload in prop::collection::vec(any::<u8>(), 1..=MAX_PAYLOAD)) {
+        fn payload_survives_framing(payload in prop::collection::vec(any::<u8>(), 1..=MAX_PAYLOAD)) {
             let frame = SerialFrame::new(&payload).unwrap();
             prop_assert_eq!(decode(&mut Decoder::new(), frame.bytes()), [payload]);
         }

@@ -1,31 +1,31 @@
-//! Lease: one host at a time commands the robot, any number may watch.
+//! Lease: one host at a time commands the robot; any number of hosts may watch.
 //!
 //! | condition | reaction | after | until | reason |
 //! |---|---|---|---|---|
-//! | no order yet, or lease released | order of any host taken | at once | it is taken | nobody commands |
-//! | order of the latest host, newer than its latest one | order taken, lease renewed | at once | more than 1 s without an order, or its release | the host lives |
-//! | order of the latest host, not newer: 0 or at least 32768 numbers on | refused: old order; lease not renewed | at once | an order of another host | a frame was late; neither end nor release of the lease makes it newer |
+//! | no order yet, or lease released | order of any host taken | at once | an order is taken | no host commands |
+//! | newer order of the latest host | order taken, lease renewed | at once | more than 1 s without an order, or release | the host is alive |
+//! | order of the latest host, sequence number 0 or at least 32768 ahead of the latest | refused: old order; lease not renewed | at once | an order of another host | a delayed frame stays old, also after end or release of the lease |
 //! | order of another host, latest order 1 s ago or less | refused: leased; lease not renewed | at once | more than 1 s after the latest order, or release | one host commands |
-//! | order of another host, latest order longer ago | order taken with any number, the lease is its own | at once | as above | the former host is gone |
-//! | lease held, latest order more than 1 s ago | lapsed, reported once | at once | the next order taken | a robot without a commander stops |
-//! | clock behind the latest order | counts as the time of that order | at once | | a clock does not run back |
+//! | order of another host, latest order longer ago | order with any number taken, the lease passes to that host | at once | as above | the former host is gone |
+//! | lease held, latest order more than 1 s ago | lease lapses, reported once | at once | the next order taken | a robot without a commanding host stops |
+//! | clock before the latest order | no time has passed | at once | | a clock does not run back |
 
 use crate::time::Micros;
 use serde::{Deserialize, Serialize};
 
-/// Time after the latest order at which the lease ends.
+/// Timeout of the lease after the latest order, µs.
 pub const TERM: Micros = 1_000_000;
 
-/// Sender and place of an order.
+/// Sender and sequence number of an order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stamp {
     /// Number that a host draws at its start.
     pub owner: u16,
-    /// Number of the order; it grows by at least one and begins again after 65535.
+    /// Sequence number; increases by at least one per order and wraps after 65535.
     pub sequence: u16,
 }
 
-/// Why an order is not admitted.
+/// Reason for which an order is not admitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Denied {
     /// Another host commands the robot.
@@ -44,8 +44,8 @@ pub struct Lease {
 }
 
 impl Lease {
-    /// Admits an order that arrived at `now`. Refuses that of another host while the lease lasts, and one that is not newer
-    /// than the latest.
+    /// Admits an order that arrived at `now`. Denied are orders of another host during the lease, and orders of the
+    /// latest host that are not newer.
     pub fn admit(&mut self, now: Micros, stamp: Stamp) -> Result<(), Denied> {
         if let Some((latest, renewed)) = self.latest {
             let lasts = self.held && now.saturating_sub(renewed) <= TERM;
@@ -60,7 +60,7 @@ impl Lease {
         Ok(())
     }
 
-    /// True once after a lease that lapsed.
+    /// True once after the lease lapsed.
     pub fn take_lapsed(&mut self, now: Micros) -> bool {
         let lapsed = |(_, renewed)| now.saturating_sub(renewed) > TERM;
         let lapsed = self.held && self.latest.is_some_and(lapsed);
@@ -68,7 +68,7 @@ impl Lease {
         lapsed
     }
 
-    /// Ends the lease. The latest order stays known: a repetition that comes late is refused.
+    /// Ends the lease. The latest order stays known, so that a delayed repetition is refused.
     pub fn release(&mut self) {
         self.held = false;
     }
@@ -97,7 +97,7 @@ mod tests {
             (7_000_001, 1, 9, LEASED),
             (7_000_001, 2, 2, Ok(())),
             (8_000_001, 1, 9, LEASED),
-            // Its end makes no order newer.
+            // The end of the lease makes no order newer.
             (8_000_002, 2, 2, OLD),
             (8_000_002, 2, 3, Ok(())),
             (3_000_000, 1, 9, LEASED),
@@ -107,7 +107,7 @@ mod tests {
             let found = lease.admit(now, stamp(owner, sequence));
             assert_eq!(found, expected, "{now} {owner} {sequence}");
         }
-        // After a release any host may begin; an order from before it stays old.
+        // After a release any host may take the lease; earlier orders stay old.
         for (owner, sequence, expected) in
             [(1, 9, OLD), (2, 1, Ok(())), (1, 1, Ok(())), (1, 2, Ok(()))]
         {

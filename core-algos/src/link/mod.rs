@@ -1,30 +1,29 @@
-//! Hardware in the loop: a board's nodes at the end of a serial link.
+//! Serial link between a host and a board.
 //!
-//! A host simulates robot and bus and sends each board its samples and the messages that arrive;
-//! the board answers with its torques and the messages it sends. The board's time is the time in
-//! the frame, so the result depends neither on the speed of the link nor on that of the board.
+//! A *driving* board runs its nodes on its own sensors and motors. Its [`Attendant`] answers the host: it identifies
+//! the board, passes [`order`]s to the lead node from the host that holds the [`lease`], and resets the board into a
+//! session on request, if the motors are off.
 //!
-//! A board that drives answers as an [`Attendant`]: it says who it is, takes the [`order`]s for its lead node from the host
-//! that holds its [`lease`], and resets into a session when asked with its motors off. In a session the [`Endpoint`] answers.
+//! In a *session* (hardware in the loop) the host is a rig: it simulates the robot and the bus. The [`Endpoint`]
+//! answers. Each request carries a board's samples and received messages; the reply carries torques and sent messages.
+//! The board's time is the time in the request, so results depend neither on link speed nor on board speed.
 //!
-//! [`framing`] turns payloads into frames of a byte stream and finds them again; [`protocol`] is
-//! what is said; [`endpoint`] is the board's side, without input or output of its own; [`stored_parameters`] are
-//! the parameters in the board's store, which a host may read, change and save; [`segment`] carries frames over the bus,
-//! so that one serial port reaches every board; [`record`] is what a board reports of its nodes.
+//! [`framing`] delimits and checks frames in a byte stream; [`protocol`] defines requests and replies; [`endpoint`] and
+//! [`attendant`] are the board's side, without I/O; [`stored_parameters`] are the parameters in the board's store,
+//! which a host reads, sets and saves; [`segment`] carries frames over the bus, so that one serial port reaches every
+//! board; [`record`] encodes inputs and outputs of a driving board's nodes.
 //!
 //! # Order and loss
 //!
-//! The host asks, the board answers, one request at a time. Each request has a number; a board
-//! that sees the number of the last request again answers as before without doing anything a
-//! second time. The host therefore repeats a request until the answer comes, and what is lost or
-//! damaged on the link costs time and nothing else. [`protocol::Request::Hello`] begins a session
-//! and is never taken for a repetition, so either side may restart at any time: a board that did
-//! refuses whatever else comes, and the host says hello to it again.
+//! The host sends one request at a time and repeats it until the reply arrives. Each request has a number. If a board
+//! receives the number of the last request again, it repeats the reply and carries out nothing. Loss and damage on the
+//! link therefore cost only time. [`protocol::Request::Hello`] begins a session and is never taken for a repetition,
+//! so either side may restart at any time: a restarted board refuses other requests until a hello.
 //!
 //! # Panic contract
 //!
-//! Nothing here panics, whatever bytes come: wrong ones are counted, requests that do not fit the
-//! session are refused with a reason.
+//! No byte sequence causes a panic. Damaged frames are counted; requests that do not fit the state are refused with a
+//! reason.
 
 pub mod attendant;
 pub mod endpoint;

@@ -2,53 +2,53 @@
 //!
 //! | order | reaction | refused if | reason |
 //! |---|---|---|---|
-//! | [`Order::Place`] | the node begins anew at this posture | a number is not finite or out of range: not finite | no estimate can begin there |
+//! | [`Order::Place`] | the node restarts at this posture | a number is not finite or out of range: not finite | the estimate needs a valid start |
 //! | [`Order::Task`]: regulate | task begins | goal not finite, or tolerance not a positive number: not finite | |
 //! | [`Order::Task`]: follow, track | task begins | tolerance not a positive number: not finite | |
 //! | [`Order::Task`]: drive | task begins | curvature beyond the frame's bound by more than a thousandth: too tight; speed or curvature not finite: not finite | the governor would drive another curve |
 //! | [`Order::Task`]: others | task begins | never | |
-//! | [`Order::Path`], [`Order::Trajectory`] | points appended in turn; after the last one its end, if the order says so | a point is too tight, or the buffer refuses it: the points before it stay, the rest and the end are left out | the host sees from the room how far the order went |
-//! | [`Order::Lost`] | a robot that drives stops | never | nobody commands |
+//! | [`Order::Path`], [`Order::Trajectory`] | points appended in order, then the end of the path if `end` is set | a point is too tight, or the buffer refuses it: earlier points stay, later points and the end are dropped | the reported room shows how many points were taken |
+//! | [`Order::Lost`] | a moving robot stops | never | no host commands |
 
 use crate::control::path::{PathError, PathPoint, TrajectoryPoint};
 pub use crate::node::lead::Place;
 use crate::node::lead::{LeadNode, Task};
 use serde::{Deserialize, Serialize};
 
-/// Share of the curvature's bound that a point may exceed it by, for rounding.
+/// Relative excess over the curvature limit that is accepted as rounding.
 const ROUNDING: f32 = 1e-3;
 
-/// Points of a path or trajectory in one order.
+/// Largest number of points in one order.
 pub const POINTS: usize = 8;
 
 /// Order for the lead node.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Order {
-    /// Sets the posture of the robot, at rest. Its motors must be off.
+    /// Sets the posture of the robot at rest. The nodes must not drive the motors.
     Place(Place),
-    /// Gives it a task.
+    /// Begins a task.
     Task(Task),
-    /// Appends to its path.
+    /// Appends points to the path.
     Path {
         /// The points.
         points: [Option<PathPoint>; POINTS],
         /// True if they are the last.
         end: bool,
     },
-    /// Appends to its trajectory.
+    /// Appends points to the trajectory.
     Trajectory {
         /// The points.
         points: [Option<TrajectoryPoint>; POINTS],
         /// True if they are the last.
         end: bool,
     },
-    /// The host that commands is lost: a robot that drives stops.
+    /// The commanding host is lost: a moving robot stops.
     Lost,
 }
 
 impl Order {
-    /// Hands it to the node. Points after one that the node refuses are not taken. Postures, goals, tolerances and speeds
-    /// must be finite, and the frame must bend to the curvature.
+    /// Applies the order to the lead node. Points after a refused point are dropped. Postures, goals, tolerances and
+    /// speeds must be finite, and curvatures within the frame's limit.
     pub fn carry_out(&self, lead: &mut LeadNode) -> Result<(), PathError> {
         let bound = (1.0 + ROUNDING) * lead.cascade().max_curvature();
         let bends = |kappa: f32| match kappa.abs() > bound {

@@ -1,8 +1,8 @@
-//! Requests of a host and replies of a board: each payload is a number and a [`Request`] or [`Reply`]
-//! as postcard.
+//! Requests of the host and replies of the board. A payload is a number and a [`Request`] or [`Reply`], encoded by
+//! postcard.
 //!
-//! [`Request::Hello`] and [`Reply::Hello`] are the first variants and stay as they are in every
-//! version, so that two sides of different versions can tell.
+//! [`Request::Hello`] and [`Reply::Hello`] are the first variants and never change, so that sides of different versions
+//! detect the mismatch.
 
 use super::framing::{Counters, MAX_PAYLOAD, SerialFrame};
 use super::lease::Stamp;
@@ -18,63 +18,63 @@ use crate::time::{Micros, TICK};
 use crate::topology::{Role, Wheels};
 use serde::{Deserialize, Serialize};
 
-/// Version of the protocol: changes with every change of what is said, or of a configuration.
+/// Protocol version; changes with every change of a request, a reply or the configuration.
 pub const PROTOCOL: u16 = 13;
 /// Largest encoded configuration, bytes.
 pub const MAX_CONFIG: usize = 2048;
 /// Bytes of a configuration in one request.
 pub const CONFIG_CHUNK: usize = 200;
-/// Bytes of the lead node's output that go with one reply. It is spread over the ticks that follow
-/// the lead node's, so that no reply is much longer than another.
+/// Bytes of the lead node's output in one reply. An output is spread over the replies of several ticks, so that replies
+/// have similar lengths.
 pub const TELEMETRY_CHUNK: usize = 40;
-/// Largest encoded output of the lead node: all of it before the epoch ends.
+/// Largest encoded output of the lead node, bytes; sent completely before the epoch ends.
 pub const MAX_TELEMETRY: usize = 7 * TELEMETRY_CHUNK;
 /// Largest number of bus frames in a request.
 pub const MAX_BUS_FRAMES: usize = 21;
-/// Largest number of bus frames in a reply: a board sends no more than its outbox holds.
+/// Largest number of bus frames in a reply: the capacity of the outbox.
 pub const MAX_SENT_FRAMES: usize = outbox::CAPACITY;
 
 /// From host to board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Request<'a> {
-    /// Begins a session. The board stops what it did and forgets the configuration it was sent, but
-    /// not the parameters that it keeps.
+    /// Begins a session. The board stops its nodes and discards the received configuration. The parameters that it
+    /// keeps remain. A driving board only identifies itself.
     Hello {
-        /// Version the host speaks.
+        /// Protocol version of the host.
         protocol: u16,
-        /// Comes back in the reply, so that the reply to an earlier hello is not taken for it.
+        /// Returned in the reply, so that the reply to an earlier hello is not mistaken for it.
         nonce: u32,
     },
-    /// Asks a board that drives for a session with a rig: it answers and resets into one. Its motors must be off.
+    /// Asks a driving board for a session with a rig: the board answers and resets. Its motors must be off.
     Rig,
     /// Ends the session: the board answers and resets.
     Leave,
     /// A part of the encoded [`crate::node::robot::RobotConfig`].
     Configure {
-        /// Bytes of the whole.
+        /// Length of the encoded configuration, bytes.
         total: u16,
-        /// Place of the first byte of this part.
+        /// Offset of this part, bytes.
         offset: u16,
         /// The part.
         bytes: &'a [u8],
     },
-    /// Builds the nodes from the parameters.
+    /// Builds the nodes from the received configuration.
     Start {
-        /// CRC-32C of the encoded parameters.
+        /// CRC-32C of the encoded configuration.
         hash: u32,
-        /// The first tick that will come, ms.
+        /// First tick of the nodes, ms.
         tick: u32,
         /// Start posture of the robot, for the lead node.
         place: Option<Place>,
     },
-    /// Gives the lead node an order. A board that drives takes it from the host that holds its lease.
+    /// Order for the lead node. A driving board takes orders only from the host that holds its lease.
     Order {
-        /// Sender and place of the order.
+        /// Sender and sequence number of the order.
         stamp: Stamp,
         /// The order.
         order: Order,
     },
-    /// Takes or renews the lease of a board that drives.
+    /// Takes or renews the lease of a driving board.
     Keep(Stamp),
     /// Ends the lease.
     Release(Stamp),
@@ -94,81 +94,80 @@ pub enum Request<'a> {
         /// Readings of its sensors.
         samples: beam::Samples,
     },
-    /// The board stood still, and goes on with this tick: time has passed without it.
+    /// Skips ticks: time has passed without the board.
     Resume {
-        /// The tick that will come next, ms; none that was already carried out.
+        /// Next tick, ms; not one that was already carried out.
         tick: u32,
     },
     /// Asks for [`Reply::Stack`].
     Stack,
-    /// Asks for [`Reply::Parameters`]. The parameters that a board keeps are those of its store, and
-    /// what [`Self::SetParameter`] changed since. Its nodes run with what [`Self::Configure`] sent
-    /// and nothing else: a host that wants the kept ones asks for them and sends them.
+    /// Asks for [`Reply::Parameters`]. The parameters that a board keeps are the stored values and later changes by
+    /// [`Self::SetParameter`]. In a session the nodes use only the configuration sent by [`Self::Configure`]: a host
+    /// that wants the kept parameters reads them and sends them.
     Parameters,
     /// Asks for [`Reply::Parameter`].
     Parameter {
-        /// Place in [`crate::params::TABLE`].
+        /// Index in [`crate::params::TABLE`].
         index: u8,
     },
-    /// Gives a parameter another value, until the board is reset or [`Self::SaveParameters`]. Motors
-    /// must be off.
+    /// Sets a parameter. A reset discards the value unless [`Self::SaveParameters`] stored it. Motors must be off.
     SetParameter {
-        /// Place in the table.
+        /// Index in the table.
         index: u8,
         /// The value.
         value: f32,
     },
-    /// Writes what has changed to the store. Motors must be off.
+    /// Writes changed parameters to the store. Motors must be off.
     SaveParameters,
-    /// Has a board that drives send [`Reply::Report`] unasked, until it is reset.
+    /// Requests [`Reply::Report`] from a driving board, repeatedly until its reset.
     Watch,
-    /// Has a board that drives send a request to another board, over the bus.
+    /// Requests that a driving board forward a request to another board over the bus.
     Relay {
-        /// The other board.
+        /// Destination.
         role: Role,
-        /// Number and request, as for a port of its own.
+        /// Number and request, encoded as for a direct link.
         payload: &'a [u8],
     },
-    /// Has a board that drives send a message of [`crate::topology::Node::Service`] on the bus.
+    /// Requests that a driving board send a message of [`crate::topology::Node::Service`] on the bus.
     Send {
         /// The frame, see [`Packed`].
         bus: &'a [u8],
     },
-    /// Asks a board that drives for [`Reply::Crash`].
+    /// Asks a driving board for [`Reply::Crash`].
     Crash,
-    /// Asks a board that drives for [`Reply::Configuration`].
+    /// Asks a driving board for [`Reply::Configuration`].
     Configuration {
-        /// Place of the first byte.
+        /// Offset of the requested part, bytes.
         offset: u16,
     },
-    /// Has the nodes of a board that drives begin anew, and its reports hold all that replay needs: see
-    /// [`super::record`]. The motors must be off. The front board takes it from the host that holds its lease.
+    /// Restarts the nodes of a driving board, so that its reports hold all inputs of a replay, see [`super::record`].
+    /// The motors must be off. The front board requires the lease.
     Record(Stamp),
 }
 
 /// From board to host.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Reply<'a> {
-    /// Who the board is.
+    /// Identity of the board.
     Hello {
-        /// Version the board speaks.
+        /// Protocol version of the board.
         protocol: u16,
         /// As in the request.
         nonce: u32,
-        /// Board.
+        /// Role of the board.
         role: Role,
         /// Build identification.
         build: &'a str,
-        /// Frames since the board was started.
+        /// Frames received since the start of the board.
         counters: Counters,
-        /// True in a session with a rig; other requests than [`Request::Rig`] wait for one.
+        /// True in a session; false on a driving board, which needs [`Request::Rig`] first.
         session: bool,
     },
     /// The request was carried out.
     Done,
-    /// CRC-32C of the parameters so far.
+    /// The part of the configuration was received.
     Configured {
-        /// The check sum.
+        /// CRC-32C of the parts received so far.
         hash: u32,
     },
     /// Output of an axle board.
@@ -179,32 +178,32 @@ pub enum Reply<'a> {
         active: bool,
         /// Bus frames that could not be decoded or encoded at this tick.
         refused: u8,
-        /// Bus frames that it sends, see [`Packed`].
+        /// Bus frames sent, see [`Packed`].
         bus: &'a [u8],
-        /// The next part of the lead node's output.
+        /// Next part of the lead node's output.
         telemetry: &'a [u8],
     },
     /// Output of a beam board.
     Beam {
         /// Messages that could not be encoded at this tick.
         refused: u8,
-        /// Bus frames that it sends, see [`Packed`].
+        /// Bus frames sent, see [`Packed`].
         bus: &'a [u8],
     },
     /// The request was not carried out.
     Refused(Refusal<'a>),
     /// Stack use of the board.
     Stack(StackUse),
-    /// The parameters that the board keeps.
+    /// Summary of the parameters that the board keeps.
     Parameters {
-        /// Hash of its table, see [`crate::params::fingerprint`].
+        /// Hash of the parameter table, see [`crate::params::fingerprint`].
         table: u32,
         /// Number of parameters.
         count: u8,
-        /// True if those of its store together made no working node, so that it uses none of them.
+        /// True if the stored parameters were rejected as a set; the board then uses none of them.
         unusable: bool,
     },
-    /// One of them.
+    /// A parameter that the board keeps.
     Parameter {
         /// The value.
         value: f32,
@@ -213,39 +212,39 @@ pub enum Reply<'a> {
         /// True if the board would have this value after a reset.
         saved: bool,
     },
-    /// The store holds them.
+    /// The parameters are stored.
     Saved {
-        /// Values that were written.
+        /// Number of values written.
         values: u8,
     },
-    /// Answers no request: what the board's nodes got and did, and the lead node's output.
+    /// Report after [`Request::Watch`]: inputs and outputs of the board's nodes, and the lead node's output.
     Report {
-        /// Number of the report.
+        /// Sequence number of the report.
         sequence: u16,
-        /// Entries since the start of the watch that found no room.
+        /// Number of entries lost for lack of room since the watch began.
         lost: u16,
         /// Whole entries, see [`super::record`].
         entries: &'a [u8],
-        /// Place of the part in the output.
+        /// Offset of `telemetry` in the output, bytes.
         offset: u16,
-        /// The next part of the lead node's output, see [`Spread`].
+        /// Next part of the lead node's output, see [`Spread`].
         telemetry: &'a [u8],
     },
-    /// Reply of another board to [`Request::Relay`]; the number is that of the reply.
+    /// Reply of another board to [`Request::Relay`], with the number of that reply.
     Relayed {
         /// Number and reply.
         payload: &'a [u8],
     },
-    /// Faults of the program since power came on.
+    /// Faults since power-on.
     Crash {
-        /// Panics, faults of the processor, resets by the watchdog, overflows of the stack.
+        /// Numbers of panics, processor faults, watchdog resets and stack overflows.
         counts: [u32; 4],
-        /// Message of the fault that caused the latest start, if one did.
+        /// Message of the fault that caused the latest start; empty if none did.
         message: &'a str,
     },
     /// A part of the encoded [`crate::node::robot::RobotConfig`] of the nodes.
     Configuration {
-        /// Bytes of the whole.
+        /// Length of the encoded configuration, bytes.
         total: u16,
         /// The part.
         bytes: &'a [u8],
@@ -255,7 +254,7 @@ pub enum Reply<'a> {
 /// Crash record of a board: what [`Reply::Crash`] holds.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CrashRecord {
-    /// Panics, faults of the processor, resets by the watchdog, overflows of the stack.
+    /// Numbers of panics, processor faults, watchdog resets and stack overflows.
     pub counts: [u32; 4],
     /// Message of the fault that caused the latest start; empty if none did.
     pub message: heapless::String<160>,
@@ -264,11 +263,11 @@ pub struct CrashRecord {
 /// Stack use of a board since its start.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StackUse {
-    /// Most bytes in use at any time.
+    /// Peak use.
     pub used_bytes: u32,
-    /// Bytes that it may use.
+    /// Largest allowed use.
     pub budget_bytes: u32,
-    /// Bytes there are; 0 where the stack is not measured.
+    /// Size of the stack; 0 if the stack is not measured.
     pub size_bytes: u32,
 }
 
@@ -282,36 +281,35 @@ impl StackUse {
         }
     }
 
-    /// True if it was measured, and more was used than may be.
+    /// True if the measured use exceeds the budget.
     pub fn is_beyond(&self) -> bool {
         self.size_bytes > 0 && self.used_bytes > self.budget_bytes
     }
 }
 
-/// Why a request was not carried out.
+/// Reason of a refusal.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Refusal<'a> {
-    /// There is no session, or it is of another protocol: say hello first. A board that was
-    /// restarted answers so.
+    /// No session of this protocol version: the host must send a hello first, also after a restart of the board.
     NoSession,
-    /// The request is none of this version.
+    /// The payload is no request of this version, or none that this state of the board allows.
     Malformed,
     /// The request is for another kind of board.
     OtherBoard {
         /// Role of this board.
         role: Role,
     },
-    /// A part of the parameters does not follow the one before, or they are too long.
+    /// A part of the configuration does not follow the previous part, or the configuration is too long.
     Part {
         /// Bytes received so far.
         received: u16,
     },
-    /// The check sum of the parameters is another one.
+    /// The configuration is incomplete, or its checksum differs.
     Hash {
-        /// That of the parameters received.
+        /// CRC-32C of the received configuration.
         found: u32,
     },
-    /// The parameters cannot be decoded.
+    /// The configuration cannot be decoded.
     Undecodable,
     /// A parameter is out of range.
     Parameter {
@@ -320,33 +318,33 @@ pub enum Refusal<'a> {
     },
     /// The nodes have not been started.
     NotStarted,
-    /// A tick was left out or comes twice.
+    /// A tick was skipped or repeated.
     Tick {
-        /// The tick that was expected, ms.
+        /// Expected tick, ms.
         expected: u32,
     },
-    /// A point of a path or trajectory, a goal or a speed was not taken.
+    /// The lead node refused the order: a point, posture, goal, tolerance, speed or curvature is invalid.
     Point(PathError),
-    /// Motors may be on: a session and a record need motors that are off; a new place, and parameters changed or saved,
-    /// need nodes that have not been started or an axle that gives no torque.
+    /// Motors may be on. [`Request::Rig`] and [`Request::Record`] require motors off; [`Order::Place`] and changed or
+    /// saved parameters require nodes not started or an axle without torque.
     Armed,
-    /// There is no such parameter.
+    /// No parameter has this index.
     Index {
         /// Number of parameters.
         count: u8,
     },
-    /// The store could not be written, or did not hold afterwards what was written.
+    /// Writing the store failed, or the values read back differ.
     NotSaved,
     /// Another host commands the robot.
     Leased,
-    /// The order is not newer than the latest one.
+    /// The sequence number of the order is not newer than the latest one.
     OldOrder,
 }
 
 /// Output of the lead node, and the room in its buffers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Telemetry {
-    /// Its output.
+    /// Output of the step.
     pub output: lead::Output,
     /// Time of the step, ms.
     pub tick: u32,
@@ -369,7 +367,7 @@ impl Telemetry {
     }
 }
 
-/// The lead node's output on its way, a part with each reply. It begins with its length.
+/// Encoded output of the lead node, sent in parts, one per reply. The first two bytes are the length.
 #[derive(Clone, Debug, Default)]
 pub struct Spread {
     bytes: heapless::Vec<u8, MAX_TELEMETRY>,
@@ -377,10 +375,10 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Puts an output in place of the one before.
+    /// Replaces the output; the rest of the previous output is not sent.
     pub fn fill(&mut self, telemetry: &Telemetry) {
         let mut encoded = [0; MAX_TELEMETRY - 2];
-        // Its largest size is known to fit; nothing is sent otherwise.
+        // The largest output fits. If one did not, a length of 0 would be sent.
         let encoded = postcard::to_slice(telemetry, &mut encoded).map_or(&[][..], |used| used);
         self.bytes.clear();
         let length = (encoded.len() as u16).to_le_bytes();
@@ -390,7 +388,7 @@ impl Spread {
         self.sent = 0;
     }
 
-    /// The next part, of `most` bytes.
+    /// Next part, at most `most` bytes.
     pub fn next(&mut self, most: usize) -> &[u8] {
         let end = self.bytes.len().min(self.sent + most);
         let part = self.bytes.get(self.sent..end).unwrap_or_default();
@@ -398,12 +396,12 @@ impl Spread {
         part
     }
 
-    /// Bytes that were sent.
+    /// Number of bytes sent.
     pub fn sent(&self) -> usize {
         self.sent
     }
 
-    /// Bytes that are left to send.
+    /// Number of bytes left to send.
     pub fn left(&self) -> usize {
         self.bytes.len() - self.sent
     }
@@ -416,7 +414,7 @@ pub fn encode<T: Serialize>(number: u8, message: &T) -> Option<SerialFrame> {
     SerialFrame::new(used)
 }
 
-/// Number and message of a payload; `None` if it is none of this version.
+/// Number and message of a payload; `None` unless the payload is exactly one message of this version.
 pub fn decode<'a, T: Deserialize<'a>>(payload: &'a [u8]) -> Option<(u8, T)> {
     match postcard::take_from_bytes(payload) {
         Ok((message, [])) => Some(message),
@@ -424,7 +422,7 @@ pub fn decode<'a, T: Deserialize<'a>>(payload: &'a [u8]) -> Option<(u8, T)> {
     }
 }
 
-/// Bus frames, each as identifier and length in two bytes and then its data.
+/// Packed bus frames: for each frame two bytes of identifier and length, then the data.
 #[derive(Clone, Debug, Default)]
 pub struct Packed(heapless::Vec<u8, { 10 * MAX_BUS_FRAMES }>);
 
@@ -449,7 +447,7 @@ impl Packed {
     }
 }
 
-/// The frames in packed bytes; ends at the first that is cut short.
+/// Frames in packed bytes; ends at a truncated frame.
 pub fn unpack(mut bytes: &[u8]) -> impl Iterator<Item = bus::CanFrame> {
     core::iter::from_fn(move || {
         let (head, rest) = bytes.split_at_checked(2)?;

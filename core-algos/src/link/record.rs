@@ -1,16 +1,16 @@
-//! Inputs and outputs of a board's nodes while it drives, as a host at its port records them.
+//! Inputs and outputs of a driving board's nodes, recorded by a host.
 //!
-//! A board sends entries in the order in which its tick met them: frames that arrived, orders, the tick with its
-//! samples and torques, frames that were sent. From [`Entry::Begin`] on, and as long as none is lost, they are all that
-//! the nodes depend on: the same nodes do the same again, bit by bit.
+//! A board sends entries in the order of its tick: received frames, orders, the tick with samples and torques, sent
+//! frames. From [`Entry::Begin`] on, and while no entry is lost, the entries are all inputs of the nodes: a replay is
+//! bit-identical.
 //!
 //! | entry | holds | reason |
 //! |---|---|---|
-//! | frame | identifier and data; more than 8 bytes are no frame | |
-//! | tick | difference to the latest recorded tick or the beginning, and of the encoder counts to the latest ones recorded, all modulo 2³² | small numbers are short |
-//! | tick, torques | both, unless both are +0 to the bit | replay compares bits |
-//! | beginning | its first tick; counts begin at 0, and this tick is one after the reference | either side knows the reference |
-//! | entry cut short, or unknown | none, and nothing behind it | its length is unknown |
+//! | frame | identifier and data; invalid with more than 8 bytes | |
+//! | tick | ticks since the latest recorded tick or the beginning, and changes of the counts since the latest recorded counts, all modulo 2³² | small numbers encode short |
+//! | tick, torques | both, omitted if all their bits are 0 | replay compares bits |
+//! | beginning | first tick; the reference is the tick before, with counts of 0 | board and host derive the same reference |
+//! | truncated or unknown entry | nothing; decoding ends | the length of the entry is unknown |
 
 use super::order::Order;
 use crate::beam::MAX_GAUGES;
@@ -21,45 +21,46 @@ use crate::time::{Micros, TICK};
 use crate::topology::Wheels;
 use serde::{Deserialize, Serialize};
 
-/// Longest encoded entry: an order that sets the posture.
+/// Longest encoded entry, bytes: an order that sets the posture.
 pub const MAX_ENTRY: usize = 112;
 
 /// Event at a board.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Entry<'a> {
-    /// Identifier and data of a frame that the tick took from the bus, or that the board sends.
+    /// Identifier and data of a bus frame that the tick received or the board sent.
     Frame(u16, &'a [u8]),
-    /// Tick of the nodes. They got the frames of other boards since the tick before, and the frames that they sent at it.
+    /// Tick of the nodes. They received the frames of other boards since the previous tick, and their own frames of
+    /// the previous tick.
     Tick {
-        /// Ticks since the one before.
+        /// Ticks since the latest recorded tick.
         step: u32,
-        /// Samples; counts are those since the tick before.
+        /// Samples; counts are changes since the latest recorded counts.
         samples: Samples,
         /// Torques commanded, N m, unless both are zero.
         torque_nm: Option<Wheels<f32>>,
     },
-    /// Tick without a common time: the nodes did not run, and did not get the frames since the tick before.
+    /// Tick without synchronized time: the nodes did not run, and did not receive the frames since the previous tick.
     Wait,
-    /// Order of the board itself that was carried out before the next tick.
+    /// Order of the board itself, carried out before the next tick.
     Order(Order),
-    /// Number of the order of a host that was carried out before the next tick.
+    /// Sequence number of a host's order that was carried out before the next tick.
     Carried(u16),
-    /// The nodes began anew before this tick, ms.
+    /// The nodes restarted.
     Begin {
-        /// The tick that comes next, ms.
+        /// Next tick, ms.
         tick: u32,
     },
-    /// The nodes are no longer those of the board's configuration.
+    /// Replay ends here: the nodes no longer match the board's configuration, or an order was refused.
     End,
 }
 
 impl<'a> Entry<'a> {
-    /// The entry of a frame.
+    /// Entry of a bus frame.
     pub fn of(frame: &'a CanFrame) -> Self {
         Self::Frame(frame.id, frame.bytes())
     }
 
-    /// The frame, if the entry is one.
+    /// Bus frame of a valid frame entry.
     pub fn frame(&self) -> Option<CanFrame> {
         let Self::Frame(id, bytes) = *self else {
             return None;
@@ -70,13 +71,13 @@ impl<'a> Entry<'a> {
         Some(CanFrame { id, length, data })
     }
 
-    /// Encodes it.
+    /// Encodes the entry into `room`; `None` if it does not fit.
     pub fn encode<'b>(&self, room: &'b mut [u8]) -> Option<&'b [u8]> {
         postcard::to_slice(self, room).ok().map(|used| &*used)
     }
 }
 
-/// Entries of a report; ends behind the first that cannot be decoded, which is `None`.
+/// Decodes the entries of a report. The first undecodable entry gives `None` and ends the sequence.
 pub fn entries(mut bytes: &[u8]) -> impl Iterator<Item = Option<Entry<'_>>> {
     core::iter::from_fn(move || {
         if bytes.is_empty() {
@@ -89,7 +90,7 @@ pub fn entries(mut bytes: &[u8]) -> impl Iterator<Item = Option<Entry<'_>>> {
     })
 }
 
-/// The latest tick and its counts, against which the next one is encoded.
+/// Latest tick and counts: reference of the differences in the next entry.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Reference {
     tick: u32,
@@ -97,14 +98,14 @@ pub struct Reference {
 }
 
 impl Reference {
-    /// The nodes begin anew; their first tick is that of `now`.
+    /// Resets the reference for restarted nodes whose first tick is at `now`.
     pub fn begin(&mut self, now: Micros) -> Entry<'static> {
         let tick = (now / TICK) as u32;
         *self = Self::before(tick);
         Entry::Begin { tick }
     }
 
-    /// The reference of the first tick of nodes that began anew.
+    /// Reference for restarted nodes whose first tick is `tick`.
     pub fn before(tick: u32) -> Self {
         Self {
             tick: tick.wrapping_sub(1),
@@ -112,7 +113,7 @@ impl Reference {
         }
     }
 
-    /// The entry of a tick.
+    /// Entry of a tick; the tick becomes the reference.
     pub fn tick(
         &mut self,
         now: Micros,
@@ -135,7 +136,7 @@ impl Reference {
         }
     }
 
-    /// Tick, ms, and samples of an entry.
+    /// Tick, ms, and samples of an entry; the tick becomes the reference.
     pub fn resolve(&mut self, step: u32, samples: &Samples) -> (u32, Samples) {
         self.tick = self.tick.wrapping_add(step);
         let samples = self.each(samples, |before, since| {
@@ -218,11 +219,11 @@ mod tests {
     }
 
     #[test]
-    fn tick_holds_its_distance_and_that_of_its_counts_and_is_resolved_as_it_was() {
+    fn tick_is_encoded_as_differences_and_resolved_exactly() {
         let counts = [9, -9, 2_000_000, 0, 1, 2, 3, 4];
         let moved = [9, -7, i32::MIN, 0, 1, 2, 3, 4];
         let beam = |counts: [i32; MAX_GAUGES]| Samples::Beam(counts.into());
-        // Begun before it; tick, samples; step and samples in the entry.
+        // Tick, samples; expected step and samples of the entry. The first tick is that of the beginning.
         for rows in [
             &[
                 (
@@ -250,7 +251,7 @@ mod tests {
                 ),
             ],
         ] {
-            // What was before the beginning does not count.
+            // Ticks before the beginning do not affect the reference.
             let mut board = Reference::default();
             board.tick(5 * TICK, &beam([7; MAX_GAUGES]), Wheels::both(0.0));
             let first = rows[0].0;
@@ -298,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_come_back_and_a_cut_entry_ends_the_rest() {
+    fn frames_survive_encoding_and_truncated_entry_ends_decoding() {
         let frame = CanFrame {
             id: 0x7ff,
             length: 3,

@@ -1,25 +1,26 @@
-//! Bytes of the link on the bus: frames of at most eight bytes, so that one serial port reaches every board.
+//! Segmentation of link bytes into bus frames of at most eight bytes, so that one serial port reaches every board.
 //!
 //! | identifier | bytes |
 //! |---|---|
 //! | 0x700 + axle | requests to the board of an axle |
-//! | 0x710 + axle | its replies |
+//! | 0x710 + axle | replies of the board of an axle |
 //! | 0x740 + frame | requests to the board of a frame |
-//! | 0x750 + frame | its replies |
+//! | 0x750 + frame | replies of the board of a frame |
 //!
 //! | condition | reaction | reason |
 //! |---|---|---|
-//! | bytes for a board | frames of eight bytes in turn, the last one with what is left; unused data is 0 | |
+//! | bytes to or from a board | frames of eight bytes in order, the last with the rest; unused data is 0 | |
 //! | identifier of the table | board and direction | |
-//! | any other identifier, one of a message | none | messages are not for the link |
+//! | any other identifier | none | messages are not for the link |
 //!
-//! The identifiers are the last ones of the bus: every message goes first. A frame that is lost breaks the check sum of
-//! the payload ([`super::framing`]), and the host repeats its request.
+//! These identifiers have lower priority on the bus than every message except the boards' identities, which are sent
+//! once a second. A lost frame breaks the checksum of the payload ([`super::framing`]), and the host repeats its
+//! request.
 
 use crate::bus::CanFrame;
 use crate::topology::{MAX_AXLES, MAX_FRAMES, Role};
 
-/// Direction of bytes.
+/// Direction of a segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     /// Requests to the board.
@@ -42,7 +43,7 @@ pub fn address(id: u16) -> Option<(Role, Direction)> {
     }
 }
 
-/// Frames of bytes to or from a board.
+/// Bus frames that carry `bytes` to or from a board.
 pub fn frames(role: Role, direction: Direction, bytes: &[u8]) -> impl Iterator<Item = CanFrame> {
     let id = match (role, direction) {
         (Role::Axle(axle), Direction::To) => 0x700 + u16::from(axle.0),
@@ -72,7 +73,7 @@ mod tests {
     use std::vec::Vec;
 
     #[test]
-    fn payloads_of_every_length_pass_the_bus() {
+    fn payload_of_any_length_survives_segmentation() {
         for role in Topology::PAIR.boards() {
             for direction in [Direction::To, Direction::From] {
                 for length in 1..=MAX_PAYLOAD {
@@ -93,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn each_identifier_names_its_board_and_direction() {
+    fn identifier_gives_board_and_direction() {
         for id in 0..0x800u16 {
             let expected = match id {
                 0x700..0x705 => Some((Role::axle((id - 0x700) as u8), Direction::To)),
@@ -123,10 +124,10 @@ mod tests {
     }
 
     #[test]
-    fn identifiers_are_those_of_no_message() {
+    fn link_identifiers_differ_from_message_identifiers() {
         for layout in MESSAGES {
             assert_eq!(address(layout.id), None, "{}", layout.name);
-            // A lower identifier goes first; the identities of the boards are sent once a second.
+            // A lower identifier has priority. Only the boards' identities, sent once a second, are above 0x700.
             assert!(layout.id < 0x700 || layout.period_ms >= 1000);
         }
     }

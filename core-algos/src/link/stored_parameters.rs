@@ -1,13 +1,13 @@
-//! Parameters that a board behind a link keeps: what its store held, and what a host has set since.
+//! Parameters that a board behind a link keeps: stored values, and values that a host has set since.
 //!
-//! They are the board's own and take no part in a session: its nodes run with the configuration that
-//! the host sends. Reading and writing the store is left to whoever has one.
+//! A session does not use them: its nodes run with the configuration that the host sends. The caller reads and writes
+//! the store.
 //!
 //! | event | values | source and "saved" of a value | reason |
 //! |---|---|---|---|
 //! | start of a board | values of the store, by [`Contents::settle`]; all defaults if no node can be built with them | source by the store; saved | |
-//! | value set | the value, if in range; else as before | source as before; saved if its bits are those that a reset would give | |
-//! | saved | as they are | source by the store; saved if the store took the value | the store is read back |
+//! | value set | the value, if in range; unchanged otherwise | source unchanged; saved if the bits equal those after a reset | |
+//! | parameters saved | unchanged | source by the store; saved if the store holds the value | the store is read back |
 //! | no such index | refused: index | | |
 
 use super::protocol::{Refusal, Reply};
@@ -20,18 +20,18 @@ use crate::topology::Role;
 pub struct Save {
     /// The parameters.
     pub settings: Settings,
-    /// Those of the board when nothing is stored.
+    /// Parameters of the board with an empty store.
     pub base: Settings,
-    /// The motors are off.
+    /// Proof that the motors are off.
     pub off: Disarmed,
 }
 
-/// Why a parameter was not set, or the parameters not saved.
+/// Reason for which a parameter was not set, or the parameters were not saved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StoreError {
-    /// There is no such parameter.
+    /// No parameter has this index.
     Index,
-    /// Out of range, or no node can be built with it.
+    /// The value is out of range, or no node can be built with the values.
     Value(ConfigError),
 }
 
@@ -39,15 +39,15 @@ pub enum StoreError {
 #[derive(Clone, Debug)]
 pub struct StoredParameters {
     role: Role,
-    /// As they would be after a reset.
+    /// Values after a reset.
     stored: Settings,
     report: Report,
-    /// As they are.
+    /// Current values.
     settings: Settings,
 }
 
 impl StoredParameters {
-    /// Those of a board whose store holds nothing.
+    /// Parameters of a board with an empty store.
     pub fn new(role: Role) -> Self {
         let base = Settings::of(role);
         let (stored, report) = Contents::EMPTY.settle(&base, |_| Ok(()));
@@ -59,30 +59,30 @@ impl StoredParameters {
         }
     }
 
-    /// Takes in what the store holds after a start.
+    /// Loads the contents of the store after a start.
     pub fn load(&mut self, contents: &Contents) {
         self.saved(contents);
         self.settings = self.stored;
     }
 
-    /// Takes in what the store holds after it was written.
+    /// Updates source and "saved" from the contents read back after a write.
     #[inline(never)]
     pub fn saved(&mut self, contents: &Contents) {
         let base = Settings::of(self.role);
         (self.stored, self.report) = contents.settle(&base, |settings| settings.check(self.role));
     }
 
-    /// Of which board.
+    /// Role of the board.
     pub fn role(&self) -> Role {
         self.role
     }
 
-    /// As they are.
+    /// Current values.
     pub fn settings(&self) -> &Settings {
         &self.settings
     }
 
-    /// Number of parameters, and the version of their table.
+    /// Number of parameters, hash of their table, and usability of the store.
     pub fn summary(&self) -> Reply<'static> {
         Reply::Parameters {
             table: fingerprint(),
@@ -91,7 +91,7 @@ impl StoredParameters {
         }
     }
 
-    /// The parameter at a place in the table.
+    /// Value, source and "saved" of the parameter at this index of the table.
     pub fn get(&self, index: u8) -> Result<Reply<'static>, Refusal<'static>> {
         let parameter = parameter(index).map_err(|_| Refusal::Index { count: COUNT as u8 })?;
         let value = parameter.get(&self.settings);
@@ -103,19 +103,19 @@ impl StoredParameters {
         })
     }
 
-    /// Gives one another value, or changes nothing.
+    /// Sets a parameter; changes nothing on an error.
     pub fn set(&mut self, index: u8, value: f32, _off: Disarmed) -> Result<(), StoreError> {
         let set = parameter(index)?.set(&mut self.settings, value);
         set.map_err(StoreError::Value)
     }
 
-    /// Checks that a node can be built from the values, each of which is in range by itself.
+    /// Checks that the nodes can be built from the combination of values.
     pub fn check(&self) -> Result<(), StoreError> {
         let checked = self.settings.check(self.role);
         checked.map_err(StoreError::Value)
     }
 
-    /// Contents to write, once checked.
+    /// Contents to write; requires a successful [`Self::check`].
     pub fn save(&self, off: Disarmed) -> Save {
         Save {
             settings: self.settings,

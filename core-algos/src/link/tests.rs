@@ -1,4 +1,4 @@
-//! Endpoint, protocol and framing together, as a host sees them.
+//! Tests of endpoint, protocol and framing together, from the host's side.
 
 use super::endpoint::{Endpoint, Identity};
 use super::framing::{Decoder, MAX_FRAME, SerialFrame, crc32c};
@@ -32,10 +32,10 @@ pub(super) const STACK: StackUse = StackUse {
     size_bytes: 90_000,
 };
 
-/// Configuration of the nodes of boards that drive.
+/// Configuration of the nodes of driving boards.
 pub(super) static CONFIG: LazyLock<RobotConfig> = LazyLock::new(RobotConfig::default);
 
-/// A host that speaks to an endpoint without loss.
+/// Host on a lossless link to an endpoint.
 pub(super) struct Host {
     pub(super) board: Endpoint,
     pub(super) number: u8,
@@ -61,7 +61,7 @@ impl Host {
         self.board = board(role, &self.store);
     }
 
-    /// Writes the store, if the board asks for that.
+    /// Writes the store if a write is pending.
     pub(super) fn serve(&mut self, send: &mut impl FnMut(&[u8])) {
         let Some(save) = self.board.save() else {
             return;
@@ -82,7 +82,7 @@ impl Host {
         self.board.saved(Some((values, &self.store)), send);
     }
 
-    /// The answer's payload to raw bytes.
+    /// Payload of the answer to raw bytes.
     pub(super) fn send(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut sent = Vec::new();
         let mut take = |answer: &[u8]| sent.extend_from_slice(answer);
@@ -91,7 +91,7 @@ impl Host {
         payloads(&sent).pop().unwrap_or_default()
     }
 
-    /// The answer's payload to a request with the next number.
+    /// Payload of the answer to a request with the next number.
     pub(super) fn ask(&mut self, request: &Request) -> Vec<u8> {
         self.number = self.number.wrapping_add(1);
         self.send(protocol::encode(self.number, request).unwrap().bytes())
@@ -106,7 +106,7 @@ impl Host {
         self.expect(request, Reply::Refused(refusal));
     }
 
-    /// Says hello in a version of the protocol; gives the role in the answer.
+    /// Sends a hello of this protocol version; returns the role in the reply.
     pub(super) fn greet(&mut self, version: u16) -> Role {
         let request = Request::Hello {
             protocol: version,
@@ -134,7 +134,7 @@ impl Host {
         self.greet(PROTOCOL);
     }
 
-    /// Sends the parameters; gives their check sum.
+    /// Sends the configuration; returns its checksum.
     pub(super) fn configure(&mut self, config: &RobotConfig) -> u32 {
         let mut room = [0; MAX_CONFIG];
         let bytes = postcard::to_slice(config, &mut room).unwrap();
@@ -175,7 +175,7 @@ pub(super) fn place() -> Place {
     }
 }
 
-/// An axle at rest, as the lead node wants it before it drives, and then on the move.
+/// Samples of an axle: at rest for 200 ms, as the lead node requires before it drives, then moving.
 pub(super) fn axle_samples(tick: u32) -> axle::Samples {
     let moving = tick.saturating_sub(200);
     axle::Samples {
@@ -205,7 +205,7 @@ pub(super) fn stamp(owner: u16, sequence: u16) -> Stamp {
     Stamp { owner, sequence }
 }
 
-/// Echo of a front board's frames by the bus: each frame, and its reports as if from the other axle too.
+/// Frames that a front board receives: its own, and its reports copied as reports of the other axle.
 pub(super) fn echo(frames: impl IntoIterator<Item = bus::CanFrame>) -> Vec<bus::CanFrame> {
     let mut echo = Vec::new();
     for frame in frames {
@@ -218,14 +218,14 @@ pub(super) fn echo(frames: impl IntoIterator<Item = bus::CanFrame>) -> Vec<bus::
     echo
 }
 
-/// All bits of what a front board does.
+/// Encoded reply, for a comparison of every bit.
 fn bits(sent: &impl serde::Serialize) -> Vec<u8> {
     let mut room = [0; 512];
     postcard::to_slice(sent, &mut room).unwrap().to_vec()
 }
 
 #[test]
-fn a_front_board_behind_frames_does_what_it_does_without() {
+fn front_board_behind_link_matches_direct_nodes_bit_for_bit() {
     let config = RobotConfig::default();
     let mut host = Host::started(Role::LEAD, &config, Some(place()));
     let mut board = Board::new(&config, Role::LEAD).unwrap();
@@ -238,7 +238,7 @@ fn a_front_board_behind_frames_does_what_it_does_without() {
     let (mut received, mut wanted, mut outputs, mut driven) = (Vec::new(), Vec::new(), 0, 0);
     for tick in 0..400u32 {
         let now = u64::from(tick) * TICK;
-        // A board that comes up while the robot is driven would stay off.
+        // Not earlier: a board that starts while the robot is driven stays off.
         if tick == 100 {
             board.lead().unwrap().command(command);
             host.expect(&order(Order::Task(command)), Reply::Done);
@@ -314,7 +314,7 @@ fn a_damaged_request_gets_no_answer_and_its_repetition_does() {
     let frame = protocol::encode(200, &request).unwrap();
     for cut in 1..frame.bytes().len() {
         assert!(host.send(&frame.bytes()[..cut]).is_empty());
-        // What is left of the frame and the beginning of the repetition are one damaged frame.
+        // The 0 at the beginning of the repetition ends the truncated frame.
         if cut % 2 == 0 {
             let reply = host.send(frame.repeated());
             assert!(reply[0] == 200 && is_axle_reply(&reply));
@@ -326,13 +326,13 @@ fn a_damaged_request_gets_no_answer_and_its_repetition_does() {
 }
 
 #[test]
-fn either_side_may_start_again() {
+fn either_side_may_restart() {
     let config = RobotConfig::default();
     let mut host = Host::started(Role::axle(1), &config, None);
     for k in 0..20 {
         host.ask(&axle(k, &[]));
     }
-    // The board: whatever the host goes on to say, it is told to say hello.
+    // A restarted board refuses requests until a hello.
     host.reset(Role::axle(1));
     host.refused(&axle(20, &[]), Refusal::NoSession);
     host.hello();
@@ -340,7 +340,7 @@ fn either_side_may_start_again() {
     let hash = host.configure(&config);
     host.expect(&start(hash, 20, None), Reply::Done);
     assert!(is_axle_reply(&host.ask(&axle(20, &[]))));
-    // The host: the same numbers mean new requests after a hello.
+    // A restarted host: after a hello, a used number is a new request.
     let last = host.number;
     host.number = last - 1;
     host.hello();
@@ -349,7 +349,7 @@ fn either_side_may_start_again() {
 }
 
 #[test]
-fn the_stack_is_told_in_a_session() {
+fn stack_use_is_reported_in_a_session() {
     let mut host = Host::new(Role::beam(0));
     host.refused(&Request::Stack, Refusal::NoSession);
     host.hello();
@@ -360,7 +360,7 @@ fn the_stack_is_told_in_a_session() {
     assert!(!within.is_beyond());
 }
 
-/// Whole numbers below `end`.
+/// Random whole number below `end`.
 pub(super) fn below(random: &mut Random, end: usize) -> usize {
     (random.uniform() * end as f64) as usize
 }
@@ -369,7 +369,7 @@ fn random_bytes(random: &mut Random, length: usize) -> Vec<u8> {
     (0..length).map(|_| below(random, 256) as u8).collect()
 }
 
-/// A few of the things that happen to bytes.
+/// Damages bytes in one to four random ways.
 pub(super) fn damage(random: &mut Random, bytes: &mut Vec<u8>) {
     for _ in 0..1 + below(random, 4) {
         let place = below(random, bytes.len());
@@ -388,12 +388,11 @@ pub(super) fn damage(random: &mut Random, bytes: &mut Vec<u8>) {
     }
 }
 
-/// A million damaged and random streams. What the decoder lets through must be a frame that was
-/// sent. The check sum lets 2⁻³² of what reaches it pass, 2.3·10⁻⁴ in all: none is expected. How
-/// many of them have the right last byte of the sum, 2⁻⁸ if sums are as good as random, shows that
-/// the streams do try it.
+/// Streams are damaged or random. Every frame that the decoder accepts must be one that was sent. A wrong frame passes
+/// the checksum with a probability of 2⁻³²: 2.3·10⁻⁴ in all, so none is expected. To show that wrong frames do reach
+/// the checksum, the test counts those that match its last byte: a share of 2⁻⁸.
 #[test]
-fn a_million_damaged_streams_pass_no_wrong_frame_and_do_no_harm() {
+fn million_damaged_streams_pass_no_wrong_frame() {
     const STREAMS: u32 = 1_000_000;
     let mut random = Random::new(11);
     let mut host = Host::started(Role::LEAD, &RobotConfig::default(), Some(place()));
@@ -426,7 +425,7 @@ fn a_million_damaged_streams_pass_no_wrong_frame_and_do_no_harm() {
         if stream % 4 == 0 {
             let length = 1 + below(&mut random, MAX_FRAME);
             bytes = random_bytes(&mut random, length);
-            // A first byte that is a plausible length code: the stuffing is right for some.
+            // A plausible first length code makes the stuffing of some streams valid.
             bytes[0] = bytes[0].min(length as u8);
         } else {
             bytes = frames[below(&mut random, 16)].bytes().to_vec();
@@ -448,7 +447,7 @@ fn a_million_damaged_streams_pass_no_wrong_frame_and_do_no_harm() {
                 last_byte += u32::from(crc32c(payload).to_le_bytes()[3] == *last);
             }
         }
-        // The endpoint takes the same bytes, and what is undamaged in them, as its own.
+        // The endpoint receives the same bytes.
         if stream % 8 == 0 {
             host.send(&bytes);
         }
@@ -468,9 +467,9 @@ fn a_million_damaged_streams_pass_no_wrong_frame_and_do_no_harm() {
     host.hello();
 }
 
-/// Requests of random content in frames whose check sums are right.
+/// Requests of random content in frames with correct checksums.
 #[test]
-fn no_request_does_harm_whatever_it_holds() {
+fn random_request_is_always_answered() {
     let mut random = Random::new(12);
     for role in Topology::PAIR.boards() {
         let mut host = Host::started(role, &RobotConfig::default(), Some(place()));
@@ -479,7 +478,7 @@ fn no_request_does_harm_whatever_it_holds() {
             let length = 2 + below(&mut random, 60);
             let mut payload = random_bytes(&mut random, length);
             payload[1] = match round % 8 {
-                // A hello now and then, or a start, would leave little to try.
+                // Hellos are rare: a hello discards the nodes.
                 0 => below(&mut random, 15) as u8,
                 _ => 3 + below(&mut random, 12) as u8,
             };
@@ -493,7 +492,7 @@ fn no_request_does_harm_whatever_it_holds() {
     }
 }
 
-/// The order in a request, as the next one of a host.
+/// Request with this order and the host's next sequence number.
 pub(super) fn order(order: Order) -> Request<'static> {
     static SEQUENCE: AtomicU16 = AtomicU16::new(0);
     let stamp = stamp(7, SEQUENCE.fetch_add(1, Ordering::Relaxed));
@@ -509,7 +508,7 @@ pub(super) fn payloads(bytes: &[u8]) -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn a_session_ends_when_the_host_leaves_and_not_before() {
+fn session_ends_only_when_the_host_leaves() {
     let mut host = Host::new(Role::axle(1));
     host.hello();
     host.expect(&Request::Rig, Reply::Done);

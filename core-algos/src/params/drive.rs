@@ -1,27 +1,26 @@
 //! Motors, drivers and supply of an axle board, in the numbers of their data sheets.
 //!
-//! One set of numbers; what current loop, its monitor, thermal model and converter need is derived
-//! from it. A test asks that the defaults give the defaults of each.
+//! The configurations of current loops, response monitors, thermal model, current sensors and supply converter are
+//! derived from this one set. A test checks that the defaults of the set give the defaults of each part.
 
 use crate::acquisition::analog::SupplyConfig;
 use crate::config::{Allowed, ConfigError, declare, require};
 use crate::drive::winding::fold_back;
 use crate::drive::{current, response, shunt, winding};
 
-/// Excess of the supply beyond its limits at which the motors are switched off at once, V below and
-/// above; in between the robot stops in order.
+/// Distance from the stop limits of the supply to the trip limits, at which the motors are switched off at once, V:
+/// below and above.
 const BEYOND_V: (f32, f32) = (1.0, 0.8);
-/// Share of the converter's range that a supply can be told from a broken divider.
+/// Share of the converter's range in which a reading is a supply voltage; above, the divider may be broken.
 const READABLE: f32 = 0.98;
 
 declare! {
     /// Circuits behind the pins of an axle board.
     ///
-    /// Default: A 12 V gear motor of 2.5 N m at standstill and 20 rad/s without load, INA240A1 on 10 mΩ, and
-    /// a battery of three cells: 3.3 V and 3.5 V a cell below; above, four full cells are no reason
-    /// to stop.
+    /// Default: A 12 V gear motor of 2.5 N m at standstill and 20 rad/s without load, and INA240A1 on 10 mΩ. The lower
+    /// limits of the supply suit three cells (3.3 V and 3.5 V a cell), the upper limit four full cells.
     pub struct Drive {
-        /// True supply voltage over the measured one.
+        /// True supply voltage divided by the measured voltage.
         pub supply_gain: f32 = 1.0, "": Range(0.9, 1.1);
         /// Supply below which the robot stops; 3.3 V a cell: 9.9 for three, 13.2 for four.
         pub supply_minimum_v: f32 = 9.9, "V": Range(6.0, 15.0);
@@ -29,7 +28,7 @@ declare! {
         pub supply_warning_v: f32 = 10.5, "V": Range(6.0, 17.0);
         /// Supply above which the robot stops; a full pack and 3 %: 13.0 for three cells, 17.4 for four.
         pub supply_maximum_v: f32 = 17.4, "V": Range(10.0, 17.6);
-        /// Shunt in a motor's lead.
+        /// Shunt resistance in a motor's lead.
         pub shunt_ohm: f32 = 0.01, "Ω": Range(1e-3, 0.1);
         /// Gain of the amplifier across the shunt.
         pub amplifier_gain: f32 = 20.0, "": Range(1.0, 100.0);
@@ -39,7 +38,7 @@ declare! {
         pub inductance_h: f32 = 2.3e-3, "H": Range(1e-5, 0.1);
         /// Torque per current of the motor before its gear.
         pub torque_constant_nm_a: f32 = 0.02, "N m/A": Range(1e-3, 1.0);
-        /// Turns of a motor in one turn of its wheel.
+        /// Turns of a motor per turn of its wheel.
         pub gear_ratio: f32 = 30.0, "": Range(1.0, 500.0);
         /// Largest current of a motor.
         pub max_current_a: f32 = 4.0, "A": Range(0.2, 5.5);
@@ -47,11 +46,11 @@ declare! {
         pub thermal_resistance_k_w: f32 = 6.0, "K/W": Range(0.1, 100.0);
         /// Thermal time constant of the winding.
         pub thermal_time_constant_s: f32 = 30.0, "s": Range(1.0, 1e3);
-        /// Temperature of the winding at which no current is left.
+        /// Temperature of the winding at which the current limit reaches 0.
         pub winding_max_c: f32 = 120.0, "°C": Range(70.0, 180.0);
         /// Span below `winding_max_c` in which the current limit falls.
         pub winding_fold_back_k: f32 = 20.0, "K": Range(5.0, 35.0);
-        /// Temperature between the drivers at which no current is left.
+        /// Temperature between the drivers at which the current limit reaches 0.
         pub driver_max_c: f32 = 105.0, "°C": Range(60.0, 150.0);
         /// Span below `driver_max_c` in which the current limit falls.
         pub driver_fold_back_k: f32 = 20.0, "K": Range(5.0, 35.0);
@@ -59,7 +58,7 @@ declare! {
 }
 
 impl Drive {
-    /// The current loops.
+    /// Configuration of the current loops.
     pub fn current_loop(&self) -> current::Config {
         current::Config {
             resistance_ohm: self.resistance_ohm,
@@ -70,7 +69,7 @@ impl Drive {
         }
     }
 
-    /// The monitors of whether the motors answer.
+    /// Configuration of the response monitors of the motors.
     pub fn response(&self) -> response::Config {
         response::Config {
             resistance_ohm: self.resistance_ohm,
@@ -80,7 +79,7 @@ impl Drive {
         }
     }
 
-    /// The thermal model of the windings.
+    /// Configuration of the thermal model of the windings.
     pub fn winding(&self) -> winding::Config {
         winding::Config {
             resistance_ohm: self.resistance_ohm,
@@ -93,7 +92,7 @@ impl Drive {
         }
     }
 
-    /// The current sensors.
+    /// Configuration of the current sensors.
     pub fn shunt(&self) -> shunt::Config {
         shunt::Config {
             volts_per_ampere: self.shunt_ohm * self.amplifier_gain,
@@ -101,7 +100,7 @@ impl Drive {
         }
     }
 
-    /// The reading of the supply.
+    /// Configuration of the supply converter.
     pub fn supply(&self) -> SupplyConfig {
         let plain = SupplyConfig::default();
         SupplyConfig {
@@ -110,8 +109,8 @@ impl Drive {
         }
     }
 
-    /// Limits of the supply at which the motors are switched off at once, V: beyond those of a stop,
-    /// and what the converter can read.
+    /// Trip limits of the supply, at which the motors are switched off at once, V: beyond the stop limits, within the
+    /// converter's range.
     pub fn supply_trip_v(&self) -> (f32, f32) {
         let supply = self.supply();
         let readable = READABLE * supply.divider * supply.reference_v;
@@ -126,15 +125,14 @@ impl Drive {
         self.driver_max_c - self.driver_fold_back_k
     }
 
-    /// Permitted share of the current at a temperature between the drivers, °C. Without its thermistor a
-    /// driver is taken as half warm.
+    /// Permitted share of the current at a temperature between the drivers, °C; 0.5 without a reading.
     pub fn driver_share(&self, temperature_c: Option<f32>) -> f32 {
         temperature_c.map_or(0.5, |temperature| {
             fold_back(temperature, self.driver_fold_back_c(), self.driver_max_c)
         })
     }
 
-    /// Checks that everything can be built from it; the error names the field.
+    /// Checks that every part can be built; the error names the field.
     // Not inlined: the nodes are checked by the same caller, and a board's stack is small.
     #[inline(never)]
     pub fn check(&self) -> Result<(), ConfigError> {
@@ -168,9 +166,8 @@ mod tests {
         (a - b).abs() <= 1e-6 * b.abs()
     }
 
-    /// Parameters have the defaults of the parts that they configure.
     #[test]
-    fn defaults_are_those_of_the_parts() {
+    fn defaults_give_the_defaults_of_the_parts() {
         let drive = Drive::default();
         let (wheel, own) = (drive.current_loop(), current::Config::default());
         assert!(close(wheel.torque_constant_nm_a, own.torque_constant_nm_a));
@@ -192,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn each_part_gets_the_numbers_of_the_drive() {
+    fn parameters_reach_each_part() {
         let drive = Drive {
             supply_gain: 1.1,
             shunt_ohm: 0.02,
@@ -222,10 +219,10 @@ mod tests {
         assert!(close(drive.supply().divider, 1.1 * divider));
     }
 
-    /// Voltages of lithium cells by hand: a full pack of four does not stop the robot, an empty one of
-    /// three does; the trips lie beyond the stops, and a converter at its rail is a trip.
+    /// Lithium cells, computed by hand: a full pack of four does not stop the robot, an empty pack of three does. Trip
+    /// limits lie beyond stop limits, and a converter at its rail trips.
     #[test]
-    fn supply_of_three_and_four_cells() {
+    fn supply_limits_suit_three_and_four_cells() {
         let drive = Drive::default();
         assert!(drive.supply_maximum_v > 4.0 * 4.2 * 1.02);
         assert!(drive.supply_minimum_v >= 3.0 * 3.2 && drive.supply_warning_v <= 3.0 * 3.6);
@@ -243,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn the_drivers_fold_back_in_a_line() {
+    fn driver_share_falls_linearly() {
         let drive = Drive::default();
         for (temperature, share) in [(25.0, 1.0), (85.0, 1.0), (95.0, 0.5), (105.0, 0.0)] {
             assert!((drive.driver_share(Some(temperature)) - share).abs() < 1e-6);
@@ -252,8 +249,7 @@ mod tests {
         assert_eq!(drive.driver_share(Some(f32::NAN)), 0.0);
     }
 
-    /// Any two parameters may stand at any two ends of their ranges, but for the limits of the
-    /// supply that exclude each other.
+    /// Any two parameters may be at the ends of their ranges, except supply limits that contradict each other.
     #[test]
     fn every_value_of_the_ranges_can_be_built() {
         let own = || TABLE.iter().filter(|p| p.name.starts_with("drive."));

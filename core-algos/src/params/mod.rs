@@ -1,14 +1,12 @@
-//! Parameters a user calibrates or tunes: one table of names, units and ranges, and the form in
-//! which a board keeps them over a power cut.
+//! Parameters that a user calibrates or tunes: a table of names, units and ranges, and their stored form.
 //!
-//! [`table`] holds the table; [`drive`] what is behind the pins of an axle's board; [`stored`] turns a value into the bytes of an item and decides, after a
-//! start, which of the items found are to be used. Reading and writing a flash is left to whoever
-//! has one.
+//! [`table`] holds the table; [`drive`] the circuits behind the pins of an axle board; [`stored`] encodes values as
+//! items and decides after a start which stored items are used. The caller reads and writes the flash.
 //!
 //! # Panic contract
 //!
-//! Nothing here panics, whatever bytes come. A value reaches a configuration only if it lies in its
-//! range, and all of them together only if the nodes can be built from them.
+//! No stored bytes cause a panic. A value is used only if it is in range, and the set of values only if the nodes can
+//! be built from it.
 //!
 //! # Example
 //!
@@ -46,7 +44,7 @@ use crate::topology::{AxleId, FrameId, Role};
 use declare::{Declared, Field, Kind};
 
 ::declare::declare! {
-    /// Everything on a board that has parameters.
+    /// Parameters of a board.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Settings {
         /// Configuration of the nodes.
@@ -55,20 +53,20 @@ use declare::{Declared, Field, Kind};
         pub inertial: Inertial = Inertial::default();
         /// Motors, drivers and supply of an axle's board.
         pub drive: Drive = Drive::default();
-        /// Drive that the front board's button begins.
+        /// Drive that the front board's button starts.
         pub button: Button = Button::default();
     }
 }
 
 ::declare::declare! {
-    /// Drive that the front board's button begins.
+    /// Drive that the front board's button starts.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Button {
         /// Posture at which the robot is placed.
         pub start: Posture = START;
         /// Goal.
         pub goal: Posture = Posture::ORIGIN;
-        /// Action of the button if the robot is at rest. The button stops a robot that drives.
+        /// Action of the button while the robot is at rest. While the robot drives, the button stops it.
         pub action: Press = Press::Again;
     }
 }
@@ -114,11 +112,11 @@ impl Declared for Posture {
 }
 
 declare! {
-    /// Scale of an inertial sensor; its biases are found anew at every standstill.
+    /// Scale of an inertial sensor; its biases are estimated at every standstill.
     pub struct Inertial {
-        /// True yaw rate over the measured one.
+        /// True yaw rate divided by the measured yaw rate.
         pub gyro_gain: f32 = 1.0, "": Range(0.9, 1.1);
-        /// True acceleration over the measured one.
+        /// True acceleration divided by the measured acceleration.
         pub accelerometer_gain: f32 = 1.0, "": Range(0.9, 1.1);
     }
 }
@@ -132,8 +130,7 @@ impl Settings {
         }
     }
 
-    /// Settings of a board when nothing is stored. The beam board's converter gives sums of
-    /// [`SCANS`] conversions.
+    /// Settings of a board with an empty store. The beam board's converter gives sums of [`SCANS`] conversions.
     pub fn of(role: Role) -> Self {
         let mut robot = RobotConfig::default();
         if role.is_beam() {
@@ -151,7 +148,7 @@ impl Settings {
         Self::new(robot)
     }
 
-    /// Checks that the nodes of a board can be built from them; the error names the field.
+    /// Checks that the nodes of a board can be built from the settings; the error names the field.
     pub fn check(&self, role: Role) -> Result<(), ConfigError> {
         self.inertial.check_ranges()?;
         if !role.is_beam() {
@@ -170,8 +167,7 @@ impl Settings {
     }
 }
 
-// Nodes are large and a board's stack is not: not inlined, so that it holds one of them at a time,
-// and none once it is known to be good.
+// Not inlined: nodes are large, and the stack of a board must hold only one at a time.
 
 #[inline(never)]
 fn check_axle(robot: &RobotConfig, axle: AxleId) -> Result<(), ConfigError> {
@@ -188,7 +184,7 @@ fn check_beam(robot: &RobotConfig, frame: FrameId) -> Result<(), ConfigError> {
     robot.build_beam(frame).map(|_| ())
 }
 
-/// Proof that the motors are off: writing a flash holds the core, an erase for half a second.
+/// Proof that the motors are off. A flash write requires it, because it halts the core: an erase for half a second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Disarmed(());
 
@@ -201,9 +197,8 @@ impl Disarmed {
         }
     }
 
-    /// The proof for a board with these nodes, or with none yet. The beam board learns from the bus
-    /// whether the motors of the others are off, which a board behind a link does not hear: there it
-    /// is enough only that its node has not been started.
+    /// The proof for a board with these nodes, or without nodes. A beam board behind a link receives no motor state of
+    /// other boards, so it has the proof only without nodes.
     pub fn of(board: Option<&Board>) -> Option<Self> {
         match board {
             None => Some(Self(())),
@@ -212,7 +207,7 @@ impl Disarmed {
         }
     }
 
-    /// The proof on a board without motors, which knows from the bus whether they are off.
+    /// The proof on a board without motors, from the motor state on the bus.
     pub const fn when(motors_off: bool) -> Option<Self> {
         if motors_off { Some(Self(())) } else { None }
     }
@@ -223,7 +218,7 @@ mod tests {
     use super::*;
     use crate::topology::Topology;
 
-    /// A sum of conversions is as much strain, and as near to the rails, as one of them.
+    /// A sum of conversions gives the same strain and the same margin to the rails as a single conversion.
     #[test]
     fn beam_board_scales_its_calibration_to_sums_of_conversions() {
         assert_eq!(Settings::of(Role::LEAD), Settings::default());
@@ -240,9 +235,8 @@ mod tests {
         }
     }
 
-    /// Settings are good for a board exactly if its nodes can be built, whichever value is wrong.
     #[test]
-    fn a_check_says_what_building_the_board_says() {
+    fn check_gives_the_same_result_as_building_the_board() {
         let mut wrong = vec![Settings::default()];
         for parameter in &TABLE {
             for value in [parameter.range.0, parameter.range.1] {

@@ -1,11 +1,10 @@
-//! Stored form of the parameters, and what of it is used after a start.
+//! Stored form of the parameters, and selection of the values used after a start.
 //!
-//! Each parameter is an item of its own: version, generation, value. Generations rise by every item
-//! written, so of several copies of an item the newest is known wherever it is found. One more item,
-//! the manifest, is written last in a save and says which generation of each parameter it was: an
-//! item that is gone or older than its manifest was damaged, one that is newer was saved when the
-//! power failed before the manifest was. Guarding single items against flipped bits is the store's
-//! business.
+//! Each parameter is one item: version, generation, value. The generation rises with every item written, so it
+//! identifies the newest of several copies. A save writes one more item last, the manifest, which lists the newest
+//! generation of each parameter. An item that is missing or older than listed was damaged. An item newer than the
+//! manifest was saved before a power failure prevented the next manifest. The store protects single items against
+//! flipped bits.
 
 use super::table::{COUNT, MAX_ID, Parameter, TABLE};
 use super::{Settings, find};
@@ -24,16 +23,16 @@ const MANIFEST_VERSION: u8 = 1;
 /// A stored value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Item {
-    /// Version of its meaning.
+    /// Version of the parameter's meaning.
     pub version: u8,
-    /// Generation: number of items written before.
+    /// Generation; rises with every item written.
     pub generation: u32,
     /// The value.
     pub value: f32,
 }
 
 impl Item {
-    /// Its bytes.
+    /// Encoded item.
     pub fn to_bytes(&self) -> [u8; ITEM_BYTES] {
         let mut bytes = [self.version; ITEM_BYTES];
         let (generation, value) = (self.generation.to_le_bytes(), self.value.to_le_bytes());
@@ -44,7 +43,7 @@ impl Item {
         bytes
     }
 
-    /// The item of some bytes; `None` if they are too few or too many.
+    /// Decodes an item; `None` if the length is wrong.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let (&version, rest) = bytes.split_first()?;
         let (generation, value) = rest.split_first_chunk()?;
@@ -59,14 +58,14 @@ impl Item {
 /// Newest generation of each parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Manifest {
-    /// Generation.
+    /// Generation of the manifest.
     pub generation: u32,
-    /// By identifier, from 1: the low byte of the generation, which is never 0; 0 if none is stored.
+    /// Low byte of the newest generation, by identifier from 1; never 0 if a value is stored, 0 otherwise.
     newest: [u8; MAX_ID as usize],
 }
 
 impl Manifest {
-    /// Its bytes.
+    /// Encoded manifest.
     pub fn to_bytes(&self) -> [u8; MANIFEST_BYTES] {
         let mut bytes = [MANIFEST_VERSION; MANIFEST_BYTES];
         let rest = self.generation.to_le_bytes().into_iter().chain(self.newest);
@@ -76,8 +75,8 @@ impl Manifest {
         bytes
     }
 
-    /// The manifest of some bytes; `None` if they are too many or of another version. A manifest of a
-    /// time with fewer identifiers is shorter: of the others nothing was stored.
+    /// Decodes a manifest; `None` if it is too long or of another version. A manifest of a program with fewer
+    /// identifiers is shorter: nothing was stored for the missing ones.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let rest = bytes.strip_prefix(&[MANIFEST_VERSION])?;
         let (generation, listed) = rest.split_first_chunk()?;
@@ -100,21 +99,21 @@ impl Manifest {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
 pub enum Source {
-    /// Nothing was ever stored.
+    /// The default: nothing was ever stored.
     #[default]
     Default,
     /// The store.
     Stored,
-    /// The default: what was stored is gone, or only an older copy is left.
+    /// The default: the stored value is lost, or only an older copy is left.
     Damaged,
-    /// The default: what is stored has another meaning.
+    /// The default: the stored value has another meaning.
     OtherVersion,
-    /// The default: what is stored is out of range.
+    /// The default: the stored value is out of range.
     OutOfRange,
 }
 
 impl Source {
-    /// True if the user must be told.
+    /// True if the source must be reported to the user.
     pub const fn is_notice(self) -> bool {
         !matches!(self, Self::Default | Self::Stored)
     }
@@ -123,11 +122,11 @@ impl Source {
 /// Result of reading the parameters after a start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
-    /// By parameter, in the order of the table.
+    /// Source of each parameter, in the order of the table.
     pub sources: [Source; COUNT],
-    /// The manifest of the last save is not there, or a store with bytes has no readable item: values may be lost.
+    /// The manifest of the last save is missing, or a store that is not blank has no readable item: values may be lost.
     pub unverified: bool,
-    /// The stored values are each in range and together make no working node; the defaults are used.
+    /// Error for which the stored values were rejected as a set; the defaults are used.
     pub unusable: Option<ConfigError>,
 }
 
@@ -143,7 +142,7 @@ impl Default for Report {
 }
 
 impl Report {
-    /// Number of parameters that have their default although something was stored.
+    /// Number of parameters that have their default although a value was stored.
     pub fn defaults(&self) -> usize {
         match self.unusable {
             Some(_) => self.stored(),
@@ -163,7 +162,7 @@ impl Report {
             .count()
     }
 
-    /// The first parameter that the user must be told of.
+    /// First parameter that must be reported to the user.
     pub fn first(&self) -> Option<&'static Parameter> {
         if let Some(error) = self.unusable {
             return find(error.field);
@@ -186,7 +185,7 @@ pub struct Contents {
     manifest: Option<Manifest>,
     /// The largest generation found.
     newest: u32,
-    /// Bytes were found, and no item among them.
+    /// The store is not blank and has no readable item.
     unreadable: bool,
 }
 
@@ -210,17 +209,17 @@ impl Contents {
         self.newest == 0
     }
 
-    /// True if bytes were found, and no item among them.
+    /// True if the store is not blank and has no readable item.
     pub fn is_unreadable(&self) -> bool {
         self.unreadable
     }
 
-    /// Notes that a store without an item is not blank.
+    /// Marks a store that is not blank and has no readable item.
     pub fn set_unreadable(&mut self) {
         self.unreadable = true;
     }
 
-    /// Takes in an item as it was found, in any order. What this version does not know is left alone.
+    /// Adds an item read from the store, in any order. Unknown keys and invalid bytes are ignored.
     pub fn take(&mut self, key: u8, bytes: &[u8]) {
         let generation = if key == MANIFEST_KEY {
             let Some(manifest) = Manifest::from_bytes(bytes) else {
@@ -247,8 +246,8 @@ impl Contents {
         self.newest = self.newest.max(generation);
     }
 
-    /// Settings of a board after a start: `base` with the stored values that can be used. `check`
-    /// builds the nodes; if that fails, `base` is used as it is.
+    /// Settings of a board after a start: `base` with the usable stored values. If `check` refuses the result, `base`
+    /// is used unchanged.
     pub fn settle(
         &self,
         base: &Settings,
@@ -294,8 +293,8 @@ impl Contents {
         }
     }
 
-    /// The items that a save of `settings` must write, with their keys; on a board whose own
-    /// settings are `base`.
+    /// Items that a save of `settings` must write, with their keys. `base` are the board's settings with an empty
+    /// store.
     pub fn changes<'a>(
         &'a self,
         settings: &'a Settings,
@@ -326,7 +325,7 @@ impl Contents {
             })
     }
 
-    /// The manifest of what is in the store; `None` if the one in it says the same.
+    /// Manifest to write; `None` if the stored one is current.
     pub fn manifest(&self) -> Option<Manifest> {
         let mut newest = [0; MAX_ID as usize];
         for (parameter, item) in TABLE.iter().zip(&self.items) {
@@ -335,7 +334,7 @@ impl Contents {
                 *slot = item.generation as u8;
             }
         }
-        // A low byte may be the same by chance, so the manifest must be the latest item too.
+        // Low bytes may be equal by chance, so a current manifest is also the newest item.
         let latest = self
             .manifest
             .filter(|manifest| manifest.generation == self.newest);
@@ -347,7 +346,7 @@ impl Contents {
     }
 }
 
-/// The generation after another; its low byte is never 0.
+/// Next generation; its low byte is never 0.
 const fn following(generation: u32) -> u32 {
     match generation.wrapping_add(1) {
         next if next & 0xff == 0 => next.wrapping_add(1),

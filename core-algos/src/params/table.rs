@@ -16,9 +16,9 @@ use declare::{Choice, Field, Kind, field_at, find as find_field};
 pub struct Parameter {
     /// Key in the store, 1 to [`MAX_ID`].
     pub id: u8,
-    /// Version of its meaning.
+    /// Version of the meaning of its values.
     pub version: u8,
-    /// Name: its place in [`Settings`], for those of `robot` the same as in a scenario.
+    /// Name: path in [`Settings`]; names below `robot` are also keys of a scenario.
     pub name: &'static str,
     /// Unit; empty for a pure number.
     pub unit: &'static str,
@@ -34,12 +34,12 @@ pub struct Parameter {
 pub const MAX_ID: u8 = 191;
 
 impl Parameter {
-    /// Its value in `settings`.
+    /// Value of the parameter in `settings`.
     pub fn get(&self, settings: &Settings) -> f32 {
         (self.read)(settings)
     }
 
-    /// Its value when nothing is stored, on a board whose own settings are the defaults.
+    /// Value of the parameter in the default settings.
     pub fn default(&self) -> f32 {
         self.get(&Settings::default())
     }
@@ -58,7 +58,7 @@ impl Parameter {
         }
     }
 
-    /// Names of the values 0, 1, … if the parameter is one of several; otherwise empty.
+    /// Names of the values 0, 1, … of an enumeration; empty for a number.
     pub fn choices(&self) -> &'static [Choice] {
         match self.field().map(|field| field.kind) {
             Some(Kind::Choice(choices)) => choices,
@@ -71,7 +71,7 @@ impl Parameter {
         FIELDS.get(place)
     }
 
-    /// Refuses NaN and what is out of range; the error names the parameter.
+    /// Refuses NaN, values out of range and fractions of a whole number; the error names the parameter.
     pub fn validate(&self, value: f32) -> Result<f32, ConfigError> {
         in_range(self.name, value, self.range.0, self.range.1)?;
         let whole = Allowed::Condition("a whole number");
@@ -83,14 +83,14 @@ impl Parameter {
         )
     }
 
-    /// Puts a value into `settings`, or refuses it and changes nothing.
+    /// Sets the value in `settings`; changes nothing on an error.
     pub fn set(&self, settings: &mut Settings, value: f32) -> Result<(), ConfigError> {
         (self.write)(settings, self.validate(value)?);
         Ok(())
     }
 }
 
-/// A hash of the table: with the same one, an index means the same parameter, unit and range.
+/// Hash of the table: with equal hashes, an index means the same parameter, unit and range.
 pub fn fingerprint() -> u32 {
     // FNV-1a.
     let mut hash = 0x811c_9dc5u32;
@@ -110,7 +110,7 @@ pub fn fingerprint() -> u32 {
     hash
 }
 
-/// The parameter of a name.
+/// Parameter with this name.
 pub fn find(name: &str) -> Option<&'static Parameter> {
     TABLE.iter().find(|parameter| parameter.name == name)
 }
@@ -188,7 +188,7 @@ macro_rules! parameters {
             },)+
         ];
 
-        /// Declarations of the parameters, in the same order. Apart, so that no image holds them.
+        /// Declarations of the parameters, in the same order. Separate from the table, so that images do not hold them.
         static FIELDS: [Field; COUNT] = [
             $(field_at(Settings::FIELDS, path!($($path).+)),)+
         ];
@@ -198,7 +198,7 @@ macro_rules! parameters {
     };
 }
 
-/// Numbers that a key of the settings may have.
+/// Unit and allowed values of a declared key.
 struct Numbers {
     unit: &'static str,
     range: (f32, f32),
@@ -206,7 +206,7 @@ struct Numbers {
 }
 
 impl Numbers {
-    /// Those of a declared key; one without two bounds cannot be a parameter.
+    /// From a declaration; panics at compile time for a number without two bounds.
     const fn of(kind: Kind) -> Self {
         match kind {
             Kind::Number {
@@ -338,11 +338,11 @@ mod tests {
     }
 
     #[test]
-    fn defaults_are_valid_and_each_parameter_is_its_own() {
+    fn defaults_are_valid_and_set_changes_only_its_parameter() {
         let start = Settings::default();
         for parameter in &TABLE {
             let default = parameter.default();
-            // An error names the parameter.
+            // A failure of this assertion names the parameter.
             assert_eq!(parameter.validate(default), Ok(default));
             let mut settings = start;
             let (low, high) = parameter.range;
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_out_of_range_is_refused_by_name_and_changes_nothing() {
+    fn value_out_of_range_is_refused_by_name_and_changes_nothing() {
         for parameter in &TABLE {
             let (low, high) = parameter.range;
             let start = Settings::default();

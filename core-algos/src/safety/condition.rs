@@ -80,7 +80,7 @@ macro_rules! conditions {
             /// Every condition.
             pub const ALL: [Self; COUNT] = [$(Self::$name),+];
 
-            /// Its row of the table.
+            /// Row of the condition in the table.
             pub const fn entry(self) -> &'static Entry {
                 match self {
                     $(Self::$name => &Entry {
@@ -194,12 +194,12 @@ conditions! {
 }
 
 impl Condition {
-    /// Its code.
+    /// Code of the condition.
     pub const fn code(self) -> u8 {
         self.entry().code
     }
 
-    /// Its class.
+    /// Class of the condition.
     pub const fn class(self) -> Class {
         Class::of(self.entry().code)
     }
@@ -211,7 +211,8 @@ impl Condition {
     }
 }
 
-/// Bits of a set, reserved ones included. A heartbeat carries the lower 44: notices and degradations have those.
+/// Number of bits of a set, reserved bits included. A heartbeat carries the lower 44 bits, which hold all notices and
+/// degradations.
 pub(super) const BITS: usize = 46;
 
 /// The condition of each bit.
@@ -234,7 +235,7 @@ impl Conditions {
     /// No condition.
     pub const NONE: Self = Self(0);
 
-    /// The set of one.
+    /// Set of one condition.
     pub const fn only(condition: Condition) -> Self {
         Self(1 << condition as u8)
     }
@@ -311,7 +312,7 @@ impl Conditions {
         self.0
     }
 
-    /// The set of these bits; bits of conditions that another version may have are kept.
+    /// Set of these bits; unknown bits, which other versions may have, are kept.
     pub const fn from_bits(bits: u64) -> Self {
         Self(bits)
     }
@@ -377,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn every_row_belongs_to_its_condition_and_says_something() {
+    fn every_row_has_its_condition_and_texts() {
         for (condition, entry) in Condition::ALL.into_iter().zip(&TABLE) {
             assert_eq!(entry.condition, condition);
             assert_eq!(Condition::from_code(condition.code()), Some(condition));
@@ -388,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn the_worst_is_of_the_highest_class() {
+    fn worst_condition_has_the_highest_class() {
         let set = Conditions::only(Condition::TickLate)
             .with(Condition::SupplyLow, true)
             .with(Condition::FrameBent, true)
@@ -398,9 +399,8 @@ mod tests {
     }
 
     properties! {
-        /// A set holds what was put in, against the library's set.
         #[test]
-        fn a_set_is_a_set(members in prop::collection::btree_set(0..COUNT, 0..COUNT)) {
+        fn conditions_match_a_set_of_the_standard_library(members in prop::collection::btree_set(0..COUNT, 0..COUNT)) {
             let mut set = Conditions::NONE;
             for &k in &members {
                 set.set(Condition::ALL[k], true);

@@ -1,11 +1,12 @@
-//! Supervision: what a node does when something is wrong.
+//! Supervision: reaction of a node to faults.
 //!
 //! Every node runs one [`supervisor::Supervisor`]. Monitors report the [`Condition`]s that hold at a tick: `watch` in
-//! `node/axle/watch.rs` and `node/lead/watch.rs`. The supervisor decides by a pure table ([`transition`]) in which [`OperatingState`] the node is, and
-//! with that what its motors may do; `AxleNode::step` obeys. A condition has a [`Class`], which is also the range of its
-//! code: notices never change the state, a degradation lets the robot drive on for a limited time
-//! and distance, a stop is coordinated (both axles slow down along the path they are on, so that
-//! the frame is not bent further), a cut switches the motors off at once.
+//! `node/axle/watch.rs` and `node/lead/watch.rs`. The supervisor derives the [`OperatingState`] of the node and the
+//! [`Permit`] of its motors by a pure table ([`transition`]); `AxleNode::step` applies the permit.
+//!
+//! A condition has a [`Class`], which is also the range of its code. A notice never changes the state. With a
+//! degradation the robot may drive on for a limited time and distance. A stop is coordinated: both axles slow down
+//! along their paths, so that the frame is not bent further. A cut switches the motors off at once.
 //!
 //! # Panic contract
 //!

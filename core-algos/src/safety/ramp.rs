@@ -1,22 +1,21 @@
 //! The coordinated stop: every axle slows down by the same law, with the steering held.
 //!
-//! With ψ̇ = 0 a midpoint speed v_O bends the frame no further when both axles drive at
-//! v_O / cos ψ and turn at κ(ψ) v_O (paper eq. 5 and 6). All axles heard the same broadcast of v_O
-//! and ψ, and every one of them begins when the stop is announced or the references cease, so each
-//! can compute its own share without hearing from the others again.
+//! With ψ̇ = 0 a midpoint speed v_O bends the frame no further if both axles drive at v_O / cos ψ and turn at κ(ψ) v_O
+//! (paper eq. 5 and 6). All axles have received the same v_O and ψ. Each begins when the stop is announced or the
+//! references cease, so each computes its own motion without further messages.
 //!
-//! A frame that is bent at rest pushes the axles: with the motors off at once it would spring back and
-//! swing them about for seconds. So the torque that holds it is let go gradually.
+//! A bent frame at rest pushes the axles. If the motors were switched off at once, the frame would spring back and
+//! swing the axles for seconds. So the holding torque fades.
 //!
 //! | condition | reference | from | until | reason |
 //! |---|---|---|---|---|
-//! | stop begins | the speed of the midpoint falls evenly to 0, with the steering held | at once | its magnitude over 1 m/s², 0.1 s at least, and 0.95 s less than the supervisor waits at most | all axles by the same law |
-//! | steering beyond 1.2 rad | that of 1.2 rad | at once | | cos ψ stays away from 0 |
-//! | speed, steering, posture or what follows from them not finite | standstill at the origin, for the shortest duration | at once | | nothing is known of the motion |
-//! | at rest | torque held whole | the end of the deceleration | 0.1 s later | the axles settle together |
-//! | rest over | share of the torque falls evenly from 1 to 0 | 0.1 s of rest | 0.75 s later | a spring let go at once swings |
-//! | torque let go | halted | then | for good | the motors may be switched off |
-//! | interval not a positive number | the reference of before, time stands still | at once | the next interval | |
+//! | stop begins | the speed of the midpoint falls linearly to 0, with the steering held | at once | after its magnitude divided by 1 m/s², at least 0.1 s, at most the supervisor's timeout less 0.95 s | all axles follow the same law |
+//! | steering beyond 1.2 rad | as for 1.2 rad | at once | | cos ψ stays away from 0 |
+//! | speed, steering, posture or derived twist not finite | standstill at the origin, for the shortest duration | at once | | the motion is unknown |
+//! | at rest | full holding torque | the end of the deceleration | 0.1 s later | the axles settle together |
+//! | rest over | share of the holding torque falls linearly from 1 to 0 | 0.1 s of rest | 0.75 s later | a spring released at once swings |
+//! | holding torque 0 | halted | at once | for good | the motors may be switched off |
+//! | interval not positive and finite | reference unchanged, no time passes | at once | the next interval | |
 //!
 //! Numbers are the defaults of [`Config`].
 
@@ -24,32 +23,29 @@ use crate::config::{Allowed, ConfigError, declare, require};
 use crate::math::trig::{clamp, sin_cos};
 use crate::math::{Posture, Steering, Twist};
 
-/// Steering angle beyond which the paths of the axles are not told apart, rad: cos ψ stays away
-/// from zero.
+/// Largest steering angle of the computation, rad: keeps cos ψ away from zero.
 const STEEPEST: f32 = 1.2;
 
-/// Time by which a stop is over before the supervisor would end it, s.
+/// Margin from the end of the longest stop to the supervisor's timeout, s.
 const MARGIN: f32 = 0.1;
 
 declare! {
     /// Parameters of the stop.
     pub struct Config {
-        /// Deceleration of the midpoint; more from a speed at which the stop would outlast the
-        /// supervisor's patience.
+        /// Deceleration of the midpoint; higher from speeds at which the stop would exceed the supervisor's timeout.
         pub deceleration_m_s2: f32 = 1.0, "m/s²": Range(0.1, 10.0);
-        /// Shortest duration of a stop: a slow robot is not jerked to rest.
+        /// Shortest duration of a stop, so that a slow robot does not jerk.
         pub shortest_s: f32 = 0.1, "s": Range(0.01, 1.0);
-        /// Time at rest before the frame is let go: the axles settle together.
+        /// Time at rest before the holding torque fades: the axles settle together.
         pub rest_s: f32 = 0.1, "s": Positive;
-        /// Time in which the torque that holds the bent frame fades; then the motors are off. Over
-        /// about a period of its swing a spring that is let go evenly does not swing on.
+        /// Time in which the torque that holds the bent frame fades; then the motors are off. A spring released
+        /// linearly over about one period of its oscillation comes to rest.
         pub release_s: f32 = 0.75, "s": Range(0.01, 5.0);
     }
 }
 
 impl Config {
-    /// The ready form of a stop that the supervisor waits `timeout_s` for; an error names the
-    /// parameter out of range.
+    /// Builds the stop for a supervisor with the timeout `timeout_s`; an error names the parameter out of range.
     pub fn build(&self, timeout_s: f32) -> Result<Ramp, ConfigError> {
         self.check_ranges()?;
         let shortest = self.shortest_s;
@@ -98,14 +94,13 @@ pub struct State {
 /// The reference of an axle during the stop.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reference {
-    /// Posture, in the frame of the reference that the stop began at.
+    /// Posture, in the frame of the reference at the beginning of the stop.
     pub posture: Posture,
     /// Forward speed (m/s) and yaw rate (rad/s).
     pub twist: Twist,
-    /// Their derivatives, m/s² and rad/s².
+    /// Derivatives of speed and yaw rate, m/s² and rad/s².
     pub acceleration: Twist,
-    /// Share of the torque that held the axle at rest that it may still use: 1 until the time at
-    /// rest is over, then falling to 0.
+    /// Permitted share of the holding torque: 1 until the time at rest is over, then falling to 0.
     pub hold: f32,
     /// The stop is over: the motors may be switched off.
     pub halted: bool,
@@ -148,7 +143,7 @@ impl Ramp {
         }
         let t = state.elapsed.min(state.duration);
         let left = 1.0 - t / state.duration;
-        // ∫ of the falling ramp from its beginning.
+        // Integral of the falling ramp from its beginning, s.
         let share = t * (1.0 - 0.5 * t / state.duration);
         let Twist { v, omega } = state.start;
         let slowing = if state.elapsed < state.duration {
@@ -173,7 +168,7 @@ mod tests {
 
     const TIMEOUT: f32 = 2.0;
 
-    /// Two axles that stop by themselves end where a frame bent by the same ψ holds them.
+    /// Two axles that stop independently keep the chord and angle of a frame bent by ψ.
     #[test]
     fn the_frame_keeps_its_bend_through_the_stop() {
         let (length, psi, speed) = (0.37f64, 0.4f64, 0.25f64);
@@ -197,13 +192,12 @@ mod tests {
             assert_eq!(a.halted, b.halted);
             assert_eq!(a.hold, b.hold);
         }
-        // The midpoint goes v²/(2a).
+        // The midpoint travels v²/(2a).
         assert!((0.5 * way - 0.03125).abs() < 2e-4, "{way}");
     }
 
-    /// The reference is its own integral and derivative.
     #[test]
-    fn posture_twist_and_acceleration_belong_together() {
+    fn posture_and_acceleration_are_integral_and_derivative_of_twist() {
         let ramp = Config::default().build(TIMEOUT).unwrap();
         let mut state = ramp.begin(Posture::new(1.0, 2.0, 0.3), 0.2, Steering(-0.3), 0.37);
         let dt = 1e-3f64;
@@ -223,9 +217,9 @@ mod tests {
         }
     }
 
-    /// Speed of the axle on a straight course, share of the torque and end at some times of a stop, by the table.
+    /// Rows of a straight stop: time, share of the speed, share of the holding torque, end.
     #[test]
-    fn stop_slows_down_rests_and_lets_go_in_its_times() {
+    fn stop_decelerates_rests_and_fades_on_schedule() {
         let ramp = Config::default().build(TIMEOUT).unwrap();
         for (speed, duration) in [
             (0.0, 0.1),
@@ -286,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn axle_begins_at_its_share_of_the_midpoint_and_steep_steering_is_bounded() {
+    fn axle_begins_with_its_twist_and_steep_steering_is_bounded() {
         let ramp = Config::default().build(TIMEOUT).unwrap();
         let at = Posture::new(1.0, 2.0, 0.3);
         let begin = |psi| ramp.begin(at, 0.25, Steering(psi), 0.37);
@@ -302,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_is_standstill_at_the_origin() {
+    fn input_that_is_not_finite_gives_standstill_at_the_origin() {
         let ramp = Config::default().build(TIMEOUT).unwrap();
         let (here, nan) = (Posture::new(1.0, 2.0, 0.3), f32::NAN);
         let lost = Posture { x: nan, ..here };
@@ -331,8 +325,8 @@ mod tests {
     }
 
     #[test]
-    fn configuration_that_outlasts_the_supervisor_is_refused() {
-        // 0.1 s of deceleration at least, 0.1 s of rest, 0.75 s to let go, 0.1 s to spare.
+    fn stop_longer_than_the_supervisor_timeout_is_refused() {
+        // At least 0.1 s of deceleration, 0.1 s of rest, 0.75 s of fading, 0.1 s of margin.
         for (timeout, fits) in [(1.0499, false), (1.0501, true), (f32::NAN, false)] {
             let refused = Config::default().build(timeout).err();
             let field = refused.map(|error| error.field);

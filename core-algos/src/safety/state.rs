@@ -1,7 +1,7 @@
 //! Operating states and the table of transitions between them.
 //!
-//! Next state for each state (row) and cause (column); · means no change. A state before a bar applies if no condition of
-//! class stop or cut is latched, the one behind it otherwise. Notices and degradations change no state.
+//! Next state for each state (row) and cause (column); · means no change. With a slash, the first state applies if no
+//! condition of class stop or cut is latched, the second otherwise. Notices and degradations change no state.
 //!
 //! | | Ready | Arm | Start | Finish | Disarm | Clear | Halted | emergency stop | other stop | cut |
 //! |---|---|---|---|---|---|---|---|---|---|---|
@@ -12,8 +12,8 @@
 //! | SafeStop | · | · | · | · | · | · | Idle / Fault | · | · | Fault |
 //! | Fault | · | · | · | · | · | Idle / · | · | · | · | Fault |
 //!
-//! Motors come on by request alone, one step at a time, and never over a fault. While nothing moves a condition of class
-//! stop only keeps the node from arming; an emergency stop is latched wherever it comes.
+//! Motors are switched on only by request, one step at a time, and never during a fault. While the motors are off, a
+//! condition of class stop only prevents arming; an emergency stop is latched in every state.
 
 use super::condition::{Class, Condition};
 
@@ -21,7 +21,7 @@ wire_enum! {
     /// Operating state of a node.
     #[repr(u8)]
     OperatingState {
-        /// Checking itself; motors off.
+        /// Self-check; motors off.
         #[default]
         Boot = "boot",
         /// Ready; motors off.
@@ -77,7 +77,7 @@ enumeration! {
         Finish,
         /// Come to rest and switch the motors off.
         Disarm,
-        /// Forget latched faults.
+        /// Clear latched faults.
         Clear,
         /// The coordinated stop has come to rest, or took too long.
         Halted,
@@ -87,21 +87,20 @@ enumeration! {
 /// Event that changes the state of a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cause {
-    /// Somebody asks.
+    /// Request to the node.
     Request(StateRequest),
-    /// A condition holds and has held for its time.
+    /// A condition has held for its hold time.
     Condition(Condition),
 }
 
-/// The state after `cause` in `state`. `hard` tells whether a condition of class stop or cut is
-/// latched or still holds: arming, clearing and the end of a stop depend on it.
+/// The state after `cause` in `state`. `hard` is true if a condition of class stop or cut is latched or still holds:
+/// arming, clearing and the end of a stop depend on it.
 pub const fn transition(state: OperatingState, cause: Cause, hard: bool) -> OperatingState {
     use OperatingState::{Active, Armed, Boot, Fault, Idle, SafeStop};
     match cause {
         Cause::Condition(condition) => match (condition.class(), state) {
             (Class::Notice | Class::Degraded, _) => state,
-            // Nothing moves: waiting is enough, and arming is refused while it holds. An emergency
-            // stop is latched wherever it comes.
+            // Motors are off: the condition only prevents arming. An emergency stop is latched in every state.
             (Class::Stop, Boot | Idle) => match condition {
                 Condition::EmergencyStop => Fault,
                 _ => state,
@@ -165,7 +164,7 @@ pub(super) mod tests {
         }
     }
 
-    /// Every state, cause, and whether a hard condition is latched.
+    /// Every state and cause, with and without a latched stop or cut.
     fn all() -> impl Iterator<Item = (OperatingState, Cause, bool)> {
         OperatingState::ALL.into_iter().flat_map(|state| {
             let conditions = Condition::ALL.into_iter().map(Cause::Condition);
@@ -175,7 +174,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn every_transition_is_that_of_the_table() {
+    fn every_transition_matches_the_table() {
         for (state, cause, hard) in all() {
             let next = transition(state, cause, hard);
             assert_eq!(
@@ -215,9 +214,8 @@ pub(super) mod tests {
         }
     }
 
-    /// Clearing alone leaves a fault, and only when its cause is gone.
     #[test]
-    fn a_fault_is_left_by_clearing_alone() {
+    fn fault_ends_only_by_clearing_after_its_cause_is_gone() {
         for (_, cause, hard) in all().filter(|(state, ..)| *state == OperatingState::Fault) {
             let next = demanded(OperatingState::Fault, cause, hard);
             let cleared = cause == Cause::Request(StateRequest::Clear) && !hard;

@@ -1,24 +1,23 @@
 //! The supervisor of a node: conditions and requests in, operating state out, once a tick.
 //!
-//! A condition counts once it has held for its time ([`Entry::hold`](super::condition::Entry)).
-//! Stops and cuts are then latched until they are cleared, and the first of them is kept as the
-//! reason. Degradations start an allowance of time and distance; when it is used up,
-//! [`Condition::DegradedTooLong`] stops the robot.
+//! A condition counts once it has held for its hold time ([`Entry::hold`](super::condition::Entry)). Stops and cuts are
+//! then latched until cleared, and the first of them is kept as the reason. Degradations start an allowance of time and
+//! distance; when the allowance is used up, [`Condition::DegradedTooLong`] stops the robot.
 //!
 //! # Requirements
 //!
 //! | condition | reaction | within | until | reason |
 //! |---|---|---|---|---|
-//! | any | counts as present | its time without a break, to the tick | the tick at which it is gone | noise is no fault |
-//! | notice | told with the next heartbeat; no change of state | – | it was told | a user wants to know |
-//! | degraded, while *active* | `DegradedTooLong` | the tick beyond the time or the way allowed | the degradation ends, which gives both back | the estimate gets worse with time and way |
-//! | stop, while the motors are on | *safe stop*, latched, the first one kept as reason | the same tick | *fault*, and `Clear` without a cause there | axles that stop together do not bend the frame |
-//! | stop, while they are off | no arming | the same tick | the tick at which it is gone | nothing moves |
+//! | any | counts as present | its hold time without a break, to the tick | the tick at which it is gone | noise is no fault |
+//! | notice | reported in the next heartbeat; no change of state | – | the report | information for the user |
+//! | degraded, while *active* | `DegradedTooLong` | the tick beyond the allowed time or distance | the degradation ends, which restores both | the estimate gets worse with time and distance |
+//! | stop, while the motors are on | *safe stop*, latched, the first one kept as reason | the same tick | *fault*, then `Clear` without a cause | axles that stop together do not bend the frame |
+//! | stop, while the motors are off | no arming | the same tick | the tick at which it is gone | nothing moves |
 //! | emergency stop, cut | *fault*, latched (an emergency stop while the motors are on: *safe stop*) | the same tick | `Clear` without a cause | control cannot be trusted |
 //! | *safe stop* and rest | *fault* with a reason, *idle* without | the same tick | – | the motors are not needed |
-//! | *safe stop* without rest | as with rest | the tick beyond `stop_timeout_s` of this stop | – | a stop must end |
+//! | *safe stop* without rest | the same as with rest | the tick beyond `stop_timeout_s` of this stop | – | a stop must end |
 //! | `Clear` outside of *fault* | none | – | – | a stop under way keeps its reason |
-//! | a clock that stands still or runs back | no time passes until it is ahead of its latest time | – | – | a condition keeps its time |
+//! | a clock that stands still or runs back | no time passes until it is ahead of its latest time | – | – | a condition keeps its hold time |
 //! | a gap between ticks | counts as 100 ms at most | – | – | a missed tick is no proof that a condition held |
 //!
 //! The states and their transitions: [`super::state`].
@@ -56,8 +55,7 @@ use super::state::{Cause, OperatingState, Permit, StateRequest, transition};
 use crate::config::{ConfigError, declare};
 use crate::time::Micros;
 
-/// Longest time between two steps that is believed; a longer gap counts as this much. A clock that
-/// stands still or runs back adds nothing.
+/// Longest time that counts between two steps, µs.
 const LONGEST_GAP: Micros = 100_000;
 
 declare! {
@@ -65,7 +63,7 @@ declare! {
     pub struct Config {
         /// Longest time the robot may drive on while degraded.
         pub degraded_time_s: f32 = 20.0, "s": Range(0.0, 3600.0);
-        /// Longest way it may drive on while degraded.
+        /// Longest distance the robot may drive on while degraded.
         pub degraded_distance_m: f32 = 2.0, "m": Positive;
         /// Time after which a stop that has not come to rest ends with motors off.
         pub stop_timeout_s: f32 = 2.0, "s": Range(0.1, 10.0);
@@ -73,7 +71,7 @@ declare! {
 }
 
 impl Config {
-    /// The ready form; an error names the parameter out of range.
+    /// Builds the supervisor; an error names the parameter out of range.
     pub fn build(&self) -> Result<Supervisor, ConfigError> {
         self.check_ranges()?;
         let to_micros = |s: f32| (s * 1e6) as Micros;
@@ -93,16 +91,16 @@ pub struct Supervisor {
     stop_timeout: Micros,
 }
 
-/// All that changes in a supervisor.
+/// State of a supervisor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     operating: OperatingState,
     last: Option<Micros>,
     /// Time that each condition has held without a break, µs.
     held: [u32; BITS],
-    /// Those that held at the last step.
+    /// Conditions that held at the last step.
     holding: Conditions,
-    /// Conditions that have held for their time.
+    /// Conditions that have held for their hold time.
     present: Conditions,
     /// Conditions that were present since the last call of [`Self::take_seen`].
     seen: Conditions,
@@ -111,7 +109,7 @@ pub struct State {
     degraded_for: Micros,
     degraded_way: f32,
     stopping_for: Micros,
-    /// Times each class was entered by a condition, saturating.
+    /// Number of times a condition of each class has come up, saturating.
     counts: [u16; 4],
 }
 
@@ -140,7 +138,7 @@ impl State {
         self.operating
     }
 
-    /// The first hard condition since the last clearing.
+    /// The first stop or cut since the last clearing.
     pub fn first(&self) -> Option<Condition> {
         self.first
     }
@@ -163,11 +161,11 @@ impl State {
 /// Input of the supervisor at a tick.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input {
-    /// Conditions that the monitors see at this instant.
+    /// Conditions that hold at this tick.
     pub conditions: Conditions,
     /// Request, if any.
     pub request: Option<StateRequest>,
-    /// Way driven since the last tick, m; what is not finite uses the allowance up.
+    /// Distance driven since the last tick, m; a value that is not finite uses the allowance up.
     pub moved_m: f32,
     /// The coordinated stop is over and the node's motors are no longer needed.
     pub halted: bool,
@@ -188,7 +186,7 @@ pub struct Output {
 }
 
 impl Supervisor {
-    /// One tick at `now`.
+    /// Runs one tick at `now`.
     pub fn step(&self, state: &mut State, now: Micros, input: &Input) -> Output {
         let before = state.operating;
         let dt = match state.last {
@@ -200,7 +198,7 @@ impl Supervisor {
         let conditions = self.allowance(state, dt, input);
         self.hold(state, dt, conditions);
         state.seen = state.seen.union(state.present);
-        // Clearing forgets what is over; what still holds is latched again below.
+        // Clearing drops conditions that are over; present ones are latched again below.
         if input.request == Some(StateRequest::Clear) && state.operating == OperatingState::Fault {
             state.latched = Conditions::NONE;
             state.first = None;
@@ -218,7 +216,7 @@ impl Supervisor {
             let hard = state.hard();
             state.operating = transition(state.operating, Cause::Request(request), hard);
         }
-        // A stop-class condition that came and went while nothing moved needs no clearing.
+        // While the motors are off, a condition of class stop that is over needs no clearing.
         if matches!(state.operating, OperatingState::Boot | OperatingState::Idle) {
             state.latched = state.present.hard();
             state.first = state.latched.worst();
@@ -231,7 +229,7 @@ impl Supervisor {
         }
     }
 
-    /// The conditions together with what follows from degradations that last.
+    /// Conditions of the input, with `DegradedTooLong` if the allowance is used up.
     fn allowance(&self, state: &mut State, dt: Micros, input: &Input) -> Conditions {
         let degraded = !state.present.degraded().is_empty();
         let moving = matches!(state.operating, OperatingState::Active);
@@ -264,7 +262,7 @@ impl Supervisor {
             let Some(held) = state.held.get_mut(condition as usize) else {
                 continue;
             };
-            // The tick at which a condition appears begins its time.
+            // The tick at which a condition appears begins its hold time.
             if *held == 0 {
                 *held = 1;
             } else {

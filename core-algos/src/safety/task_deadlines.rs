@@ -1,15 +1,14 @@
 //! Deadlines of a board's tasks: decides whether the watchdog may be fed.
 //!
-//! A task that stops, or is starved by one above it, misses its time and the watchdog is no longer
-//! fed, whatever the others do. The driver of the watchdog asks [`TaskDeadlines::complete`] and feeds only
-//! if it says so; nothing else feeds.
+//! A task that stops, or is starved by a task of higher priority, misses its deadline. The watchdog is then not fed,
+//! whatever the other tasks do: only the watchdog driver feeds, and only if [`TaskDeadlines::complete`] is true.
 //!
 //! | condition | reaction | after | until | reason |
 //! |---|---|---|---|---|
-//! | count of a task as at the look before, latest change longer ago than its time | not complete; the first such task is late | the task's time, from the start if it never reported | the look at which its count has changed | it stopped, or is starved |
-//! | count of a task changed, up or down | its time begins again, at the look | at once | | counts wrap |
-//! | every task within its time | complete | at once | | |
-//! | clock behind the latest change | counts as standing still | at once | | no task is late before its time |
+//! | count of a task unchanged for longer than its deadline | not complete; the first such task is late | the task's deadline, from the start if it never reported | the check at which its count has changed | the task stopped or is starved |
+//! | count of a task changed, up or down | the deadline restarts at this check | at once | | counts wrap |
+//! | every task within its deadline | complete | at once | | |
+//! | clock before the latest change | no time has passed | at once | | no task is late before its deadline |
 //!
 //! # Panic contract
 //!
@@ -17,16 +16,16 @@
 
 use crate::time::Micros;
 
-/// The tasks of a board, each with the longest time between two of its reports.
+/// Tasks of a board, each with its deadline: the longest time between two reports, µs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TaskDeadlines<const N: usize> {
     within: [Micros; N],
-    /// Count of reports at the latest look, and when it last changed.
+    /// Number of reports at the latest check, and time of its latest change.
     heard: [(u32, Micros); N],
 }
 
 impl<const N: usize> TaskDeadlines<N> {
-    /// Tasks that are to report within these times (µs), the first time so long after `now`.
+    /// Tasks with these deadlines (µs); each first deadline is measured from `now`.
     pub const fn new(within: [Micros; N], now: Micros) -> Self {
         Self {
             within,
@@ -34,9 +33,8 @@ impl<const N: usize> TaskDeadlines<N> {
         }
     }
 
-    /// Looks at how often each task has reported since the start; the counts may wrap. Whether every
-    /// task has reported within its time before `now`. A clock that runs back counts as standing
-    /// still.
+    /// Checks the number of reports of each task since the start, which may wrap. True if every task is within its
+    /// deadline at `now`. If the clock runs back, no time passes.
     pub fn complete(&mut self, now: Micros, reports: [u32; N]) -> bool {
         for (heard, count) in self.heard.iter_mut().zip(reports) {
             if heard.0 != count {
@@ -59,7 +57,7 @@ mod tests {
     use proptest::prelude::{prop, prop_assert, prop_assert_eq};
 
     #[test]
-    fn one_silent_task_among_busy_ones_is_enough() {
+    fn one_silent_task_is_late_while_others_report() {
         for silent in 0..3 {
             let mut call = TaskDeadlines::new([5_000, 20_000, 100_000], 0);
             let mut reports = [u32::MAX - 3; 3];
@@ -81,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn task_has_its_time_from_each_change_of_its_count() {
+    fn deadline_restarts_at_each_change_of_the_count() {
         let mut call = TaskDeadlines::new([10_000, 30_000], 1_000_000);
         for (now, counts, late) in [
             (1_010_000, [0, 0], None),
@@ -91,7 +89,7 @@ mod tests {
             (1_030_001, [1, 0], Some(0)),
             (1_030_001, [2, 0], Some(1)),
             (1_040_002, [2, 0], Some(0)),
-            // Changes are seen at a look; any change is one.
+            // Any change of the count restarts the deadline, also a decrease.
             (1_040_003, [1, 7], None),
             (1_040_003, [0, 7], None),
             (1_000_000, [0, 7], None),
@@ -106,15 +104,15 @@ mod tests {
     }
 
     properties! {
-        /// Against the plain definition, with reports at any times and looks at any times.
+        /// Compares with the plain definition, for random times of reports and checks.
         #[test]
-        fn complete_is_all_within_their_times(
+        fn complete_means_every_task_within_its_deadline(
             events in prop::collection::vec((0usize..4, 1u64..4_000), 1..200),
         ) {
             let within = [1_000, 5_000, 30_000];
             let mut call = TaskDeadlines::new(within, 0);
             let (mut now, mut counts) = (0, [0u32; 3]);
-            // Reports are seen at the next look, which is when they count from.
+            // A report counts from the next check.
             let (mut pending, mut last) = ([false; 3], [0u64; 3]);
             for (event, later) in events {
                 now += later;

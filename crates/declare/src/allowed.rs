@@ -1,4 +1,4 @@
-//! Allowed values, the checks of them, and the error that a check gives.
+//! Allowed values, their checks, and the error of a check.
 //!
 //! Each check refuses NaN and infinity: bounds are written so that an unordered comparison fails.
 
@@ -66,9 +66,9 @@ impl Allowed {
 /// A parameter whose value is not allowed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ConfigError {
-    /// Name of the parameter, as it stands in the configuration file.
+    /// Name of the parameter, as in the configuration file.
     pub field: &'static str,
-    /// Index in the list and in the list of lists, if the parameter is one.
+    /// Indices of the entry in a list or in a list of lists; `None` for a single number.
     pub index: [Option<u8>; 2],
     /// The value that was refused.
     pub value: f32,
@@ -77,7 +77,7 @@ pub struct ConfigError {
 }
 
 impl ConfigError {
-    /// The error of an entry as the error of the list that holds it.
+    /// Adds the index of the entry in its list.
     #[must_use]
     pub const fn at(mut self, index: usize) -> Self {
         self.index = [Some(index as u8), self.index[0]];
@@ -99,7 +99,7 @@ impl core::error::Error for ConfigError {}
 
 /// A number, an optional number or a list of numbers.
 pub trait Checked {
-    /// True if only whole numbers are values.
+    /// True if the values are whole numbers.
     const WHOLE: bool = false;
 
     /// Checks each number by itself; the error names `field`.
@@ -183,7 +183,7 @@ pub fn in_range(field: &'static str, value: f32, low: f32, high: f32) -> Result<
     Allowed::Range(low, high).check(field, value)
 }
 
-/// `value` if `ok`; otherwise an error that names `field` and what is `allowed`.
+/// `value` if `ok`; otherwise an error with `field` and `allowed`.
 pub fn require(
     ok: bool,
     field: &'static str,

@@ -22,7 +22,7 @@ pub enum Kind {
         unit: &'static str,
         /// Allowed values of each number.
         allowed: Allowed,
-        /// True if only whole numbers are values.
+        /// True if the values are whole numbers.
         whole: bool,
     },
     /// True or false.
@@ -42,9 +42,9 @@ pub struct Choice {
     pub doc: &'static str,
 }
 
-/// A type that a key of a file may have.
+/// Type of a key in a file.
 pub trait Declared {
-    /// Form of its values.
+    /// Form of the values.
     const KIND: Kind;
 }
 
@@ -75,7 +75,7 @@ impl Field {
 }
 
 impl Kind {
-    /// Unit; empty for a pure number and for what is no number.
+    /// Unit; empty for a pure number and for any other form.
     pub const fn unit(&self) -> &'static str {
         match self {
             Self::Number { unit, .. } => unit,
@@ -91,7 +91,7 @@ impl Choice {
     }
 }
 
-/// The field that a path of keys, separated by dots, leads to.
+/// Field at a path of keys separated by dots; `None` if there is none.
 pub const fn find(fields: &'static [Field], path: &str) -> Option<Field> {
     let bytes = path.as_bytes();
     let (mut fields, mut start) = (fields, 0);
@@ -117,7 +117,7 @@ pub const fn find(fields: &'static [Field], path: &str) -> Option<Field> {
     }
 }
 
-/// The same in a constant: a path that leads nowhere ends the compilation.
+/// Field at a path, for constants: an unknown path is a compile error.
 pub const fn field_at(fields: &'static [Field], path: &str) -> Field {
     match find(fields, path) {
         Some(field) => field,

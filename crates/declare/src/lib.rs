@@ -1,7 +1,7 @@
 //! One declaration of a table of parameters: name, type, default, unit, allowed values and meaning.
 //!
-//! [`declare!`] makes the struct or enumeration, its default, the check of each number and the
-//! description ([`Field`], [`Choice`]) that files, stores and pages are made of.
+//! [`declare!`] generates the struct or enumeration, its default, the check of each number and the
+//! description ([`Field`], [`Choice`]) from which files, stores and pages are made.
 //!
 //! # Example
 //!

@@ -1,11 +1,11 @@
-//! The declaration itself.
+//! The macro `declare!`.
 
 /// Declares a table of parameters or an enumeration; see the example of the crate.
 ///
 /// A key is `pub name: type = default, "unit": allowed;` if it holds numbers, and
-/// `pub name: type = default;` if its type is declared itself. `allowed` is a value of
-/// [`Allowed`](crate::Allowed), constant. Keys in `derived { … }` are not read from files: the
-/// program sets them. The caller adds the attributes of the type, such as derives.
+/// `pub name: type = default;` if its type is [`Declared`](crate::Declared). `allowed` is a constant
+/// [`Allowed`](crate::Allowed). Keys in `derived { … }` are not read from files: the program sets them.
+/// The caller adds the attributes of the type, such as derives.
 #[macro_export]
 macro_rules! declare {
     (
@@ -115,7 +115,7 @@ macro_rules! declare {
     };
 }
 
-/// Form of a key: with unit and allowed values that of a number, otherwise that of its type.
+/// Form of a key: a number if unit and allowed values are given, otherwise the form of the type.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! kind {
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn description_holds_what_is_declared_and_nothing_derived() {
+    fn description_holds_declared_keys_without_derived_ones() {
         let names = Motor::FIELDS.iter().map(|field| field.name);
         assert!(names.eq(["torque_n_m", "law"]));
         const TORQUE: crate::Field = field_at(Axle::FIELDS, "motor.torque_n_m");
@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn every_number_is_checked_the_derived_ones_too() {
+    fn every_number_is_checked_derived_ones_included() {
         let good = Axle::default();
         assert_eq!(good.check_ranges(), Ok(()));
         assert_eq!((good.motor.law, good.motor.period_s), (Law::Linear, 1e-3));

@@ -1,8 +1,8 @@
 //! The square root of an `f32`, correctly rounded, without `std`.
 //!
-//! Stable Rust offers no such function in `core`, and `libm` computes it bit by bit on a Cortex-M4F,
-//! in sixty instructions, although the processor has one. A crate of its own because that
-//! instruction has to be asked for in assembly, which the algorithms, free of `unsafe`, may not do.
+//! Stable Rust has no square root in `core`. On a Cortex-M4F `libm` computes it bit by bit in sixty instructions,
+//! although the processor has one instruction for it. That instruction needs assembly, so this is a separate crate: the
+//! algorithms are free of `unsafe`.
 #![no_std]
 
 /// √x, rounded to nearest, ties to even (IEEE 754): the same bits on every processor.
@@ -18,8 +18,8 @@ pub fn sqrt(x: f32) -> f32 {
     libm::sqrtf(x)
 }
 
-/// A function of its own: inline assembly may not name single-precision registers where the
-/// processor has no double-precision ones.
+/// A separate function, because inline assembly cannot name single-precision registers on a processor without
+/// double-precision registers.
 #[cfg(all(target_arch = "arm", target_abi = "eabihf"))]
 // SAFETY: in this ABI the argument arrives and the result leaves in s0; nothing else is touched.
 #[unsafe(naked)]
@@ -31,7 +31,7 @@ extern "C" fn vsqrt(x: f32) -> f32 {
 mod tests {
     use super::sqrt;
 
-    /// Whether `root` is the `f32` nearest to √x: no midpoint to a neighbour lies between them.
+    /// True if `root` is the `f32` nearest to √x: no midpoint to a neighbour lies between them.
     fn is_rounded(x: f32, root: f32) -> bool {
         // The midpoint of two neighbours has 25 bits, its square 50: exact in f64.
         let (below, above) = (root.next_down() as f64, root.next_up() as f64);

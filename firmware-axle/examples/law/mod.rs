@@ -4,7 +4,7 @@ use core_algos::control::controller::{KinematicController, Memory, Wanted};
 use core_algos::control::regulator::Input;
 use core_algos::math::trig::{atan2, hypot, wrap_angle};
 
-/// Law in polar coordinates, stopped within a centimetre of the goal or when the goal lies behind.
+/// Law in polar coordinates. The robot stops within 1 cm of the goal, or within 10 cm if the goal lies behind.
 pub struct Polar;
 
 impl KinematicController for Polar {

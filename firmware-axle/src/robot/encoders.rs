@@ -1,9 +1,9 @@
 //! Both wheel encoders: TIM3 and TIM4 count every edge, in hardware.
 //!
-//! Their inputs lie beside bridges that switch at 20 kHz. The input filter takes a level over after
-//! eight equal samples at 84 MHz/32, so a pulse below 2.7 µs never counts and one above 3.1 µs always
-//! does. At 20 rad/s and 8192 counts per turn a level lasts for two counts, 77 µs, and the edges of
-//! both channels are 38 µs apart: 25 and 12 times as much. Both channels are delayed alike.
+//! Their inputs are next to bridges that switch at 20 kHz. The input filter accepts a level after eight equal samples
+//! at 84 MHz/32, so a pulse below 2.7 µs never counts and a pulse above 3.1 µs always counts. At 20 rad/s and 8192
+//! counts per turn a level lasts for two counts, 77 µs, and the edges of both channels are 38 µs apart: 25 and 12 times
+//! the delay of the filter. Both channels have the same delay.
 
 use core_algos::drive::count::Extended;
 use core_algos::topology::Wheels;
@@ -15,7 +15,7 @@ use embassy_stm32::peripherals::{PB6, PB7, PC6, PC7, TIM3, TIM4};
 use embassy_stm32::timer::qei::{self, Qei, QeiMode};
 use embassy_time::{Duration, block_for};
 
-/// Longer than the filter takes to see the pins.
+/// Time longer than the delay of the filter.
 const FILTERED: Duration = Duration::from_micros(10);
 
 /// The encoders (left, right).
@@ -31,7 +31,7 @@ impl Encoders {
         left: (Peri<'static, TIM3>, Peri<'static, PC6>, Peri<'static, PC7>),
         right: (Peri<'static, TIM4>, Peri<'static, PB6>, Peri<'static, PB7>),
     ) -> Self {
-        // Encoders with open collectors need the pull-ups; they do the others no harm.
+        // Encoders with open collectors need the pull-ups; others work with them too.
         let mut config = qei::Config::default();
         config.mode = QeiMode::Mode3;
         config.ch1_pull = Pull::Up;
@@ -40,7 +40,7 @@ impl Encoders {
             Qei::new(left.0, left.1, left.2, config),
             Qei::new(right.0, right.1, right.2, config),
         );
-        // The HAL knows nothing of the filter.
+        // The HAL does not set the filter.
         for timer in [pac::TIM3, pac::TIM4] {
             timer.ccmr_input(0).modify(|w| {
                 for channel in 0..2 {

@@ -1,4 +1,4 @@
-//! Inertial sensor: an ICM-42688-P on SPI1; what is done with it is [`icm42688`]'s business.
+//! Inertial sensor: an ICM-42688-P on SPI1, set up and read by [`icm42688`].
 //!
 //! [`icm42688`]: core_algos::acquisition::icm42688
 
@@ -25,8 +25,8 @@ struct Bus {
 }
 
 impl Inertial {
-    /// Starts its bus. [`Self::read`] sets the sensor up, so that the board is on the bus without a wait;
-    /// a sensor that does not answer is reported as such, and the board goes on without.
+    /// Starts the SPI. [`Self::read`] sets the sensor up, so that the start of the board does not wait for the sensor.
+    /// If the sensor does not respond, this is reported and the board runs without it.
     pub fn start(
         spi: Peri<'static, SPI1>,
         select: Peri<'static, PA4>,
@@ -46,14 +46,13 @@ impl Inertial {
         })
     }
 
-    /// True if the sensor answers with its configuration.
+    /// True if the sensor responds with its configuration.
     pub fn answers(&self) -> bool {
         !self.sensor.is_lost()
     }
 
-    /// To be called every millisecond: goes on with the set-up, or reads the latest sample in 12 µs, now and
-    /// then 14.
-    /// `still` says that the motors are off.
+    /// Continues the set-up or reads the latest sample, which takes 12 µs, at times 14 µs. Call every millisecond;
+    /// `still` is true if the motors are off.
     pub fn read(&mut self, still: bool) -> Reading {
         let Self { bus, sensor } = self;
         sensor.step(still, |bytes| bus.transfer(bytes))

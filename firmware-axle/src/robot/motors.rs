@@ -2,14 +2,15 @@
 //!
 //! TIM1 drives the enable pins of two DRV8874 in phase/enable mode and starts the injected
 //! conversions of ADC1 once a period, where no edge is near ([`timer`]): both currents (INA240 on a
-//! shunt in the motor's lead), supply and driver temperature. Their interrupt, the highest of the
-//! board, runs the current loops; what they decide takes effect at the next update of the timer. No
-//! critical section holds it off ([`critical`]). Every twentieth period is a tick of the board, which
-//! another interrupt of less priority announces: a task cannot be woken from the current loop.
+//! shunt in the motor's lead), supply and driver temperature. Their interrupt has the highest priority
+//! of the board and runs the current loops, whose output takes effect at the next update of the timer.
+//! No critical section delays this interrupt ([`critical`]). Every twentieth period is a tick of the
+//! board. An interrupt of lower priority announces the tick, because a task cannot be woken from the
+//! current loop.
 //!
-//! The motors are driven while a command with `on` came within the last two milliseconds and no fault is
-//! latched. Else the bridges short the motors, which brakes them, and the drivers sleep once the wheels stand
-//! still ([`braking`]). A fault of a driver and an overcurrent put the drivers to sleep at once.
+//! The motors are driven while a command with `on` has arrived within the last 2 ms and no fault is latched. Otherwise
+//! the bridges short the motors, which brakes them, and the drivers sleep once the wheels stand still ([`braking`]). A
+//! driver fault or an overcurrent puts the drivers to sleep at once.
 
 mod exchange;
 mod timer;
@@ -53,28 +54,28 @@ use timer::{Pwm, TOP};
 const CYCLES_PER_US: u32 = CORE_HZ / 1_000_000;
 /// Periods in a tick.
 const PERIODS: u8 = 20;
-/// Periods without a command after which the motors are switched off: 2 ms.
+/// Timeout of the command, periods: 2 ms. The motors are then switched off.
 const PATIENCE: u8 = 40;
-/// Current that trips when it lasts, A, and for how many periods: 2 ms.
+/// Trip current, A, and periods until the trip: 2 ms.
 const TRIP: (f32, u16) = (6.0, 40);
-/// Periods that the drivers take to wake up; no current is asked for meanwhile. 2 ms.
+/// Wake-up time of the drivers, periods: 2 ms. No current is commanded meanwhile.
 const WAKE_PERIODS: u8 = 40;
-/// Periods that the drivers take to fall asleep; a wake within them may not start a driver anew. 2 ms.
+/// Time in which the drivers fall asleep, periods: 2 ms. An earlier wake-up might not restart a driver.
 const SLEEP_PERIODS: u8 = 40;
-/// Periods in a row that a driver must report a fault: 200 µs. A driver that switched itself off says
-/// so for milliseconds; a spike from the bridges lasts for one sample.
+/// Successive periods of a driver fault until the trip: 200 µs. A driver that switched itself off reports a fault for
+/// milliseconds; a spike from the bridges lasts for one sample.
 const FAULT_PERIODS: u16 = 4;
-/// Standstill of a shorted motor: 20 mA are 0.1 rad/s. The speed sees a motor with an open lead; a single count of its
-/// encoder shows as 0.1 rad/s. For 0.1 s.
+/// Standstill: both limits hold for 0.1 s. A shorted motor has a current of 20 mA at 0.1 rad/s. The speed detects the
+/// motion of a motor with an open lead; a single count of the encoder gives 0.1 rad/s.
 const STANDSTILL: braking::Limits = braking::Limits {
     current_a: 0.02,
     speed_rad_s: 0.3,
     periods: 2000,
 };
-/// For how many periods the supply may be beyond its limits: 20 ms.
+/// Periods of a supply beyond its limits until the trip: 20 ms.
 const SUPPLY_PERIODS: u16 = 400;
 
-/// Number of the sleep pin in port C, for what may not rely on the state of the program.
+/// Number of the sleep pin in port C, for code that must not rely on the state of the program.
 pub const SLEEP: usize = 5;
 
 /// Pins and peripherals of the motors.
@@ -93,7 +94,7 @@ pub struct Parts {
     pub fault: (Peri<'static, PC8>, Peri<'static, PC9>),
     /// Currents (left, right).
     pub current: (Peri<'static, PC0>, Peri<'static, PC1>),
-    /// Supply behind its divider.
+    /// Supply voltage behind its divider.
     pub supply: Peri<'static, PC2>,
     /// Thermistor between the drivers.
     pub temperature: Peri<'static, PC3>,
@@ -108,10 +109,10 @@ pub struct Parts {
 
 static DRIVE: Mutex<RefCell<Option<Drive>>> = Mutex::new(RefCell::new(None));
 static TICK: Signal<CriticalSectionRawMutex, Micros> = Signal::new();
-/// The cycle counter at the beginning of the tick's first period.
+/// Cycle counter at the beginning of the tick's first period.
 static BEGAN: AtomicU32 = AtomicU32::new(0);
 
-/// The tick's end of the motors.
+/// Interface of the tick to the motors.
 pub struct Motors(());
 
 impl Motors {
@@ -131,12 +132,12 @@ impl Motors {
         Ok(Self(()))
     }
 
-    /// Waits for the next tick; gives the local time of its beginning.
+    /// Waits for the next tick; returns the local time of its beginning.
     pub async fn tick(&mut self) -> Micros {
         TICK.wait().await
     }
 
-    /// Hands over what is to be done until the next tick.
+    /// Sets the command until the next tick.
     pub fn command(&mut self, command: Command) {
         exchange::put_command(command);
     }
@@ -146,13 +147,13 @@ impl Motors {
         exchange::feedback()
     }
 
-    /// Makes the periods of the next tick longer or shorter by so many parts in 4200.
+    /// Lengthens the periods of the next tick by `by` parts in 4200; negative values shorten them.
     pub fn trim(&mut self, by: i8) {
         Pwm::trim(by);
     }
 }
 
-/// Everything the interrupt works with.
+/// Data of the interrupt.
 struct Drive {
     adc: InjectedAdc<'static, ADC1, 4>,
     direction: [Output<'static>; 2],
@@ -160,7 +161,7 @@ struct Drive {
     faults: [Input<'static>; 2],
     pwm: Pwm,
     check_in: CheckIn,
-    /// Fed once a period: a loop that stands still would leave the motors their last duty.
+    /// Fed once a period: if the loop stopped, the motors would keep their last duty.
     watchdog: WindowWatchdog,
     shunt: Shunt,
     supply: Supply,
@@ -177,14 +178,14 @@ struct Drive {
     awake: u8,
     /// Periods since the drivers were put to sleep, saturating; 0 while they are awake.
     asleep: u8,
-    /// True while the outputs of the timer are enabled; else the bridges of drivers that are awake brake.
+    /// True while the outputs of the timer are enabled; otherwise the bridges of awake drivers brake.
     driven: bool,
     braking: Braking,
     protection: Protection,
     fault: Option<Condition>,
     squares: [f32; 2],
     period: u8,
-    /// The cycle counter when this period's step began.
+    /// Cycle counter at the beginning of this period's step.
     began: u32,
     longest: u32,
 }
@@ -246,12 +247,12 @@ impl Drive {
             period: 0,
             began: 0,
             longest: 0,
-            // Last: from here on the loop must run.
+            // Last, because from here on the loop must run.
             watchdog: WindowWatchdog::start(parts.watchdog),
         })
     }
 
-    /// One period: sample, judge, control, actuate, report.
+    /// Runs one period: sample, check, control, actuate, report.
     fn step(&mut self) {
         let [left, right, supply, temperature] = self.adc.read_injected_samples();
         let counts = [left, right];
@@ -301,7 +302,7 @@ impl Drive {
             Some(command) => {
                 self.command = command;
                 self.command_age = 0;
-                // What still holds trips again.
+                // A fault that still holds trips again.
                 if command.clear {
                     self.fault = None;
                 }
@@ -311,7 +312,7 @@ impl Drive {
         }
     }
 
-    /// Currents; while the drivers sleep their zeros are sought.
+    /// Currents, A. While the drivers sleep, unknown zeros are measured.
     fn currents(&mut self, counts: [u16; 2]) -> [Option<f32>; 2] {
         let asleep = self.awake == 0;
         let mut currents = [None; 2];
@@ -329,7 +330,7 @@ impl Drive {
         currents
     }
 
-    /// Looks for what switches the motors off.
+    /// Checks the conditions that switch the motors off.
     fn judge(&mut self, currents: [Option<f32>; 2], supply_v: f32) {
         let motor = |i: usize| protection::Motor {
             current_a: currents[i],
@@ -396,8 +397,8 @@ impl Drive {
 
     fn set_pins(&mut self, pins: [Pins; 2]) {
         for (pins, direction) in pins.iter().zip(&mut self.direction) {
-            // The direction changes at once, the width at the next update: at most 25 µs in which
-            // the old width, small where a duty changes sign, is applied the other way.
+            // The direction changes at once, the width at the next update. For at most 25 µs the old
+            // width, which is small where a duty changes sign, is applied in the new direction.
             direction.set_level(pins.forward.into());
         }
         self.pwm.set(pins.map(|pins| pins.compare));
@@ -437,7 +438,7 @@ impl Drive {
 #[handler]
 fn ADC() {
     critical::all(|cs| {
-        // Nothing else borrows it once this interrupt is enabled.
+        // Nothing else borrows `DRIVE` once this interrupt is enabled.
         if let Ok(mut drive) = DRIVE.borrow(cs).try_borrow_mut()
             && let Some(drive) = drive.as_mut()
         {

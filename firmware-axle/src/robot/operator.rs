@@ -1,4 +1,4 @@
-//! The user's button of the front board: it stops a robot that drives, clears a fault, or begins a drive.
+//! The user's button of the front board: stops a moving robot, clears a fault, or starts a drive.
 
 use core_algos::link::Order;
 use core_algos::link::protocol::Place;
@@ -23,7 +23,7 @@ pub struct Button {
 }
 
 impl Button {
-    /// On its pin; a drive to the button's own goal begins at `start`.
+    /// Button on its pin; a drive to the button's own goal begins at `start`.
     pub fn new(pin: Peri<'static, PA0>, start: Place, settings: params::Button) -> Self {
         Self {
             pin: Input::new(pin, Pull::Down),
@@ -33,7 +33,8 @@ impl Button {
         }
     }
 
-    /// Looks at the button; on the rear board there is no lead node and it does nothing.
+    /// Samples the button once an epoch and executes the orders of a press. Without a lead node, on the rear board, a
+    /// press has no effect.
     pub fn step(&mut self, now: Micros, board: &mut Board, link: &mut TickEnd) {
         if !is_epoch_start(now) || !self.presses.step(self.pin.is_high()) {
             return;

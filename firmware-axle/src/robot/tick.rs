@@ -1,7 +1,7 @@
 //! The axle's tick, once a millisecond: sample → receive → node → limit → command → send.
 //!
 //! The front board's clock is the common time, and its lead node runs here too; the rear board
-//! follows by [`TickSync`]. A board whose clock was moved begins anew with motors off.
+//! follows by [`TickSync`]. A board whose clock was stepped restarts its nodes with motors off.
 
 use core_algos::acquisition::icm42688::Reading;
 use core_algos::control::wheel_observer::{self, WheelObserver};
@@ -25,21 +25,21 @@ use super::motors::Motors;
 use super::operator::Button;
 use crate::rules::{Command, Feedback};
 
-/// Time in an epoch at which orders of the link are executed: the lead node's step follows.
+/// Time in an epoch at which orders of the link are executed, one tick before the lead node's step, µs.
 const ORDER_PHASE: Micros = LEAD_PHASE - TICK;
 
 /// Report for the log.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
-    /// Tick.
+    /// Health of the tick.
     pub health: Health,
-    /// Motors.
+    /// Report of the motors.
     pub feedback: Feedback,
-    /// Windings, °C.
+    /// Temperatures of the windings, °C.
     pub winding_c: [f32; 2],
-    /// Times the nodes began anew since the start.
+    /// Number of restarts of the nodes since the start.
     pub restarts: u16,
-    /// True if the inertial sensor answers.
+    /// True if the inertial sensor responds.
     pub inertial: bool,
 }
 
@@ -75,15 +75,15 @@ pub struct AxleTick {
     own: Outbox,
     wheels: [wheel_observer::State; 2],
     windings: [winding::State; 2],
-    /// The board came back from a fault that nobody has cleared yet, or began anew under way.
+    /// True after a fault restarted the board, or the nodes restarted while driving, until the fault is cleared.
     restarted: bool,
-    /// The nodes wanted the motors on.
+    /// True if the nodes commanded the motors on.
     driving: bool,
 }
 
 /// Samples of a tick.
 pub struct Sampled {
-    /// Common time; `None` when nothing may be driven.
+    /// Common time; `None` if the motors must not be driven.
     now: Option<Micros>,
     feedback: Feedback,
     encoder: Wheels<i32>,
@@ -106,7 +106,7 @@ impl BoardTick for AxleTick {
         Some((self.axle.motors.tick().await, ()))
     }
 
-    /// Orders of button and host come before the messages that arrived: replay knows the order.
+    /// Executes orders of button and host before messages are received, as a replay does.
     fn begin(&mut self, local: Micros, (): (), common: &mut Common) -> Sampled {
         let feedback = self.axle.motors.feedback();
         let encoder = self.axle.encoders.read();
@@ -187,7 +187,7 @@ impl AxleTick {
         }
     }
 
-    /// The common time of this tick; `None` when nothing may be driven.
+    /// The common time of this tick; `None` if the motors must not be driven.
     fn common_time(&mut self, local: Micros, on: bool, common: &mut Common) -> Option<Micros> {
         let step = common.sync.step(local);
         self.axle.motors.trim(common.sync.trim());
@@ -197,12 +197,12 @@ impl AxleTick {
             Step::Restart(now) => (now, true),
         };
         if begins {
-            // The nodes forget that they drove; the user must be told why they stopped.
+            // The restarted nodes do not know that they drove; `restarted` reports why the robot stopped.
             self.restarted |= self.driving;
             self.axle.nodes.restart();
             self.own.clear();
             common.record_begin(now);
-            // Replay has no controller of the user.
+            // A replay does not have the controller of the user.
             let lead = self.axle.nodes.lead();
             if lead.is_some_and(|lead| lead.has_own_controller()) {
                 common.record_end();
@@ -215,7 +215,7 @@ impl AxleTick {
     fn take_orders(&mut self, now: Micros, common: &mut Common) {
         let Axle { button, nodes, .. } = &mut self.axle;
         button.step(now, nodes, &mut common.link);
-        // At a tick in which the lead node does little else.
+        // In a tick in which the lead node has little other work.
         if let (ORDER_PHASE, Some(lead)) = (now % EPOCH, nodes.lead()) {
             common.link.execute_orders(lead);
         }
@@ -249,7 +249,7 @@ impl AxleTick {
         self.restarted &= !output.clear;
         self.driving = output.active;
         for message in outbox.iter() {
-            // The nodes of this board get it at the next tick, as the others read it.
+            // The nodes of this board receive the message at the next tick, as the other boards decode it.
             if let Some(message) = common.send_of_node(message) {
                 self.own.push(message);
             }

@@ -9,10 +9,10 @@ pub const TASKS: [(&str, u64); 3] = [
     ("bus", can::REPORTS_WITHIN),
 ];
 
-/// Their watchdog.
+/// Watchdog of these tasks.
 pub type TaskWatchdog = task_watchdog::TaskWatchdog<{ TASKS.len() }>;
 
-/// Checks for ever.
+/// Checks the tasks for ever.
 #[embassy_executor::task]
 pub async fn run(task_watchdog: TaskWatchdog) -> ! {
     task_watchdog.run().await

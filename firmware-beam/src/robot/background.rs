@@ -1,4 +1,4 @@
-//! The log and the store.
+//! Background task: the log and the store.
 
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::watch;

@@ -2,7 +2,7 @@
 //!
 //! A scan is six conversions of 27 cycles at 21 MHz: 7.7 µs of the 10.4 µs between scans. The sums
 //! of 96 scans are the readings of a millisecond, and their arrival is the tick of the board. The
-//! thermistor is converted between the others, once a millisecond.
+//! thermistor is converted between two scans, once a millisecond.
 
 mod converter;
 
@@ -18,16 +18,16 @@ use converter::{CHANNELS, Converter};
 
 /// Bridges on the strip; the excitation is the last channel of a scan.
 const BRIDGES: usize = CHANNELS - 1;
-/// The excitation comes back from the strip halved, and is the converter's own reference.
+/// Count of the nominal excitation: it is the converter's reference, and returns from the strip halved.
 const EXCITATION: u32 = FULL_SCALE as u32 / 2;
-/// A count that says "no conversion".
+/// Count of a missing conversion.
 const MISSING: i32 = -1;
 
 /// Pins and peripherals of the bridges.
 pub struct Parts {
     /// Converter.
     pub adc: Peri<'static, ADC1>,
-    /// Its stream.
+    /// DMA stream of the converter.
     pub dma: Peri<'static, DMA2_CH0>,
     /// Timer of the scans.
     pub timer: Peri<'static, TIM2>,
@@ -41,11 +41,11 @@ pub struct Parts {
 
 /// Readings of a tick.
 pub struct Block {
-    /// Local time at which the last conversion was there.
+    /// Local time at the end of the last conversion.
     pub local: Micros,
-    /// Counts of the bridges, 0 to [`FULL_SCALE`]; all [`MISSING`] if the excitation is not sound.
+    /// Counts of the bridges, 0 to [`FULL_SCALE`]; all [`MISSING`] if the excitation is invalid.
     pub counts: [i32; MAX_GAUGES],
-    /// Excitation over its nominal value.
+    /// Excitation divided by its nominal value.
     pub excitation: f32,
 }
 
@@ -74,9 +74,8 @@ impl Bridges {
         }
     }
 
-    /// Waits for the readings of a millisecond; `None` if they do not come because conversions were
-    /// lost, after which nobody knows which sample is of which bridge. Readings that were not fetched
-    /// in time are left out: a tick is then missed.
+    /// Waits for the readings of a millisecond. `None` if conversions were lost: the assignment of samples to bridges
+    /// is then unknown. Readings that are not fetched in time are skipped, and a tick is missed.
     pub async fn read(&mut self) -> Option<Block> {
         let (local, samples) = self.converter.read().await?;
         let sums = sums::<CHANNELS>(samples);
@@ -92,7 +91,7 @@ impl Bridges {
         })
     }
 
-    /// Begins sampling anew, with the first bridge.
+    /// Restarts sampling with the first bridge.
     pub fn restart(&mut self) {
         self.converter.restart();
     }
@@ -103,7 +102,7 @@ impl Bridges {
         self.thermistor.read(count.into(), 4096.0)
     }
 
-    /// Makes the scans of the next tick closer or wider by so many parts in 875.
+    /// Lengthens the scan periods of the next tick by `by` parts in 875; negative values shorten them.
     pub fn trim(&mut self, by: i8) {
         self.converter.trim(by);
     }

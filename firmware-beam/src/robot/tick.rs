@@ -32,15 +32,15 @@ const SUPPLY_V: f32 = 3.3;
 /// Report for the log.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
-    /// Tick.
+    /// Health of the tick.
     pub health: Health,
     /// Excitation over its nominal value.
     pub excitation: f32,
     /// Temperature of the strip, °C.
     pub temperature_c: Option<f32>,
-    /// Gauges the latest posture was made from.
+    /// Number of gauges used by the latest posture.
     pub gauges: u8,
-    /// Times conversions were lost since the start.
+    /// Number of losses of conversions since the start.
     pub lost: u16,
     /// Standard deviations of the bridges over the last 10 s with the motors off, counts.
     pub noise: Option<[f32; MAX_GAUGES]>,
@@ -49,11 +49,11 @@ pub struct Report {
 /// The loop's parts of the tick.
 type Common = tick_loop::Common<Chip>;
 
-/// A calibration on its way into the store, and whether it got there on the way back.
+/// Signals between the tick and the store, to save a calibration.
 pub struct Saving {
-    /// To the store.
+    /// Calibration to save.
     pub wanted: Signal<CriticalSectionRawMutex, (calibration::Config, Disarmed)>,
-    /// From the store.
+    /// True if the calibration was saved.
     pub done: Signal<CriticalSectionRawMutex, bool>,
 }
 
@@ -67,7 +67,7 @@ pub struct Beam {
     pub node: BeamNode,
     /// Calibration on request.
     pub procedure: Procedure,
-    /// The store's two signals.
+    /// Signals to and from the store.
     pub saving: &'static Saving,
     /// State of the parameters at the start.
     pub parameters: Conditions,
@@ -78,15 +78,15 @@ pub struct BeamTick {
     beam: Beam,
     motors: Motors,
     motors_off: bool,
-    /// Sequence of the calibration that is being saved.
+    /// Request number of the calibration that is being saved.
     saving: Option<u8>,
-    /// Times conversions were lost.
+    /// Number of losses of conversions.
     lost: u16,
     rest_noise: RestNoise<MAX_GAUGES>,
     noise: Option<[f32; MAX_GAUGES]>,
     /// Conditions found since the latest tick of the node.
     found: Conditions,
-    /// A calibration was adopted since the start: the node is not that of the configuration.
+    /// True if a calibration was adopted since the start, so that the node does not match the start configuration.
     adopted: bool,
 }
 
@@ -110,8 +110,8 @@ impl BoardTick for BeamTick {
     async fn wait(&mut self) -> Option<(Micros, Block)> {
         let block = self.beam.bridges.read().await;
         if block.is_none() {
-            // Which sample is of which bridge is no longer known: the scan begins anew, and the axles
-            // do without the beam for a few milliseconds.
+            // The assignment of samples to bridges is lost. The scan restarts, and the axles drive without
+            // the beam for a few milliseconds.
             self.lost = self.lost.saturating_add(1);
             self.found.set(Condition::ConversionsLost, true);
             self.beam.bridges.restart();
@@ -119,7 +119,7 @@ impl BoardTick for BeamTick {
         block.map(|block| (block.local, block))
     }
 
-    /// Lets the node begin anew for a host that records.
+    /// Restarts the node for a host that records.
     fn begin(&mut self, local: Micros, block: Block, common: &mut Common) -> Block {
         if let Some(last) = common.sync.last()
             && common.link.take_begin()
@@ -185,7 +185,7 @@ impl BoardTick for BeamTick {
 }
 
 impl BeamTick {
-    /// The tick, before the first one.
+    /// The tick's loop, before its first tick.
     pub fn new(beam: Beam) -> Self {
         Self {
             beam,
@@ -200,7 +200,7 @@ impl BeamTick {
         }
     }
 
-    /// A restart is no different here: the node remembers samples, not times.
+    /// Steps the node. A restart of the clock needs no other treatment, because the node stores samples, not times.
     fn run_node(&mut self, block: &Block, common: &mut Common) {
         let step = common.sync.step(block.local);
         self.beam.bridges.trim(common.sync.trim());
@@ -222,7 +222,7 @@ impl BeamTick {
         }
     }
 
-    /// Replies to a calibration that was saved, and takes the next step of one under way.
+    /// Reports the result of a saved calibration, and advances a calibration under way.
     fn calibrate(&mut self, block: &Block, common: &mut Common) {
         if let Some(sequence) = self.saving
             && let Some(stored) = self.beam.saving.done.try_take()
@@ -247,7 +247,7 @@ impl BeamTick {
         }
     }
 
-    /// Takes a calibration into use and has it saved.
+    /// Adopts a calibration and requests its storage.
     fn adopt(&mut self, sequence: u8, calibration: calibration::Config, common: &mut Common) {
         let mut config = self.beam.config;
         config.beam.calibration = calibration;

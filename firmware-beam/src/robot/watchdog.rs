@@ -5,10 +5,10 @@ use firmware_common::{can, task_watchdog};
 /// Tasks that must report for the watchdog to be fed, and how often, µs.
 pub const TASKS: [(&str, u64); 2] = [("tick", 10_000), ("bus", can::REPORTS_WITHIN)];
 
-/// Their watchdog.
+/// Watchdog of these tasks.
 pub type TaskWatchdog = task_watchdog::TaskWatchdog<{ TASKS.len() }>;
 
-/// Checks for ever.
+/// Checks the tasks for ever.
 #[embassy_executor::task]
 pub async fn run(task_watchdog: TaskWatchdog) -> ! {
     task_watchdog.run().await

@@ -6,7 +6,7 @@ use crate::math::{Posture, Wrench};
 use crate::topology::{AxleId, FrameId, Topology};
 use proptest::prelude::*;
 
-/// Signals that are no enumeration, each with its message.
+/// Signals that are not enumerations, each with its message.
 fn quantities() -> impl Iterator<Item = (&'static Signal, &'static layout::Layout)> {
     layout::MESSAGES.iter().flat_map(|layout| {
         let signals = layout.signals.iter();
@@ -28,7 +28,7 @@ fn range_holds(signal: &Signal, value: f32) -> bool {
     (low..high).contains(&f64::from(value))
 }
 
-/// So close to a bound that single precision may judge either way.
+/// True if the value is so close to a bound that single precision may decide either way.
 fn at_a_bound(signal: &Signal, value: f32) -> bool {
     bounds(signal)
         .iter()
@@ -57,7 +57,7 @@ properties! {
     }
 
     #[test]
-    fn positions_repeat_and_differences_stay(x in -40.0f32..40.0, step in -0.01f32..0.01) {
+    fn position_differences_survive_wrapping(x in -40.0f32..40.0, step in -0.01f32..0.01) {
         let sent = |x| match round_trip(Message::AxlePosture {
             axle: AxleId(1), sequence: 0, posture: Posture::new(x, 0.0, 0.0),
         }) {
@@ -69,7 +69,7 @@ properties! {
     }
 
     #[test]
-    fn covariance_stays_positive_definite_and_close(
+    fn covariance_stays_positive_definite_and_within_2_percent(
         l in proptest::array::uniform3(proptest::array::uniform3(-1.0f32..1.0)),
         exponent in -7.0f32..-1.0,
     ) {
@@ -103,15 +103,14 @@ properties! {
         }) else {
             panic!("another message");
         };
-        // Far from the origin a position is itself no finer than this.
+        // Far from the origin an f32 position has a coarser resolution.
         let resolution = 1e-5 + x.abs() * f32::EPSILON;
         prop_assert!(wrap_position(posture.x - wrap_position(x)).abs() <= resolution);
         prop_assert!(wrap_position(posture.y - wrap_position(-x)).abs() <= resolution);
     }
 
-    /// Any value at all, of any signal: refused by name, or sent to the nearest unit.
     #[test]
-    fn a_value_is_refused_or_rounded_to_the_nearest_unit(bits: u32, small in -40.0f32..40.0) {
+    fn value_of_any_signal_is_refused_or_rounded_to_the_nearest_unit(bits: u32, small in -40.0f32..40.0) {
         for value in [f32::from_bits(bits), small] {
             for (signal, layout) in quantities() {
                 match (to_raw(signal, value), range_holds(signal, value)) {
@@ -175,7 +174,7 @@ properties! {
     ) {
         let known = layout::find(id);
         match decode(&CanFrame { id, length, data }) {
-            // What was accepted is finite and can be sent again.
+            // A decoded message is finite and can be encoded.
             Ok(message) => {
                 prop_assert_eq!(known.map(|layout| layout.bytes()), Some(length));
                 match message {
@@ -197,7 +196,7 @@ properties! {
 }
 
 #[test]
-fn nan_infinity_and_range_are_refused_by_name() {
+fn nan_infinity_and_value_out_of_range_are_refused_by_name() {
     for bad in [f32::NAN, f32::INFINITY, 9.0] {
         let (sequence, mut wrench) = (0, Wrench::ZERO);
         wrench.moment_root = bad;
@@ -222,7 +221,7 @@ fn nan_infinity_and_range_are_refused_by_name() {
     assert!(send(covariance).is_err());
 }
 
-/// Correlations that no covariance has, as rounding may leave them: pulled in no further than necessary.
+/// Rounding may produce correlations of no valid covariance; they shrink no further than necessary.
 #[test]
 fn impossible_correlations_shrink_by_3_percent_or_vanish() {
     for (sent, share) in [
@@ -256,7 +255,7 @@ fn signal_range_ends_at_the_extreme_raw_values() {
     }
 }
 
-/// Whole degrees of 8 bits, so that halves are exact.
+/// Tests with a temperature, whose unit is 1 °C: halves are exact.
 #[test]
 fn halves_are_rounded_away_from_zero() {
     let temperature = quantities().map(|(signal, _)| signal);
@@ -281,7 +280,7 @@ fn halves_are_rounded_away_from_zero() {
     }
 }
 
-/// Both ends of the span are one place, the lower one.
+/// Both ends of the span are the same position and wrap to the lower end.
 #[test]
 fn positions_lie_in_the_half_open_span() {
     const HALF: f32 = 0.5 * POSITION_SPAN_M;
@@ -296,7 +295,7 @@ fn positions_lie_in_the_half_open_span() {
     ] {
         assert_eq!(wrap_position(x), wrapped, "{x}");
     }
-    // A position of 0.4 steps below a whole number of steps is still sent as that one; less is the other end.
+    // Up to 0.6 steps below the upper end a position is rounded to the last step; beyond, the lower end is sent.
     let last = HALF - 0.6 * crate::bus::field::POSITION_STEP_M;
     for (x, sent) in [(last, HALF - 1e-5), (last.next_up(), -HALF)] {
         let posture = Posture::new(x, x, 0.0);
@@ -315,7 +314,7 @@ fn positions_lie_in_the_half_open_span() {
     }
 }
 
-/// The least standard deviation of the bus is 2e-9.
+/// The smallest transmitted standard deviation is 2e-9.
 #[test]
 fn a_covariance_of_zero_is_sent() {
     let Message::BeamUncertainty { covariance, .. } = round_trip(Message::BeamUncertainty {
@@ -358,7 +357,7 @@ fn unknown_and_short_frames_are_refused() {
         expected,
     };
     assert_eq!(decode(&frame(id, found)), Err(short));
-    // Each enumeration: the last of its labels, and the number after that.
+    // Each enumeration: the last label is decoded, the next number is refused.
     for layout in &layout::MESSAGES {
         let mut at = 0;
         for signal in layout.signals {
@@ -403,7 +402,7 @@ fn identifiers_end_with_the_last_axle_and_the_last_frame() {
 }
 
 #[test]
-fn bytes_of_a_known_message() {
+fn known_message_has_expected_bytes() {
     // sequence 7, force_x 1 N = 20 units, force_y −0.05 N = −1 unit, moments 0.002 and 0.
     let wrench = Wrench {
         force_x: 1.0,

@@ -8,7 +8,7 @@ struct Motor {
 }
 
 impl Motor {
-    /// Without current, turning at a speed that stays.
+    /// Motor without current, at constant speed.
     fn at(speed: f64) -> Self {
         let current = 0.0;
         Self { current, speed }
@@ -62,7 +62,7 @@ fn run(
 }
 
 #[test]
-fn a_step_is_followed_as_the_exponential_of_the_bandwidth() {
+fn step_response_is_the_exponential_of_the_bandwidth() {
     let config = Config::default();
     for speed in [0.0, 8.0, -8.0] {
         let mut motor = Motor::at(speed);
@@ -90,7 +90,7 @@ fn a_voltage_one_period_late_does_not_overshoot() {
 }
 
 #[test]
-fn parameters_that_are_off_leave_no_lasting_error() {
+fn wrong_motor_parameters_leave_no_steady_error() {
     let believed = Config::default();
     let real = Config {
         resistance_ohm: 3.6,
@@ -109,11 +109,11 @@ fn parameters_that_are_off_leave_no_lasting_error() {
     assert!((motor.current - 1.5).abs() < 1e-3, "{}", motor.current);
 }
 
-/// Long in saturation, the loop leaves it at once when the reference comes back.
+/// After long saturation, the loop follows a smaller reference at once.
 #[test]
 fn saturation_does_not_wind_up() {
     let config = Config::default();
-    // Faster than the supply can drive 2 A through.
+    // At this speed the supply cannot drive 2 A.
     let mut motor = Motor::at(18.0);
     let response = run(&config, &mut motor, 3000, 1, |k| {
         if k < 2000 { 1.2 } else { 0.15 }
@@ -156,7 +156,7 @@ properties! {
             prop_assert!(output.duty.abs() <= 0.980_001);
             prop_assert!(output.valid || output.duty == 0.0);
         }
-        // Whatever came, the next sound sample is followed again.
+        // After any input, valid samples are followed again.
         let sound = Input { torque_nm: 0.0, supply_v: 12.0, limit_a: 1.0, ..Input::default() };
         for _ in 0..2 {
             prop_assert!(current_loop.step(&mut state, &sound).valid);
@@ -165,7 +165,7 @@ properties! {
 }
 
 #[test]
-fn what_is_not_a_number_switches_off() {
+fn input_that_is_not_finite_switches_off() {
     let current_loop = Config::default().build().unwrap();
     let good = Motor::at(0.0).input(1.0, 4.0);
     let spoiled: [fn(&mut Input, f32); 5] = [
@@ -188,7 +188,6 @@ fn what_is_not_a_number_switches_off() {
     }
 }
 
-/// Beyond the range of numbers there is no voltage either.
 #[test]
 fn an_integral_that_overflows_switches_off() {
     let current_loop = Config::default().build().unwrap();
@@ -203,7 +202,7 @@ fn an_integral_that_overflows_switches_off() {
     }
 }
 
-/// 2.4 N m are the largest current, 4 A; 11.76 V the largest voltage of 12 V.
+/// 2.4 N m take the largest current, 4 A; the largest voltage from a supply of 12 V is 11.76 V.
 #[test]
 fn a_limit_of_current_or_of_voltage_is_reported() {
     let config = Config::default();
@@ -235,7 +234,7 @@ fn a_limit_of_current_or_of_voltage_is_reported() {
     }
 }
 
-/// The smallest normal number is a supply; what is smaller is none.
+/// The smallest valid supply voltage is the smallest normal number.
 #[test]
 fn a_supply_above_zero_is_needed() {
     let current_loop = Config::default().build().unwrap();
@@ -259,7 +258,7 @@ fn a_supply_above_zero_is_needed() {
 
 /// 1 − exp(−ω_b T) is a quarter at ω_b T = ln 4/3.
 #[test]
-fn a_bandwidth_up_to_a_quarter_of_the_way_a_period_is_accepted() {
+fn bandwidth_is_accepted_up_to_a_quarter_of_the_step_per_period() {
     let accepted = |product: f64| {
         let config = Config {
             period_s: 0.5f32.powi(14),

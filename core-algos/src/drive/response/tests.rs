@@ -4,7 +4,7 @@ use proptest::prelude::{any, prop_assert};
 
 const SUPPLY: f64 = 12.0;
 
-/// Difference of a simulated winding from the configured one.
+/// Simulated winding; resistance and constant relative to the configured winding.
 #[derive(Clone, Copy)]
 struct Winding {
     open: bool,
@@ -22,8 +22,8 @@ const OPEN: Winding = Winding {
     ..SOUND
 };
 
-/// Runs current loop and monitor on a winding in double precision; gives the period at which
-/// the monitor first objects.
+/// Runs current loop and monitor on a winding in double precision; returns the first period at which the voltage is
+/// unexplained.
 fn objects_at(
     winding: Winding,
     periods: usize,
@@ -61,15 +61,15 @@ fn objects_at(
     })
 }
 
-/// Torque that turns over between its limits, and a speed that goes with it.
+/// Torque and speed of a slow oscillation.
 fn swinging(k: usize) -> (f32, f64) {
     let t = k as f64 * 50e-6;
     ((2.0 * (40.0 * t).sin()) as f32, 6.0 * (7.0 * t).sin())
 }
 
 #[test]
-fn a_sound_motor_is_never_objected_to() {
-    // As hot as a winding gets, and with the magnets' tolerance.
+fn voltage_of_healthy_motor_is_always_explained() {
+    // Nominal, hot and cold winding, with the tolerance of the magnets.
     for (resistance, constant) in [(1.0, 1.0), (1.4, 0.95), (0.9, 1.05)] {
         let winding = Winding {
             resistance,
@@ -78,14 +78,14 @@ fn a_sound_motor_is_never_objected_to() {
         };
         let at = objects_at(winding, 40_000, |k| swinging(k).0, |k| swinging(k).1);
         assert_eq!(at, None, "{resistance} {constant}");
-        // At the limit of the supply, and being driven against it.
+        // Speeds with and against a torque, at the voltage limit.
         for speed in [14.0, -14.0] {
             assert_eq!(objects_at(winding, 20_000, |_| 2.0, |_| speed), None);
         }
     }
 }
 
-/// Any lasting torque brings an open winding to light: the loop goes on raising the voltage.
+/// Any lasting torque reveals an open winding, because the loop keeps raising the voltage.
 #[test]
 fn an_open_winding_is_found_within_two_windows() {
     for torque in [0.05f32, -0.3, 2.0] {
@@ -97,7 +97,7 @@ fn an_open_winding_is_found_within_two_windows() {
 }
 
 #[test]
-fn an_open_motor_that_nothing_is_asked_of_is_not_known_to_be_one() {
+fn open_winding_without_torque_command_is_not_found() {
     assert_eq!(objects_at(OPEN, 4_000, |_| 0.0, |_| 3.0), None);
 }
 
@@ -111,7 +111,7 @@ fn exact_windows() -> Config {
 }
 
 #[test]
-fn a_window_answers_if_the_equation_of_the_winding_leaves_no_more_than_the_tolerance() {
+fn window_is_explained_if_its_residual_is_within_the_tolerance() {
     let config = exact_windows();
     let response = config.build().unwrap();
     let mut random = crate::fusion::testing::Random::new(6);
@@ -136,7 +136,7 @@ fn a_window_answers_if_the_equation_of_the_winding_leaves_no_more_than_the_toler
         let drop = f64::from(config.resistance_ohm) * sums[1];
         let left = sums[0] - drop - f64::from(config.torque_constant_nm_a) * sums[2] - rise;
         let allowed = 1.5 + 0.6 * drop.abs();
-        // The first period of the next window closes this one.
+        // The first period of the next window closes this window.
         let mut closed = state;
         response.step(&mut closed, 0.0, last as f32, 0.0);
         if (left.abs() / allowed - 1.0).abs() > 1e-3 {
@@ -164,7 +164,7 @@ fn a_voltage_of_just_the_tolerance_is_explained() {
 
 properties! {
     #[test]
-    fn a_number_that_is_not_finite_is_no_answer(place in 0usize..3, at in 0usize..200, bits: u32) {
+    fn input_that_is_not_finite_is_unexplained_for_its_window(place in 0usize..3, at in 0usize..200, bits: u32) {
         let response = Config::default().build().unwrap();
         let mut state = State::default();
         let bad = f32::from_bits(bits | 0x7f80_0000);
@@ -174,7 +174,7 @@ properties! {
             response.step(&mut state, input[0], input[1], input[2]);
         }
         prop_assert!(state.unexplained());
-        // Sound again after the next whole window.
+        // Explained again after the next whole window.
         for _ in 0..400 {
             response.step(&mut state, 0.0, 0.0, 0.0);
         }
@@ -182,7 +182,7 @@ properties! {
     }
 
     #[test]
-    fn nothing_is_said_before_a_whole_window(voltage: f32, current in any::<f32>()) {
+    fn no_voltage_is_unexplained_before_a_whole_window(voltage: f32, current in any::<f32>()) {
         let response = Config::default().build().unwrap();
         let mut state = State::default();
         for _ in 0..200 {

@@ -1,4 +1,4 @@
-//! A board that drives, as a host at its port sees it.
+//! Tests of a driving board from the host's side of the link.
 
 use super::*;
 use crate::beam::MAX_GAUGES;
@@ -25,7 +25,7 @@ fn crash() -> CrashRecord {
     }
 }
 
-/// A board that drives, with what it answered.
+/// Attendant with its board state and latest demand.
 struct Driving {
     attendant: Attendant,
     station: Station,
@@ -45,7 +45,7 @@ impl Driving {
         }
     }
 
-    /// Order that the latest request demands.
+    /// Order demanded by the latest request.
     fn order(&self) -> Option<Order> {
         match self.demand {
             Some(Demand::Order(_, order)) => Some(order),
@@ -53,7 +53,7 @@ impl Driving {
         }
     }
 
-    /// A board to which a host has said hello.
+    /// Board after a hello.
     fn greeted(role: Role) -> Self {
         let mut board = Self::new(role);
         let (protocol, nonce) = (PROTOCOL, 1);
@@ -61,7 +61,7 @@ impl Driving {
         board
     }
 
-    /// The payloads of its answers to a request.
+    /// Payloads of the answers to a request.
     fn ask(&mut self, number: u8, request: &Request, motors: MotorState) -> Vec<Vec<u8>> {
         let frame = protocol::encode(number, request).unwrap();
         let mut sent = Vec::new();
@@ -90,10 +90,8 @@ fn assert_answered(answers: &[Vec<u8>], number: u8, reply: Reply) {
     assert_eq!(protocol::decode(&answers[0]), Some((number, reply)));
 }
 
-/// The host reads the configuration of a board that drives in parts; it may be asked for the last one again.
-/// A demand is carried out before the next: what follows it in one lot of bytes is repeated by the host.
 #[test]
-fn the_first_demand_of_one_lot_of_bytes_is_answered_alone() {
+fn requests_behind_a_demand_in_the_same_bytes_get_no_answer() {
     let mut board = Driving::greeted(Role::axle(1));
     board.station.motors = MotorState::Off;
     let requests = [Request::Record(stamp(7, 1)), Request::Watch, Request::Stack];
@@ -110,7 +108,7 @@ fn the_first_demand_of_one_lot_of_bytes_is_answered_alone() {
 }
 
 #[test]
-fn configuration_of_a_board_that_drives_is_read_in_parts() {
+fn configuration_of_driving_board_is_read_in_parts() {
     let mut board = Driving::new(Role::axle(1));
     let mut read = Vec::new();
     for number in 1.. {
@@ -143,11 +141,10 @@ fn packed(message: &Message) -> (CanFrame, Packed) {
     (frame, packed)
 }
 
-/// Each request to each board with each state of its motors: the reply, or none to an order that is being carried out; and
-/// the demand of a request that is granted.
+/// Reply and demand for each request, board and motor state. An order is answered when done.
 #[test]
 #[expect(clippy::too_many_lines, reason = "a table")]
-fn requests_are_granted_by_board_and_motors() {
+fn request_is_granted_or_refused_by_role_and_motor_state() {
     let calibrate = bus::field::Calibrate::Zero(0.0);
     let (service, of_service) = packed(&Message::BeamCalibration {
         frame: FrameId(0),
@@ -187,7 +184,7 @@ fn requests_are_granted_by_board_and_motors() {
     };
     let beam: beam::Samples = [0; MAX_GAUGES].into();
     let (tick, total, offset) = (0, 0, 0);
-    // Replies by motors: off, braking, driven. True if only the front board takes the request.
+    // Request; replies with motors off, braking and driven; true if only the front board takes it; demand.
     let mut rows = vec![
         (
             Request::Rig,
@@ -280,7 +277,7 @@ fn requests_are_granted_by_board_and_motors() {
                     Reply::Done
                 }
             };
-            // A repetition gets the same answer, whatever the motors are.
+            // A repetition gets the same answer in every motor state.
             for motors in MOTORS {
                 board.expect(1, request, motors, reply);
                 assert_eq!(board.demand, None, "{request:?} {role:?} {motors:?}");
@@ -305,9 +302,9 @@ fn request_that_cannot_be_decoded_is_malformed() {
     }
 }
 
-/// A hello is answered in every state and every version; after it no number is that of a repetition.
+/// After a hello, no request number counts as a repetition.
 #[test]
-fn hello_names_the_board_and_ends_repetition() {
+fn hello_is_answered_in_every_state_and_version_and_clears_the_last_number() {
     for (role, motors, version) in Topology::PAIR
         .boards()
         .flat_map(|role| MOTORS.map(|motors| (role, motors)))
@@ -341,9 +338,9 @@ fn hello_names_the_board_and_ends_repetition() {
     }
 }
 
-/// Orders before the hello were meant for the board before its restart, and take no lease.
+/// An order before the hello was meant for the board before its restart, and takes no lease.
 #[test]
-fn front_board_takes_orders_from_the_first_hello_on() {
+fn front_board_takes_orders_only_after_the_first_hello() {
     let stop = |owner| Request::Order {
         stamp: stamp(owner, 1),
         order: Order::Task(Task::Stop),
@@ -364,15 +361,14 @@ fn front_board_takes_orders_from_the_first_hello_on() {
     board.ask(5, &Request::Hello { protocol, nonce }, MotorState::Off);
     assert!(board.ask(6, &stop(1), MotorState::Off).is_empty());
     assert!(board.order().is_some());
-    // The rear board says so with its role, greeted or not.
+    // The rear board refuses by role, also before a hello.
     let role = Role::axle(1);
     let other = Reply::Refused(Refusal::OtherBoard { role });
     Driving::new(role).expect(1, &stop(1), MotorState::Off, other);
 }
 
-/// A request without a demand is answered before what follows it.
 #[test]
-fn requests_in_one_lot_are_answered_in_turn() {
+fn requests_in_the_same_bytes_are_answered_in_order() {
     let mut board = Driving::greeted(Role::LEAD);
     let frames = [Request::Stack, Request::Watch].map(|it| protocol::encode(9, &it));
     let [stack, watch] = frames.map(Option::unwrap);
@@ -399,7 +395,7 @@ fn requests_in_one_lot_are_answered_in_turn() {
     assert_eq!((demand, again), (None, [&[0], &answer[..]].concat()));
 }
 
-/// A request for another board is handed on as often as it comes, and one reply of that board is handed back.
+/// A request for another board is forwarded each time, and one reply of that board is returned.
 #[test]
 fn request_for_another_board_is_relayed_and_its_reply_returned() {
     let mut board = Driving::new(Role::LEAD);
@@ -426,7 +422,7 @@ fn request_for_another_board_is_relayed_and_its_reply_returned() {
     assert!(relayed(Role::axle(1)).is_empty());
     assert_answered(&relayed(role), 9, Reply::Relayed { payload: reply });
     assert!(relayed(role).is_empty());
-    // The identifiers on the bus do not name the relay: there is one. No board relays to itself.
+    // Identifiers on the bus do not name the relaying board, so only the front board relays. No board relays to itself.
     for (from, to) in Topology::PAIR
         .boards()
         .flat_map(|from| Topology::PAIR.boards().map(move |to| (from, to)))
@@ -443,16 +439,15 @@ fn request_for_another_board_is_relayed_and_its_reply_returned() {
     }
 }
 
-/// Repeated requests are answered again and carried out once; an order is answered when it is done.
 #[test]
-fn an_order_is_carried_out_once_and_answered_when_it_is_done() {
+fn repeated_order_is_carried_out_once_and_answered_when_done() {
     let mut board = Driving::greeted(Role::LEAD);
     let goal = Posture::new(1.0, -0.5, 0.25);
     let drive = Order::Task(Task::regulate(goal));
     let request = order(drive);
     assert!(board.ask(1, &request, MotorState::Driven).is_empty());
     assert_eq!(board.order(), Some(drive));
-    // The host is impatient.
+    // The host repeats the order before it is done.
     assert!(board.ask(1, &request, MotorState::Driven).is_empty());
     assert_eq!(board.demand, None);
     let hello = Request::Hello {
@@ -476,7 +471,7 @@ fn an_order_is_carried_out_once_and_answered_when_it_is_done() {
     board.expect(2, &path, MotorState::Driven, full);
 }
 
-/// A frame of another host, or one that was late, does not reach the lead node.
+/// An order of another host or a delayed order does not reach the lead node.
 #[test]
 fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     let mut board = Driving::greeted(Role::LEAD);
@@ -511,7 +506,7 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     assert!(board.ask(9, &of(2, 1), MotorState::Driven).is_empty());
     assert_eq!(board.order(), Some(stop));
     board.done(Ok(()));
-    // The order that is refused for the motors renews the lease, and those for another reason do not.
+    // A place order refused as armed renews the lease; a record refused as armed does not.
     board.station.now = 2_000_001;
     let stand = Request::Order {
         stamp: stamp(2, 2),
@@ -535,8 +530,8 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     }
 }
 
-/// Frames of two hosts reach a board that drives: in order, late, of the other host, or damaged. The lead node gets those of
-/// the host with the lease, undamaged and once.
+/// A driving board receives orders of two hosts: in order, delayed, of the host without the lease, or damaged. The lead
+/// node receives only undamaged orders of the host with the lease, each once.
 #[test]
 fn late_foreign_and_damaged_orders_do_not_reach_the_lead_node() {
     const FRAMES: u32 = 1_000_000;
@@ -574,7 +569,7 @@ fn late_foreign_and_damaged_orders_do_not_reach_the_lead_node() {
             assert_ne!(kind, 0);
             continue;
         }
-        // Damage at the zeros around a frame does no harm.
+        // Damage to the delimiters may leave the order intact.
         assert!(kind < 2, "{stamp:?}");
         assert_eq!(demand, Some(Demand::Order(next, order)));
         board.done(Ok(()));

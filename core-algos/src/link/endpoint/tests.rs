@@ -6,7 +6,7 @@ use crate::link::tests::{Host, axle, axle_samples, board, is_axle_reply, order, 
 use crate::node::lead::Task;
 
 #[test]
-fn what_does_not_fit_is_refused_with_its_reason() {
+fn invalid_request_is_refused_with_its_reason() {
     let config = RobotConfig::default();
     let beam = Request::Beam {
         tick: 0,
@@ -31,7 +31,7 @@ fn what_does_not_fit_is_refused_with_its_reason() {
     let role = Role::LEAD;
     host.refused(&beam, Refusal::OtherBoard { role });
 
-    // Parameters: out of order, of another sum, not decodable, out of range.
+    // Configuration: parts out of order, wrong checksum, undecodable, out of range.
     let configure = |total, offset, bytes| Request::Configure {
         total,
         offset,
@@ -77,7 +77,7 @@ fn what_does_not_fit_is_refused_with_its_reason() {
 }
 
 #[test]
-fn a_board_that_stood_still_goes_on_with_the_tick_it_is_told() {
+fn board_resumes_at_the_given_tick() {
     let mut host = Host::new(Role::axle(1));
     host.hello();
     host.refused(&Request::Resume { tick: 7 }, Refusal::NotStarted);
@@ -117,7 +117,7 @@ fn build_is_cut_between_characters_to_64_bytes() {
 }
 
 #[test]
-fn hello_closes_or_opens_the_session_and_forgets_nodes_configuration_and_leave() {
+fn hello_closes_or_opens_the_session_and_discards_nodes_configuration_and_leave() {
     let config = RobotConfig::default();
     for version in [PROTOCOL, PROTOCOL - 1, PROTOCOL + 1] {
         let mut host = Host::started(Role::axle(1), &config, None);
@@ -157,7 +157,7 @@ fn hello_closes_or_opens_the_session_and_forgets_nodes_configuration_and_leave()
 }
 
 #[test]
-fn start_that_is_refused_ends_the_nodes_and_one_of_a_part_is_refused() {
+fn start_with_partial_configuration_is_refused_and_discards_the_nodes() {
     let config = RobotConfig::default();
     let mut host = Host::started(Role::axle(1), &config, None);
     let part = Request::Configure {
@@ -173,14 +173,14 @@ fn start_that_is_refused_ends_the_nodes_and_one_of_a_part_is_refused() {
 }
 
 #[test]
-fn nodes_that_are_started_anew_send_nothing_of_those_before() {
+fn restarted_nodes_send_no_output_of_the_previous_nodes() {
     let config = RobotConfig::default();
     let mut host = Host::started(Role::LEAD, &config, Some(place()));
     let part = |payload: &[u8]| match protocol::decode(payload) {
         Some((_, Reply::Axle { telemetry, .. })) => telemetry.len(),
         other => panic!("{other:?}"),
     };
-    // The tick of the first output, which needs several replies.
+    // Tick of the first output, which takes several replies.
     let mut tick = 0;
     while part(&host.ask(&axle(tick, &[]))) == 0 {
         tick += 1;
@@ -205,7 +205,7 @@ fn repeated_answer_begins_with_a_0() {
 }
 
 #[test]
-fn save_is_asked_for_once_and_other_requests_wait_for_it() {
+fn save_is_pending_once_and_other_requests_get_no_answer_meanwhile() {
     let mut board = board(Role::axle(1), &Contents::EMPTY);
     let send = |board: &mut Endpoint, number, request: &Request| {
         let mut sent = Vec::new();

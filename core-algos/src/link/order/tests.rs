@@ -15,7 +15,7 @@ fn point(s: f32, kappa: f32) -> PathPoint {
     PathPoint { posture, kappa, s }
 }
 
-/// Points of one order, and the same for a trajectory at 1 m/s.
+/// Path points with these curvatures, and a trajectory through the same points at 1 m/s.
 fn points(
     kappas: &[f32],
 ) -> (
@@ -141,7 +141,7 @@ fn points_are_appended_up_to_the_first_that_is_refused() {
             .zip(trajectory.into_iter().flatten());
         for end in [false, true] {
             let ends = end && error.is_none();
-            // The same by the node itself.
+            // Expected state: the points are pushed into the node directly.
             let [mut by_path, mut by_trajectory] = [lead.clone(), lead.clone()];
             for (point, timed) in points.clone().take(taken) {
                 by_path.path_task().push_path_point(point).unwrap();
@@ -174,7 +174,7 @@ fn points_are_appended_up_to_the_first_that_is_refused() {
 }
 
 #[test]
-fn posture_that_no_estimate_can_begin_at_is_refused() {
+fn place_order_with_nan_is_refused() {
     let mut nodes = front();
     let lead = nodes.lead().unwrap();
     let mut place = RobotConfig::default().put_down(Posture::ORIGIN, &Told::default());

@@ -97,7 +97,7 @@ fn telemetry_largest_lead_output_fits_epoch() {
 }
 
 #[test]
-fn a_configuration_survives_and_builds_the_same_robot() {
+fn configuration_survives_encoding_and_builds_the_same_robot() {
     let mut config = RobotConfig::default();
     config.geometry.wheel_radius_m = 0.0731;
     config.geometry.rigid_end_m = 0.01;
@@ -112,7 +112,7 @@ fn a_configuration_survives_and_builds_the_same_robot() {
 }
 
 #[test]
-fn bytes_behind_a_message_are_no_message() {
+fn message_with_trailing_bytes_is_not_decoded() {
     let mut bytes = payload(&Reply::Done);
     assert_eq!(decode(&bytes), Some((7, Reply::Done)));
     bytes.push(0);
@@ -120,7 +120,7 @@ fn bytes_behind_a_message_are_no_message() {
 }
 
 #[test]
-fn packed_frames_are_bounded_and_cut_ones_left_out() {
+fn packed_frames_are_bounded_and_truncated_frame_is_dropped() {
     let frame = bus::CanFrame {
         id: 0x7ff,
         length: 8,
@@ -134,7 +134,7 @@ fn packed_frames_are_bounded_and_cut_ones_left_out() {
     assert_eq!(unpack(packed.bytes()).count(), MAX_BUS_FRAMES);
     let (_, cut) = packed.bytes().split_last().unwrap().1.split_at(0);
     assert_eq!(unpack(cut).count(), MAX_BUS_FRAMES - 1);
-    // A length that no frame has.
+    // Length 15, which no frame has.
     let mut long = [1; 18];
     long[..2].copy_from_slice(&[0, 0xf0]);
     assert_eq!(unpack(&long).count(), 0);
@@ -142,7 +142,7 @@ fn packed_frames_are_bounded_and_cut_ones_left_out() {
 
 properties! {
     #[test]
-    fn frames_come_back(list in prop::collection::vec((0..MESSAGES.len(), any::<[u8; 8]>()), 0..MAX_BUS_FRAMES)) {
+    fn packed_frames_survive_unpacking(list in prop::collection::vec((0..MESSAGES.len(), any::<[u8; 8]>()), 0..MAX_BUS_FRAMES)) {
         let mut packed = Packed::new();
         let frames: Vec<bus::CanFrame> = list.iter().map(|&(k, mut data)| {
             let length = MESSAGES[k].bytes();
@@ -175,7 +175,7 @@ properties! {
 
 /// 20 frames of ten bytes and one of five leave five bytes.
 #[test]
-fn a_frame_without_room_leaves_the_others_as_they_are() {
+fn push_without_room_leaves_packed_frames_unchanged() {
     let frame = |length| bus::CanFrame {
         id: 0x123,
         length,

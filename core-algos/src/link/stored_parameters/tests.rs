@@ -8,7 +8,7 @@ use crate::node::lead::Task;
 use crate::node::robot::RobotConfig;
 use crate::params::Source;
 
-/// Place of a parameter in the table.
+/// Index of a parameter in the table.
 fn index(name: &str) -> u8 {
     TABLE.iter().position(|p| p.name == name).unwrap() as u8
 }
@@ -26,7 +26,7 @@ fn kept(value: f32, source: Source, saved: bool) -> Reply<'static> {
 }
 
 #[test]
-fn parameters_are_kept_from_set_to_reset_and_from_save_for_good() {
+fn set_value_lasts_until_reset_and_saved_value_survives_it() {
     let radius = index("robot.geometry.wheel_radius_m");
     let get = Request::Parameter { index: radius };
     let set = |value| set(radius, value);
@@ -43,7 +43,7 @@ fn parameters_are_kept_from_set_to_reset_and_from_save_for_good() {
     host.expect(&get, kept(0.073, Source::Default, true));
     host.expect(&set(0.0735), Reply::Done);
     host.expect(&get, kept(0.0735, Source::Default, false));
-    // Another session finds it, a reset does not.
+    // The value survives a new session, but not a reset.
     host.hello();
     host.expect(&get, kept(0.0735, Source::Default, false));
     host.reset(Role::axle(1));
@@ -53,7 +53,7 @@ fn parameters_are_kept_from_set_to_reset_and_from_save_for_good() {
     host.expect(&Request::SaveParameters, Reply::Saved { values: 1 });
     host.expect(&get, kept(0.0735, Source::Stored, true));
     host.expect(&Request::SaveParameters, Reply::Saved { values: 0 });
-    // A request that is repeated is answered again and not carried out again.
+    // A repeated request is answered again and not carried out again.
     let frame = protocol::encode(host.number, &Request::SaveParameters).unwrap();
     let answer = host.send(frame.repeated());
     let reply = Reply::Saved { values: 0 };
@@ -62,7 +62,7 @@ fn parameters_are_kept_from_set_to_reset_and_from_save_for_good() {
     host.reset(Role::axle(1));
     host.hello();
     host.expect(&get, kept(0.0735, Source::Stored, true));
-    // What the host sends counts for the nodes, whatever is kept.
+    // The nodes use the configuration from the host, not the kept parameters.
     let started = Host::started(Role::axle(1), &RobotConfig::default(), None);
     let hash = host.configure(&RobotConfig::default());
     host.expect(&start(hash, 0, None), Reply::Done);
@@ -74,7 +74,7 @@ fn parameters_are_kept_from_set_to_reset_and_from_save_for_good() {
 }
 
 #[test]
-fn parameters_out_of_range_or_of_no_node_are_refused_by_name() {
+fn value_out_of_range_or_without_valid_node_is_refused_by_name() {
     let mut host = Host::new(Role::beam(0));
     host.hello();
     let count = COUNT as u8;
@@ -94,7 +94,7 @@ fn parameters_out_of_range_or_of_no_node_are_refused_by_name() {
             host.expect(&get, kept(value, Source::Default, true));
         }
     }
-    // In range, but behind the gauge after it.
+    // In range, but beyond the next gauge.
     let gauge = index("robot.beam.strip.gauges_m[0]");
     host.expect(&set(gauge, 0.2), Reply::Done);
     let payload = host.ask(&Request::SaveParameters);
@@ -132,17 +132,17 @@ fn parameters_are_neither_set_nor_saved_while_motors_may_be_on() {
     host.refused(&set, Refusal::Armed);
     host.refused(&Request::SaveParameters, Refusal::Armed);
     assert_eq!(host.saves, 0);
-    // The nodes end with the session.
+    // A hello discards the nodes.
     host.hello();
     host.expect(&Request::SaveParameters, Reply::Saved { values: 1 });
-    // A beam board behind a link cannot know.
+    // A beam board behind a link has no motor state.
     let mut host = Host::started(Role::beam(0), &RobotConfig::default(), None);
     host.refused(&set, Refusal::Armed);
     host.hello();
     host.expect(&set, Reply::Done);
 }
 
-/// A store that holds these values.
+/// Contents of a store that holds these values.
 fn contents(role: Role, values: &[(u8, f32)]) -> Contents {
     let base = Settings::of(role);
     let mut settings = base;
@@ -160,7 +160,7 @@ fn contents(role: Role, values: &[(u8, f32)]) -> Contents {
 }
 
 #[test]
-fn source_and_saved_are_those_of_each_value() {
+fn source_and_saved_are_reported_for_each_value() {
     let off = Disarmed::of(None).unwrap();
     let (radius, gap) = (index("robot.geometry.wheel_radius_m"), COUNT as u8 - 1);
     let default = |index: u8| parameter(index).unwrap().get(&Settings::of(Role::axle(1)));
@@ -180,7 +180,7 @@ fn source_and_saved_are_those_of_each_value() {
     assert_eq!(stored.set(radius, 0.074, off), Ok(()));
     is(&stored, radius, 0.074, Source::Default, false);
     is(&stored, gap, other, Source::Stored, true);
-    // The store is read back: it has not taken the one, and has lost the other.
+    // The store read back holds another radius and has lost the last parameter.
     stored.saved(&contents(Role::axle(1), &[(radius, 0.0735)]));
     is(&stored, radius, 0.074, Source::Stored, false);
     is(&stored, gap, other, Source::Default, false);
@@ -195,7 +195,7 @@ fn source_and_saved_are_those_of_each_value() {
 }
 
 #[test]
-fn saved_is_compared_to_the_bit() {
+fn saved_is_compared_bit_for_bit() {
     let off = Disarmed::of(None).unwrap();
     let zero = TABLE.iter().position(|parameter| {
         let value = parameter.get(&Settings::of(Role::beam(0)));
@@ -210,14 +210,14 @@ fn saved_is_compared_to_the_bit() {
 }
 
 #[test]
-fn store_of_which_no_node_can_be_built_is_unusable() {
+fn store_without_valid_node_is_unusable() {
     let gauge = index("robot.beam.strip.gauges_m[0]");
     for (role, unusable) in [
         (Role::beam(0), true),
         (Role::axle(1), false),
         (Role::LEAD, false),
     ] {
-        // Behind the gauge after it.
+        // Beyond the next gauge.
         let behind = contents(role, &[(gauge, 0.2)]);
         let mut stored = StoredParameters::new(role);
         stored.load(&behind);

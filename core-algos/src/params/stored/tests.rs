@@ -8,7 +8,7 @@ fn check(settings: &Settings) -> Result<(), ConfigError> {
         .try_for_each(|role| settings.check(role))
 }
 
-/// Writes what a save would.
+/// Writes the items of a save; returns the number of parameters written.
 fn save(contents: &mut Contents, settings: &Settings, base: &Settings) -> usize {
     let changes: Vec<(u8, Item)> = contents.changes(settings, base).collect();
     for (key, item) in &changes {
@@ -29,7 +29,7 @@ fn with(name: &str, value: f32) -> Settings {
 const RADIUS: &str = "robot.geometry.wheel_radius_m";
 
 #[test]
-fn what_is_saved_comes_back_and_only_changes_are_written() {
+fn saved_values_are_loaded_and_only_changes_are_written() {
     let base = Settings::default();
     let mut contents = Contents::EMPTY;
     let (_, report) = contents.settle(&base, check);
@@ -43,13 +43,13 @@ fn what_is_saved_comes_back_and_only_changes_are_written() {
     let (loaded, report) = contents.settle(&base, check);
     assert_eq!((loaded, report.stored()), (settings, 1));
     assert_eq!(report.conditions(), Conditions::NONE);
-    // Back to the default is a value as every other.
+    // A value equal to the default is saved like any other.
     assert_eq!(save(&mut contents, &base, &base), 1);
     assert_eq!(contents.settle(&base, check).0, base);
 }
 
 #[test]
-fn what_is_lost_old_or_unusable_gives_defaults_and_a_notice() {
+fn lost_old_or_unusable_item_gives_default_and_notice() {
     let base = Settings::default();
     let mut contents = Contents::EMPTY;
     save(&mut contents, &with(RADIUS, 0.08), &base);
@@ -75,7 +75,7 @@ fn what_is_lost_old_or_unusable_gives_defaults_and_a_notice() {
     let mut beyond = contents;
     beyond.items[place].as_mut().unwrap().value = f32::NAN;
     judge(&beyond, Source::OutOfRange);
-    // Written, but the power failed before the manifest was: good, and not known to be all.
+    // Power failure between item and manifest: the value is used, but other items may be missing.
     let mut newer = contents;
     newer.manifest = older.manifest;
     let mut unlisted = contents;
@@ -85,7 +85,7 @@ fn what_is_lost_old_or_unusable_gives_defaults_and_a_notice() {
         assert_eq!(report.conditions(), notice);
         assert_eq!(settings, with(RADIUS, 0.09));
     }
-    // A save makes all of them good again.
+    // A save repairs each of these stores.
     for mut damaged in [gone, stale, other, beyond, newer, unlisted] {
         let settings = damaged.settle(&base, check).0;
         save(&mut damaged, &settings, &base);
@@ -98,7 +98,7 @@ fn what_is_lost_old_or_unusable_gives_defaults_and_a_notice() {
 fn values_that_contradict_each_other_are_not_used() {
     let base = Settings::default();
     let mut contents = Contents::EMPTY;
-    // Each in its range, and the stop is weaker than the acceleration.
+    // In range, but the stop deceleration is below the acceleration.
     let name = "robot.lead.governor.stop_deceleration_m_s2";
     save(&mut contents, &with(name, 0.1), &base);
     let (settings, report) = contents.settle(&base, check);
@@ -108,7 +108,7 @@ fn values_that_contradict_each_other_are_not_used() {
 }
 
 #[test]
-fn the_longest_forms_have_their_stated_length() {
+fn item_has_9_bytes_and_low_byte_of_generation_is_never_0() {
     assert_eq!(ITEM_BYTES, 1 + 4 + 4);
     assert_eq!(following(254), 255);
     assert_eq!(following(255), 257);
@@ -117,7 +117,7 @@ fn the_longest_forms_have_their_stated_length() {
 
 properties! {
     #[test]
-    fn bytes_come_back_and_no_bytes_do_harm(
+    fn item_survives_encoding_and_any_bytes_give_valid_settings(
         version: u8, generation: u32, bits: u32, junk in prop::collection::vec(any::<u8>(), 0..120), key: u8,
     ) {
         let item = Item { version, generation, value: f32::from_bits(bits) };
@@ -135,7 +135,7 @@ properties! {
 
     /// Copies may be found in any order.
     #[test]
-    fn the_newest_copy_counts(order in Just(vec![1u32, 2, 3, 4, 5]).prop_shuffle()) {
+    fn newest_copy_is_used(order in Just(vec![1u32, 2, 3, 4, 5]).prop_shuffle()) {
         let mut contents = Contents::EMPTY;
         for generation in order {
             let value = 0.01 * generation as f32;

@@ -19,7 +19,7 @@ impl Bench {
         }
     }
 
-    /// A supervisor in this state, with nothing latched but the cause of a fault that is over.
+    /// Supervisor in this state. A fault has its cause latched, which is over; the other states have nothing latched.
     fn in_state(state: OperatingState) -> Self {
         use StateRequest::{Arm, Disarm, Ready, Start};
         let mut bench = Self::new();
@@ -50,7 +50,7 @@ impl Bench {
         self.supervisor.step(&mut self.state, self.now, &input)
     }
 
-    /// A step a tick later.
+    /// Steps one tick later.
     fn tick(&mut self, input: Input) -> Output {
         self.now += TICK;
         self.step(input)
@@ -64,7 +64,7 @@ impl Bench {
         self.tick(present(condition))
     }
 
-    /// Steps until the state is another one; their number.
+    /// Steps until the state changes; returns the number of steps.
     fn ticks_until_change(&mut self, input: Input) -> usize {
         (1..60_000)
             .find(|_| self.tick(input).changed)
@@ -72,7 +72,7 @@ impl Bench {
     }
 }
 
-/// A cut that counts at once.
+/// Cut without a hold time.
 const CUT: Condition = Condition::DriverFault;
 
 const NOTHING: Input = Input {
@@ -105,20 +105,20 @@ fn hard(condition: Condition) -> bool {
     condition.class().is_hard()
 }
 
-/// The time of each condition in ticks, as its row of the table says.
+/// Hold time of a condition, ticks.
 fn ticks_of(condition: Condition) -> u64 {
     condition.entry().hold / TICK
 }
 
-/// Every state and condition, alone: nothing before the condition's time, the state of the table at its end, its whole
-/// time again after a break of one tick.
+/// Every state with a single condition: no effect before the hold time, the state of the table at its end, and the
+/// whole hold time again after a break of one tick.
 #[test]
-fn a_condition_counts_after_its_time_in_every_state() {
+fn condition_takes_effect_after_its_hold_time_in_every_state() {
     let mut tried = 0;
     for (state, condition) in pairs() {
         let ticks = ticks_of(condition);
         let mut bench = Bench::in_state(state);
-        // The longest hold is twice as long as a stop would last.
+        // Two rounds of the longest hold time take longer than the default stop timeout.
         bench.supervisor = patient();
         let before = bench.state.count(condition.class());
         for round in 0..2 {
@@ -153,7 +153,7 @@ fn a_condition_counts_after_its_time_in_every_state() {
     assert_eq!(tried, 6 * Condition::ALL.len());
 }
 
-/// A supervisor whose stops last as long as they need.
+/// Supervisor with the longest timeouts.
 fn patient() -> Supervisor {
     let config = Config {
         stop_timeout_s: 10.0,
@@ -168,8 +168,8 @@ fn pairs() -> impl Iterator<Item = (OperatingState, Condition)> {
     states.flat_map(|state| Condition::ALL.map(|condition| (state, condition)))
 }
 
-/// Every state, two conditions and a request in one tick: as the table says for the one condition, the other, and then
-/// the request; motors of a node with a hard condition neither hold nor drive.
+/// Every state, two conditions and a request in one tick: the table is applied for the first condition, the second and
+/// then the request. With a stop or cut, the motors neither hold nor drive.
 #[test]
 fn two_conditions_and_a_request_follow_the_table() {
     let requests = [None].into_iter().chain(StateRequest::ALL.map(Some));
@@ -220,9 +220,9 @@ fn two_conditions_and_a_request_follow_the_table() {
     }
 }
 
-/// The first condition stays the reason; of those of one tick it is the worst.
+/// Among conditions of one tick, the worst counts as the first.
 #[test]
-fn the_first_condition_is_the_reason_until_it_is_cleared() {
+fn first_condition_is_the_reason_until_it_is_cleared() {
     let mut bench = Bench::driving();
     let both = Conditions::only(Condition::EmergencyStop).with(CUT, true);
     bench.tick(Input {
@@ -232,7 +232,7 @@ fn the_first_condition_is_the_reason_until_it_is_cleared() {
     assert_eq!(bench.state.first(), Some(CUT));
     bench.with(Condition::NotANumber);
     assert_eq!(bench.state.first(), Some(CUT));
-    // Its cause is gone, another one has come: that is the reason after clearing.
+    // The first condition is gone and another holds: after clearing, the other is the reason.
     let output = bench.tick(asked(
         present(Condition::EmergencyStop),
         StateRequest::Clear,
@@ -243,7 +243,7 @@ fn the_first_condition_is_the_reason_until_it_is_cleared() {
     assert_eq!((output.state, output.reason), (OperatingState::Idle, None));
 }
 
-/// `Clear` acts in a fault alone: a stop that is under way keeps its reason.
+/// A stop under way keeps its reason.
 #[test]
 fn clear_changes_nothing_outside_of_a_fault() {
     for state in OperatingState::ALL {
@@ -264,7 +264,7 @@ fn clear_changes_nothing_outside_of_a_fault() {
 }
 
 #[test]
-fn a_stop_condition_that_is_over_needs_no_clearing_while_nothing_moves() {
+fn stop_condition_that_is_over_needs_no_clearing_while_motors_are_off() {
     for state in [OperatingState::Boot, OperatingState::Idle] {
         let request = match state {
             OperatingState::Boot => StateRequest::Ready,
@@ -286,7 +286,7 @@ fn a_stop_condition_that_is_over_needs_no_clearing_while_nothing_moves() {
 }
 
 #[test]
-fn what_was_present_for_a_tick_is_told_once() {
+fn condition_of_one_tick_is_reported_once() {
     let mut bench = Bench::new();
     bench.with(Condition::ClockStepped);
     bench.with(Condition::MessageLost);
@@ -299,19 +299,19 @@ fn what_was_present_for_a_tick_is_told_once() {
     assert_eq!(bench.state.take_seen(), Conditions::NONE);
 }
 
-/// A stop ends with rest, or at the tick beyond 2 s; each stop has its whole time.
+/// A stop ends with rest, or at the tick beyond 2 s. Each stop has its own 2 s.
 #[test]
 fn a_stop_ends_with_rest_or_after_two_seconds() {
     let mut bench = Bench::driving();
     for round in 0..3 {
-        // Asked for, so no fault.
+        // A requested stop ends without a fault.
         assert_eq!(
             bench.ask(StateRequest::Disarm).state,
             OperatingState::SafeStop
         );
         assert_eq!(bench.ticks_until_change(NOTHING), 2001, "{round}");
         assert_eq!(bench.state.operating(), OperatingState::Idle);
-        // One that is cut short by rest leaves nothing of its time to the next.
+        // The time of a stop that ends by rest does not count for the next stop.
         for request in [StateRequest::Arm, StateRequest::Start, StateRequest::Disarm] {
             bench.ask(request);
         }
@@ -324,19 +324,19 @@ fn a_stop_ends_with_rest_or_after_two_seconds() {
         }
     }
     let mut bench = Bench::driving();
-    // The tick of a condition belongs to its stop already.
+    // The tick of the condition is already a tick of the stop.
     bench.with(Condition::EmergencyStop);
     assert_eq!(bench.ticks_until_change(NOTHING), 2000);
     assert_eq!(bench.state.operating(), OperatingState::Fault);
-    // Rest means something in a stop alone.
+    // Rest has an effect only during a stop.
     let mut bench = Bench::driving();
     assert!(!bench.tick(HALTED).changed);
 }
 
 /// The allowance ends at the tick beyond 20 s or beyond 2 m, in either direction.
 #[test]
-fn degraded_driving_ends_by_time_or_by_way() {
-    // The first tick begins the degradation, 50 more make it count, the one after them begins the allowance.
+fn degraded_driving_ends_by_time_or_distance() {
+    // One tick begins the degradation, 50 more are its hold time, then the allowance begins.
     for (moved_m, ticks) in [
         (0.0, 51 + 20_001),
         (0.25, 51 + 9),
@@ -352,7 +352,7 @@ fn degraded_driving_ends_by_time_or_by_way() {
         assert_eq!(bench.ticks_until_change(degraded), ticks, "{moved_m}");
         assert_eq!(bench.state.first(), Some(Condition::DegradedTooLong));
         assert_eq!(bench.state.operating(), OperatingState::SafeStop);
-        // At rest a degradation that lasts is no reason to refuse clearing.
+        // At rest, a lasting degradation does not prevent clearing.
         let rest = Input {
             halted: true,
             ..present(Condition::BeamLost)
@@ -363,9 +363,9 @@ fn degraded_driving_ends_by_time_or_by_way() {
     }
 }
 
-/// Neither time nor way of a robot that holds counts, nor that of a degradation that is over.
+/// Time and distance count only while the robot is active, and only for the current degradation.
 #[test]
-fn the_allowance_is_used_while_driving_and_given_back_at_the_end() {
+fn allowance_is_used_while_driving_and_restored_at_the_end() {
     let degraded = |moved_m| Input {
         moved_m,
         ..present(Condition::BeamLost)
@@ -383,17 +383,17 @@ fn the_allowance_is_used_while_driving_and_given_back_at_the_end() {
             for _ in 0..most {
                 assert!(!bench.tick(degraded(moved_m)).changed, "{round}");
             }
-            // The tick of its end still belongs to it.
+            // The tick at which the degradation ends still counts.
             bench.tick(NOTHING);
             bench.tick(NOTHING);
         }
     }
 }
 
-/// A clock that stands still or runs back adds no time, and none twice; a gap counts as 100 ms.
+/// A clock that stands still or runs back adds no time, and no interval counts twice. A gap counts as 100 ms.
 #[test]
-fn the_clock_may_stand_still_run_back_and_jump() {
-    // 200 ms.
+fn hold_time_is_kept_if_the_clock_stands_still_runs_back_or_jumps() {
+    // Hold time 200 ms.
     let condition = Condition::OverTemperature;
     let mut bench = Bench::driving();
     bench.with(condition);
@@ -408,7 +408,7 @@ fn the_clock_may_stand_still_run_back_and_jump() {
     );
     assert!(at(95) && at(5) && at(195), "195 ms");
     assert!(at(199));
-    // Its time to the microsecond.
+    // The hold time is exact to the microsecond.
     bench.now = began + 199_999;
     assert_eq!(bench.step(present(condition)).state, OperatingState::Active);
     bench.now = began + 200_000;
@@ -440,10 +440,10 @@ fn the_clock_may_stand_still_run_back_and_jump() {
 }
 
 properties! {
-    /// Whatever comes, in whatever order, at whatever times: motors never drive while a hard
-    /// condition is latched, and a cut switches them off within the same tick.
+    /// Random conditions, requests and times: motors never hold or drive while a stop or cut is latched, and a cut
+    /// without hold time switches them off within the same tick.
     #[test]
-    fn nothing_drives_over_a_fault(
+    fn motors_never_drive_with_a_latched_stop_or_cut(
         steps in prop::collection::vec(
             (any::<u64>(), 0u8..8, any::<bool>(), prop::num::f32::ANY, 0u64..5_000), 1..300,
         ),

@@ -1,4 +1,4 @@
-//! What the tick and the current loop tell each other: the latest command and the latest feedback.
+//! Exchange between tick and current loop: the latest command and the latest feedback.
 
 use core::cell::Cell;
 
@@ -10,17 +10,17 @@ use crate::rules::{Command, Feedback};
 static COMMAND: Mutex<Cell<Option<Command>>> = Mutex::new(Cell::new(None));
 static FEEDBACK: Mutex<Cell<Feedback>> = Mutex::new(Cell::new(Feedback::NOTHING));
 
-/// Leaves a command for the current loop.
+/// Sets the command for the current loop.
 pub fn put_command(command: Command) {
     critical::all(|cs| COMMAND.borrow(cs).set(Some(command)));
 }
 
-/// Takes the command away; `None` if none came since.
+/// Takes the latest command; `None` if it was taken already.
 pub fn take_command() -> Option<Command> {
     critical::all(|cs| COMMAND.borrow(cs).take())
 }
 
-/// Leaves what was measured for the tick.
+/// Sets the measurements for the tick.
 pub fn put_feedback(feedback: Feedback) {
     critical::all(|cs| FEEDBACK.borrow(cs).set(feedback));
 }

@@ -6,28 +6,27 @@
 //! # Pulses
 //!
 //! The counter goes up and down between zero and [`TOP`], 168 MHz / (2 · 4200) = 20 kHz. An output is
-//! high around zero: the middle of ON is the underflow, the middle of OFF the overflow. Both update
-//! the compare values and the top, so that a new duty waits for 25 µs at most and a pulse always ends
-//! as it began.
+//! high around zero: the middle of ON is the underflow, the middle of OFF the overflow. Both events update
+//! the compare values and the top. So a new duty waits for 25 µs at most, and takes effect in the middle of
+//! ON or OFF.
 //!
 //! # When the currents are sampled
 //!
-//! The first current is sampled during 1.33 µs from the trigger on, the second from 1.90 to 3.24 µs:
-//! 28 cycles of the converter at 21 MHz each, 12 of conversion between them. An edge disturbs a reading until driver
-//! (propagation and dead time, 1 µs) and amplifier have settled; an INA240 takes 9.6 µs to 0.5 % after a step of its
-//! common mode. [`Sampling`] takes the place with the longest time since the latest edge: 11.9 µs and more at equal
-//! duties and where one motor stands, 5.5 µs at the worst pair of duties.
+//! The first current is sampled during 1.33 µs from the trigger on, the second from 1.90 to 3.24 µs: 28 cycles of the
+//! converter at 21 MHz each, 12 of conversion between them. An edge disturbs a reading until driver (propagation and
+//! dead time, 1 µs) and amplifier have settled; an INA240 takes 9.6 µs to 0.5 % after a step of its common mode.
+//! [`Sampling`] chooses the place. The time since the latest edge is at least 11.9 µs at equal duties or if one motor
+//! has no pulses, and 5.5 µs at the worst pair of duties.
 //!
-//! The trigger is the reference signal of channel 4 (OC4REF) as TRGO. It is taken before the outputs'
-//! enable, other than the converter's own input TIM1_CC4: a stop must not end the conversions, which
-//! make the board's tick.
+//! The trigger is the reference signal of channel 4 (OC4REF) as TRGO. Unlike the converter's own input TIM1_CC4, OC4REF
+//! does not depend on the outputs' enable. A stop must not end the conversions, because they generate the board's tick.
 //!
 //! # Emergency stop
 //!
-//! The contact's pin is the timer's break input, so that an open contact drives both outputs low
-//! (the drivers brake) without any program. The program then latches the stop; [`Pwm::enable`] alone enables the
-//! outputs again. The break input of this chip has no filter: a pulse of nanoseconds stops the robot. That is the safe side of the two, and the
-//! capacitor at the pin (see the wiring) keeps such pulses away.
+//! The contact's pin is the timer's break input, so that an open contact drives both outputs low (the drivers brake)
+//! without software. The program then latches the stop; only [`Pwm::enable`] enables the outputs again. The break input
+//! of this chip has no filter, so a pulse of nanoseconds stops the robot. This errs on the safe side, and the capacitor
+//! at the pin (see the wiring) suppresses such pulses.
 
 use core_algos::drive::sampling::{self, Sampling};
 use embassy_stm32::gpio::{AfType, Flex, OutputType, Pull, Speed};
@@ -55,13 +54,13 @@ const SAMPLING: Sampling = match sampling::AXLE.build() {
 pub struct Pwm {
     _enable: [Flex<'static>; 2],
     stop: Flex<'static>,
-    /// Compare values that start the next conversions and started those before.
+    /// Compare values that start the next conversions and started the previous ones.
     trigger: (u16, u16),
 }
 
 impl Pwm {
-    /// Sets everything up on the enable pins (left, right) and that of the emergency stop, the counter
-    /// still stopped.
+    /// Sets up the timer, the enable pins (left, right) and the pin of the emergency stop. The counter does not run
+    /// yet.
     pub fn new(
         _timer: Peri<'static, peripherals::TIM1>,
         enable: (Peri<'static, PA8>, Peri<'static, PA9>),
@@ -84,7 +83,7 @@ impl Pwm {
         }
     }
 
-    /// Lets the counter run: conversions begin.
+    /// Starts the counter and with it the conversions.
     pub fn start() {
         TIM1.cr1().modify(|w| w.set_cen(true));
     }
@@ -100,20 +99,19 @@ impl Pwm {
         !TIM1.bdtr().read().moe()
     }
 
-    /// Enables the outputs. While the contact is open this does nothing.
+    /// Enables the outputs; has no effect while the contact is open.
     pub fn enable(&mut self) {
-        // Zeros clear the flags: that of the break must not stand when the next one comes, the
-        // others nobody reads.
+        // Zeros clear the flags. The break flag must be clear before the next break; the others are not used.
         TIM1.sr().write(|_| ());
         TIM1.bdtr().modify(|w| w.set_moe(true));
     }
 
-    /// Drives the outputs low, by the register alone.
+    /// Drives the outputs low, with only a register access.
     pub fn disable() {
         TIM1.bdtr().modify(|w| w.set_moe(false));
     }
 
-    /// Compare values (left, right), and with them the place of the next conversions.
+    /// Sets the compare values (left, right), and with them the instant of the next conversions.
     pub fn set(&mut self, compares: [u16; 2]) {
         for (i, compare) in compares.into_iter().enumerate() {
             TIM1.ccr(i).write(|w| w.set_ccr(compare));
@@ -123,13 +121,13 @@ impl Pwm {
         self.trigger = (trigger, self.trigger.0);
     }
 
-    /// From the beginning of the period to the conversions before the latest [`Pwm::set`], µs. They
-    /// wander by 23 µs with the duties, the periods do not.
+    /// Time from the beginning of the period to the conversions before the latest [`Pwm::set`], µs. It varies by 23 µs
+    /// with the duties.
     pub fn phase_us(&self) -> u64 {
         u64::from(self.trigger.1 / COUNTS_PER_US)
     }
 
-    /// Makes the next periods longer or shorter by so many parts in 4200.
+    /// Lengthens the next periods by `by` parts in 4200; negative values shorten them.
     pub fn trim(by: i8) {
         TIM1.arr()
             .write(|w| w.set_arr(TOP.wrapping_add_signed(by.into())));
@@ -145,7 +143,7 @@ fn set_up(trigger: u16) {
             w.set_ocpe(channel, true);
         }
     });
-    // High from the compare value on: it rises on the way up.
+    // The trigger is high from the compare value on, so it rises on the way up.
     TIM1.ccmr_output(TRIGGER / 2).write(|w| {
         w.set_ocm(TRIGGER % 2, Ocm::PWM_MODE2);
         w.set_ocpe(TRIGGER % 2, true);
@@ -157,7 +155,7 @@ fn set_up(trigger: u16) {
     });
     TIM1.cr2().write(|w| {
         w.set_mms(Mms::COMPARE_OC4);
-        // Disabled outputs are low, which brakes; the sleep pin lets go.
+        // Disabled outputs are low, which brakes; the sleep pin lets the motors coast.
         for channel in 0..2 {
             w.set_ois(channel, false);
         }
@@ -165,7 +163,7 @@ fn set_up(trigger: u16) {
     TIM1.bdtr().write(|w| {
         // Disabled outputs are driven, not floating.
         w.set_ossi(Ossi::IDLE_LEVEL);
-        // A high level breaks, and only the program enables again.
+        // A high level disables the outputs, and only the program enables them again.
         w.set_bke(0, true);
         w.set_bkp(0, Bkp::ACTIVE_HIGH);
         w.set_aoe(false);

@@ -1,20 +1,20 @@
-//! The converter's registers: scans of ADC1 at the pace of TIM2, fetched by DMA2 stream 0 (RM0090,
-//! chapters 13, 18 and 10).
+//! The converter's registers: scans of ADC1 triggered by TIM2, fetched by DMA2 stream 0 (RM0090, chapters 13, 18 and
+//! 10).
 //!
-//! The HAL's ring-buffered converter is not used: it does not tell when a block was full, and does not look at the
+//! The HAL's ring-buffered converter is not used: it does not report when a block was full, and does not check the
 //! converter's overrun.
 //!
-//! TIM2's update starts a scan; the stream fetches each conversion into a circular buffer of two
-//! blocks. Its handler, at the end of each, stamps the block and starts the injected conversion: the
-//! next scan is 2.7 µs away, and the injected conversion takes 1.3 µs. A handler that comes late leaves
-//! it out, since it would cut into the scan and could make that last until after the next trigger.
+//! TIM2's update starts a scan. The stream fetches each conversion into a circular buffer of two blocks. At the end of
+//! each block, the stream's handler stamps the block and starts the injected conversion, which takes 1.3 µs; the next
+//! scan begins after 2.7 µs. A late handler omits the injected conversion, which would interrupt the scan and could
+//! delay the end of the scan beyond the next trigger.
 //!
-//! A converter whose result is not fetched in time (overrun) asks for its stream no more, and a stream
-//! that met an error stops: both are seen as samples that do not come. Everything is then stopped and
-//! set up as at the start, where alone scan and buffer begin together.
+//! After an overrun (a result is not fetched in time) the converter makes no more DMA requests, and a stream stops
+//! after an error. Both appear as missing samples. Everything is then stopped and set up as at the start, because only
+//! there scan and buffer begin together.
 //!
-//! The errata sheet (ES0182) asks here only that the sequence is not changed while it runs; it is
-//! written once, with the converter off. Its corruption of DMA2's data needs a second stream.
+//! Of the errata (ES0182) one applies: the sequence must not be changed while it runs. It is written once, with the
+//! converter off. The corruption of DMA2's data occurs only with a second stream.
 
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering, compiler_fence};
 
@@ -43,32 +43,33 @@ pub const CHANNELS: usize = 6;
 /// Conversions of a block.
 pub const BLOCK: usize = SCANS * CHANNELS;
 
-/// Clock of TIM2, counts in a microsecond.
+/// Clock of TIM2, counts per microsecond.
 const COUNTS_PER_US: u32 = CORE_HZ / 2 / 1_000_000;
 /// Top of the timer: 84 MHz / 875 = 96 kHz.
 const TOP: u32 = 874;
 /// Code of TIM2's trigger output among the converter's triggers.
 const TIM2_TRGO: u8 = 6;
-/// With the conversion itself 27 cycles at 21 MHz.
+/// Sampling time; with the conversion 27 cycles at 21 MHz.
 const SAMPLING: SampleTime = SampleTime::CYCLES15;
-/// From the first trigger to the end of the block, µs: 95 periods and a scan.
+/// Time from the first trigger to the end of the block, µs: 95 periods and a scan.
 const BLOCK_US: Micros = 997;
 /// Time for the converter to settle after it is switched on, µs; 3 at most by its data sheet.
 const SETTLING_US: u32 = 5;
-/// Time without samples after which the stream has stopped.
+/// Timeout without samples: the stream has stopped.
 const PATIENCE: Duration = Duration::from_millis(3);
-/// Counts of TIM2 in which an injected conversion may begin: a scan ends at 647, and would begin its last
-/// channel anew if one came before; and the conversion must end before the next scan begins.
+/// Counts of TIM2 at which an injected conversion may begin. A scan ends at 647; an earlier injected conversion would
+/// restart the scan's last channel. The injected conversion must end before the next scan begins.
 const BETWEEN: core::ops::Range<u32> = 648..TOP - 150;
-/// Looks at the stream until it has stopped; it ends the transfer it is at.
+/// Polls of a stream that stops; it first ends its transfer.
 const STOP_LOOKS: u32 = 1000;
-/// Flag of the injected conversion's end; writing 1 leaves a flag as it is.
+/// Flags of the status register; a flag written as 1 is unchanged.
 const FLAGS: u32 = 0x3f;
+/// Flag of the end of the injected conversion.
 const JEOC: u32 = 1 << 2;
 
 /// Two blocks, written by the stream.
 static RING: [AtomicU16; 2 * BLOCK] = [const { AtomicU16::new(0) }; 2 * BLOCK];
-/// Blocks that became full since the start.
+/// Number of full blocks since the start.
 static FULL: AtomicU32 = AtomicU32::new(0);
 static READY: Signal<CriticalSectionRawMutex, Ready> = Signal::new();
 
@@ -110,8 +111,8 @@ impl Converter {
         }
     }
 
-    /// Waits for the next block that is whole, and gives the local time at which it was full; `None` if
-    /// none comes. A block that was overwritten before it was read is passed over.
+    /// Waits for the next whole block; returns the samples and the local time at which the block was full, `None` after
+    /// a timeout. A block that was overwritten before it was read is skipped.
     pub async fn read(&mut self) -> Option<(Micros, &[u16; BLOCK])> {
         loop {
             let ready = with_timeout(PATIENCE, READY.wait()).await.ok()?;
@@ -127,10 +128,10 @@ impl Converter {
         }
     }
 
-    /// Begins anew with the first channel, in phase with the blocks before.
+    /// Restarts with the first channel, in phase with the previous blocks.
     pub fn restart(&mut self) {
         if !stop() {
-            // Called again when no samples come.
+            // The next timeout calls this again.
             return;
         }
         let now = Instant::now().as_micros();
@@ -139,14 +140,14 @@ impl Converter {
         }));
     }
 
-    /// The latest result of the injected conversion; `None` if there was none since the last call.
+    /// Latest result of the injected conversion; `None` without a new result since the last call.
     pub fn injected(&mut self) -> Option<u16> {
         let converted = pac::ADC1.sr().read().jeoc();
         pac::ADC1.sr().write_value(Sr(FLAGS & !JEOC));
         converted.then(|| pac::ADC1.jdr(0).read().jdata())
     }
 
-    /// Makes the scans from the next one on closer or wider by so many parts in 875.
+    /// Lengthens the periods from the next scan on by `by` parts in 875; negative values shorten them.
     pub fn trim(&mut self, by: i8) {
         pac::TIM2
             .arr()
@@ -174,12 +175,12 @@ fn configure(scan: [u8; CHANNELS], injected: u8) {
             w.set_sq(rank, channel);
         }
     });
-    // The only one of a sequence of one is the last of four.
+    // A sequence of one conversion uses the last of four ranks.
     pac::ADC1.jsqr().write(|w| w.set_jsq(3, injected));
 }
 
-/// Sets stream, converter and timer going, all of which stand still; the first scan comes after `wait`
-/// µs, or a period if that is less.
+/// Starts stream, converter and timer, which must be stopped. The first scan begins after `wait` µs, at least one
+/// period.
 fn run(wait: Micros) {
     let stream = DMA2.st(0);
     stream.par().write_value(pac::ADC1.dr().as_ptr() as u32);
@@ -197,8 +198,8 @@ fn run(wait: Micros) {
     });
     stream.cr().modify(|w| w.set_en(true));
 
-    // The first period is taken over at once by an update, while the converter does not listen to its
-    // trigger; the ones that follow wait in the preload register.
+    // An update loads the first period at once, while the converter ignores its trigger. The following
+    // period waits in the preload register.
     let first = (wait as u32 * COUNTS_PER_US).saturating_sub(1).max(TOP);
     pac::TIM2.arr().write_value(first);
     pac::TIM2.egr().write(|w| w.set_ug(true));
@@ -215,10 +216,10 @@ fn run(wait: Micros) {
     pac::TIM2.cr1().modify(|w| w.set_cen(true));
 }
 
-/// Stops everything; whether the stream did.
+/// Stops everything; true if the stream has stopped.
 fn stop() -> bool {
     let stream = DMA2.st(0);
-    // Without its interrupts: the handler changes the converter's registers too.
+    // Interrupts off, because the handler changes the converter's registers too.
     stream.cr().modify(|w| {
         w.set_htie(false);
         w.set_tcie(false);
@@ -226,13 +227,13 @@ fn stop() -> bool {
     });
     let stopped = (0..STOP_LOOKS).any(|_| !stream.cr().read().en());
     pac::TIM2.cr1().modify(|w| w.set_cen(false));
-    // Switched off, the converter forgets where in its scan it was; the request that the stream did not
-    // take and the overrun's flag would keep it from asking again.
+    // Switching the converter off resets its place in the scan. A pending DMA request and the overrun flag would
+    // prevent further requests.
     pac::ADC1.cr2().write(|_| {});
-    // Read, so that the datum that was not fetched is not the first one of the next scan.
+    // Read the result that was not fetched, so that it is not the first of the next scan.
     pac::ADC1.dr().read();
     pac::ADC1.sr().write_value(Sr(0));
-    // A stream that is stopped says that it is complete, and does not start with a flag up.
+    // A stopped stream sets its flag of completion, and a stream does not start while a flag is set.
     DMA2.ifcr(0).write(|w| {
         w.set_feif(0, true);
         w.set_dmeif(0, true);
@@ -248,7 +249,7 @@ fn stop() -> bool {
 #[handler]
 fn DMA2_STREAM0() {
     let local = Instant::now().as_micros();
-    // The bus's handlers would interrupt this one, and between the two lines the time would be over.
+    // The bus's handlers could interrupt this one between check and start, and the start would be too late.
     critical::all(|_| {
         if BETWEEN.contains(&pac::TIM2.cnt().read()) {
             pac::ADC1.cr2().modify(|w| w.set_jswstart(true));
@@ -261,7 +262,7 @@ fn DMA2_STREAM0() {
         w.set_tcif(0, complete);
     });
     let (blocks, half) = dma_halves::full(half, complete);
-    // Nobody else writes it.
+    // Only this handler writes `FULL`.
     let number = FULL.load(Ordering::Relaxed).wrapping_add(blocks);
     FULL.store(number, Ordering::Relaxed);
     if let Some(half) = half {

@@ -1,13 +1,12 @@
-//! Reports to a host that watches.
+//! Reports to a watching host.
 
 use super::*;
 use crate::link::record::{self, Entry, MAX_ENTRY};
 use crate::node::Outbox;
 use crate::node::lead::LeadNode;
 
-/// Bus frames and every output of the lead node reach a host that watches, and one only.
 #[test]
-fn a_host_that_watches_gets_bus_frames_and_outputs() {
+fn watching_host_receives_bus_frames_and_outputs() {
     let identity = Identity {
         build: "test",
         role: Role::LEAD,
@@ -35,7 +34,7 @@ fn a_host_that_watches_gets_bus_frames_and_outputs() {
     let count = board.room() / entry.len();
     let few = entry.repeat(count);
     let longest = [0; REPORT_ENTRIES];
-    // Entries without a part of the output leave no room for it; the report without anything in it is not sent.
+    // The longest entries leave no room for a part of the output; an empty report is not sent.
     for entries in [&few, &longest[..], &few, &[], &few] {
         board.report(3, entries, &mut send);
     }
@@ -71,7 +70,6 @@ fn a_host_that_watches_gets_bus_frames_and_outputs() {
     assert_eq!(postcard::from_bytes(bytes), Ok(telemetry));
 }
 
-/// A part of the output goes with entries that leave it its room, to the byte.
 #[test]
 fn report_holds_a_part_of_the_output_if_its_entries_leave_room() {
     let mut board = Driving::new(Role::LEAD).attendant;
@@ -88,7 +86,7 @@ fn report_holds_a_part_of_the_output_if_its_entries_leave_room() {
         assert_eq!(payloads(&sent).len(), 1, "{length}");
         assert_eq!(left - board.telemetry.left(), if parts { part } else { 0 });
     }
-    // Without entries there is one while there is output, and none without either.
+    // Without entries a report is sent only while output is left.
     for _ in 0..4 {
         let expected = usize::from(!board.wants_telemetry());
         let mut sent = Vec::new();
