@@ -159,7 +159,7 @@ impl Shared {
         }
     }
 
-    /// Sets the cycle of a unit's next event; [`NEVER`] removes it from the schedule.
+    /// Sets the cycle of a unit's next event; `NEVER` removes it from the schedule.
     pub fn schedule(&mut self, unit: Unit, at: Cycles) {
         self.schedule.set(unit, at);
         self.limit = 0;
