@@ -19,7 +19,7 @@ from pathlib import Path
 import websocket
 
 PATIENCE_S = 60.0
-WIDTHS = {"desk": (1280, 900, False), "phone": (360, 740, True)}
+WIDTHS = {"desk": (1280, 900, False), "tablet": (400, 800, True), "phone": (360, 740, True)}
 
 
 class Browser:
@@ -113,23 +113,30 @@ def moved(a, b):
     return abs(a[0] - b[0]) + abs(a[1] - b[1])
 
 
+SLIDE = (
+    "(() => { const s = document.getElementById('time'); s.value = String(Math.round(%s * Number(s.max)));"
+    " s.dispatchEvent(new Event('input')); })()"
+)
+
+
 def use(browser, name):
     """Everything a reader can do, and what must follow from it."""
     length = browser.value("report.length()")
     assert length > 5.0, length
+    # The run plays as soon as the page is open.
+    browser.until(lambda: browser.value("report.time()") > 0.2, f"{name}: playing from the start")
+    assert browser.value("report.playing()"), name
+    browser.value(SLIDE % 0.0)
+    assert not browser.value("report.playing()"), name
     start, empty = browser.value("report.pose()"), browser.scene()
     browser.value("document.getElementById('speed').value = '20'; document.getElementById('play').click()")
     browser.until(lambda: browser.value("report.time()") > 0.5 * length, f"{name}: playing")
     assert moved(browser.value("report.pose()"), start) > 0.05 and browser.scene() != empty, name
     browser.until(lambda: not browser.value("report.playing()"), f"{name}: the end")
     assert browser.value("report.time()") == length, name
-    slide = (
-        "(() => { const s = document.getElementById('time'); s.value = String(Math.round(%s * Number(s.max)));"
-        " s.dispatchEvent(new Event('input')); })()"
-    )
     poses, scenes = [], []
     for share in (0.2, 0.5, 0.8):
-        browser.value(slide % share)
+        browser.value(SLIDE % share)
         assert abs(browser.value("report.time()") - share * length) < 0.02, name
         poses.append(browser.value("report.pose()"))
         scenes.append(browser.scene())
@@ -146,8 +153,13 @@ def use(browser, name):
     browser.value("document.getElementById('view').value = 'robot'; document.getElementById('view').dispatchEvent(new Event('change'))")
     assert browser.scene() not in scenes, name
     browser.value("document.getElementById('view').value = 'all'; document.getElementById('view').dispatchEvent(new Event('change')); window.scrollTo(0, 0)")
-    browser.value(slide % 0.45)
+    browser.value(SLIDE % 0.45)
     assert browser.value("document.documentElement.scrollWidth <= window.innerWidth"), f"{name}: wider than the window"
+    outside = browser.value(
+        "[...document.querySelectorAll('main *')].filter((e) => !e.closest('pre')"
+        " && e.getBoundingClientRect().right > window.innerWidth + 0.5).map((e) => e.tagName + ' ' + e.className)"
+    )
+    assert not outside, (name, outside)
     cells = browser.value("[...document.querySelectorAll('#summary td')].map((cell) => cell.textContent)")
     assert len(cells) >= 8 and all(cells), (name, cells)
     assert "[mission]" in browser.value("document.getElementById('configuration').textContent"), name

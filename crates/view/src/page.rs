@@ -241,6 +241,7 @@ impl Run<'_> {
         let each = |value: &dyn Fn(&Record) -> serde_json::Value| -> Vec<serde_json::Value> {
             seen.iter().map(value).collect()
         };
+        let mission = &self.scenario.mission;
         let axles = self.scenario.robot.topology().axles();
         let configuration = self.scenario.to_toml().unwrap_or_default();
         let world = [("world".to_owned(), self.scenario.world.label())].into_iter();
@@ -249,6 +250,7 @@ impl Run<'_> {
             "known": self.records.iter().any(|record| !record.midpoint[0].is_nan()),
             "name": self.name,
             "goal": self.goal.map(places),
+            "tolerance": [mission.tolerance_m, mission.tolerance_rad],
             "reference": self.reference.iter().map(|&p| places(p)).collect::<Vec<_>>(),
             "t": shown.iter().map(|&i| Rounded::<3>(self.records[i].time_s)).collect::<Vec<_>>(),
             "truth": list(&|record| record.midpoint),
