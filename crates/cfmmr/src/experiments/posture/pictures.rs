@@ -123,7 +123,7 @@ impl<'a> Picture<'a> {
         let mut summary = vec![
             ("Goal error", format!("{e_mm:.2} mm, {heading:.2}°")),
             (
-                "Way",
+                "Path length",
                 format!("{:.2} m, {} cusps", outcome.path_m, outcome.cusps),
             ),
             (
