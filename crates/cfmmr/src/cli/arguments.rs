@@ -23,7 +23,7 @@ use remote::virtual_robot::Options;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-/// The world that an experiment is in.
+/// World of an experiment.
 #[derive(Clone, Debug, Default, Args)]
 pub struct WorldChoice {
     /// World: a name that `cfmmr world` lists, or a TOML file [default: the scenario's, or careful]
@@ -31,7 +31,7 @@ pub struct WorldChoice {
     pub world: Option<String>,
 }
 
-/// The scenario that an experiment runs.
+/// Scenario of an experiment.
 #[derive(Clone, Debug, Default, Args)]
 pub struct ScenarioArgs {
     /// The world.
@@ -46,7 +46,7 @@ pub struct ScenarioArgs {
 }
 
 impl ScenarioArgs {
-    /// The scenario; an error says what to type instead.
+    /// Loads the scenario; an error suggests what to type.
     pub fn load(&self) -> Result<Scenario, Error> {
         let file = self.scenario.as_deref();
         Scenario::load(self.choice.world.as_deref(), file, &self.set).map_err(|error| {
@@ -60,7 +60,7 @@ impl ScenarioArgs {
         self.choice.world.is_some() || self.scenario.is_some() || !self.set.is_empty()
     }
 
-    /// The keys that were given.
+    /// Keys set by `--set` and by the scenario file.
     pub fn given(&self) -> Result<GivenKeys, Error> {
         let (file, _) = toml_file::read(self.scenario.as_deref())?;
         GivenKeys::new(&self.set, &file)
@@ -162,7 +162,7 @@ pub struct LogArgs {
 }
 
 impl LogArgs {
-    /// Files, viewers and display.
+    /// Files, viewers and dashboard of the run.
     pub fn watch(&self) -> Watch {
         Watch {
             destinations: Destinations {
@@ -218,7 +218,7 @@ pub struct SensorArgs {
 }
 
 impl SensorArgs {
-    /// Fits the sensors.
+    /// Applies the options to the sensors of the scenario.
     pub fn apply(&self, scenario: &mut Scenario) {
         scenario.mission.rps &= !self.no_rps;
         scenario.world.sensors.gyro.fitted |= self.imu;
@@ -226,7 +226,7 @@ impl SensorArgs {
     }
 }
 
-/// Duration of a run with boards, and their failures on the way.
+/// Duration of a run with boards, and failures of boards during the run.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Boards")]
 pub struct PlanArgs {
@@ -248,7 +248,7 @@ pub struct PlanArgs {
 }
 
 impl PlanArgs {
-    /// The plan of a run that lasts at least `least_s`.
+    /// Plan of a run; without `--duration` the run lasts at least `least_s`, s.
     pub fn plan(&self, least_s: f64) -> Result<Plan, Error> {
         let micros =
             |name: &str, value: f64| seconds(name, value, 0.0).map(|s| (s * 1e6) as Micros);
@@ -279,7 +279,7 @@ fn seconds(name: &str, value: f64, least: f64) -> Result<f64, Error> {
     }
 }
 
-/// A failure from `BOARD@S`.
+/// Parses `BOARD@S`, a board and the time of its failure, s.
 fn failure(text: &str) -> Result<Failure, Error> {
     let parts = text
         .split_once('@')
@@ -315,7 +315,7 @@ impl ImageArgs {
         Images::open(self.axle_image.as_deref(), self.beam_image.as_deref())
     }
 
-    /// The options, and whether each is given.
+    /// Names of the options; true if the option is given.
     pub fn given(&self) -> [(&'static str, bool); 2] {
         [
             ("--axle-image", self.axle_image.is_some()),
@@ -357,7 +357,7 @@ impl RobotArgs {
         }
     }
 
-    /// Refuses options that have no effect where the boards are: a real robot has its sensors and its surroundings.
+    /// Refuses options without effect at the place of the boards, for example `--world` with a real robot.
     pub fn check(&self, sensors: &SensorArgs, choice: &WorldChoice) -> Result<(), Error> {
         self.boards.check()?;
         match self.boards.on {
@@ -385,7 +385,7 @@ impl RobotArgs {
         }
     }
 
-    /// Carries out a task where the boards are, and publishes the result.
+    /// Drives the mission on the selected boards and publishes the result.
     pub fn run(
         &self,
         context: &Context,
@@ -415,10 +415,10 @@ impl RobotArgs {
     }
 }
 
-/// Why an option of virtual boards has no effect.
+/// Reason for refusing an option of virtual boards.
 pub const ONLY_VIRTUAL: &str = "only with --on virtual";
 
-/// Refuses options that are given, with the reason.
+/// Fails with the reason `why` if one of the options is given.
 pub fn refuse(options: &[(&str, bool)], why: &str) -> Result<(), Error> {
     match options.iter().find(|(_, given)| *given) {
         Some((option, _)) => Err(Error::input(format!("{option}: {why}"))),
@@ -447,8 +447,7 @@ impl From<BoardName> for Role {
     }
 }
 
-/// A posture from `X,Y,PHI`: metres, metres, and a heading in radians, or in degrees when it ends
-/// in `deg` or `°`.
+/// Parses a posture `X,Y,PHI`: m, m, and a heading in rad, or in degrees with the suffix `deg` or `°`.
 pub fn parse_posture(text: &str) -> Result<[f64; 3], Error> {
     let parts: Vec<&str> = text.split(',').map(str::trim).collect();
     let [x, y, phi] = parts[..] else {
@@ -470,7 +469,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn posture_in_radians_or_degrees() {
+    fn posture_is_parsed_in_radians_and_degrees() {
         let parse_posture = |text| parse_posture(text).map_err(|error| error.to_string());
         assert_eq!(parse_posture("-1, 2 ,0.5"), Ok([-1.0, 2.0, 0.5]));
         let half_turn = parse_posture("0,0,180deg").unwrap()[2];
@@ -482,7 +481,7 @@ mod tests {
     }
 
     #[test]
-    fn failures_name_a_board_and_a_time() {
+    fn failure_needs_a_board_and_a_time() {
         let found = failure("front@8.0").unwrap();
         assert_eq!((found.role, found.at), (Role::LEAD, 8000));
         for bad in [

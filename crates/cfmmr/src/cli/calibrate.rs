@@ -1,5 +1,5 @@
-//! `cfmmr calibrate`: wheels, strain gauges and gyros of the simulated robot, whose errors it does not
-//! know, on boards wherever they are.
+//! `cfmmr calibrate`: calibrates wheels, strain gauges and gyros of a simulated robot on in-process or virtual boards,
+//! and the strain gauges of a real robot.
 
 use super::arguments::{BoardArgs, JsonArgs, ScenarioArgs};
 use super::params::save;
@@ -103,7 +103,7 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
     Ok(())
 }
 
-/// Calibrates a robot at a serial port.
+/// Calibrates the strain gauges of a real robot.
 fn calibrate_real(args: &CalibrateArgs) -> Result<(), Error> {
     if args.what != CalibrateWhat::Gauges {
         return Err(Error::input(
@@ -134,7 +134,7 @@ fn calibrate(args: &CalibrateArgs, scenario: &Scenario, seed: u64) -> Result<Rep
     Ok(report)
 }
 
-/// True if the result is to be saved.
+/// True if `--yes` is given or the user confirms.
 fn wanted(args: &CalibrateArgs, json: &Json) -> Result<bool, Error> {
     if args.yes {
         return Ok(true);
@@ -154,7 +154,7 @@ fn wanted(args: &CalibrateArgs, json: &Json) -> Result<bool, Error> {
     Ok(yes)
 }
 
-/// The virtual boards; none if all boards are in this process.
+/// Virtual boards; `None` if all boards are in this process.
 fn boards(args: &CalibrateArgs, robot: Topology) -> Result<Option<Vec<Box<dyn Target>>>, Error> {
     if !args.boards.on.is_outside() {
         return Ok(None);

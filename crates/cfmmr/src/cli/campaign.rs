@@ -255,7 +255,7 @@ mod tests {
         let out = folder.path().join("out");
         shard(&in_folder(folder.path(), &["--shard", "1/2"]), pod).unwrap();
         assert_eq!(files(&out), ["block-000001.jsonl"]);
-        // An environment that alone is refused.
+        // Without --shard, this environment is refused.
         let refused = |asked: &str| (asked == "CFMMR_SHARDS").then(|| "x".into());
         shard(&in_folder(folder.path(), &["--shard", "1/2"]), refused).unwrap();
         assert_eq!(files(&out), ["block-000001.jsonl"]);

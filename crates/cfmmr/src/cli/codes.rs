@@ -97,9 +97,9 @@ mod tests {
     use super::*;
     use core_algos::safety::Condition;
 
-    /// Each column of the page stands for a kind of cause: all of a kind must act alike.
+    /// A column shows one cause; all causes of its kind must have the same transitions.
     #[test]
-    fn every_condition_acts_as_the_column_it_belongs_to() {
+    fn every_condition_has_the_transitions_of_its_column() {
         let causes = causes();
         let column = |name: &str| causes.iter().find(|(n, _)| *n == name).unwrap().1;
         for condition in Condition::ALL {

@@ -1,4 +1,4 @@
-//! `cfmmr consistency`: whether the fused estimates are as good as they claim to be.
+//! `cfmmr consistency`: compares errors of the fused estimates with their covariance (NEES).
 
 use super::arguments::Common;
 use crate::experiments::consistency;

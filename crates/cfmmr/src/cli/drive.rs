@@ -1,4 +1,4 @@
-//! `cfmmr drive`: the robot takes the steps of a script or one step of the command line.
+//! `cfmmr drive`: drives the robot by a script, by one step of the command line, or by keyboard.
 
 use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture};
 use crate::dashboard;
@@ -44,7 +44,7 @@ pub struct DriveArgs {
     pub robot: RobotArgs,
 }
 
-/// Keys that the steps decide.
+/// Scenario keys that the steps replace.
 const STEPS: Taken = &[
     ("mission.start", "in a drive: use --from"),
     ("mission.goal", "in a drive: use goto"),
@@ -110,10 +110,10 @@ fn lines_of(args: &DriveArgs, context: &Context) -> Result<Vec<Line>, Error> {
             let text = input::text(file).map_err(|error| named(&error))?;
             script::parse(&text, scenario).map_err(|error| named(&error))
         }
-        // A step in quotes.
+        // One quoted step.
         (None, [line]) => script::parse(line, scenario),
         (None, words) => {
-            // A space keeps a negative angle from being an option.
+            // The space before a negative angle is from `cli::plain`.
             let words = words.iter().map(|word| match word.strip_prefix(" -") {
                 Some(rest) => format!("-{rest}"),
                 None => word.clone(),

@@ -1,4 +1,4 @@
-//! `cfmmr faults`: every fault of the catalogue, at several times and with several seeds.
+//! `cfmmr faults`: injects every fault of the catalogue at several times and with several seeds.
 
 use super::arguments::{ImageArgs, JsonArgs, ONLY_VIRTUAL, WorldChoice, refuse};
 use crate::experiments::result::Provenance;
@@ -45,7 +45,7 @@ pub struct FaultsArgs {
     pub images: ImageArgs,
 }
 
-/// The entries that `--only` selects: those that need no images without them.
+/// Entries that `--only` selects; in-process boards leave out the entries that need images.
 fn chosen<'a>(all: &'a [Entry], args: &FaultsArgs) -> Result<Vec<&'a Entry>, Error> {
     let images = args.on == Place::Virtual;
     let possible: Vec<&Entry> = all

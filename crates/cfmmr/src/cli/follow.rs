@@ -10,7 +10,7 @@ use host_sim::base::numbers::{number, whole};
 use host_sim::run::path_run::PathMode;
 use host_sim::scenario::effect::Use;
 
-/// Drive along a path.
+/// Speed, size, laps, start and sensors of a drive along a path.
 #[derive(Clone, Debug, Args)]
 pub struct CourseArgs {
     /// Largest speed along the path, m/s; `track` allows at most 90 % of the robot's limit
@@ -34,7 +34,7 @@ pub struct CourseArgs {
 }
 
 impl CourseArgs {
-    /// The drive along this path.
+    /// Path with the options of the drive.
     pub fn wanted(&self, path: &str) -> Result<Wanted, Error> {
         Ok(Wanted {
             path: path.to_owned(),

@@ -85,7 +85,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     in_the_loop::run(&run, targets, &logs, args.compare)
 }
 
-/// The experiment that the arguments ask for; what they change is written into the scenario.
+/// Mission that the arguments select; writes sensors, start and path settings into the scenario.
 fn prepare(args: &HilArgs, context: &mut Context) -> Result<Mission, Error> {
     if !args.boards.on.is_outside() {
         return Err(Error::input(

@@ -17,14 +17,14 @@ pub struct KeysArgs {
     pub json: bool,
 }
 
-/// A key with its place and default.
+/// Key with its table and default.
 struct Key {
     table: String,
     field: &'static Field,
     default: Option<toml::Value>,
 }
 
-/// Every key, tables before the tables in them.
+/// All keys; the keys of a table precede those of its subtables.
 fn keys() -> Result<Vec<Key>, Error> {
     let failed = |error: toml::ser::Error| Error::Failure(error.to_string());
     let defaults = toml_file::known_keys(&Scenario::default()).map_err(failed)?;
@@ -88,7 +88,7 @@ fn allowed(kind: Kind) -> String {
     }
 }
 
-/// A number; one of single precision as it was written.
+/// Shortest decimal form of a single precision number (0.1, not 0.10000000149); other numbers stay.
 fn written(number: f64) -> f64 {
     match f64::from(number as f32) == number {
         true => (number as f32).to_string().parse().unwrap_or(number),
@@ -96,7 +96,7 @@ fn written(number: f64) -> f64 {
     }
 }
 
-/// A default.
+/// Default as Markdown.
 fn shown(value: &toml::Value) -> String {
     match value {
         toml::Value::Float(number) => format!("`{:?}`", written(*number)),
@@ -145,7 +145,7 @@ pub fn markdown() -> Result<String, Error> {
     Ok(text)
 }
 
-/// A default as a JSON value.
+/// Default as a JSON value.
 fn plain(value: &toml::Value) -> Value {
     match value {
         toml::Value::Float(number) => written(*number).into(),
@@ -213,7 +213,7 @@ mod tests {
             let known = declared.contains(&key) || key == "world";
             assert!(known, "{key} is not declared");
         }
-        // Keys without a default are refused by their type, not as unknown.
+        // A text for a key without default is refused for its type, not as an unknown key.
         for (key, declared) in keys.iter().zip(&declared) {
             if key.default.is_none() {
                 let change = format!("{declared}=\"nothing\"");

@@ -1,4 +1,4 @@
-//! `cfmmr posture`: posture regulation with and without the relative position sensor, as the paper's experiment has it.
+//! `cfmmr posture`: posture regulation with and without the relative position sensor, as in the paper's experiment.
 
 use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture};
 use crate::experiments::Context;
@@ -75,7 +75,7 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
     }
 }
 
-/// Keys that `--from` decides.
+/// Scenario key that `--from` replaces, with the reason.
 fn start(args: &PostureArgs) -> Option<(&'static str, &'static str)> {
     args.from.as_ref().map(|_| ("mission.start", "with --from"))
 }
@@ -108,8 +108,8 @@ fn trials(args: &PostureArgs, context: &Context, watch: &Watch) -> Result<(), Er
 }
 
 impl PostureArgs {
-    /// Rows with the sensors that the options leave: `--no-rps` keeps those without gauges, `--imu` adds the inertial
-    /// sensors to all. A run that is shown has one row.
+    /// Rows after the sensor options: `--no-rps` keeps rows without gauges, `--imu` adds inertial sensors to every row.
+    /// A live run has one row.
     fn variants(&self, watch: &Watch) -> Result<Vec<Variant>, Error> {
         let sensors = &self.sensors;
         let rows = match self.rows.unwrap_or(RowSelection::Main) {

@@ -1,4 +1,4 @@
-//! `cfmmr replay`: a log through the nodes again, as it was or with other parameters.
+//! `cfmmr replay`: runs the nodes on the inputs in a log, with the recorded or with other parameters.
 
 use super::arguments::JsonArgs;
 use clap::Args;
@@ -44,7 +44,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
     }
 }
 
-/// Refuses.
+/// Fails: this build has no logs.
 #[cfg(not(feature = "full"))]
 pub fn run(args: &ReplayArgs) -> Result<(), Error> {
     let log = args.log.display();

@@ -1,4 +1,4 @@
-//! `cfmmr soak`: hours of driving, and whether anything drifts or grows.
+//! `cfmmr soak`: drives for hours and checks the drift of the NIS and the growth of memory.
 
 use super::arguments::{JsonArgs, WorldChoice};
 use crate::experiments::result::Provenance;
@@ -42,7 +42,7 @@ pub struct SoakArgs {
     pub json: JsonArgs,
 }
 
-/// Parts that are reported.
+/// Number of windows in the report.
 const WINDOWS: u64 = 10;
 
 /// Content of the JSON file.
@@ -81,7 +81,7 @@ fn row(window: &Window) -> String {
     )
 }
 
-/// The page.
+/// Report as Markdown.
 fn markdown(measured: &Measured, scenario: &Scenario) -> String {
     let report = &measured.report;
     let (command, boards) = match measured.boards.is_empty() {
@@ -152,7 +152,7 @@ fn markdown(measured: &Measured, scenario: &Scenario) -> String {
     text
 }
 
-/// Last sentences of the page: the limits that hold, or the failures.
+/// Last sentences of the report: the limits that hold, or the failures.
 fn verdict(ticks: u64, problems: &[String]) -> String {
     let trend = match ticks >= JUDGED {
         true => "The trend of the NIS is within three standard errors or a tenth of the mean."

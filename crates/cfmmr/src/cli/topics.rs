@@ -1,4 +1,4 @@
-//! `cfmmr topics`: what a log holds, as Markdown.
+//! `cfmmr topics`: prints the table of a log's topics, as Markdown.
 
 use crate::experiments::run::place::ROBOT;
 use host_sim::base::error::Error;
@@ -48,7 +48,7 @@ fn fields(schema: &Schema) -> String {
     text
 }
 
-/// Columns of the tables, which are fields of topics.
+/// Columns of the CSV tables, which are fields of topics.
 const TABLES: &str = "
 ## Tables
 

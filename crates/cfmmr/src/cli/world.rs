@@ -28,7 +28,7 @@ struct Printed<'a> {
     figures: Vec<Figure>,
 }
 
-/// Prints a world, or the names of those that are built in.
+/// Prints a world, or the names of the built-in worlds.
 pub fn run(args: &WorldArgs) -> Result<(), Error> {
     let Some(name) = &args.name else {
         return terminal::print(&(NAMES.join("\n") + "\n"));
