@@ -180,7 +180,7 @@ fn workspace() -> Option<PathBuf> {
 }
 
 /// Standard output and standard error of a program; an error if the program does not start, fails or exceeds
-/// [`PATIENCE`].
+/// `PATIENCE`.
 fn ask(program: &str, arguments: &[&str]) -> io::Result<String> {
     let mut command = Command::new(program);
     command.args(arguments).stdin(Stdio::null());

@@ -32,8 +32,8 @@ struct Step {
 }
 
 impl Lap {
-    /// Adds the next odometric posture (m, m, rad) of an axle with configured track `track_m`. The position is modulo the
-    /// span of the bus. During the `dt_s` before, the relative heading was `heading_rad`.
+    /// Adds the next odometric posture (m, m, rad) of an axle with configured track `track_m`. The position is modulo
+    /// the span of the bus. During the `dt_s` before, the relative heading was `heading_rad`.
     pub fn add(&mut self, posture: [f64; 3], track_m: f64, heading_rad: f64, dt_s: f64) {
         let [mut x, mut y, phi] = posture;
         if let Some([x0, y0, phi0]) = self.place {
@@ -220,8 +220,8 @@ mod tests {
         half_track_m: 0.162,
     };
 
-    /// Square of side `side` with corners of `radius` (0: on the spot). The wheels turn so that the configured axle would
-    /// drive the square exactly; the true axle moves by its own radii, track and creep.
+    /// Square of side `side` with corners of `radius` (0: on the spot). The wheels turn so that the configured axle
+    /// would drive the square exactly; the true axle moves by its own radii, track and creep.
     fn square(truth: &Axle, side: f64, radius: f64, way: f64, speed: f64, creep: f64) -> Return {
         let (mut lap, mut place) = (Lap::default(), [0.0f64; 3]);
         let mut odometry = [0.0f64; 3];

@@ -1,7 +1,7 @@
 //! Directory of a campaign: a copy of the study and one file per block of runs.
 //!
-//! A block's content depends on the study only, so any number of shards can fill one directory. A killed shard keeps its
-//! finished blocks: a file is written completely or not at all.
+//! A block's content depends on the study only, so any number of shards can fill one directory. A killed shard keeps
+//! its finished blocks: a file is written completely or not at all.
 
 use super::rows::{Noted, Row};
 use super::study::Study;

@@ -161,7 +161,7 @@ fn shares(mut values: Vec<f64>) -> Vec<[f64; 2]> {
 }
 
 /// Map of random starts, marked by end, or of final positions if all runs have one start; one map per combination of
-/// [`splitting`] lists.
+/// `splitting` lists.
 pub fn map(study: &Study, rows: &[Row]) -> Figure {
     let lists = Listed::all(study, rows);
     let maps = split(all(rows), &splitting(&lists));
@@ -224,8 +224,8 @@ fn map_of_ends(study: &Study, maps: &[Group], goal: [f64; 3]) -> Figure {
     )
 }
 
-/// Position error over each numeric quantity: median and 5th to 95th percentile at each listed number, or every run over
-/// a drawn number; one series per combination of [`splitting`] lists. `None` if no quantity is a number.
+/// Position error over each numeric quantity: median and 5th to 95th percentile at each listed number, or every run
+/// over a drawn number; one series per combination of `splitting` lists. `None` if no quantity is a number.
 pub fn sensitivity(study: &Study, rows: &[Row]) -> Option<Figure> {
     let limits = decades(rows.iter().map(e_cm));
     let lists = Listed::all(study, rows);

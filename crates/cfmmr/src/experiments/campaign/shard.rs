@@ -192,8 +192,8 @@ fn kubernetes(read: Read<'_>) -> Result<Option<Shard>, Error> {
 mod tests {
     use super::*;
 
-    /// Part from an environment such as `id=7 count=5`: Slurm's variables by the ends of their names, `index` and `shards`
-    /// for Kubernetes; `_` is a space.
+    /// Part from an environment such as `id=7 count=5`: Slurm's variables by the ends of their names, `index` and
+    /// `shards` for Kubernetes; `_` is a space.
     fn shard(text: &str) -> Result<Shard, Error> {
         Shard::from_environment(|asked| {
             let pairs = text

@@ -257,7 +257,7 @@ impl Study {
     }
 
     /// Checks that a combination is a valid scenario at the bounds of its draws: at every corner for at most
-    /// [`MAX_CORNERED`] drawn quantities, else at each bound with the other quantities as in the first trial.
+    /// `MAX_CORNERED` drawn quantities, else at each bound with the other quantities as in the first trial.
     fn check_bounds(&self, cell: u64) -> Result<(), Error> {
         let first = self.values(cell, 0)?;
         let mut bounds = Vec::new();
