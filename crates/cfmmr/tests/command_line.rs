@@ -60,7 +60,7 @@ fn bad_input_is_refused_by_name_and_nothing_is_written() {
 }
 
 #[test]
-fn printed_configuration_is_a_scenario_and_prints_itself() {
+fn printed_configuration_is_a_scenario_and_stays_the_same() {
     let folder = tempfile::tempdir().unwrap();
     let first = succeed(folder.path(), "config");
     fs::write(folder.path().join("all.toml"), &first).unwrap();

@@ -452,7 +452,7 @@ mod tests {
     }
 
     #[test]
-    fn runner_without_an_option_is_unusable() {
+    fn runner_catches_neither_resets_nor_hard_faults() {
         let text: toml::Table =
             toml::from_str(include_str!("../../../../.cargo/config.toml")).unwrap();
         let own = text["target"][TARGET]["runner"].as_str().unwrap();

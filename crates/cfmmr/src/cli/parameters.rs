@@ -91,7 +91,7 @@ mod tests {
 
     /// The scenario key of each parameter's name changes this parameter.
     #[test]
-    fn parameter_names_are_scenario_keys() {
+    fn names_are_those_of_a_scenario() {
         // In a scenario, strategy and mode are words, not numbers.
         let numbers = TABLE.iter().filter(|p| p.range.1 > 3.0 || !p.whole);
         for parameter in numbers.filter(|p| p.name.starts_with("robot.")) {
