@@ -26,7 +26,7 @@ use std::path::PathBuf;
 /// World of an experiment.
 #[derive(Clone, Debug, Default, Args)]
 pub struct WorldChoice {
-    /// World: a name that `cfmmr world` lists, or a TOML file [default: the scenario's, or careful]
+    /// Simulate this world: a name that `cfmmr world` lists, or a TOML file [default: the scenario's, or careful]
     #[arg(long, value_name = "NAME|FILE")]
     pub world: Option<String>,
 }
@@ -37,7 +37,7 @@ pub struct ScenarioArgs {
     /// The world.
     #[command(flatten)]
     pub choice: WorldChoice,
-    /// Scenario file (TOML); missing keys keep their default, see `cfmmr config`
+    /// Read the scenario from this TOML file; missing keys keep their defaults, see `cfmmr config`
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
     /// Change one key of the scenario, for example --set plant.friction=0.5; may be repeated
@@ -70,7 +70,7 @@ impl ScenarioArgs {
 /// Destination of the result as JSON.
 #[derive(Clone, Debug, Default, Args)]
 pub struct JsonArgs {
-    /// Write the result as JSON to FILE; `-`: to standard output, the table to standard error
+    /// Write the result as JSON to FILE; with `-` to standard output, and the table to standard error
     #[arg(id = "json", long = "json", value_name = "FILE")]
     file: Option<PathBuf>,
 }
@@ -104,16 +104,16 @@ impl Common {
 /// Seed, threads and output of an experiment.
 #[derive(Clone, Debug, Args)]
 pub struct RunArgs {
-    /// Seed of all random draws; one seed gives the same bytes
+    /// Use this seed for all random draws; equal seeds give identical output
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
-    /// Folder for pictures, tables and logs [default: out/COMMAND]
+    /// Write pictures, tables and logs to this folder [default: out/COMMAND]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Destination of the result as JSON.
     #[command(flatten)]
     pub json: JsonArgs,
-    /// Number of threads; does not change the result [default: one a core]
+    /// Use N threads; the number does not change the result [default: one per core]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub threads: Option<u16>,
 }
@@ -141,17 +141,17 @@ impl RunArgs {
 /// Recording, dashboard and server of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 pub struct LogArgs {
-    /// Record the inputs and outputs of the boards in this MCAP file (docs/logs.md); with several
-    /// trials: the plotted one
+    /// Record the inputs and outputs of the boards in this MCAP file (docs/logs.md); of several trials, record
+    /// the plotted trial
     #[arg(long, value_name = "FILE")]
     pub log: Option<PathBuf>,
-    /// Write the run as CSV: epochs to FILE.csv, or epochs, ticks and bus frames to DIR
+    /// Write the run as CSV: epochs to FILE.csv, or epochs, ticks and bus frames to folder DIR
     #[arg(long, value_name = "DIR|FILE")]
     pub csv: Option<PathBuf>,
     /// Show the run on the terminal in real time; q ends the run
     #[arg(long)]
     pub dashboard: bool,
-    /// Serve the run to Foxglove by websocket in real time, from the first viewer on; ADDR is
+    /// Serve the run to Foxglove by websocket in real time; the run starts when a viewer connects; ADDR is
     /// ADDRESS:PORT or a port [default: 127.0.0.1:8765] (docs/live.md)
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8765", value_parser = recording::address)]
     pub live: Option<SocketAddr>,
@@ -179,12 +179,12 @@ impl LogArgs {
 /// Place of the boards.
 #[derive(Clone, Debug, Args)]
 pub struct BoardArgs {
-    /// Place of the boards: in-process, virtual (their images on virtual boards, built if needed),
-    /// or serial:front=PORT,rear=PORT,beam=PORT (real ones); boards without a port run in this program (hil) or are
-    /// reached over the bus
+    /// Run on boards in-process, virtual (images on virtual boards, built if needed), or real at
+    /// serial:front=PORT,rear=PORT,beam=PORT; a board without a port runs in this program (hil) or is reached over
+    /// the bus
     #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = Place::parse)]
     pub on: Place,
-    /// Baud rate of the serial ports [default: 921600]
+    /// Set the baud rate of the serial ports [default: 921600]
     #[arg(long, value_parser = whole::<u32>(9_600..=12_000_000))]
     pub baud: Option<u32>,
 }
@@ -233,13 +233,13 @@ pub struct PlanArgs {
     /// Run in real time: no tick begins early
     #[arg(long)]
     pub real_time: bool,
-    /// Minimum run time, s
+    /// Run for at least this time, s
     #[arg(long, value_name = "S", value_parser = number)]
     pub duration: Option<f64>,
     /// End the run at this time, s
     #[arg(long, value_name = "S", value_parser = number)]
     pub stop_after: Option<f64>,
-    /// Switch a board off at this time in s, for example front@8.0; may be repeated
+    /// Switch a board off at this time, s, for example front@8.0; may be repeated
     #[arg(long, value_name = "BOARD@S")]
     pub kill: Vec<String>,
     /// Restart a lost board after this time, s
@@ -337,7 +337,7 @@ pub struct RobotArgs {
     /// Images.
     #[command(flatten)]
     pub images: ImageArgs,
-    /// Print the time by function and interrupt
+    /// Print the processor time of the virtual boards by function and interrupt
     #[arg(long)]
     pub profile: bool,
 }

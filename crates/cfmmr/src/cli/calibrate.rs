@@ -27,7 +27,7 @@ use std::path::PathBuf;
 /// Subject of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum CalibrateWhat {
-    /// Radius, ratio and track of the wheels of each axle: a straight line, then squares both ways
+    /// Wheel radius, wheel ratio and track of each axle: straight line, then squares in both directions
     /// (UMBmark)
     Wheels,
     /// Zeros and gains of the strain gauges: strip straight, then on formers
@@ -42,26 +42,26 @@ pub struct CalibrateArgs {
     /// The scenario.
     #[command(flatten)]
     pub scenario: ScenarioArgs,
-    /// Subject
+    /// Part to calibrate
     #[arg(value_enum)]
     pub what: CalibrateWhat,
     /// Place of the boards; by default in this process, with their flash in files.
     #[command(flatten)]
     pub boards: BoardArgs,
-    /// Folder of the flash files of boards that are not real
+    /// Keep the flash of in-process and virtual boards in files in this folder
     #[arg(long, value_name = "DIR", default_value = "out/flash")]
     pub flash: PathBuf,
-    /// Seed of the robot's errors and of all random draws
+    /// Use this seed for the robot's errors and all random draws
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
-    /// Number of squares each way and at each speed
+    /// Drive this number of squares in each direction at each speed
     #[arg(long, default_value_t = 6, value_parser = whole::<u32>(1..=100))]
     pub laps: u32,
-    /// Curvature of the former that holds the strip of a real robot: determine the gains; without it the strip is
-    /// straight: determine the zeros
+    /// Determine the gains of a real robot, with the strip on a former of this curvature; without --former, determine
+    /// the zeros with the strip straight
     #[arg(long, value_name = "1/M", value_parser = number, allow_hyphen_values = true)]
     pub former: Option<f64>,
-    /// Save without confirmation
+    /// Save without asking for confirmation
     #[arg(long)]
     pub yes: bool,
     /// Write the calibrated parameters to this file, for `params import` or `--scenario`

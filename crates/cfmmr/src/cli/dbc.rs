@@ -17,7 +17,7 @@ pub struct DbcArgs {
     /// Write to this file instead of the terminal
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Print the worst-case load of the bus by message
+    /// Print the worst-case bus load by message
     #[arg(long, conflicts_with = "out")]
     pub load: bool,
     /// Print the messages as a table

@@ -20,14 +20,13 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, Args)]
 pub struct DriveArgs {
     /// Step: goto X Y PHI, follow PATH, speed V KAPPA SECONDS, stop, clear, wait SECONDS, pose X Y PHI or zero
-    /// (docs/driving.md); without a step and a script the keyboard drives
+    /// (docs/driving.md); without STEP and --script, the keyboard drives
     #[arg(value_name = "STEP", num_args = 1..)]
     pub step: Vec<String>,
-    /// Script with one step a line; comments begin with #
+    /// Execute the steps in this file, one step per line; comments begin with #
     #[arg(long, value_name = "FILE", conflicts_with = "step")]
     pub script: Option<PathBuf>,
-    /// Start posture of the midpoint O, for example -1.5,0.2,90deg [default: 0,0,0; of a real robot: where it believes
-    /// to be]
+    /// Start at this posture of the midpoint O, for example -1.5,0.2,90deg [default: 0,0,0; real robot: its estimate]
     #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
     pub from: Option<String>,
     /// Sensors.

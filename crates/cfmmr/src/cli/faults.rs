@@ -18,23 +18,23 @@ pub struct FaultsArgs {
     /// The world.
     #[command(flatten)]
     pub choice: WorldChoice,
-    /// Number of seeds of each fault
+    /// Run each fault with this number of seeds
     #[arg(long, default_value_t = 2, value_parser = whole::<u32>(1..=1000))]
     pub seeds: u32,
     /// Run only faults whose name contains this text; may be repeated
     #[arg(long, value_name = "TEXT")]
     pub only: Vec<String>,
-    /// Place of the boards: in-process (faults of samples, frames and plant), or virtual (also those at registers, pins,
-    /// supplies and wires, with the images of the boards)
+    /// Run on boards in-process (faults of samples, frames and plant) or virtual (also faults of registers, pins,
+    /// supplies and wires, with the boards' images)
     #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = Place::parse)]
     pub on: Place,
-    /// Each fault at one time with one seed, and a selection of the instants of power failure
+    /// Run each fault at one time with one seed, and a selection of the instants of power failure
     #[arg(long, conflicts_with = "seeds")]
     pub quick: bool,
-    /// Number of threads; does not change the result [default: one a core]
+    /// Use N threads; the number does not change the result [default: one per core]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub threads: Option<u16>,
-    /// Exit 1 if a row differs from the committed table, or with --quick, if an outcome is not in its row
+    /// Exit 1 if a row differs from docs/faults.md, or with --quick, if docs/faults.md lacks an outcome
     #[arg(long)]
     pub check: bool,
     /// Destination of the result as JSON.

@@ -29,13 +29,13 @@ pub struct HilArgs {
     /// Place of the boards.
     #[command(flatten)]
     pub boards: BoardArgs,
-    /// Use the parameters in the boards' flash, laid over those of the scenario
+    /// Use the parameters in the boards' flash instead of those of the scenario
     #[arg(long)]
     pub stored: bool,
-    /// With --on virtual: folder of the files with the boards' stores
+    /// Keep the flash of virtual boards in files in this folder
     #[arg(long, value_name = "DIR", requires = "on")]
     pub flash: Option<PathBuf>,
-    /// Run the nodes in this program too and compare every bit
+    /// Repeat the run in this program and check that every output is identical
     #[arg(long)]
     pub compare: bool,
     /// Sensors, start and speed.

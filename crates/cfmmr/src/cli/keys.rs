@@ -12,7 +12,7 @@ use std::fmt::Write;
 /// Arguments of `keys`.
 #[derive(Clone, Debug, Args)]
 pub struct KeysArgs {
-    /// Print JSON, an object a key
+    /// Print JSON, one object per key
     #[arg(long)]
     pub json: bool,
 }

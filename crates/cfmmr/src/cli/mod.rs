@@ -158,7 +158,7 @@ pub enum Command {
     Campaign(CampaignArgs),
     /// Measure the consistency of the estimates (normalised estimation error squared)
     Consistency(ConsistencyArgs),
-    /// Run one on-board algorithm on cases from standard input, one JSON object a line
+    /// Run one on-board algorithm on cases from standard input, one JSON object per line
     Eval(EvalArgs),
     /// Print the table of the parameters in a board's flash
     Parameters,
@@ -183,7 +183,7 @@ pub enum Command {
     Dbc(DbcArgs),
     /// Inject each fault of the catalogue into the simulated robot and print the outcomes
     Faults(FaultsArgs),
-    /// Drive for hours and measure the estimator's health and the memory
+    /// Drive for hours and check consistency of the estimator, faults and memory
     Soak(SoakArgs),
     /// Print the meaning of a word, or the whole glossary
     Glossary(GlossaryArgs),

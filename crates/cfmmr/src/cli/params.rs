@@ -37,11 +37,11 @@ pub enum ParamsAction {
     List(ParamsTarget),
     /// Show the named parameters
     Get(ParamsGet),
-    /// Set parameters; without --save the values are only checked
+    /// Check new values; with --save, save them in the flash
     Set(ParamsSet),
     /// Export the parameters that differ from the image's defaults
     Export(ParamsExport),
-    /// Set the parameters of a file
+    /// Check the parameters in a file; with --save, save them in the flash
     Import(ParamsImport),
 }
 
@@ -51,10 +51,10 @@ pub struct ParamsTarget {
     /// Place of the boards; by default in this process, with their flash in files.
     #[command(flatten)]
     pub boards: BoardArgs,
-    /// Folder of the flash files of boards that are not real
+    /// Keep the flash of in-process and virtual boards in files in this folder
     #[arg(long, value_name = "DIR", default_value = "out/flash")]
     pub flash: PathBuf,
-    /// Boards, separated by commas [default: all]
+    /// Select these boards, separated by commas [default: all]
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
     pub board: Vec<BoardName>,
     /// Destination of the result as JSON.
@@ -65,7 +65,7 @@ pub struct ParamsTarget {
 /// Arguments of `params get`.
 #[derive(Clone, Debug, Args)]
 pub struct ParamsGet {
-    /// Names of parameters, as `cfmmr parameters` lists them
+    /// Names of parameters, see `cfmmr parameters`
     #[arg(value_name = "NAME", required = true)]
     pub names: Vec<String>,
     /// Boards.

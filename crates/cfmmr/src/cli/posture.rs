@@ -15,7 +15,7 @@ use host_sim::scenario::effect::Use;
 /// Rows of the table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum RowSelection {
-    /// Encoders alone, the paper's fusion, the joint filter; and the paper's robot.
+    /// Encoders alone, the paper's fusion, the joint filter.
     Main,
     /// Every fusion, with and without inertial sensors.
     All,
@@ -34,13 +34,13 @@ pub struct PostureArgs {
     /// Recording of the run.
     #[command(flatten)]
     pub log: LogArgs,
-    /// Number of paired trials a row [default: 50]
+    /// Run this number of paired trials per row [default: 50]
     #[arg(long, value_parser = whole::<u32>(1..=1_000_000), conflicts_with_all = ["dashboard", "live"])]
     pub trials: Option<u32>,
-    /// Start posture of the midpoint O: m, m, rad, or heading with `deg`: -1.5,0.2,90deg
+    /// Start at this posture of the midpoint O: m, m, rad, or heading with `deg`: -1.5,0.2,90deg
     #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
     pub from: Option<String>,
-    /// Rows of the table [default: main]
+    /// Run these rows of the table [default: main]
     #[arg(long, value_enum, conflicts_with_all = ["dashboard", "live"])]
     pub rows: Option<RowSelection>,
     /// Sensors of a robot with boards.

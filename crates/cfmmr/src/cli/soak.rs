@@ -28,13 +28,13 @@ pub struct SoakArgs {
     /// The world.
     #[command(flatten)]
     pub choice: WorldChoice,
-    /// Number of ticks (ms)
+    /// Drive for this number of ticks of 1 ms
     #[arg(long, default_value_t = 10_000_000, value_parser = whole::<u64>(10_000..=4_000_000_000))]
     pub ticks: u64,
-    /// Place of the boards: in-process, or virtual (their images on virtual boards, built if needed)
+    /// Run on boards in-process, or virtual (images on virtual boards, built if needed)
     #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = Place::parse)]
     pub on: Place,
-    /// Seed of all random draws; one seed gives the same bytes
+    /// Use this seed for all random draws; equal seeds give identical output
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
     /// Destination of the result as JSON.

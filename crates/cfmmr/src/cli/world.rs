@@ -16,7 +16,7 @@ pub struct WorldArgs {
     /// Print the world as JSON
     #[arg(long, requires = "name")]
     pub json: bool,
-    /// Print the file of the world, as a start for a new one
+    /// Print the file of the world, as a template for a new world
     #[arg(long, requires = "name", conflicts_with = "json")]
     pub toml: bool,
 }
