@@ -134,7 +134,7 @@ fn error_names_value_and_range() {
          --kill rear@91 | 91 s | at 90.5 s
          --kill beam@1 --no-rps | beam@1 | front or rear
          --restart-after 0 | 0 | 0.001 to 36000
-         --rows all | --rows | in process";
+         --rows all | --rows | --on in-process";
     assert_refused(folder.path(), "posture --on virtual", table);
     let options = "--profile";
     assert_refused(folder.path(), "posture", options);

@@ -378,7 +378,7 @@ impl RobotArgs {
                     ("--world", choice.world.is_some()),
                 ];
                 let why =
-                    "no effect with --on serial: a real robot has its sensors and its surroundings";
+                    "no effect with --on serial: sensors and world are those of the real robot";
                 refuse(&given, why)?;
                 self.refuse_of_virtual_boards()
             }

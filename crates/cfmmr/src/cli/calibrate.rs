@@ -107,7 +107,7 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
 fn calibrate_real(args: &CalibrateArgs) -> Result<(), Error> {
     if args.what != CalibrateWhat::Gauges {
         return Err(Error::input(
-            "--on serial: only with gauges: the other procedures act on the simulated robot",
+            "--on serial: must be in-process or virtual: only `calibrate gauges` acts on a real robot",
         ));
     }
     if args.out.is_some() || args.scenario.is_given() || args.seed != 1 || args.laps != 6 {

@@ -92,7 +92,7 @@ pub fn run(args: &CampaignArgs) -> Result<(), Error> {
 fn shard(args: &CampaignArgs, variable: impl Fn(&str) -> Option<OsString>) -> Result<(), Error> {
     let Some(file) = &args.file else {
         return Err(Error::input(
-            "missing argument: give the FILE of a study, merge or status",
+            "missing argument: type FILE (a study), merge or status",
         ));
     };
     let mut study = Study::load(file)?;

@@ -17,8 +17,8 @@ pub fn markdown() -> String {
          - **degraded**: drive on for a limited time and distance;\n\
          - **stop**: decelerate all axles together along their path, then switch the motors off;\n\
          - **cut**: switch the motors off at once.\n\n\
-         A stop and a cut stay until they are cleared. *holds for* is the time that a condition must last.\n\n\
-         *bit* is its place among the notices of a heartbeat.\n\n\
+         A stop or cut is latched until cleared. *holds for* is the time that a condition must last.\n\n\
+         *bit* is the bit of the condition in the notices of a heartbeat.\n\n\
          | code | bit | class | name | holds for | meaning | remedy |\n|---|---|---|---|---|---|---|\n",
     );
     for entry in &TABLE {
@@ -60,7 +60,7 @@ pub fn markdown() -> String {
     for state in OperatingState::ALL {
         let _ = writeln!(text, "| {} | {} |", state.name(), led::Pattern(state));
     }
-    text += "| – | 20 flashes a second: the crystal is missing or has not 8 MHz; the board tries again every 2 s |\n";
+    text += "| – | 20 flashes a second: the crystal is missing or not of 8 MHz; the board retries every 2 s |\n";
     text
 }
 

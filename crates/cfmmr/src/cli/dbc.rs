@@ -45,7 +45,7 @@ pub fn run(args: &DbcArgs) -> Result<(), Error> {
 /// The messages as a table in Markdown.
 fn page() -> String {
     let mut text = String::from(
-        "| id | message | from | every (ms) | counts for (ms) | meaning |\n|---|---|---|---|---|---|\n",
+        "| id | message | from | period (ms) | timeout (ms) | meaning |\n|---|---|---|---|---|---|\n",
     );
     let time = |ms: u16| {
         if ms == 0 {

@@ -235,7 +235,7 @@ fn show([major, minor, patch]: Version) -> String {
 /// Check of a program that must have version `oldest` or newer.
 fn program(name: &'static str, arguments: &[&str], oldest: Version, remedy: &str) -> Check {
     let not = |finding, found: String| {
-        let need = format!("{remedy} (at least {} is needed)", show(oldest));
+        let need = format!("{remedy} (version {} or newer)", show(oldest));
         Check::not(name, finding, found, need)
     };
     match ask(name, arguments) {
@@ -332,7 +332,7 @@ fn runner(replaced_by: Option<&str>) -> Check {
             Finding::Unusable,
             one_line(runner),
             format!(
-                "unset {RUNNER_VARIABLE}, or add {} to it: else a board halts at a reset and at a hard fault",
+                "unset {RUNNER_VARIABLE}, or add {} to its value: otherwise a board halts at resets and hard faults",
                 RUNNER_OPTIONS.join(" ")
             ),
         ),
@@ -358,7 +358,7 @@ fn probe() -> Check {
             NAME,
             Finding::Missing,
             "none",
-            "plug one in; on Linux it needs probe-rs's udev rules (https://probe.rs/docs)",
+            "connect a debug probe; on Linux, install the udev rules of probe-rs (https://probe.rs/docs)",
         ),
     }
 }
@@ -413,7 +413,7 @@ fn ports(found: &[Port]) -> Check {
             NAME,
             Finding::Missing,
             "none",
-            "plug in a board's USB serial adapter (docs/hil.md)",
+            "connect a board's USB serial adapter (docs/hil.md)",
         ),
         None => Check::ok(NAME, names),
         Some(port) => Check::not(

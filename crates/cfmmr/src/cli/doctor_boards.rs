@@ -52,7 +52,7 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
         let port = links.port_of(role);
         let row = match port.filter(|port| dead.contains(port)) {
             Some(port) => Err(Error::NoAnswer(format!(
-                "{} board: not asked: it is behind the port of the {} board",
+                "{} board: not read: the port of the {} board does not answer",
                 ROBOT.name(role),
                 ROBOT.name(port)
             ))),

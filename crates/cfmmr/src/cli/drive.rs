@@ -45,8 +45,8 @@ pub struct DriveArgs {
 
 /// Scenario keys that the steps replace.
 const STEPS: Taken = &[
-    ("mission.start", "in a drive: use --from"),
-    ("mission.goal", "in a drive: use goto"),
+    ("mission.start", "with drive: use --from"),
+    ("mission.goal", "with drive: use the step goto"),
 ];
 
 /// Runs the command.
@@ -61,7 +61,7 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
             let keyboard = Keyboard::of_driver(script::limits(&context.scenario));
             if !terminal::is_interactive() {
                 return Err(Error::input(
-                    "STEP or --script FILE: needed where there is no terminal to drive at",
+                    "STEP or --script FILE: missing: the keyboard drives only if standard input and output are a terminal",
                 ));
             }
             dashboard::check()?;

@@ -86,7 +86,7 @@ fn settings(args: &FaultsArgs) -> Result<Campaign, Error> {
         Place::InProcess => None,
         Place::Serial(_) => {
             return Err(Error::input(
-                "--on: faults are put into in-process or virtual boards",
+                "--on: must be in-process or virtual: real boards have no fault injection",
             ));
         }
     };
@@ -118,7 +118,7 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
     let text = report.markdown() + &report.complaints();
     json.print_page(&text)?;
     if report.interrupted {
-        let text = "interrupted: the table is that of the runs so far";
+        let text = "interrupted: the table contains the finished runs only";
         return Err(Error::Interrupted(text.to_owned()));
     }
     match report.wrong() {

@@ -63,7 +63,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     let plan = args.plan.plan(LEAST_S)?;
     if !context.scenario.world.bus.quantise {
         return Err(Error::input(
-            "bus.quantise = false: must be true with boards behind links",
+            "bus.quantise = false: must be true with boards in the loop",
         ));
     }
     let watch = args.log.watch();
@@ -97,7 +97,7 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Mission, Error> {
     args.drive.sensors.apply(scenario);
     if !scenario.mission.rps && args.boards.on.port(Role::beam(0)).is_some() {
         return Err(Error::input(
-            "--on serial:beam: no beam board without the relative position sensor",
+            "--on serial: beam=PORT: must be left out without the relative position sensor (--no-rps)",
         ));
     }
     let (path, path_mode) = match (&args.follow, &args.track) {

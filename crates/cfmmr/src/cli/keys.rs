@@ -114,8 +114,8 @@ pub fn markdown() -> Result<String, Error> {
         "# Keys of a scenario\n\n\
          Printed by `cfmmr keys`. `--set KEY=VALUE` and a file given with `--scenario` change a key; the key is\n\
          the table's name, a dot and the name in the row. Defaults of `plant`, `spread`, `sensors` and `bus`\n\
-         are those of no world: a [world](worlds.md) replaces them, and `cfmmr config` prints the values of\n\
-         one. A key without a default is not set. Bounds of a list are those of each entry. A scenario has one\n\
+         apply without a world: a [world](worlds.md) replaces them, and `cfmmr config` prints the values of\n\
+         a world. A key without a default is not set. Bounds of a list apply to each entry. A scenario has one\n\
          of the tables `plant.tyre.creep`, without a world, and `plant.tyre.brush`: a key of one replaces the other.\n\
          Further keys:\n\
          `world`, the name of a world, and `boards.front`, `boards.rear` and `boards.beam` with the\n\

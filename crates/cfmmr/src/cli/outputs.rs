@@ -170,7 +170,7 @@ fn check_folder(command: &str, named: &[Named]) -> Result<(), Error> {
     });
     if let Some(it) = taken {
         return Err(Error::input(format!(
-            "{} {}: the run writes this file of --out itself: must be another name",
+            "{} {}: the run writes this file in --out as a result: must have another name",
             it.option,
             it.path.display()
         )));
@@ -179,7 +179,7 @@ fn check_folder(command: &str, named: &[Named]) -> Result<(), Error> {
         let path = folder.join(name);
         if fs::metadata(&path).is_ok_and(|data| !data.is_file()) {
             return Err(Error::input(format!(
-                "--out: {}: must be a regular file, for the run replaces it",
+                "--out: {}: must be a regular file: the run replaces this file",
                 path.display()
             )));
         }

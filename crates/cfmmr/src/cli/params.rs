@@ -407,7 +407,9 @@ fn change(
     // After an error, the table shows the values set before the error.
     let note = match save {
         true => format!("{written} values written to the flash"),
-        false => "checked and not saved: the boards keep their values; use --save".to_owned(),
+        false => {
+            "checked and not saved: the boards keep their old values; save with --save".to_owned()
+        }
     };
     json.print(&format!("{table}{note}\n"))?;
     done

@@ -59,7 +59,7 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
     let outside = args.robot.boards.on.is_outside();
     if outside && (args.trials.is_some() || args.rows.is_some()) {
         return Err(Error::input(
-            "--trials, --rows: only in process; on boards there is one run of one robot",
+            "--trials, --rows: only with --on in-process; with other boards, posture is one run of one robot",
         ));
     }
     let mut context = args.common.context("posture")?;

@@ -175,7 +175,7 @@ pub fn run(args: &SoakArgs) -> Result<(), Error> {
     let json = args.json.open()?;
     if !args.ticks.is_multiple_of(10) {
         return Err(Error::input(format!(
-            "--ticks {}: must be a multiple of 10: the robot is judged at the end of an epoch",
+            "--ticks {}: must be a multiple of 10, the ticks of an epoch",
             args.ticks
         )));
     }
@@ -221,7 +221,7 @@ pub fn run(args: &SoakArgs) -> Result<(), Error> {
     let printed = json.print_page(&markdown(&measured, &scenario));
     match measured.problems.as_slice() {
         _ if interrupt.load(Relaxed) => Err(Error::Interrupted(
-            "interrupted: the table is that of the time so far".to_owned(),
+            "interrupted: the table ends at the interrupt".to_owned(),
         )),
         [] => printed,
         problems => Err(Error::Failure(problems.join("; "))),

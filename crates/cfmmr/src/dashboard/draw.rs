@@ -164,7 +164,7 @@ fn footer(view: &View) -> Line<'static> {
     };
     if let Some(end) = &view.end {
         return Line::styled(
-            format!(" {end}; q: leave"),
+            format!(" {end}; q: quit"),
             Style::new().add_modifier(Modifier::BOLD),
         );
     }
@@ -194,7 +194,7 @@ fn node_lines(view: &View) -> Vec<Line<'static>> {
     for node in &view.nodes {
         let name = Span::raw(format!("{:<10}", node.name));
         let Some(status) = node.latest else {
-            lines.push(Line::from(vec![name, Span::styled("not heard", DIM)]));
+            lines.push(Line::from(vec![name, Span::styled("no heartbeat", DIM)]));
             continue;
         };
         let age = view.time_s - status.time_s;
@@ -514,7 +514,7 @@ mod tests {
                 "Lead Active 40",
                 "FrontAxle Armed 40",
                 "RearAxle Idle 40",
-                "Beam not heard",
+                "Beam no heartbeat",
                 "front 123456 12 345",
                 "rear without a port",
                 "beam off",

@@ -153,7 +153,7 @@ impl Statement {
 
     fn words(self) -> &'static str {
         match self {
-            Self::Consistent => "consistent (inside band)",
+            Self::Consistent => "consistent (in band)",
             Self::Cautious => "cautious (below)",
             Self::Overconfident => "overconfident (above)",
         }
@@ -428,7 +428,7 @@ fn table(report: &Report, variants: &[Variant]) -> String {
     let [low, high] = report.band;
     let mut table = Table::new([
         "",
-        "claims are",
+        "verdict",
         "front",
         "rear",
         "O",
@@ -451,9 +451,9 @@ fn table(report: &Report, variants: &[Variant]) -> String {
     format!(
         "NEES of the estimated postures (3 degrees of freedom), {} runs a row; consistent: {low:.2} \
          to {high:.2}\n\n{table}\n\
-         claims are: NEES of both axles against the 95 % band. front, rear, O: mean over all runs at \
-         their end, expected 3.\nbelow 7.81: share of runs within the 95 % ellipsoid (the worse axle). path: \
-         mean over the runs and every\nhalf second. beam NIS: normalised innovation squared of the \
+         verdict: NEES of both axles against the 95 % band. front, rear, O: mean NEES at the end of the \
+         runs, expected 3.\nbelow 7.81: share of runs within the 95 % ellipsoid (the worse axle). path: \
+         mean over runs and time, every\nhalf second. beam NIS: normalised innovation squared of the \
          beam, expected {NIS_EXPECTED}.\n",
         report.runs
     )

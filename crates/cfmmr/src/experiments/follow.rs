@@ -95,10 +95,13 @@ pub struct Course {
 /// Scenario keys that the path replaces.
 pub const PATH: Taken = &[
     ("mission.start", "along a path: use --from"),
-    ("mission.goal", "along a path: the path ends there"),
+    (
+        "mission.goal",
+        "along a path: the end of the path is the goal",
+    ),
     (
         "mission.time_limit_s",
-        "along a path: the expected duration decides",
+        "along a path: the limit follows from the expected duration",
     ),
 ];
 
@@ -330,7 +333,7 @@ fn table(heading: &str, report: &Report, outcome: &Outcome) -> String {
         "",
         "rms (mm)",
         "max (mm)",
-        "max across (mm)",
+        "max lateral (mm)",
         "rms heading (°)",
         "final (mm)",
         "final heading (°)",

@@ -204,11 +204,14 @@ impl Context {
 
     /// Refuses keys of `--set` without effect on a real robot, whose parameters are in its boards.
     pub fn check_mission_keys(&self) -> Result<(), Error> {
-        let rps = ("mission.rps", "for a real robot: it has its sensors");
+        let rps = (
+            "mission.rps",
+            "for a real robot: the fitted sensors are used",
+        );
         self.given.check(&[rps], &[])?;
         self.given.check_only(
             "mission",
-            "for a real robot: its boards have their parameters, see `cfmmr params`",
+            "for a real robot: set parameters in its boards by `cfmmr params`",
         )
     }
 
@@ -254,7 +257,7 @@ impl Context {
         match failed {
             // After an interrupt, an error of printing is ignored.
             _ if self.workers.is_interrupted() => Err(Error::Interrupted(
-                "interrupted: the results are those of what was done".to_owned(),
+                "interrupted: the results are incomplete".to_owned(),
             )),
             Some(why) => Err(Error::Failure(match printed {
                 Ok(()) => why,

@@ -168,12 +168,12 @@ fn read_log(wanted: &Wanted, name: &str, to: &mut dyn FnMut(Role, Event)) -> Res
     match input::has_edges(&wanted.log, MAGIC).map_err(refuse)? {
         [false, _] => {
             return Err(Error::input(format!(
-                "{name}: not a complete MCAP file: its first bytes are wrong; another type of file"
+                "{name}: not an MCAP file: the first bytes are wrong"
             )));
         }
         [true, false] if !wanted.recover => {
             return Err(Error::input(format!(
-                "{name}: not a complete MCAP file: truncated; `cfmmr replay --recover {name}` writes what is whole"
+                "{name}: truncated MCAP file: `cfmmr replay --recover {name}` recovers the intact records"
             )));
         }
         _ => {}
@@ -192,7 +192,7 @@ fn read_log(wanted: &Wanted, name: &str, to: &mut dyn FnMut(Role, Event)) -> Res
     let file = input::open(&wanted.log, input::LOG).map_err(refuse)?;
     read::stream(BufReader::new(file), name, to).map_err(|error| {
         Error::input(format!(
-            "{error}; `cfmmr replay --recover {name}` writes what is whole"
+            "{error}; `cfmmr replay --recover {name}` recovers the intact records"
         ))
     })
 }
@@ -278,9 +278,9 @@ fn table(report: &Report) -> String {
         "",
         "position rms (mm)",
         "max (mm)",
-        "at the end (mm)",
+        "final (mm)",
         "heading rms (°)",
-        "at the end (°)",
+        "final (°)",
         "axle to axle rms (mm)",
         "NEES",
         "NIS",
@@ -313,8 +313,8 @@ fn table(report: &Report) -> String {
     }
     format!(
         "\nEstimated less true state of the midpoint O, {} estimates\n\n{table}\n\
-         NEES: normalised square of the error of O, expected 3; NIS: of the innovation of the beam, expected\n\
-         {NIS_EXPECTED}. rejected: innovations beyond the gate.\n",
+         NEES: normalised estimation error squared of O, expected 3; NIS: normalised innovation squared of the\n\
+         beam, expected {NIS_EXPECTED}. rejected: innovations beyond the gate.\n",
         report.recorded.count
     )
 }

@@ -197,7 +197,7 @@ impl Report {
         }
         let missed: u64 = self.windows.iter().map(|window| window.missed).sum();
         if missed > 0 {
-            problems.push(format!("{missed} goals were not reached"));
+            problems.push(format!("{missed} goals not reached"));
         }
         for (reason, count) in &self.faults {
             problems.push(format!("{count} stops: {reason}"));

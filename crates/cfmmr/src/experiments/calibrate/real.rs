@@ -39,10 +39,10 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
             format!("on the former of {curvature} per metre"),
         ),
     };
-    if former.is_some_and(|curvature| curvature.abs() < 0.1) {
-        return Err(Error::input(
-            "--former: must be at least 0.1 per metre: a flatter former shows no gain",
-        ));
+    if let Some(flat) = former.filter(|curvature| curvature.abs() < 0.1) {
+        return Err(Error::input(format!(
+            "--former {flat}: must be at least 0.1 per metre in magnitude: a flatter former does not determine the gains"
+        )));
     }
     // Tells the answer from answers to earlier processes.
     let sequence = (std::process::id() % 256) as u8;
@@ -56,7 +56,7 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
     let log = BoardLog::new(links.robot.name(Role::LEAD));
     let Some(port) = links.open(Role::LEAD, &log)? else {
         return Err(Error::input(
-            "--on serial: must be serial:front=PORT: the request passes the front board",
+            "--on serial: must be serial:front=PORT: the request passes through the front board",
         ));
     };
     if confirm {
@@ -84,7 +84,7 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
 fn wait(hold: &str) -> Result<(), Error> {
     if !io::stdin().is_terminal() {
         return Err(Error::input(
-            "no terminal for a confirmation that the strip is held: use --yes",
+            "standard input is not a terminal, so the held strip cannot be confirmed: use --yes",
         ));
     }
     // Standard output may carry the JSON result.
@@ -126,6 +126,6 @@ fn request(
         }
     }
     Err(Error::Failure(format!(
-        "beam board: no answer in {PATIENCE:?}: check that it is on the bus"
+        "beam board: no answer in {PATIENCE:?}: check that the beam board is on the bus"
     )))
 }

@@ -108,7 +108,7 @@ impl Directory {
             return spoiled("belongs to a different study".to_owned());
         }
         if read.made_by != BUILD {
-            return spoiled(format!("was not written by {BUILD}"));
+            return spoiled(format!("was written by another build than {BUILD}"));
         }
         let runs = read.rows.iter().map(|row| row.run);
         if !runs.eq(self.study.block_runs(block)) {

@@ -88,7 +88,7 @@ pub fn ranges(numbers: &[u64]) -> String {
 
 fn interrupted(done: u64, all: u64) -> Error {
     Error::Interrupted(format!(
-        "interrupted after {done} of {all} runs; the same command computes the others"
+        "interrupted after {done} of {all} runs; repeat the command to compute the other runs"
     ))
 }
 
@@ -100,7 +100,7 @@ fn missing(directory: &Directory, blocks: &[u64]) -> Result<Vec<u64>, Error> {
             Block::Complete(_) => {}
             Block::Missing => missing.push(block),
             Block::Spoiled(why) => {
-                note(format!("{why}: recomputed"));
+                note(format!("{why}: the block is recomputed"));
                 missing.push(block);
             }
         }
@@ -190,7 +190,9 @@ pub fn merge(
                 from.display()
             )));
         }
-        note(format!("cfmmr: {left_out}: the others are left out"));
+        note(format!(
+            "cfmmr: {left_out}: missing and damaged blocks are left out"
+        ));
     }
     let study = directory.study();
     let content = rows::csv(study, &runs).into_bytes();

@@ -226,11 +226,12 @@ impl Study {
             for other in &self.vary[..i] {
                 let (key, other) = (&vary.key, &other.key);
                 if key == other {
-                    return Err(Error::input(format!("vary {key}: stands twice")));
+                    return Err(Error::input(format!("vary {key}: is listed twice")));
                 }
                 if is_part(key, other) || is_part(other, key) {
-                    let text =
-                        format!("vary {key}: sets a part of what vary {other} sets, or the whole");
+                    let text = format!(
+                        "vary {key}: contains or is part of vary {other}: must be separate keys"
+                    );
                     return Err(Error::input(text));
                 }
             }

@@ -78,7 +78,7 @@ fn error_of_a_study_names_file_and_key() {
         values = [true, false] => values = [true, 3] => mission.rps
         mission.rps => mission.rsp => rsp
         mission.rps => plant.tyre.creep.velocity_m_s => twice
-        mission.rps => plant.tyre => vary plant.tyre: sets a part of what vary plant.tyre.creep.velocity_m_s
+        mission.rps => plant.tyre => vary plant.tyre: contains or is part of vary plant.tyre.creep.velocity_m_s
         [-0.5, 0.1, 0.0] => [-0.5, 0.1] => start
         seed = 3 => sede = 3 => sede"#;
     for change in changes.trim().lines() {

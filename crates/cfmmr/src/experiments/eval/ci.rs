@@ -75,7 +75,7 @@ impl Kernel for Ci {
         .map_err(|error| error.to_string())?;
         let fused = intersection
             .fuse_extended(&a, &b)
-            .ok_or("A, B: too nearly singular, or too different in size, for single precision")?;
+            .ok_or("A, B: nearly singular, or too different in size, for single precision")?;
         let x: [f32; 3] = fused.estimate.posture.into();
         Ok(json!({ "omega": fused.omega, "x": x, "P": fused.estimate.covariance }))
     }

@@ -46,7 +46,9 @@ impl<T> Stage<T> {
         step: impl FnOnce(&mut T, &Step) -> Result<Value, String>,
     ) -> Result<Value, String> {
         match self {
-            Self::Refused => Err("the first line was rejected".to_owned()),
+            Self::Refused => {
+                Err("the first line was rejected, so the algorithm is not configured".to_owned())
+            }
             Self::Running(run) => step(run, &parse(text)?),
             Self::Unconfigured => {
                 *self = Self::Refused;

@@ -168,7 +168,7 @@ impl Mission {
             (Self::Script { .. }, Outcome::Script(steps)) => {
                 return steps::publish(context, &steps);
             }
-            _ => return Err(Error::Failure("another task's outcome".to_owned())),
+            _ => return Err(Error::Failure("outcome of another mission".to_owned())),
         };
         let report = report.map_err(|error| Error::Failure(error.to_string()))?;
         Ok((text, report, files))

@@ -163,7 +163,7 @@ fn failure(driven: &Driven<Outcome>, problem: Option<String>) -> Option<String> 
 fn happenings(late_ticks: Option<u32>, events: &[Event], nodes: &[Status]) -> String {
     let faults = nodes.iter();
     let faults = faults.filter(|status| status.state == OperatingState::Fault);
-    let late = late_ticks.map(|late| format!("{late} ticks began more than a tick late\n"));
+    let late = late_ticks.map(|late| format!("{late} ticks began more than one tick late\n"));
     let lines = events.iter().map(|event| format!("{event}\n"));
     let lines = late.into_iter().chain(lines);
     lines

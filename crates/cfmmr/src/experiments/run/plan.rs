@@ -31,7 +31,7 @@ impl Plan {
             let kill = format!("--kill {board}@{at}");
             if failure.role.is_beam() && !scenario.mission.rps {
                 return Err(Error::input(format!(
-                    "{kill}: must be front or rear: no beam board without the relative position sensor"
+                    "{kill}: must be front or rear: without the relative position sensor there is no beam board"
                 )));
             }
             if at >= end {

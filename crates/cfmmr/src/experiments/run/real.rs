@@ -80,8 +80,8 @@ fn open(robot: Topology, site: &Site, records: bool) -> Result<(Connect, Vec<Oth
     let (place, baud) = (&site.place, site.baud);
     let Some(front) = place.port(Role::LEAD) else {
         return Err(Error::input(
-            "--on serial: must be serial:front=PORT[,rear=PORT][,beam=PORT]: the front board's port is that of the \
-             robot; the other boards are recorded at theirs",
+            "--on serial: must be serial:front=PORT[,rear=PORT][,beam=PORT]: the front board's port commands the \
+             robot; the other ports only record",
         ));
     };
     let others = robot.boards().filter(|role| *role != Role::LEAD);
@@ -175,7 +175,7 @@ fn values(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> Valu
 }
 
 fn table(values: &Values) -> String {
-    let mut table = Table::new(["robot at its front board", ""]);
+    let mut table = Table::new(["real robot", ""]);
     let mut row = |name: &str, value: String| {
         table.row([name.to_owned(), value]);
     };
@@ -209,11 +209,14 @@ fn table(values: &Values) -> String {
         false => format!("{}\n{table}\n", steps::table(&values.steps)),
     };
     if values.lost > 0 {
-        text += &format!("the front board had no room for {} frames\n", values.lost);
+        text += &format!(
+            "the front board's buffer was full: {} frames are lost\n",
+            values.lost
+        );
     }
     if values.reconnected > 0 {
         text += &format!(
-            "its serial port was opened again, times: {}\n",
+            "the front board's port was reopened, times: {}\n",
             values.reconnected
         );
     }

@@ -81,7 +81,7 @@ impl Steps {
             Some(why) => Some(format!("line {}: {}: {why}", step.line, step.step)),
             None if self.ends.len() < self.count || !step.end.is_success() => {
                 let (taken, count) = (self.ends.len(), self.count);
-                Some(format!("{taken} of {count} steps were taken"))
+                Some(format!("{taken} of {count} steps were executed"))
             }
             None => None,
         }
@@ -103,7 +103,7 @@ pub fn publish(
 ) -> Result<(String, serde_json::Value, OutputDir), Error> {
     let mut files = context.output()?;
     let done = taken.ends.iter().filter(|step| step.end.is_success());
-    let title = format!("{} of {} steps carried out", done.count(), taken.count);
+    let title = format!("{} of {} steps succeeded", done.count(), taken.count);
     let end = taken.end();
     draw(
         context,
@@ -152,7 +152,7 @@ pub fn table(steps: &[StepEnd]) -> String {
         "x (m)",
         "y (m)",
         "φ (°)",
-        "off (cm)",
+        "error (cm)",
         "time (s)",
     ]);
     let mut notices = String::new();
@@ -183,7 +183,7 @@ pub fn table(steps: &[StepEnd]) -> String {
         }
     }
     format!(
-        "{table}\nPostures are the robot's estimates; off: distance of the true midpoint from the estimate.\n{notices}"
+        "{table}\nPostures are estimates; error: distance of the estimated from the true midpoint.\n{notices}"
     )
 }
 
