@@ -61,7 +61,8 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
             let keyboard = Keyboard::of_driver(script::limits(&context.scenario));
             if !terminal::is_interactive() {
                 return Err(Error::input(
-                    "STEP or --script FILE: missing: the keyboard drives only if standard input and output are a terminal",
+                    "STEP or --script FILE: missing: the keyboard drives only if standard input and output are \
+                     a terminal",
                 ));
             }
             dashboard::check()?;

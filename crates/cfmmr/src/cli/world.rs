@@ -59,7 +59,7 @@ pub fn run(args: &WorldArgs) -> Result<(), Error> {
         ]);
     }
     terminal::print(&format!(
-        "World {name}. Keys of spread and keys with sigma: standard deviation of a value drawn in each trial. Below the \
-         line: base values.\n\n{table}"
+        "World {name}. Keys of spread and keys with sigma: standard deviation of a value drawn in each trial. Below \
+         the line: base values.\n\n{table}"
     ))
 }

@@ -41,7 +41,8 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
     };
     if let Some(flat) = former.filter(|curvature| curvature.abs() < 0.1) {
         return Err(Error::input(format!(
-            "--former {flat}: must be at least 0.1 per metre in magnitude: a flatter former does not determine the gains"
+            "--former {flat}: must be at least 0.1 per metre in magnitude: a flatter former does not determine \
+             the gains"
         )));
     }
     // Tells the answer from answers to earlier processes.
