@@ -113,7 +113,7 @@ fn calibrate_real(args: &CalibrateArgs) -> Result<(), Error> {
     if args.out.is_some() || args.scenario.is_given() || args.seed != 1 || args.laps != 6 {
         return Err(Error::input(
             "--out, --world, --scenario, --set, --seed, --laps: no effect with --on serial: the beam board computes and \
-             saves the calibration; read it with cfmmr params export",
+             saves the calibration; read the values with cfmmr params export",
         ));
     }
     let json = args.json.open()?;

@@ -55,7 +55,7 @@ pub fn markdown() -> String {
         let cells: Vec<String> = cells.collect();
         let _ = writeln!(text, "| **{}** | {} |", state.name(), cells.join(" | "));
     }
-    text += "\n## LED\n\nThe LED of a board (PC12) shows the state of its node; on the front board that of the axle.\n\n\
+    text += "\n## LED\n\nThe LED of a board (PC12) shows the state of the board's node; on the front board, of the axle node.\n\n\
              | state | LED |\n|---|---|\n";
     for state in OperatingState::ALL {
         let _ = writeln!(text, "| {} | {} |", state.name(), led::Pattern(state));

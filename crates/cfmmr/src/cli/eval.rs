@@ -52,7 +52,7 @@ pub fn run(args: &EvalArgs) -> Result<(), Error> {
     match eval::run(kernel.as_mut(), io::stdin().lock(), output) {
         Ok(true) => Ok(()),
         Ok(false) => Err(Error::input(
-            "at least one line was rejected; see its \"error\"",
+            "at least one line was rejected; see \"error\" in the output",
         )),
         // A reader that closes the pipe early (head) is no failure.
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),

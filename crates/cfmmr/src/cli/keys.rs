@@ -116,7 +116,7 @@ pub fn markdown() -> Result<String, Error> {
          the table's name, a dot and the name in the row. Defaults of `plant`, `spread`, `sensors` and `bus`\n\
          apply without a world: a [world](worlds.md) replaces them, and `cfmmr config` prints the values of\n\
          a world. A key without a default is not set. Bounds of a list apply to each entry. A scenario has one\n\
-         of the tables `plant.tyre.creep`, without a world, and `plant.tyre.brush`: a key of one replaces the other.\n\
+         tyre table, `plant.tyre.creep` (without a world) or `plant.tyre.brush`: a key of one replaces the other table.\n\
          Further keys:\n\
          `world`, the name of a world, and `boards.front`, `boards.rear` and `boards.beam` with the\n\
          [parameters](parameters.md) of one board.\n",

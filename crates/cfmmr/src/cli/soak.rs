@@ -157,7 +157,7 @@ fn verdict(ticks: u64, problems: &[String]) -> String {
     let trend = match ticks >= JUDGED {
         true => "The trend of the NIS is within three standard errors or a tenth of the mean."
             .to_owned(),
-        false => format!("The trend of the NIS is judged from {JUDGED} ticks on."),
+        false => format!("The trend of the NIS is checked from {JUDGED} ticks on."),
     };
     match problems {
         [] => format!(

@@ -104,8 +104,8 @@ pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
     let scenario = recorded_scenario(&run, &name)?;
     if !scenario.world.bus.quantise {
         return Err(Error::input(format!(
-            "{name}: recorded with bus.quantise = false: its messages differ from its frames, \
-             so it cannot be replayed"
+            "{name}: recorded with bus.quantise = false: messages differ from bus frames, \
+             so the log cannot be replayed"
         )));
     }
     let mut report = Report {

@@ -253,7 +253,7 @@ pub fn calibrate_wheels(
         .collect();
     report.notes.push(format!(
         "creep under the frame's moment: {} rad/s per rad of relative heading; \
-         the joint filter estimates it, no parameter corrects it",
+         the joint filter estimates the creep, no parameter corrects it",
         creep.join(" and ")
     ));
     Ok(report)
@@ -353,7 +353,7 @@ pub fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report,
         report.find(role, "inertial.gyro_gain", before, gain, truth)?;
         let bias = turned[i].iter().map(turns::Turn::bias).sum::<f64>() / turned[i].len() as f64;
         report.notes.push(format!(
-            "{name} gyro: bias {:+.3} mrad/s at rest (true {:+.3}); not stored, each board estimates it at rest",
+            "{name} gyro: bias {:+.3} mrad/s at rest (true {:+.3}); not stored: each board estimates the bias at rest",
             1e3 * bias,
             1e3 * bench.robot().gyro_bias[i]
         ));

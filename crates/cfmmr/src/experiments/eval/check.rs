@@ -122,7 +122,7 @@ pub fn covariance<const N: usize>(
             }
             if scale == 0.0 && m[i][j] != 0.0 {
                 return Err(format!(
-                    "{field}[{i}][{j}] = {}: must be 0 beside a variance of 0",
+                    "{field}[{i}][{j}] = {}: must be 0 if a variance is 0",
                     m[i][j]
                 ));
             }
