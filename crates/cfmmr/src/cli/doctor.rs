@@ -64,7 +64,7 @@ impl Finding {
 pub struct Check {
     /// Tool or device.
     pub name: &'static str,
-    /// True if simulation or hardware in the loop need it.
+    /// True if simulation or hardware in the loop need the tool or device.
     pub needed: bool,
     /// Result.
     pub finding: Finding,

@@ -126,7 +126,7 @@ fn check_each(command: &str, named: &[Named]) -> Result<(), Error> {
             .extension()
             .is_some_and(|end| end.eq_ignore_ascii_case("csv"));
         let tried = match it.option.as_str() {
-            // Checked when it is opened.
+            // `JsonArgs::open` checks the JSON file.
             "--json" => Ok(()),
             "--out" if !WITH_OUTPUT_FILE.contains(&command) => {
                 OutputDir::create(&it.path).map(drop)

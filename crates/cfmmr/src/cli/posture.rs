@@ -51,7 +51,7 @@ pub struct PostureArgs {
     pub robot: RobotArgs,
 }
 
-/// Number of trials a row.
+/// Default number of trials per row.
 const TRIALS: u32 = 50;
 
 /// Runs the command.

@@ -84,7 +84,7 @@ impl Dashboard {
 
 impl Observer for Dashboard {
     fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error> {
-        // A drive by keyboard stops the robot before the run ends.
+        // After q, a drive by keyboard stops the robot and ends the run itself.
         let by_itself = self.keyboard.drives() && !self.keyboard.is_interrupted();
         if self.keyboard.is_ended() && !by_itself {
             self.interrupt.store(true, Relaxed);

@@ -31,7 +31,7 @@ pub const DEGREES: usize = 3;
 pub const PROBABILITY: f64 = 0.95;
 /// Evaluated bodies, in the order of all arrays in this module.
 pub const BODIES: [&str; 3] = ["front", "rear", "O"];
-/// Epochs between two evaluated instants; below, the same in s.
+/// Epochs between two evaluated instants; next constant: this time in s.
 const INTERVAL: usize = 50;
 const INTERVAL_S: f64 = 0.5;
 

@@ -281,7 +281,7 @@ fn table(report: &Report) -> String {
         "final (mm)",
         "heading rms (°)",
         "final (°)",
-        "axle to axle rms (mm)",
+        "relative position rms (mm)",
         "NEES",
         "NIS",
         "rejected",

@@ -1,5 +1,5 @@
-//! Calibration of wheels, strain gauges and gyros. All procedures calibrate one simulated robot. The report, not the
-//! calibration, reads its true errors.
+//! Calibration of wheels, strain gauges and gyros. All procedures calibrate one simulated robot. Only the report reads
+//! the robot's true errors.
 
 pub mod gauges;
 pub mod procedures;
@@ -42,7 +42,7 @@ pub const FORMER_SIGMA: f64 = 1e-3;
 /// Standard deviation of the angle at which a turn by hand stops, rad.
 pub const MARK_SIGMA_RAD: f64 = 2e-3;
 
-/// Half side of the square, m; below, the radius of its corners, m.
+/// Half side of the square, m; next constant: radius of the corners, m.
 const HALF_SIDE_M: f64 = 1.0;
 const CORNER_M: f64 = 0.6;
 

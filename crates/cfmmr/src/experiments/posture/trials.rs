@@ -56,7 +56,7 @@ pub fn run(
         Ok(kept)
     })?;
     for (row, (scenario, block)) in rows.iter().zip(&mut blocks).enumerate() {
-        // The median trial is known only after all trials, so it is repeated to record every epoch.
+        // The median trial is known only after all trials, so that trial is repeated to record every epoch.
         if is_shown(row) && !block.is_empty() {
             let median = pictures::median_trial(block, scenario.mission.goal);
             if block[median].records.is_empty() {

@@ -180,7 +180,7 @@ fn values(
 fn summary(values: &Values) -> String {
     let mut table = Table::new([
         "board",
-        "where",
+        "place",
         "image",
         "frames",
         "lost",

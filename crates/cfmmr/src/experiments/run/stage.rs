@@ -29,7 +29,7 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Fails if the run cannot be shown or recorded; call it before a long computation.
+    /// Fails if the run cannot be shown or recorded; called before a long computation.
     pub fn check(&self) -> Result<(), Error> {
         if self.dashboard {
             dashboard::check()?;
