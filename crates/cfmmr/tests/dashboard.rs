@@ -33,7 +33,7 @@ const LEAVE: &str = "\x1b[?1049l";
 /// Program on its own terminal.
 struct Session {
     keyboard: File,
-    /// The program's end of the terminal, for reading its modes.
+    /// The program's side of the terminal; gives the terminal modes.
     terminal: File,
     screen: Receiver<Vec<u8>>,
     shown: String,

@@ -7,7 +7,7 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::process::Command;
 
-/// Mistakes, and parts of the error.
+/// Wrong commands, each with texts that its error contains.
 const MISTAKES: &str = r#"
 postur | postur | posture | --help
 posture --trial 3 | --trial' | --trials

@@ -189,7 +189,7 @@ fn path_beyond_the_frame_is_refused_with_place_and_value() {
     assert!(Route::new(&ring, 8, &scenario()).is_err());
 }
 
-/// Bad paths, and parts of the error.
+/// Refused paths, each with texts that its error contains.
 const REFUSED: &str = "
 --path hook.csv | hook.csv | curvature | line 4
 --path word.csv | word.csv | line 3 | one

@@ -121,7 +121,7 @@ impl Attendants {
         }
     }
 
-    /// True once after a lease has lapsed.
+    /// True at the first call after the end of a lease.
     pub fn lapses(&mut self, now: u64) -> bool {
         let lapsed = self.commander.ends.is_some_and(|end| now > end);
         if lapsed {
@@ -130,8 +130,8 @@ impl Attendants {
         lapsed
     }
 
-    /// Expected outcome of the frames in one piece. After an action, or during an order, further requests get no reply,
-    /// and the hosts repeat them.
+    /// Expected outcome of frames received together. After an action, or during an order, further requests get no
+    /// reply; the hosts repeat these requests.
     pub fn receive(
         &mut self,
         port: usize,

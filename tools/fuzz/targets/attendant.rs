@@ -61,7 +61,7 @@ impl Bench {
         }
     }
 
-    /// Advances the time and compares the lapse of the lease.
+    /// Advances the time and compares the end of the lease with the model.
     fn wait(&mut self, step: u64) {
         self.station.now += step;
         let lapsed = self.station.lease.take_lapsed(self.station.now);

@@ -11,7 +11,7 @@ use std::sync::LazyLock;
 
 type Sectors = Flash<2048>;
 
-/// Flash of a used store, and the saved settings.
+/// Flash after several saves, and the settings saved last.
 static SAVED: LazyLock<(Sectors, Settings)> = LazyLock::new(|| {
     let mut flash = Sectors::new(3, 1);
     let mut settings = Settings::default();

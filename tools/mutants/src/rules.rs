@@ -349,7 +349,7 @@ impl<'ast> Visit<'ast> for Finder<'_> {
             Item::Impl(item) => &item.attrs,
             Item::Mod(item) => &item.attrs,
             Item::Trait(_) => return visit::visit_item(self, item),
-            // Evaluated by the compiler, or no code.
+            // Other items are evaluated by the compiler or contain no code.
             _ => return,
         };
         let tested = |attribute: &syn::Attribute| {
@@ -503,7 +503,7 @@ fn leaves(block: &Block) -> bool {
     matches!(expr, Expr::Return(_) | Expr::Continue(_) | Expr::Break(_))
 }
 
-/// Byte positions of a punctuation character between the tokens, outside brackets.
+/// Byte positions of the punctuation character `wanted` outside brackets.
 fn top_level(tokens: &proc_macro2::TokenStream, wanted: char) -> Vec<usize> {
     let at = |token: proc_macro2::TokenTree| match token {
         proc_macro2::TokenTree::Punct(punct) if punct.as_char() == wanted => {

@@ -217,7 +217,7 @@ impl Error {
     }
 }
 
-/// Number of the innermost change at each error.
+/// Numbers of the changes that cause the errors: at each error, the innermost change.
 fn refused(parts: &BTreeMap<String, Vec<Part>>, errors: &[Error]) -> BTreeSet<usize> {
     let at = |(file, byte): &(String, usize)| {
         let within = |part: &&Part| (part.from..part.to).contains(byte);

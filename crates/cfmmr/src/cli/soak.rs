@@ -57,7 +57,7 @@ struct Measured {
     problems: Vec<String>,
 }
 
-/// A window's row of the table.
+/// Table row of a window.
 fn row(window: &Window) -> String {
     let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.2}"));
     let error = window.position_m.map(|error| 1e2 * error);

@@ -12,7 +12,7 @@ use ratatui::widgets::{Block, Borders};
 const HALF_TRACK_M: f64 = 0.16;
 /// Least half width and height of the map, m.
 const LEAST_M: f64 = 0.5;
-/// Scale of a standard deviation for 95 % of a plane distribution: √5.991.
+/// Scale of the standard deviations for 95 % of a normal distribution in the plane: √5.991.
 const SCALE_95: f64 = 2.4477;
 
 /// Draws the map.

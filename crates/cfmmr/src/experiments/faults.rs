@@ -212,7 +212,7 @@ impl Report {
     }
 }
 
-/// True if a row of the page contains all ends and codes of a row of fewer runs.
+/// True if a row of the page contains all kinds of ends and all codes of `row`, which has fewer runs.
 fn covers(page: &str, row: &str) -> bool {
     let cells =
         |row: &str| -> Vec<String> { row.split('|').map(|c| c.trim().to_owned()).collect() };

@@ -44,7 +44,7 @@ const APART_M: f64 = 0.65;
 /// Result of the commands.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// Path as given.
+    /// Name or file of the path, as typed.
     pub path: String,
     /// Length of the path over all laps, m.
     pub length_m: f64,
@@ -82,7 +82,7 @@ pub fn names(path_mode: PathMode) -> (&'static str, &'static str) {
 /// Path, route and speed of a drive.
 #[derive(Clone, Debug)]
 pub struct Course {
-    /// Path as given.
+    /// Name or file of the path, as typed.
     pub name: String,
     /// One lap.
     pub path: Path,

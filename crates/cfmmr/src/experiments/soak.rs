@@ -36,7 +36,7 @@ const REST: u64 = 500;
 const RECOVERY: u64 = 2_000;
 /// Half the side of the square of goals, m.
 const SQUARE_M: f64 = 1.5;
-/// Number of pieces whose mean NIS gives the trend.
+/// Number of equal pieces of a run. The mean NIS of each piece gives the trend.
 const PIECES: u64 = 200;
 /// Limit of memory growth after the first window, KiB.
 pub const MEMORY_KIB: u64 = 1024;
@@ -253,9 +253,9 @@ fn resident_kib() -> Option<u64> {
 /// Stage of the drive.
 #[derive(Clone, Copy, Debug)]
 enum Stage {
-    /// At rest until a tick.
+    /// At rest until this tick.
     Resting(u64),
-    /// Driving since a tick.
+    /// Driving since this tick.
     Driving(u64),
 }
 
@@ -390,7 +390,7 @@ impl<R: Robot> Errand<R> for Soak<'_> {
 
     fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress {
         let tick = robot.now() / TICK;
-        // The first estimates precede the start posture.
+        // The first estimates are from before the start posture arrives.
         if since.is_some_and(|since| since >= REST * TICK) {
             self.observe(record);
             self.judge(robot, record, tick);

@@ -107,7 +107,7 @@ fn files_named_in_the_text_exist() {
             let Some(file) = file_of(&code.text) else {
                 continue;
             };
-            // Of a pattern, the folder must exist.
+            // The folder of a pattern must exist.
             let path = match file.split_once('*') {
                 Some((before, _)) => before.rsplit_once('/').map_or("", |(folder, _)| folder),
                 None => file,
@@ -171,7 +171,7 @@ fn items_named_with_a_file_are_in_it() {
         for (file, item) in items_of(&page) {
             let text = fs::read_to_string(root().join(&file.text)).unwrap_or_default();
             count += 1;
-            // Of `Type::function`, both words must be in the file.
+            // Both words of `Type::function` must be in the file.
             if !item.text.split("::").all(|word| has_word(&text, word)) {
                 let place = format!("{}:{}", page.path.display(), item.line);
                 wrong.push(format!("{place}: {} is not in {}", item.text, file.text));

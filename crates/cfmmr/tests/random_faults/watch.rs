@@ -60,7 +60,7 @@ fn is_unsound(value: &dyn std::fmt::Debug) -> bool {
 #[derive(Debug)]
 struct Course {
     state: OperatingState,
-    /// True if the node has a reason to stop, latched until cleared.
+    /// True if a reason to stop is latched.
     latched: bool,
     stopping_since: Option<u32>,
     /// Latest epoch of each message.
@@ -214,7 +214,7 @@ impl AxleWatch {
         self.course
             .step(tick, supervisor, mode == Some(LeadMode::Clear))?;
         let state = self.course.state;
-        // Also false for NaN.
+        // False for NaN.
         let allowed = |torque: &f32| torque.abs() <= self.limit_nm;
         if !torque_nm.list().iter().all(allowed) {
             return Err(format!("torques are within the limit: {torque_nm:?}"));

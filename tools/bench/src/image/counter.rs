@@ -83,7 +83,7 @@ fn paint() -> *mut u32 {
 #[inline(always)]
 fn depth(top: *mut u32) -> u32 {
     let mut words = PAINTED;
-    // SAFETY: as above.
+    // SAFETY: the stack has room for the painted words.
     while words > 0 && unsafe { top.sub(words).read_volatile() } == PAINT {
         words -= 1;
     }

@@ -133,7 +133,7 @@ impl Bench {
             heading.push(wrap(phi - seen.laps[i].end()[2]));
             Return {
                 lap: seen.laps[i].clone(),
-                // Marks at both wheels.
+                // The heading is measured by marks at both wheels.
                 end: [
                     x + tape(),
                     y + tape(),

@@ -32,8 +32,8 @@ struct Step {
 }
 
 impl Lap {
-    /// Adds the next odometric posture (m, m, rad) of an axle with configured track `track_m`. The position is modulo
-    /// the span of the bus. During the `dt_s` before, the relative heading was `heading_rad`.
+    /// Adds the next odometric posture (m, m, rad) of an axle with configured track `track_m`. The position wraps at
+    /// the range of the bus format. During the preceding `dt_s`, the relative heading was `heading_rad`.
     pub fn add(&mut self, posture: [f64; 3], track_m: f64, heading_rad: f64, dt_s: f64) {
         let [mut x, mut y, phi] = posture;
         if let Some([x0, y0, phi0]) = self.place {

@@ -47,7 +47,7 @@ pub struct Row {
     pub error_95_m: Option<f64>,
     /// Distance of the estimate from the true position at the end, m, if the robot has an estimate.
     pub estimate_error_m: Option<f64>,
-    /// Error of the estimated position of one axle from the other at the end, m.
+    /// Error of the estimated relative position of the axles at the end, m.
     pub drift_m: f64,
     /// Root mean square of the frame's force, N.
     pub force_rms_n: f64,

@@ -204,7 +204,7 @@ fn pictures_are_complete_for_any_varied_keys() {
             let correlations = correlations(&study, &runs, &of);
             assert_eq!(correlations.is_some(), study.trials > 1);
             correlations.iter().for_each(check_figure);
-            // Errors of 0 to 15 mm: the axis labels its ends.
+            // The axis of errors from 0 to 15 mm has a label.
             assert!(influences.svg().contains(">0.01<"));
             lines.push(shares.svg().matches("stroke-width=\"1.8\"").count());
         }

@@ -31,9 +31,9 @@ pub struct Row {
     pub e_95_m: f64,
     /// Heading error of O.
     pub heading_rad: Summary,
-    /// θ of the paper.
+    /// θ of the paper: direction to the goal less heading of the goal.
     pub theta_rad: Summary,
-    /// α of the paper.
+    /// α of the paper: direction to the goal less heading of the robot.
     pub alpha_rad: Summary,
     /// Share of trials within the tolerance of the goal.
     pub within_tolerance: f64,

@@ -38,11 +38,11 @@ pub enum Mission {
 
 /// Outcome of a mission.
 pub enum Outcome {
-    /// Of a regulation.
+    /// Outcome of a posture regulation.
     Posture(Box<Trial>),
-    /// Along a path.
+    /// Outcome of path following or trajectory tracking.
     Path(Box<path_run::Outcome>, Vec<Moment>),
-    /// Of a script.
+    /// Outcome of a script.
     Script(Steps),
 }
 

@@ -131,12 +131,12 @@ struct Boards {
 #[derive(Debug, Default, Serialize)]
 #[serde(untagged)]
 enum BoardValues {
-    /// Of boards in this program.
+    /// None: the boards run in this program.
     #[default]
     None,
-    /// Of boards in the loop.
+    /// Values of boards in the loop.
     InTheLoop(in_the_loop::Values),
-    /// Of virtual boards.
+    /// Values of virtual boards.
     Virtual(virtual_boards::Values),
 }
 
