@@ -127,7 +127,7 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
     }
     match report.unexpected(&committed, args.quick) {
         Some(row) if args.check => Err(Error::Failure(format!(
-            "differs from {PAGE} (tools/scripts/regenerate.py faults rewrites it):\n{row}"
+            "differs from {PAGE} (tools/scripts/regenerate.py faults rewrites the page):\n{row}"
         ))),
         _ => Ok(()),
     }

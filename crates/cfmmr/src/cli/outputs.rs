@@ -145,7 +145,7 @@ fn check_pairs(named: &[Named]) -> Result<(), Error> {
         for other in &named[..i] {
             if (one.is_output || other.is_output) && is_same(&one.path, &other.path) {
                 return Err(Error::input(format!(
-                    "{} {} and {} {}: the same file: must differ",
+                    "{} {} and {} {} name the same file: must be two different files",
                     other.option,
                     other.path.display(),
                     one.option,

@@ -35,8 +35,8 @@ pub fn check() -> Result<(), Error> {
     match is_interactive() {
         true => Ok(()),
         false => Err(Error::input(
-            "--dashboard: standard input and output must be a terminal; leave out --dashboard if \
-             they are a file or a pipe",
+            "--dashboard: standard input and output must be a terminal; leave out --dashboard with \
+             a file or a pipe",
         )),
     }
 }

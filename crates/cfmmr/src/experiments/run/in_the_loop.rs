@@ -218,7 +218,7 @@ fn summary(values: &Values) -> String {
     let table = table.transposed();
     let simulated = values.ticks as f64 * 1e-3;
     let mut text = format!(
-        "{table}\nlost: repeated requests; bytes: sent + received; times: from a tick to its answer, including other\n\
+        "{table}\nlost: repeated requests; bytes: sent + received; times: from tick to answer, including other\n\
          boards; stack: largest use since the latest start, of the budget\n\n\
          {} ticks ({simulated:.1} s) in {:.1} s\n",
         values.ticks, values.wall_s
