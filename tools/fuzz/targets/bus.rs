@@ -111,7 +111,7 @@ fn sent(message: &Message) {
         }
         Err(error) => {
             if (error.message, error.signal) == ("Message", "sender") {
-                // A number of an axle or frame beyond any robot, or a status of a service tool.
+                // The sender is an axle or frame that no robot has, or a status is from a service tool.
                 return;
             }
             let layout = MESSAGES.iter().find(|layout| layout.name == error.message);

@@ -212,7 +212,7 @@ impl Bench {
             let mut sums = vec![[Sum::default(); 3]; all.len()];
             for k in 0..REST + TURNING + REST {
                 let part = usize::from(k >= REST) + usize::from(k >= REST + TURNING);
-                // Smooth start and end: no reading of the turn falls into a rest.
+                // The turn starts and ends smoothly, within its own part of the readings.
                 let share = (k as f64 - REST as f64) / TURNING as f64;
                 let rate = match (part, (0.01..0.99).contains(&share)) {
                     (1, true) => {
