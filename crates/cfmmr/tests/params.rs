@@ -138,7 +138,7 @@ fn parameters_are_exported_imported_and_used_as_scenario() {
     let set = "params set --board beam --save robot.beam.strip.gauges_m[0]=0.09";
     let shown = run(&format!("{set} robot.beam.strip.gauges_m[1]=0.1"));
     assert!(shown.contains("2 values written"), "{shown}");
-    // Setting one of them to its stored value succeeds.
+    // Setting a gauge position to its stored value succeeds.
     run(set);
     let set = "robot.geometry.wheel_radius_m=0.0731";
     let shown = run(&format!("params set --board rear {set}"));

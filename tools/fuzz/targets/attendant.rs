@@ -1,5 +1,5 @@
-//! Link of a driving board: requests of several hosts at the port and over the bus, repeated, stale and damaged, with
-//! passing time and changing motor states, are compared with a model.
+//! Link of a driving board, compared with a model. Several hosts send requests at the port and over the bus, some of
+//! them repeated, stale or damaged, while time passes and motor states change.
 #![no_main]
 
 use cfmmr_fuzz::attendant_model::{Attendants, Frame, Outcome};

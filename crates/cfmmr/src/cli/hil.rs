@@ -29,7 +29,7 @@ pub struct HilArgs {
     /// Place of the boards.
     #[command(flatten)]
     pub boards: BoardArgs,
-    /// Use the parameters in the boards' flash instead of those of the scenario
+    /// Use the parameters in the boards' flash instead of the scenario's parameters
     #[arg(long)]
     pub stored: bool,
     /// Keep the flash of virtual boards in files in this folder

@@ -1,9 +1,8 @@
 //! Consistency of the fused estimates: errors against covariances.
 //!
-//! The measure is the normalised estimation error squared, NEES = eᵀ P⁻¹ e, of both axles and of O (three degrees of
-//! freedom each), on the full plant. If the errors are normal with covariance P, the mean over N runs lies in a band
-//! that follows from χ² with 3 N degrees of freedom. Above the band an estimator is overconfident, below the band it is
-//! cautious.
+//! The measure is the normalised estimation error squared, NEES = eᵀ P⁻¹ e, of both axles and of O on the full plant;
+//! each has three degrees of freedom. For normal errors with covariance P, the mean NEES of N runs lies in the band of
+//! χ² with 3 N degrees of freedom. A mean above the band is an overconfident estimator, below the band a cautious one.
 
 use crate::experiments::posture::Variant;
 use crate::experiments::{Context, Seeds, Workers};

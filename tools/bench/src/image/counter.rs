@@ -73,7 +73,7 @@ pub struct Counter {
 fn paint() -> *mut u32 {
     let top = msp::read() as *mut u32;
     for i in 1..=PAINTED {
-        // SAFETY: the stack has this room, and nothing lives below the stack pointer.
+        // SAFETY: the stack has this room, and memory below the stack pointer is unused.
         unsafe { top.sub(i).write_volatile(PAINT) }
     }
     top

@@ -249,8 +249,9 @@ fn e_cm(row: &Row) -> f64 {
     on_decades(100.0 * row.e_m)
 }
 
-/// Rank correlation of each drawn quantity with the final errors, over the last listed number, or over the index of the
-/// combination if no number is listed; one series per combination of the other lists. `None` without a correlation.
+/// Rank correlation of each drawn quantity with the final errors, over the last listed number. If no number is listed,
+/// the axis is the index of the combination. One series per combination of the other lists; `None` without a
+/// correlation.
 pub fn correlations(study: &Study, rows: &[Row], influences: &[Influence]) -> Option<Figure> {
     let of_keys = influences.chunk_by(|a, b| a.key == b.key);
     let values = |of: &Influence| [of.rank_correlation_e, of.rank_correlation_heading];

@@ -26,7 +26,7 @@ use std::path::PathBuf;
 /// Use of the parameters in the boards' flash.
 #[derive(Clone, Debug, Default)]
 pub struct BoardUse {
-    /// True if the parameters in the boards' flash replace those of the scenario.
+    /// True if the parameters in the boards' flash replace the scenario's parameters.
     pub stored: bool,
     /// Folder of the flash files of virtual boards.
     pub flash: Option<PathBuf>,
