@@ -5,8 +5,8 @@
 
 Prints a table of all kinds and a line for each defect. A case is drawn from the seed, its kind and its index.
 
-refused: runs that ended with another exit code than 0. silent acceptances: exit code 0 after wrong input, or another
-result than that of sound input. half-written files: incomplete results, temporary files, and files of refused runs.
+refused: runs with an exit code other than 0. silent acceptances: exit code 0 after wrong input, or a result that
+differs from that of sound input. half-written files: incomplete results, temporary files, and files of refused runs.
 wrong exit codes: also messages that do not name the cause.
 
 Exit code 0: no defect; 1: defects; 2: wrong usage.
@@ -41,7 +41,7 @@ KINDS = [
     cases_serial.Serial, cases_run.Disk, cases_run.Signals, cases_run.Live,
 ]
 
-# Bytes of the largest file of a case that is kept.
+# Largest file that is kept of a case, bytes.
 LARGEST_COPY = 64 << 20
 
 
@@ -54,7 +54,7 @@ class Attack:
         self.rows, self.defects, self.notes = [], [], []
 
     def one(self, kind, index):
-        """Runs a case: exit code and defects."""
+        """Runs a case; returns exit code and defects."""
         folder = self.folder / f"{kind.name}-{index}"
         folder.mkdir()
         case = kind.case(self.bench.rng(kind.name, index), index, folder)
@@ -118,7 +118,7 @@ class Attack:
 
 
 def is_copied(path):
-    """True for folders and for files that are no longer than a copy may be; a copy of a sparse file is not sparse."""
+    """True for folders and for files of at most LARGEST_COPY bytes; a copy of a sparse file is not sparse."""
     return path.is_dir() or path.is_file() and path.stat().st_size <= LARGEST_COPY
 
 

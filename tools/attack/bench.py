@@ -1,4 +1,4 @@
-"""Runs the program on one case and judges how it ended."""
+"""Runs the program on one case and checks its end."""
 import csv
 import io
 import json
@@ -17,7 +17,7 @@ from random import Random
 from typing import Callable
 
 LIMIT_S = 20.0
-# Characters of standard error: twice the longest file that is refused.
+# Largest length of standard error, characters: twice the longest refused file.
 LONGEST_REFUSAL = 2_100_000
 # Address space of the program, bytes.
 MEMORY = 6 << 30
@@ -26,38 +26,38 @@ COLUMNS = [PANIC, HANG, SILENT, HALF, CODE]
 
 
 class Unsound(Exception):
-    """A command without anything wrong failed."""
+    """A sound command failed."""
 
 
 @dataclass
 class Case:
-    """One command line and what is right for it. The files it reads are in its folder."""
+    """One command line with its allowed results. The files that it reads are in its folder."""
 
     words: list
     codes: tuple = (0, 1, 2)
-    # Reason why exit code 0 is a silent acceptance; empty if it is not.
+    # Reason why exit code 0 is a silent acceptance; empty if exit code 0 is right.
     refuse: str = ""
     # Regular expression that standard error matches after exit code 2, file names left out.
     named: str = ""
     # Content of standard input, or a device.
     stdin: bytes | Path | None = None
-    # Device in place of the file of standard output.
+    # Device that replaces the file of standard output.
     stdout: Path | None = None
-    # Variables of the environment, beside those of this process.
+    # Environment variables in addition to those of this process.
     env: dict = field(default_factory=dict)
     cwd: str = "."
     limit: float = LIMIT_S
     memory: int = MEMORY
     largest_file: int | None = None
-    # The end at once by a second signal leaves temporary files.
+    # True if temporary files are allowed: a second signal ends the process at once.
     may_leave_temporary: bool = False
-    # Acts on the process while it runs, in a thread of its own.
+    # Acts on the running process, in a separate thread.
     during: Callable | None = None
-    # Files that a refused run may write: regular expressions.
+    # Regular expressions of the files that a refused run may write.
     writes: tuple = ()
-    # Standard error has no long number and no control character.
+    # True if standard error must have no long number and no control character.
     plain: bool = False
-    # Defects that only this case knows: (column, text) each.
+    # Additional defects of this case, as (column, text).
     check: Callable = field(default=lambda ended: [])
 
 
@@ -83,7 +83,7 @@ class Kind:
 
     name = ""
     count = 0
-    # Cases at a time: more where most of the time is waiting, one where others would disturb it.
+    # Number of parallel cases: more if cases mostly wait, one if others would disturb a case.
     parallel = 2
 
     def __init__(self, bench, folder):
@@ -93,7 +93,7 @@ class Kind:
         return max(1, round(self.count * times))
 
     def prepare(self):
-        """Makes what all cases need, in `self.folder`. Returns a reason if there is nothing to attack."""
+        """Makes the shared files of all cases in `self.folder`. Returns a reason if there is nothing to attack."""
 
     def case(self, rng, index, folder):
         raise NotImplementedError
@@ -131,7 +131,7 @@ class Bench:
             process = subprocess.Popen(
                 [self.program, *case.words], cwd=folder / case.cwd, stdout=out, stderr=err, stdin=given,
                 start_new_session=True, env=environment() | case.env,
-                # SIGXFSZ stays ignored: a file that grows beyond the limit is an error of the write.
+                # SIGXFSZ stays ignored, so a file beyond the limit is a write error.
                 restore_signals=False,
                 preexec_fn=limit_files if case.largest_file is not None else None,
             )
@@ -159,7 +159,7 @@ class Bench:
             return Ended(process.returncode, printed, said, hung, seconds, resident)
 
     def judge(self, case, ended, folder, before):
-        """Defects of a case that has ended: (column, text) each."""
+        """Defects of an ended case, as (column, text)."""
         if ended.hung:
             return [(HANG, f"did not end within {case.limit:g} s")]
         if ended.panicked and ended.code not in case.codes:
@@ -169,7 +169,7 @@ class Bench:
             found.append((SILENT, case.refuse))
         elif ended.code not in case.codes:
             found.append((CODE, f"allowed are {', '.join(map(str, case.codes))}: {last_line(ended.err)}"))
-        # `error:` begins the refusals of the parser of options.
+        # Errors of the option parser begin with `error:`.
         if ended.code in (1, 2) and not re.search(r"^(cfmmr|error): \S", ended.err, re.M):
             found.append((CODE, f"no line of standard error begins with `cfmmr:`: {last_line(ended.err)}"))
         if len(ended.err) > LONGEST_REFUSAL:
@@ -196,7 +196,7 @@ def environment():
 
 
 def ended(process, limit):
-    """Waits for the end of a process, at most for `limit`. Returns its largest resident memory, bytes."""
+    """Waits for the end of a process, at most `limit` s. Returns its largest resident memory, bytes."""
     end, pause = time.monotonic() + limit, 0.001
     while time.monotonic() < end:
         pid, status, usage = os.wait4(process.pid, os.WNOHANG)
@@ -208,14 +208,14 @@ def ended(process, limit):
     return 0
 
 
-# A number of more digits than any value needs.
+# Number with more digits than any value needs.
 LONG_NUMBER = re.compile(r"\d{41}")
-# Control characters except newline and tab, and those that turn the direction of text.
+# Control characters except newline and tab, and characters that reverse the direction of text.
 CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
 
 
 def messages(text):
-    """Defects of a text for people: (column, text) each."""
+    """Defects of a text for people, as (column, text)."""
     found = []
     if match := LONG_NUMBER.search(text):
         found.append((CODE, f"a number of more than 40 digits: {text[max(0, match.start() - 60) : match.end()]}"))
@@ -226,7 +226,7 @@ def messages(text):
 
 
 def without_names(text, words):
-    """Text without the arguments that it repeats."""
+    """Text without repeated arguments of the command."""
     for word in words:
         if isinstance(word, str) and "." in word:
             text = text.replace(word, "")
@@ -234,7 +234,7 @@ def without_names(text, words):
 
 
 def last_line(text, pattern=r"^(cfmmr|error):"):
-    """The line that matches, else the last one."""
+    """First matching line, else the last line."""
     lines = text.strip().splitlines() or ["(nothing on standard error)"]
     return next((line for line in lines if re.search(pattern, line)), lines[-1])[:200]
 

@@ -44,18 +44,18 @@ class Terminals(Kind):
             if code is None:
                 return [(HANG, f"closed after {at:.2f} s: did not end within {self.LIMIT_S:g} s: {' '.join(words)}")]
             found = [(CODE, f"processes left: {left}: {' '.join(words)}")] if left else []
-            # 0: over before, or q; 1: the results tell of a run that ended early.
+            # 0: ended before, or by q; 1: ended early, with results.
             if code not in (0, 1, 130) or not piped and code == 1 and "soak" in words:
                 found.append((CODE, f"closed after {at:.2f} s: exit code {code}: {' '.join(words)}"))
             names = [name for name in os.listdir(folder) if name.endswith(".partial")]
             ended.code = 0
             return found + ([(HALF, f"left {names}: {' '.join(words)}")] if names else [])
 
-        # The case itself: a terminal or a pipe needs another start.
+        # Placeholder command: the run with the terminal or pipe is in check.
         return Case(["codes"], codes=(0,), check=check, may_leave_temporary=True)
 
     def terminal(self, words, folder, at, keys):
-        """Closes the terminal of a run: exit code, time to the end, processes left."""
+        """Closes the terminal of a run; returns exit code, time to the end, remaining processes."""
         master, slave = pty.openpty()
 
         def control():
@@ -83,7 +83,7 @@ class Terminals(Kind):
         return self.end(process)
 
     def pipe(self, words, folder, at, keys):
-        """A run whose reader is gone."""
+        """Run whose pipe has no reader."""
         reader, writer = os.pipe()
         process = subprocess.Popen([self.bench.program, *words], cwd=folder, stdin=subprocess.DEVNULL, stdout=writer,
                                    stderr=writer if keys else subprocess.DEVNULL, start_new_session=True, env=environment())
@@ -112,7 +112,7 @@ class Terminals(Kind):
 
 
 class Full(Kind):
-    """A standard output that takes nothing: exit code 1, and it is named."""
+    """Standard output that cannot be written: exit code 1, and the error names it."""
 
     name, count = "full", 10
     WORDS = [
@@ -147,7 +147,7 @@ STUDY = 'name = "s"\ntrials = 4\nblock = 1\n[scenario.mission]\ntime_limit_s = 0
 
 
 class Shards(Kind):
-    """Environments of schedulers: a part of the study if they are complete and consistent, else a refusal."""
+    """Environments of schedulers: complete and consistent ones select a part of the study, others are refused."""
 
     name, count = "shards", 40
     SLURM = ["ID", "COUNT", "MIN", "STEP", "MAX"]
@@ -185,7 +185,7 @@ class Shards(Kind):
         return {"CFMMR_SHARDS": str(count), "JOB_COMPLETION_INDEX": str(rng.randrange(count))}
 
     def expected(self, env):
-        """True if an environment is right, and its part: index and number of parts."""
+        """True if an environment is right, and the selected part: index and number of parts."""
         numbers = {}
         for name, value in env.items():
             if not re.fullmatch("[0-9]+", value) or int(value) >= 2**64:

@@ -10,11 +10,11 @@ FOLLOW = ["follow", "--threads", "1", "--out", "out", "--path"]
 
 
 class Sizes(Kind):
-    """Sparse files of gigabytes in place of each input."""
+    """Sparse files of gigabytes instead of each input."""
 
     name, count = "sizes", 14
     parallel = 1
-    # Resident memory of a refusal, bytes.
+    # Largest resident memory of a refusal, bytes.
     RESIDENT = 200 << 20
     PLACES = {
         "path": ([*FOLLOW, "F"], "f.csv"), "step": ([*DRIVE, "follow", "F"], "f.csv"),
@@ -46,7 +46,7 @@ class Sizes(Kind):
             (folder / "study" / one.name).write_bytes(one.read_bytes())
         (folder / "log.mcap").symlink_to(self.folder / "log.mcap")
         path = folder / path
-        # A log that begins as one is recovered, whatever follows.
+        # A file that begins as a log is recovered, whatever follows.
         beginning = b"" if name == "recover" else rng.choice([b"", self.begin(path)])
         with path.open("wb") as file:
             file.write(beginning)
@@ -61,19 +61,19 @@ class Sizes(Kind):
             return found
 
         words = [word.replace("F", path.name) if word in ("F", "follow 'F'") else word for word in words]
-        # A block of this size is no block: status counts it as missing.
+        # A block of this size is invalid: status counts it as missing.
         codes = (0, 1, 2) if name in ("block", "status", "recover") else (2,)
         return Case(words, codes=codes, refuse="" if 0 in codes else f"{name} of {size >> 30} GiB", check=check, plain=True,
                     memory=2 << 30)
 
     def begin(self, path):
-        """Beginning of a sound file of that kind."""
+        """Beginning of a sound file with this suffix."""
         return {".csv": b"x,y\n0,0\n0.05,0\n", ".mcap": (self.folder / "log.mcap").read_bytes(), ".txt": b"stop\n",
                 ".toml": b"\n", ".elf": b"\x7fELF\1\1\1" + bytes(9) + b"\2\0\x28\0", ".jsonl": b"{\n"}.get(path.suffix, b"")
 
 
 class Recover(Kind):
-    """`replay --recover` of damaged logs, and of what a killed run leaves."""
+    """`replay --recover` of damaged logs and of the unfinished logs of killed runs."""
 
     name, count = "recover", 20
 
@@ -98,7 +98,7 @@ class Recover(Kind):
                     writes=(r".*\.mcap",))
 
     def again(self, ended, folder, name, data):
-        """The log is as it was, and the recovered one replays or is refused cleanly."""
+        """Checks that the log is unchanged, and that the recovered log replays or is refused cleanly."""
         found = []
         if (folder / name).read_bytes() != data:
             found.append((HALF, "the damaged log was changed"))
@@ -111,7 +111,7 @@ class Recover(Kind):
         return found
 
     def killed(self, rng, folder):
-        """A run that is killed; its unfinished log is recovered."""
+        """Kills a run and recovers its unfinished log."""
         at = 0.1 + rng.random() * 0.8
 
         def during(process):
@@ -128,7 +128,7 @@ class Recover(Kind):
             found = self.again(recovered, folder, partial[0].name, data)
             if recovered.panicked or recovered.hung or recovered.code not in (0, 1, 2):
                 found.append((CODE, f"recover after {at:.2f} s: exit code {recovered.code}: {last_line(recovered.err)}"))
-            # A chunk may be missing at the end, not all of the run.
+            # The last chunk may be missing, but not the whole run.
             if len(data) > 200_000 and recovered.code != 0:
                 found.append((CODE, f"{len(data)} bytes, not recovered: {recovered.code}: {last_line(recovered.err)}"))
             return found
@@ -138,12 +138,12 @@ class Recover(Kind):
 
 
 POINTS = [(0, 0), (0.05, 0), (0.1, 0.001), (0.15, 0.003)]
-# Separator, and the words of its refusal.
+# Separator, and words of its error.
 SEPARATORS = {",": "", ";": "separator ;", "\t": "separator tab", " ": "separator space", "|": "field", ":": "field"}
 
 
 class Separators(Kind):
-    """Waypoints as other programs write them: accepted if they are the documented format, else the separator is named."""
+    """Waypoints with separators of other programs: accepted if documented, else the error names the separator."""
 
     name, count = "separators", 16
 

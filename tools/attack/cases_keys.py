@@ -1,4 +1,4 @@
-"""Keys of a scenario: constants without a key, whole numbers, misspelled keys, distributions, truth and belief."""
+"""Keys of a scenario: constants without a key, whole numbers, misspelled keys, distributions, configured values."""
 import csv
 import re
 import string
@@ -35,7 +35,7 @@ def shown(value):
 
 
 def scaled(value, factor):
-    """A number, or all numbers of a list, times a factor."""
+    """Number, or all numbers of a list, times a factor."""
     if isinstance(value, list):
         return [scaled(item, factor) for item in value]
     return round(value * factor) if is_whole(value) else value * factor
@@ -46,7 +46,7 @@ class Keyed(Kind):
         self.keys = entries(tomllib.loads(self.sound("config").out.decode()))
 
     def ranges(self, keys):
-        """Range of each key, of the refusals of values beyond it; without keys that have none."""
+        """Range of each key, read from the error of a value beyond the range; keys without a range are left out."""
         found = {}
         for key in keys:
             ended = self.bench.run(Case(["config", "--set", f"{key}={shown(scaled_to(self.keys[key], 1e30))}"]), self.folder)
@@ -56,19 +56,19 @@ class Keyed(Kind):
 
 
 def scaled_to(value, number):
-    """A value of the same shape with another number."""
+    """Value of equal shape with another number."""
     return [scaled_to(item, number) for item in value] if isinstance(value, list) else number
 
 
 class Constants(Keyed):
-    """Constants that no key repeats, and the number of substeps."""
+    """Constants without a key, and the number of substeps."""
 
     name, count = "constants", 10
     GONE = [
         "plant.step_s", "robot.lead.governor.max_interval_s", "robot.axle.wheel.interval_s",
         "robot.lead.regulator.tick_s",
     ]
-    # Counts of an encoder per wheel after 0.3 s: 0.03 m are 536.
+    # Tolerance of encoder counts after 0.3 s, in which 0.03 m give 536 counts.
     TOLERANCE = 6
 
     def prepare(self):
@@ -114,7 +114,7 @@ class Constants(Keyed):
 
 
 class Spreads(Keyed):
-    """Distributions at the edges of their ranges: refused before the run, or every trial is carried out."""
+    """Distributions at the edges of their ranges: refused before the run, or every trial runs."""
 
     name, count = "spreads", 12
     MEANS = [
@@ -132,18 +132,18 @@ class Spreads(Keyed):
             raise Unsound(f"ranges of {sorted(self.spread | self.mean)} only")
 
     def edge(self, rng, low, high):
-        """A value at an edge, next to it, or between."""
+        """Value at an edge, next to an edge, or between the edges."""
         step = rng.choice([0, 1e-9, 1e-6, 0.01, 0.3]) * (high - low) * rng.choice([1, 1, 1, -1])
         return rng.choice([low + step, high - step, high - step, low + (high - low) * rng.random()])
 
     def drawn(self, rng):
-        """Values of some keys."""
+        """Values of randomly chosen keys."""
         spread = {key: rng.choice([self.spread[key][1], self.edge(rng, *self.spread[key])])
                   for key in rng.sample(sorted(self.spread), rng.choice([1, 1, 2, 4]))}
         mean = {}
         for key in rng.sample(sorted(self.mean), rng.choice([0, 1, 1, 2])):
             low, high = self.mean[key]
-            # The last value before five standard deviations of a relative spread leave the range.
+            # Largest factor at which five standard deviations of a relative spread stay in the range.
             five = 1 + 5 * max([spread.get("sensors.geometry.wheel_radius_sigma", 0.003), *spread.values()], default=0)
             mean[key] = rng.choice([self.edge(rng, low, high), high / five, low * five, (low + high) / 2])
         return spread | mean
@@ -189,7 +189,7 @@ class Spreads(Keyed):
 
 
 class Pairs(Keyed):
-    """Quantities with a true and a believed key: a notice if one is changed, none if both are."""
+    """Quantities with a key for the true and one for the configured value: a notice if only one of them is changed."""
 
     name, count = "pairs", 6
     COMMANDS = [["drive", "stop"], ["posture", "--rows", "joint", "--trials", "1", *SHORT], ["follow", "--path", "line", "--size", "0.1"]]
@@ -210,7 +210,7 @@ class Pairs(Keyed):
         factor = 1.02 if which != 2 else 1.01
         changed = [[truth], [belief], [truth, belief]][which]
         value = lambda key: 0.001 if "rigid" in key else scaled(self.keys[key], factor)
-        # One belief stands for both rigid ends.
+        # One configured value applies to both rigid ends.
         if which == 2 and "rigid" in truth:
             changed = ["plant.rigid_root_m", "plant.rigid_tip_m", belief]
         words = [*rng.choice(self.COMMANDS[:1] * 3 + self.COMMANDS), "--threads", "1", "--out", "out"]
@@ -249,7 +249,7 @@ class Misspelled(Keyed):
     SAMPLE, SHARE = 40, 0.9
 
     def case(self, rng, index, folder):
-        """The last key of the sample; the others run in its check."""
+        """Case of the last key of the sample; check runs the others."""
         sample = [self.typo(rng, rng.choice(list(self.keys))) for _ in range(self.SAMPLE)]
 
         def check(ended):
@@ -264,7 +264,7 @@ class Misspelled(Keyed):
         return Case(["config", "--set", "nobody=1"], codes=(2,), check=check, refuse="unknown key")
 
     def typo(self, rng, key):
-        """A key with a character removed, doubled, replaced or exchanged, that is no key."""
+        """Misspelled key: a character removed, doubled, replaced or exchanged, and not another key."""
         while True:
             at = rng.randrange(len(key) - 1)
             wrong = rng.choice([

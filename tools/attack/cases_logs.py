@@ -14,7 +14,7 @@ NUMBERS = [b"nan", b"-0", b"1e39", b"1e999", b"1e-320", b"null", b"1844674407370
 
 
 def records(data, at, end):
-    """Records of a part of a file: (place, operation, length of the content)."""
+    """Records of a part of a file, as (place, operation, length of the content)."""
     found = []
     while at < end:
         operation, length = struct.unpack_from("<BQ", data, at)
@@ -24,7 +24,7 @@ def records(data, at, end):
 
 
 def all_records(data):
-    """Records of a log, those in chunks included."""
+    """Records of a log, including records in chunks."""
     found = []
     for at, operation, length in records(data, len(MAGIC), len(data) - len(MAGIC)):
         found.append((at, operation, length))
@@ -55,7 +55,7 @@ def cut(data, rng):
 
 
 def overwrite(data, rng):
-    """Zeros, or a copy of another part, over a part."""
+    """Overwrites a part with zeros or with another part."""
     size = rng.randrange(1, min(4096, len(data) // 2))
     to, source = rng.randrange(len(data) - size), rng.randrange(len(data) - size)
     part = bytes(size) if rng.random() < 0.5 else data[source : source + size]
@@ -67,7 +67,7 @@ def append(data, rng):
 
 
 class Logs(Kind):
-    """`replay` of damaged logs, and of logs whose content is wrong under right checksums."""
+    """`replay` of damaged logs, and of logs with wrong content and right checksums."""
 
     name, count = "logs", 60
 
@@ -103,13 +103,13 @@ class Logs(Kind):
         return Case(words, codes=(2,), refuse=f"{damage.__name__}: changed from {where} on")
 
     def length(self, data, rng):
-        """The length of a record changed."""
+        """Changes the length of a record."""
         at, _, length = rng.choice(rng.choice([self.top, self.all]))
         changed = rng.choice([*LENGTHS, length + 1, max(length - 1, 0)])
         return data[: at + 1] + struct.pack("<Q", changed) + data[at + 9 :]
 
     def swallow(self, data, rng):
-        """A record made so long that it contains those that follow."""
+        """Makes a record so long that it contains the following records."""
         last = len(self.top) - 1
         ends = [i for i, (_, operation, _) in enumerate(self.top) if operation == DATA_END]
         first = rng.choice([rng.randrange(last), ends[0]])
@@ -122,13 +122,13 @@ class Logs(Kind):
         return data[:at] + bytes([rng.choice([0, rng.randrange(1, 16), 0x80, 0xFF])]) + data[at + 1 :]
 
     def record(self, rng):
-        """A record with its head, chunks as often as all others."""
+        """Record with its head; a chunk in every second draw."""
         chunks = [record for record in self.top if record[1] == CHUNK]
         at, _, length = rng.choice(rng.choice([chunks, self.top]))
         return at, at + 9 + length
 
     def double(self, data, rng):
-        """A record once more, anywhere between records."""
+        """Repeats a record between other records."""
         start, end = self.record(rng)
         place = rng.choice([rng.choice(self.top)[0], len(data) - len(MAGIC)])
         return data[:place] + data[start:end] + data[place:]
@@ -138,20 +138,20 @@ class Logs(Kind):
         return data[:start] + data[end:]
 
     def insert(self, data, rng):
-        """Bytes or a record of no known operation between records."""
+        """Inserts bytes or a record of an unknown operation between records."""
         place = rng.choice([rng.choice(self.top)[0], len(data) - len(MAGIC)])
         part = rng.choice([rng.randbytes(20), b"\x90" + struct.pack("<Q", 3) + b"abc", b"\x90" + bytes(8)])
         return data[:place] + part + data[place:]
 
     def swap(self, data, rng):
-        """Two neighbouring records exchanged."""
+        """Exchanges two neighbouring records."""
         first = rng.randrange(len(self.top) - 1)
         a, b = self.top[first][0], self.top[first + 1][0]
         c = b + 9 + self.top[first + 1][2]
         return data[:a] + data[b:c] + data[a:b] + data[c:]
 
     def crafted(self, _data, rng):
-        """Wrong content in a chunk or in the metadata, all checksums right."""
+        """Writes wrong content into a chunk or the metadata, with right checksums."""
         parts = self.parts()
         place = rng.choice([i for i, (operation, _) in enumerate(parts) if operation in (CHUNK, METADATA)])
         operation, content = parts[place]
@@ -184,7 +184,7 @@ class Logs(Kind):
 
 
 def wrong_text(text, rng):
-    """A number of a text replaced, or a part of the text removed or doubled."""
+    """Replaces a number in a text, or removes or doubles a part of the text."""
     numbers = list(re.finditer(rb"-?\d[\d.e+-]*", text))
     if numbers and rng.random() < 0.7:
         start, end = rng.choice(numbers).span()
@@ -195,7 +195,7 @@ def wrong_text(text, rng):
 
 
 def rebuilt(parts):
-    """A log of these records, with the checksums of data and summary recomputed."""
+    """Log of these records, with recomputed checksums of data and summary."""
     data, start = MAGIC, 0
     for operation, content in parts:
         if operation == DATA_END:
@@ -293,11 +293,11 @@ class Blocks(Kind):
         return Case(words, check=check)
 
     def foreign(self, study, name, rng):
-        """A block of a study with another seed, or of another study."""
+        """Replaces a block by one of another seed or of another study."""
         shutil.copy(self.folder / rng.choice(["seed", "study"]) / name, study / name)
 
     def renamed(self, study, name, rng):
-        """A block under the name of another one, or both exchanged."""
+        """Stores a block under the name of another block, or exchanges both."""
         other = rng.choice([block for block in self.BLOCKS if block != name])
         content = (study / other).read_bytes()
         if rng.random() < 0.5:
@@ -310,7 +310,7 @@ class Blocks(Kind):
             (study / name).write_bytes(b"")
 
     def special(self, study, name, rng):
-        """Something else than a file in place of a block."""
+        """Replaces a block by something other than a file."""
         path = study / name
         path.unlink()
         makes = [
@@ -319,7 +319,7 @@ class Blocks(Kind):
         rng.choice(makes)()
 
     def copy(self, study, name, rng):
-        """The copy of the study changed, or a manifest."""
+        """Changes the copy of the study, or a manifest."""
         path = rng.choice([study / "study.toml", *sorted(study.glob("*.json"))])
         data = path.read_bytes()
         path.write_bytes(rng.choice([flip, cut, append])(data, rng))

@@ -1,4 +1,4 @@
-"""Refusals of the command line, and a search for those without an example."""
+"""Errors of the command line, and a search for errors without an example."""
 import re
 import shlex
 import shutil
@@ -11,17 +11,17 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 PACKAGES = [ROOT / "host-sim", *(ROOT / "crates" / name for name in ["output", "remote", "recording", "view", "cfmmr"])]
 LITERAL = re.compile(r'"((?:[^"\\]|\\.)*)"', re.S)
-# Characters of a message that must be found again: messages of one kind share shorter words.
+# Length of the part of a message that must occur in an example: shorter parts are common to several messages.
 ENOUGH = 14
 
 
 def joined(text):
-    """Source with string literals over several lines as one line."""
+    """Source text in which string literals over several lines are joined."""
     return re.sub(r"\\\n\s*", "", text)
 
 
 def argument(text, begin):
-    """Text from `begin` to the parenthesis that closes the one before it; parentheses in strings do not count."""
+    """Text from `begin` to the closing parenthesis; parentheses in strings do not count."""
     depth, at = 1, begin
     while depth and at < len(text):
         literal = LITERAL.match(text, at)
@@ -45,7 +45,7 @@ def sources():
 
 
 def messages():
-    """Place and constant parts of each message of an error."""
+    """Place and constant parts of each error message."""
     found, tests = sources()
     for path, text in found.items():
         for site in re.finditer(r"Error::(?:[iI]nput|Failure)\(", text):

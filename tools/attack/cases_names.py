@@ -1,4 +1,4 @@
-"""Names with unusual characters, angles, outputs that are one file, control characters."""
+"""Names with unusual characters, angles, two outputs with one file, control characters."""
 import os
 import re
 from pathlib import Path
@@ -17,7 +17,7 @@ def name(rng):
 
 
 class Names(Kind):
-    """Files whose names hold spaces, quotes, # and other characters: the same result as any other name."""
+    """Files whose names contain spaces, quotes, # and other characters: the result is that of a plain name."""
 
     name, count = "names", 7
 
@@ -46,7 +46,7 @@ class Names(Kind):
         return Case(["drive", "--out", "out", "--script", self.file(rng, folder, "stop\n", ".txt")], codes=(0,), plain=True)
 
     def in_script(self, rng, folder):
-        """A path in quotes in a script; a quote in its name ends the word."""
+        """Quoted path in a script; a quote in the name ends the word."""
         path = self.path_file(rng, folder)
         (folder / "script.txt").write_text(f'follow "{path}" # "comment"\nstop\n')
         codes = (0, 2) if '"' in path or "\\" in path else (0,)
@@ -58,7 +58,7 @@ class Names(Kind):
         return Case(["drive", "--out", "out", f'follow "{path}"'], codes=codes, named="line 1", plain=True)
 
     def outputs(self, rng, folder):
-        """Results under such names."""
+        """Results with unusual names."""
         out, json, log, table = (f"./{name(rng)}{suffix}" for suffix in ("", ".json", ".mcap", ".csv"))
 
         def check(ended):
@@ -73,7 +73,7 @@ class Names(Kind):
         return Case(words, codes=(0,), check=check, plain=True)
 
 
-# Text of an angle, and true if it is one.
+# Text, and true if the text is an angle.
 ANGLES = [
     ("90deg", True), ("90°", True), ("-90deg", True), ("90 deg", True), ("360deg", True), ("-360°", True), ("0", True),
     ("1e-3deg", True), ("1.5", True), ("-6.28", True), ("+1", True), ("361deg", False), ("6.3", False),
@@ -115,7 +115,7 @@ RESULTS = ["result.json", "report.html", "log.csv", "ends.csv", "paths.svg", "pa
 
 
 class Outputs(Kind):
-    """Outputs that are one file under two names, and things in place of results."""
+    """Two outputs with one file, and other things in place of results."""
 
     name, count = "outputs", 24
 
@@ -124,7 +124,7 @@ class Outputs(Kind):
         return makes[index % len(makes)](rng, index, folder)
 
     def refused(self, words, folder, refuse, named):
-        """Refused before the run, and all that was there is untouched."""
+        """Case that must be refused before the run, with all existing files untouched."""
         before = state(folder)
 
         def check(ended):
@@ -153,7 +153,7 @@ class Outputs(Kind):
         return self.refused(words, folder, f"{one} f and {other} {second} are one file", rf"{one}|{other}")
 
     def hard_link(self, rng, index, folder):
-        """Two names of one file: refused, or each becomes a file of its own; a third name keeps its content."""
+        """Two hard links to one file: refused, or each becomes a separate file; a third link keeps its content."""
         (folder / "kept").write_text("kept\n")
         suffix = {"--log": ".mcap", "--csv": ".csv", "--json": ".json"}
         chosen = rng.sample(OPTIONS[:3], 2)
@@ -171,7 +171,7 @@ class Outputs(Kind):
         return Case([*DRIVE, "--out", "out", *words], codes=(0, 2), check=check, plain=True)
 
     def special_option(self, rng, index, folder):
-        """A pipe, folder or file in place of what an option names."""
+        """Pipe, folder or file instead of the kind of file that an option needs."""
         option, kind = rng.choice([
             ("--log", "folder"), ("--json", "folder"), ("--log", "pipe"), ("--csv", "pipe"), ("--csv", "file"), ("--out", "pipe"),
             ("--out", "file"), ("--log", "/dev"), ("--csv", "/dev"), ("--out", "/dev"),
@@ -193,7 +193,7 @@ class Outputs(Kind):
         return case
 
     def result(self, rng, index, folder):
-        """A file of --out named again."""
+        """Option that names a result file in --out."""
         option, result = rng.choice(OPTIONS[:3]), rng.choice(RESULTS)
         (folder / "other").mkdir(), (folder / "to").symlink_to("other")
         (folder / "out").mkdir() if rng.random() < 0.5 else None
@@ -205,7 +205,7 @@ class Outputs(Kind):
         return self.refused([*DRIVE, "--out", out, option, path], folder, f"{path} is a result of --out {out}", option)
 
     def special(self, rng, index, folder):
-        """A pipe, folder or device in place of a result."""
+        """Pipe, folder or device in place of a result."""
         (folder / "out").mkdir()
         result = rng.choice(RESULTS)
         path = folder / "out" / result
@@ -224,7 +224,7 @@ class Outputs(Kind):
 
 
 def state(folder):
-    """All that is below a folder: kind, and size and time of files."""
+    """Everything below a folder: kind, size and time of files."""
     found = {}
     for place, folders, names in os.walk(folder):
         for one in folders + names:
@@ -240,7 +240,7 @@ CONTROLS = ["\x1b[31m", "\x1b]0;t\x07", "\x07", "\r", "\x7f", "\x9b31m", "\u202e
 
 
 class Controls(Kind):
-    """Control characters in names, keys, values and lines: none reaches the terminal."""
+    """Control characters in names, keys, values and lines: none is printed on the terminal."""
 
     name, count = "controls", 24
 

@@ -1,4 +1,4 @@
-"""Wrong options, and names of files that are no regular files."""
+"""Wrong options, and inputs that are not regular files."""
 import os
 import re
 from pathlib import Path
@@ -13,7 +13,7 @@ NASTY = [
     "serial:front=a,front=a", "serial:x=y", "%s%n", "$(id)", "~", "--", "--help=1", "mission.rps", "plant.friction=nan",
     "robot=1", "mission.start=[1]", ".=1", "a..b=1", "==", "[x]=1",
 ]
-# Without them a run may last: added if they were not drawn.
+# Options that shorten a run, added if not drawn.
 COMMANDS = {
     "posture": ["--trials 1", "--rows joint", "--threads 1", "--set mission.time_limit_s=1"],
     "follow": ["--path line", "--size 0.1", "--threads 1"],
@@ -41,12 +41,12 @@ COMMANDS = {
     "soak": ["--ticks 10000"],
     "completions": ["bash"],
 }
-# A name that other names contain begins many faults.
+# Not drawn: a short text for --only would start many faults.
 NOT_DRAWN = {"--only", "--help", "--version"}
 
 
 class Options(Kind):
-    """Options of every command with values that make no sense."""
+    """Options of every command with invalid values."""
 
     name, count = "options", 60
 
@@ -64,7 +64,7 @@ class Options(Kind):
         for option, value in rng.sample(options, min(len(options), rng.choice([1, 1, 2, 3]))):
             drawn.add(option)
             chosen = rng.choice(NASTY)
-            # A server on any free port is right, and waits.
+            # These values are valid for --live, and the server would wait.
             if option == "--live" and chosen in ("", "0", "-0", "--"):
                 chosen = "nan"
             if value:
@@ -107,7 +107,7 @@ FILES = {
     "--axle-image": (["posture", *IMAGES], None, (2,)),
     "faults image": (["faults", "--only", "none", *IMAGES], None, (2,)),
 }
-# Name, and how it is made of the good file.
+# Name, and a function that makes the wrong file from the good file.
 WRONG = {
     "pipe": lambda path, good: os.mkfifo(path),
     "/dev/zero": lambda path, good: path.symlink_to("/dev/zero"),
@@ -124,7 +124,7 @@ WRONG = {
 
 
 class Inputs(Kind):
-    """Every argument that names a file, with what is no regular file, or an unusual one."""
+    """Every argument that names a file, with a wrong kind of file or an unusual file."""
 
     name = "inputs"
 
@@ -158,7 +158,7 @@ class Inputs(Kind):
             (folder / "log.mcap").symlink_to(self.folder / "log.mcap")
         words = [os.fsencode(path.name) if word == "F" else word for word in words]
         codes = {"good link": (0,), "name of no text": (0, 2), "empty file": empty}.get(wrong, (2,))
-        # Without a board's image nothing runs: a link to a log is refused, too.
+        # A run on virtual boards needs a board's image, so a link to the log is refused too.
         image = "virtual" in words
         if image or name in ("merge", "status") and wrong == "folder":
             codes = (2,)

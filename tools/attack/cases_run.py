@@ -1,4 +1,4 @@
-"""Runs that are disturbed: full disks, folders in use, signals, viewers that are none."""
+"""Disturbed runs: full disks, folders in use, signals, invalid viewers."""
 import base64
 import os
 import re
@@ -17,7 +17,7 @@ STUDY = 'name = "s"\ntrials = 20\nblock = 1\n[scenario.mission]\ntime_limit_s = 
 
 
 class Disk(Kind):
-    """Files that cannot be written, or not to their end."""
+    """Files that cannot be written, or not completely."""
 
     name, count = "disk", 12
     parallel = 1
@@ -32,7 +32,7 @@ class Disk(Kind):
         return make(rng, folder)
 
     def limited(self, rng, folder):
-        """Files may grow to a size below that of the largest."""
+        """Limits the size of files below the size of the largest result."""
         results = rng.choice([RESULTS, ["--out", "out", "--csv", "tables", "--json", "x.json"], ["--out", "out"]])
         names = {name: size for name, size in self.sizes.items() if name.split("/")[0] in results}
         largest = max(names.values())
@@ -64,7 +64,7 @@ class Disk(Kind):
         return Case([*RUN, "--out", "out", "--json", "full.json"], codes=(1,), refuse="/dev/full takes nothing")
 
     def log_to_pipe(self, rng, folder):
-        """A log into a pipe: refused or written, and the pipe stays one."""
+        """Log to a pipe: refused or written, and the pipe is not replaced."""
         os.mkfifo(folder / "pipe.mcap")
 
         def check(ended):
@@ -73,7 +73,7 @@ class Disk(Kind):
         return Case([*RUN, "--out", "out", "--log", "pipe.mcap"], check=check)
 
     def read_only(self, rng, folder):
-        """A folder that takes no files: of another user, or of the kernel."""
+        """Output folder without write permission, or in /proc."""
         out = "/proc/self/out"
         if os.geteuid() != 0:
             (folder / "out").mkdir(mode=0o555)
@@ -81,7 +81,7 @@ class Disk(Kind):
         return Case([*RUN, "--out", out], codes=(1, 2), refuse="the folder takes no files")
 
     def in_use(self, rng, folder):
-        """Two runs into the same folder and the same log, or two parts of a campaign that are the same."""
+        """Two runs with one folder and one log, or one part of a campaign started twice."""
         others = []
         (folder / "study.toml").write_text(STUDY)
         words = rng.choice([[*RUN, *RESULTS], ["campaign", "study.toml", "--out", "study", "--threads", "1"]])
@@ -135,14 +135,14 @@ class Signals(Kind):
 
 
 class Live(Kind):
-    """A run that is served, with clients that are no viewers beside a good one."""
+    """Live run with a good viewer and invalid clients."""
 
     name, count = "live", 5
     parallel = 5
     WORDS = ["drive", "stop", "--threads", "1", "--out", "out", "--live", "127.0.0.1:0"]
 
     def prepare(self):
-        # The port is taken: the run ends at once.
+        # If the port is in use, the run ends at once.
         with socket.create_server(("127.0.0.1", 0)) as server:
             words = [*self.WORDS[:-1], f"127.0.0.1:{server.getsockname()[1]}"]
             ended = self.bench.run(Case(words), self.folder)
@@ -178,7 +178,7 @@ class Live(Kind):
         return Case(self.WORDS, codes=(0,), during=during, check=check, limit=40)
 
     def port(self, process):
-        """Port on which the process listens, of /proc/net/tcp."""
+        """Port on which the process listens, from /proc/net/tcp."""
         while process.poll() is None:
             links = []
             for descriptor in Path(f"/proc/{process.pid}/fd").iterdir():
@@ -189,7 +189,7 @@ class Live(Kind):
             inodes = {match[1] for link in links if (match := re.match(r"socket:\[(\d+)\]", link))}
             for line in Path("/proc/net/tcp").read_text().splitlines()[1:]:
                 parts = line.split()
-                # The server behind the gate listens at another address of this machine.
+                # Only the public port listens on 127.0.0.1; the internal server uses another address.
                 if parts[3] == "0A" and parts[9] in inodes and parts[1].startswith("0100007F:"):
                     return int(parts[1].split(":")[1], 16)
             time.sleep(0.02)
@@ -211,7 +211,7 @@ class Live(Kind):
         client.sendall(rng.randbytes(5000))
 
     def masked_noise(self, client, rng):
-        """A handshake, then frames of any content."""
+        """Handshake, then frames with random content."""
         client.sendall(self.HANDSHAKE)
         for operation in (1, 2, 9, rng.randrange(16)):
             client.sendall(frame(rng.choice([b"{", b"\xff" * 100, rng.randbytes(60)]), operation))
@@ -222,7 +222,7 @@ class Live(Kind):
         client.sendall(self.HANDSHAKE + frame(subscription(range(1, 40)), 1))
 
     def viewer(self, port):
-        """A good viewer: subscribes and reads to the end."""
+        """Good viewer: subscribes and reads to the end."""
         with socket.create_connection(("127.0.0.1", port), timeout=10) as client:
             client.sendall(self.HANDSHAKE)
             client.recv(4096)
@@ -241,6 +241,6 @@ def subscription(channels):
 
 
 def frame(data, operation):
-    """A frame of a client, masked with zeros."""
+    """Frame of a client, masked with zeros."""
     size = bytes([0x80 | len(data)]) if len(data) < 126 else b"\xfe" + struct.pack(">H", len(data))
     return bytes([0x80 | operation]) + size + bytes(4) + data

@@ -1,4 +1,4 @@
-"""Peers on pseudo-terminals that are no boards."""
+"""Peers on pseudo-terminals that do not behave as boards."""
 import os
 import re
 import select
@@ -32,7 +32,7 @@ def varint(number):
 
 
 def stuffed(data):
-    """COBS, with the byte 0 behind it."""
+    """COBS encoding with a final byte 0."""
     out = bytearray()
     for part in data.split(b"\0"):
         while len(part) >= 254:
@@ -57,18 +57,18 @@ def framed(payload):
     return stuffed(payload + struct.pack("<I", crc32c(payload)))
 
 
-# A frame of docs/serial.md.
+# Example frame of docs/serial.md.
 assert framed(bytes.fromhex("01000dac02")).hex() == "0201080dac0250da40c800"
 
 
 def greeting(number, nonce, protocol=PROTOCOL):
-    """Answer of a front board to a hello: nonce is the bytes of its varint."""
+    """Reply of a front board to a hello; `nonce` has the bytes of the varint."""
     build = b"firmware-axle 0.1.0"
     return framed(bytes([number, HELLO, protocol]) + nonce + b"\0" + bytes([len(build)]) + build + bytes(3))
 
 
 class Port:
-    """A pseudo-terminal: the program opens its name."""
+    """Pseudo-terminal that the program opens by name."""
 
     def __init__(self):
         self.master, self.slave = os.openpty()
@@ -81,11 +81,11 @@ class Port:
         try:
             os.write(self.master, data)
         except OSError:
-            # Full or closed: the program does not read.
+            # The terminal is full or closed.
             time.sleep(0.001)
 
     def read(self):
-        """Bytes that came within 20 ms."""
+        """Bytes received within 20 ms."""
         ready, _, _ = select.select([self.master], [], [], 0.02)
         try:
             return os.read(self.master, 4096) if ready else b""
@@ -94,7 +94,7 @@ class Port:
             return b""
 
     def requests(self):
-        """Requests that came within 20 ms: number, request and content."""
+        """Requests received within 20 ms: number, request and content."""
         *frames, self.waiting = (self.waiting + self.read()).split(b"\0")
         payloads = [unstuffed(frame)[:-4] for frame in frames if len(frame) > 6]
         return [payload for payload in payloads if len(payload) > 1]
@@ -106,7 +106,7 @@ class Port:
                 os.close(descriptor)
 
 
-# Peers: each is called again and again until the program has ended.
+# Peers. A peer is called repeatedly until the program has ended.
 
 
 def silent(port, rng):
@@ -120,12 +120,12 @@ def noise(port, rng):
 
 
 def flood(port, rng):
-    """Random bytes without a pause."""
+    """Random bytes without pause."""
     port.write(rng.randbytes(2048))
 
 
 def endless(port, rng):
-    """A frame that does not end."""
+    """Endless frame."""
     port.read()
     port.write(b"\x2a" * 200)
 
@@ -135,14 +135,14 @@ def echo(port, rng):
 
 
 def old(port, rng):
-    """Greetings of another session, with every number, of this protocol and of the one before."""
+    """Greetings of another session with every number, of this and of the previous protocol."""
     port.read()
     for number in range(256):
         port.write(greeting(number, varint(7), rng.choice([PROTOCOL - 1, PROTOCOL])))
 
 
 def damaged(port, rng):
-    """Right greetings with a bit flipped."""
+    """Greetings with one flipped bit."""
     for request in port.requests():
         frame = bytearray(greeting(request[0], request[3:]))
         frame[rng.randrange(len(frame) - 1)] ^= 1 << rng.randrange(8)
@@ -150,14 +150,14 @@ def damaged(port, rng):
 
 
 def hello(port, rng):
-    """Answers hellos and nothing else."""
+    """Replies to hellos only."""
     for request in port.requests():
         if request[1] == HELLO:
             port.write(greeting(request[0], request[3:]))
 
 
 def liar(port, rng):
-    """Greets, then answers every request with any reply of any content, number and checksum right."""
+    """Greets, then sends random replies with right number and checksum."""
     for request in port.requests():
         if request[1] == HELLO and rng.random() < 0.9:
             port.write(greeting(request[0], request[3:]))
@@ -167,7 +167,7 @@ def liar(port, rng):
 
 
 def reporter(port, rng):
-    """Greets and says done to everything, and sends reports of any content."""
+    """Greets, replies done to every request, and sends reports with random content."""
     for request in port.requests():
         done = framed(bytes([request[0], 1]))
         port.write(greeting(request[0], request[3:]) if request[1] == HELLO else done)
@@ -184,14 +184,14 @@ def closing(port, rng):
 
 
 PEERS = [silent, noise, echo, old, damaged, closing, flood, hello, liar, reporter, endless]
-# What standard error says; other peers may be refused in many ways.
+# Expected errors; the errors for other peers vary.
 SILENCE = r"nothing arrived|silent"
 FOREIGN = r"bytes arrived|sends back what|answer that does not|no answer in .*: \d+|refuse|protocol"
 COMMANDS = [["params", "list"], ["posture"], ["drive", "stop"], ["follow"], ["hil"], ["params", "get", "button.action"]]
 
 
 class Serial(Kind):
-    """Commands with a board at a port whose peer is none, and two programs at one port."""
+    """Commands at a port without a proper board, and two programs at one port."""
 
     name, count = "serial", 12
     parallel = 12
@@ -227,6 +227,6 @@ class Serial(Kind):
         return Case(words, codes=(1, 2), refuse=f"no board: {peer.__name__}", limit=20, during=during, check=check)
 
     def second(self, port, folder, others):
-        """Starts a second program while the first one has the port."""
+        """Starts a second program while the first program uses the port."""
         time.sleep(1.0)
         others.append(self.bench.run(Case(["params", "list", "--on", f"serial:front={port.name}"]), folder))

@@ -9,7 +9,7 @@ VALUES = [
     "true", "[]", "[1, 2]", "[[[1]]]", "{}", "{ a = 1 }", "1979-05-27", "'", '"""', "", "x",
 ]
 NOT_FINITE = {"nan", "inf", "-inf"}
-# Line, key of a scenario or of a table, or a name in quotes.
+# A line number, a key of a scenario or table, or a quoted name.
 NAMED = (
     r"line \d+|\b[a-z_]+\.[a-z_0-9.\[\]]+|`[^`]+`|^cfmmr: robot: \w+ = |not UTF-8|larger than"
     r"|^cfmmr: (scenario|world|study|mission|vary|told|spread|plant)\b"
@@ -56,7 +56,7 @@ class Toml(Kind):
         data, refuse = change(text.splitlines(keepends=True), rng)
         data = data if isinstance(data, bytes) else data.encode()
         (folder / "file.toml").write_bytes(data)
-        # The line of what is nested too deeply is looked for in shorter texts only.
+        # For long texts the program does not search the line of a value nested too deeply.
         named = NAMED + ("|recursion limit" if len(data) > 100_000 else "")
         run = ["posture", "--rows", "joint", "--trials", "1", "--threads", "1", "--out", "out"]
         option = [f"--{which}", "file.toml"]
@@ -85,7 +85,7 @@ class Toml(Kind):
         return "".join(lines), f"{key} = {value} was accepted" if value in NOT_FINITE else ""
 
     def element(self, lines, rng):
-        """A number within a line."""
+        """Replaces a number in a line."""
         places = [i for i, line in enumerate(lines) if re.search(r"\d", line) and not line.startswith(("#", "["))]
         place, value = rng.choice(places), rng.choice(VALUES)
         number = rng.choice(list(re.finditer(r"-?\d[\d.e+-]*", lines[place])))
@@ -100,7 +100,7 @@ class Toml(Kind):
         return "".join(lines), ""
 
     def double(self, lines, rng):
-        """A key twice."""
+        """Repeats a key."""
         place = rng.choice(self.keys(lines))
         lines.insert(place, lines[place])
         return "".join(lines), f"the key in `{lines[place].strip()}` stands twice"
@@ -111,7 +111,7 @@ class Toml(Kind):
         return "".join(lines), ""
 
     def nested(self, lines, rng):
-        """Nesting without end, long lines, long keys."""
+        """Deep nesting, long lines, long keys."""
         deep = rng.choice([100, 10_000, 200_000])
         key = lines[rng.choice(self.keys(lines))].split(" = ")[0]
         text = rng.choice([
@@ -123,7 +123,7 @@ class Toml(Kind):
         return "".join(lines), "nested, long or unknown key"
 
     def bytes(self, lines, rng):
-        """Byte-order mark, line ends, bytes that are no text, nothing at all."""
+        """Byte-order mark, line ends, bytes that are not UTF-8, empty file."""
         data = "".join(lines).encode()
         place = rng.randrange(len(data))
         wrong = rng.choice([b"\xff", b"\xc3", b"\xed\xa0\x80", b"\0", b"\x1b[2J"])
@@ -177,7 +177,7 @@ EVAL = {
     ],
     "frame": ['{"length":0.4,"ei":0.5,"ea":1e7,"pose":[0.38,0.08,0.4],"seed_curvature":[1,1,1,1,1]}'],
 }
-# Algorithms whose first line has no answer.
+# Algorithms whose first line has no output.
 CONFIGURED = {"ekf", "ipec"}
 
 
@@ -222,7 +222,7 @@ class Lines(Kind):
     def eval(self, rng, index):
         algorithm = list(EVAL)[index // 2 % len(EVAL)]
         lines = [line.encode() for line in EVAL[algorithm]]
-        # One line that is right at first, else all answers may be refusals.
+        # Usually the first line is right, else all outputs may be errors.
         first = lines if algorithm not in CONFIGURED or rng.random() < 0.8 else [self.wrong(lines[0], rng)]
         lines = first + [self.wrong(rng.choice(lines[1:] or lines), rng) for _ in range(30)]
         data = b"\n".join(lines) + rng.choice([b"", b"\n", b"\r\n"])
@@ -248,7 +248,7 @@ class Lines(Kind):
         return Case(["eval", algorithm], codes=(0, 2), stdin=data, check=check)
 
     def wrong(self, line, rng):
-        """A line with a value replaced, a key removed or doubled, or no sense at all."""
+        """Line with a replaced value, a removed or doubled key, or random content."""
         text = line.decode()
         if rng.random() < 0.6:
             for _ in range(rng.choice([1, 1, 3])):

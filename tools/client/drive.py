@@ -31,10 +31,10 @@ class Board:
             return NOTHING
         if data[0] == 0 and data[1] == REPORT:
             report = data[2:-4]
-            varint(report), varint(report)  # its number, and entries that found no room
+            varint(report), varint(report)  # number of the report, number of lost entries
             del report[: varint(report)]  # entries
             offset, count = varint(report), varint(report)
-            if offset == 0 and count > 111:  # behind length, mode, and the estimates of both axles
+            if offset == 0 and count > 111:  # after length, mode, and the estimates of both axles
                 self.posture = struct.unpack_from("<3f", report, 2 + 1 + 2 * 48)
         return data
 
@@ -63,7 +63,7 @@ def main(path, x, y, phi):
     try:
         while time.monotonic() < until and near < 500:
             board.receive()
-            if time.monotonic() > kept + 0.25:  # without it the robot stops after 1 s
+            if time.monotonic() > kept + 0.25:  # without KEEP the robot stops after 1 s
                 board.ask([KEEP, board.owner, board.number])
                 kept = time.monotonic()
             near = near + 1 if board.posture and abs(complex(*board.posture[:2]) - complex(x, y)) < 0.01 else 0

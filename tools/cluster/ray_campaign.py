@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""A campaign on a Ray cluster, one part a task; then the merge.
+"""Runs a campaign on a Ray cluster, one task per part, then the merge.
 
     pip install ray
     python3 tools/cluster/ray_campaign.py tools/studies/tyres_and_sensor.toml --out out/tyres --shards 16
 
-Every node needs cfmmr (--cfmmr PATH) and the same directory under --out. A task whose worker or program is killed is
-repeated, at most --retries times, and skips the blocks that are complete. If a part still fails, the others go on; the
+Every node needs cfmmr (--cfmmr PATH) and a shared directory at --out. A task whose worker or program is killed is
+repeated, at most --retries times, and skips complete blocks. If a part still fails, the other parts continue; the
 merge then names the missing blocks, and the exit code is 1.
 """
 
@@ -20,20 +20,20 @@ import ray
 
 
 def end_with_parent():
-    """Ends this process when the Ray worker is killed: an orphan would take the core of the repetition."""
+    """Ends this process when the Ray worker is killed; an orphan would use the core of the repeated task."""
     pr_set_pdeathsig = 1
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGTERM)
 
 
 def part(cfmmr, study, out, index, count, threads):
-    """Runs part `index` of `count`; gives the exit code, and the output of cfmmr."""
+    """Runs part `index` of `count`; returns the exit code and the output of cfmmr."""
     command = [cfmmr, "campaign", study, "--out", out, "--threads", str(threads)]
     command += ["--shard", f"{index}/{count}"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, preexec_fn=end_with_parent)
     if done.returncode not in (0, 2):
         raise RuntimeError(f"part {index} of {count}: exit code {done.returncode}: {done.stderr.strip()}")
-    # Code 2: the study or an option is wrong; a repetition does not help.
+    # Exit code 2: the study or an option is wrong, so a repetition cannot succeed.
     return done.returncode, done.stderr if done.returncode else done.stdout
 
 

@@ -1,18 +1,18 @@
 #!/usr/bin/env bash
-# One part of a campaign: a task of a Slurm array. slurm_submit.sh submits the array, its repetition and the merge.
-# Without it:
+# Runs one part of a campaign as a task of a Slurm array. slurm_submit.sh submits array, repetition and merge. Submit
+# only the array:
 #
 #   sbatch --array=0-15 tools/cluster/slurm.sh tools/studies/tyres_and_sensor.toml out/tyres
 #
 # A part that is killed, fails or reaches its time limit is requeued, at most CFMMR_RESTARTS times (default 5), and
-# skips the blocks that are complete. A wrong study or option (exit code 2) is not requeued. Cores of a part:
+# skips complete blocks. A wrong study or option (exit code 2) is not requeued. Cores per part:
 # sbatch --cpus-per-task=N, default 1.
 #SBATCH --job-name=cfmmr
 #SBATCH --mem-per-cpu=256M
 #SBATCH --time=02:00:00
 #SBATCH --requeue
 #SBATCH --open-mode=append
-# USR1 to this script, at least 60 s before the time limit.
+# Slurm sends USR1 to this script at least 60 s before the time limit.
 #SBATCH --signal=B:USR1@60
 set -uo pipefail
 study=${1:?missing argument: STUDY OUT}
@@ -61,7 +61,7 @@ if ((restarts >= most)); then
 fi
 say "requeued: restart $((restarts + 1)) of at most $most"
 trap '' TERM
-# The last task of an array has the array's job number: by that, scontrol would requeue every task.
+# The last task of an array has the array's job number, by which scontrol would requeue every task.
 job=${SLURM_JOB_ID:?not in a Slurm job}
 if [[ -n ${SLURM_ARRAY_TASK_ID:-} ]]; then
     job=${SLURM_ARRAY_JOB_ID}_$SLURM_ARRAY_TASK_ID

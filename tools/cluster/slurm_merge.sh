@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Merge of a campaign, after its parts. A missing block ends the merge with exit code 1 and the list of the missing blocks.
+# Merges a campaign after its parts. If blocks are missing, lists them and exits with code 1.
 #
 #   sbatch --dependency=afterany:JOB --kill-on-invalid-dep=yes tools/cluster/slurm_merge.sh out/tyres
 #SBATCH --job-name=cfmmr-merge

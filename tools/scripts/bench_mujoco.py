@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Speed of the plant beside the same robot in MuJoCo, in one run.
+"""Measures the speed of the plant and of an equal robot in MuJoCo, in one run.
 
 Two differential-drive axles in the plane, joined by a strip of hinged segments whose hinge
 stiffness is EI over the segment's length; wheels on a plane with the friction of the plant; the
-drives of the bench. Rounds of the example `drives` of `plant` and of MuJoCo alternate, so that both meet the
-same machine; the medians are printed as a table, or with --json as one JSON object.
+drives of the bench. Rounds of the example `drives` of `plant` and of MuJoCo alternate, so that both run under
+equal conditions; the medians are printed as a table, or with --json as one JSON object.
 
 Needs: pip install mujoco
 """
@@ -45,7 +45,7 @@ DRIVES = {
 
 
 def axle(name, mass):
-    """Joints-free part of an axle: its body's mass and two driven wheels."""
+    """Axle without the joints of its body: mass and two driven wheels."""
     wheel_mass = 0.2
     across = 0.0021  # about a diameter
     wheels = "".join(
@@ -66,7 +66,7 @@ def axle(name, mass):
 
 
 def model(segments, timestep, planar):
-    """MJCF text. Each segment is half a length from the next hinge, the first hinge at half."""
+    """MJCF text. A hinge is in the middle of each segment."""
     piece = LENGTH / segments
     stiffness = BENDING / piece
     inner = f'<body name="front" pos="{piece / 2} 0 0">{axle("front", MASS[0])}</body>'
@@ -115,7 +115,7 @@ def run(compiled, drive, seconds):
         base = base_size * math.sin(base_rate * k * timestep)
         steer = steer_size * math.sin(steer_rate * k * timestep)
         controls.append((base - steer, base + steer, base + steer, base - steer))
-    # The interpreter is not what is measured: the clock runs only inside MuJoCo.
+    # The clock runs only inside MuJoCo, so the time of Python does not count.
     taken = 0.0
     for control in controls:
         data.ctrl[:] = control

@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 """Prints the speeds on this machine for docs/benchmarks.md.
 
-Plant alone beside MuJoCo in the same run, and how Monte Carlo runs of the whole closed loop scale with
-threads and memory. One command, on a machine with nothing else to do; about five minutes:
+Plant alone and MuJoCo in one run, and scaling of Monte Carlo runs of the whole closed loop with threads and
+memory. One command on an idle machine, about five minutes:
 
     pip install mujoco && cargo build --release && tools/scripts/regenerate.py benchmarks
 
-`--quick` tries everything in a minute, with figures that are worth nothing. Where the time
-of the loop goes is written by hand in docs/profile.md, to which the page links.
+`--quick` tests the script in a minute; its figures are not usable. The page links to
+docs/profile.md, which is written by hand and describes the time of each part of the loop.
 """
 
 import argparse
@@ -43,7 +43,7 @@ def processor():
 
 
 def drives(repeats):
-    """Real-time factors of the plant alone in several runs, by drive."""
+    """Real-time factors of the plant alone by drive, one per run."""
     factors = {}
     for _ in range(repeats):
         command = "cargo run --release --quiet --locked --package plant --example drives"
@@ -92,13 +92,13 @@ def main():
     rows, results = [], {}
     for threads in (1, 2):
         start, end = monte_carlo(few, threads), monte_carlo(many, threads)
-        # What does not depend on the number of trials (pictures, files) cancels.
+        # Time that does not depend on the number of trials (pictures, files) cancels.
         rate = (many - few) / (end[0] - start[0])
         rows.append((threads, rate, start[2], end[2]))
         results[threads] = end[3]
     same = "the same bytes" if results[1] == results[2] else "DIFFERENT RESULTS"
     gain = rows[1][1] / rows[0][1]
-    # What the machine gives two programs that share nothing, by which the gain is to be judged.
+    # Reference for the gain: two independent programs in parallel.
     with concurrent.futures.ThreadPoolExecutor(2) as pool:
         both = [list(pool.map(monte_carlo, [n, n], [1, 1])) for n in (few, many)]
     start, end = (max(run[0] for run in runs) for runs in both)

@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""What a late, lossy or damaged bus does to the drive to the origin: the table of docs/bus.md.
+"""Effect of a late, lossy or damaged bus on the drive to the origin: prints the table of docs/bus.md.
 
     tools/scripts/bus_table.py CFMMR [--trials N] [--only TEXT]
 
-A row is one bus, for robots with and without an IMU. Exit code 1 if a robot says *reached* outside its tolerance.
+A row is one bus, for robots with and without an IMU. Exit code 1 if a robot reports *reached* outside its tolerance.
 """
 import argparse
 import csv
@@ -17,7 +17,7 @@ from pathlib import Path
 
 TOLERANCE_M, TOLERANCE_RAD = 0.1, math.radians(5)
 BOARDS = ("front", "rear", "beam")
-# Notices of single drives that a sound bus has, too.
+# Notices that also occur in single drives with a sound bus.
 USUAL = {"measurement refused"}
 
 
@@ -57,7 +57,7 @@ def rows():
 
 
 def drive(program, settings, trials, folder):
-    """Rows of trials.csv."""
+    """Runs the trials; returns the rows of trials.csv."""
     command = [program, "posture", "--rows", "joint", "--trials", str(trials), "--seed", "7071", "--out", str(folder)]
     for setting in settings:
         command += ["--set", f"bus.{setting}"]

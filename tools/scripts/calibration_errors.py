@@ -3,7 +3,7 @@
 
     tools/scripts/calibration_errors.py wheels [--seeds 6] [OPTION...]     options of `cfmmr calibrate`
 
-The mean is over robots, boards and gauges that have the same parameter.
+The mean is over all robots, boards and gauges with the parameter.
 """
 
 import argparse
@@ -19,7 +19,7 @@ PROGRAM = ROOT / "target" / "release" / "cfmmr"
 
 
 def digits(value):
-    """The value with two digits that count, or as a whole number."""
+    """Value with two significant digits, or as a whole number."""
     return f"{value:.{max(0, 1 - math.floor(math.log10(max(abs(value), 1e-9))))}f}"
 
 

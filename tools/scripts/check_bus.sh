@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Compares the boards' message codec with cantools; see check_dbc.py. cantools is put into a virtual
-# environment below target/ if it is not there.
+# Compares the boards' message codec with cantools; see check_dbc.py. Installs cantools in a virtual
+# environment below target/ if needed.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 

@@ -1,6 +1,6 @@
 """Compares the boards' message codec with cantools, which reads the exported bus description.
 
-Every message, both ways: values encoded by `cfmmr eval bus` are decoded by cantools, and frames
+Every message in both directions: values encoded by `cfmmr eval bus` are decoded by cantools, and frames
 encoded by cantools are decoded by `cfmmr eval bus`. Needs the Python package cantools.
 
     check_dbc.py CFMMR [CASES]      CFMMR: the program; CASES: of each message, default 10000
@@ -19,7 +19,7 @@ AXLES = {"Front": "front", "Rear": "rear"}
 NODES = {"Lead": "lead", "FrontAxle": "front-axle", "RearAxle": "rear-axle", "Beam": "beam"}
 BOARDS = {"Front": "front", "Rear": "rear", "Beam": "beam"}
 POSTURE = {"x": ("posture", 0), "y": ("posture", 1), "phi": ("posture", 2)}
-# Signal names of the description -> where the value stands in the boards' message.
+# Signal names of the description -> path of the value in the boards' message.
 FIELDS = {
     "LeadStatus": {"steering": "steering_rad", "velocity": "velocity_m_s"},
     "ReferencePosture": POSTURE,
@@ -45,7 +45,7 @@ FIELDS = {
 
 
 def split(name):
-    """The boards' name of a message, and whose it is."""
+    """Name of the message in the boards' form, with its axle, node or board."""
     if name.startswith("NodeStatus"):
         return "NodeStatus", {"node": NODES[name.removeprefix("NodeStatus")]}
     for suffix in ("Front", "Rear", "Beam"):
@@ -58,7 +58,7 @@ def split(name):
 
 
 def covariance(signals):
-    """Covariance that standard deviations and correlations stand for."""
+    """Covariance from standard deviations and correlations."""
     sigma = [math.exp(signals[f"ln_sigma_{axis}"]) for axis in ("x", "y", "phi")]
     rho = {(0, 1): "xy", (0, 2): "xphi", (1, 2): "yphi"}
     m = [[0.0] * 3 for _ in range(3)]
@@ -70,7 +70,7 @@ def covariance(signals):
 
 
 def to_board(name, signals):
-    """The boards' message for these physical values."""
+    """Message in the boards' form for these physical values."""
     stem, content = split(name)
     rest = dict(signals)
     if stem == "TimeSync":
@@ -120,7 +120,7 @@ def integral(signal):
 
 
 def draw(signal, generator, between):
-    """A raw value of a signal as physical; `between` values are not on the grid of the bus."""
+    """Random physical value of a signal; with `between`, not on the grid of the bus."""
     if signal.choices:
         return str(generator.choice(list(signal.choices.values())))
     low, high = signal.minimum, signal.maximum
@@ -137,7 +137,7 @@ def draw(signal, generator, between):
     elif edge > 0.98:
         raw = raw_high
     if signal.name.startswith("correlation"):
-        # Any three of this size make a covariance.
+        # Any three correlations of this size give a valid covariance.
         raw = raw % 63 - 31
     value = raw * signal.scale + signal.offset
     if integral(signal):
@@ -164,7 +164,7 @@ def same(a, b, name, slack):
 
 
 def boards(program, lines):
-    """What the boards' codec makes of these lines."""
+    """Outputs of the boards' codec for these lines."""
     text = "".join(json.dumps(line) + "\n" for line in lines)
     run = subprocess.run([program, "eval", "bus"], input=text, capture_output=True, text=True)
     answers = [json.loads(line) for line in run.stdout.splitlines()]
@@ -199,7 +199,7 @@ def main():
                 if signal.choices:
                     assert str(got) == sent, where
                     continue
-                # Half a unit, and what single precision leaves of the value.
+                # Half a unit, and the rounding error of single precision.
                 slack = 0.5 * signal.scale + RELATIVE * max(abs(sent), abs(signal.offset), 1.0)
                 assert abs(got - sent) <= slack, where
 
@@ -211,7 +211,7 @@ def main():
             {"decode": {"id": message.frame_id, "data": message.encode(case).hex()}}
             for case in drawn
         ]
-        # Standard deviations go through an exponential of up to 15.
+        # Standard deviations are exponentials of up to 15.
         slack = 2e-5 if "Uncertainty" in message.name else RELATIVE
         for case, answer in zip(drawn, boards(program, lines)):
             same(to_board(message.name, case), answer["message"], message.name, slack)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Licences, sources and versions of the dependencies against deny.toml.
+"""Checks licences, sources and versions of the dependencies against deny.toml.
 
     tools/scripts/check_dependencies.py
 
@@ -26,13 +26,13 @@ def packages(folder):
 
 
 def is_allowed(licence, allowed):
-    """True if an SPDX expression holds with the allowed licences; `/` is the old way to write OR."""
+    """True if an SPDX expression is satisfied by the allowed licences; `/` is an old form of OR."""
     alternatives = re.split(r"\bOR\b|/", re.sub(r"\(([^()]*)\)", lambda group: nested(group[1], allowed), licence))
     return any(all(term.strip() in allowed for term in one.split(" AND ")) for one in alternatives)
 
 
 def nested(group, allowed):
-    """A licence of the group that is allowed; the group itself if none is."""
+    """An allowed licence of the group, else `none`."""
     return next((one.strip() for one in group.split(" OR ") if one.strip() in allowed), "none")
 
 

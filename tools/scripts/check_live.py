@@ -1,4 +1,4 @@
-"""Reads a run that is served by websocket, as Foxglove does, and compares it with the run's own log.
+"""Reads a live run by websocket, as Foxglove does, and compares the messages with the run's log.
 
 Needs the Python packages websockets, mcap, mcap-protobuf-support and jsonschema.
 
@@ -24,17 +24,17 @@ from mcap_protobuf.decoder import DecoderFactory
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-# Simulated time that is looked at: the robot sets out after half a second.
+# Watched simulated time, s; the robot starts to move after 0.5 s.
 SECONDS = 3.0
 EACH_EPOCH = ["/lead", "/truth", "/truth/robot", "/estimate/robot", "/tf"]
 MESSAGE, TIME = 1, 2
 
 
 class Viewer:
-    """A client that subscribes to all topics there are when it comes."""
+    """Client that subscribes to all topics that exist when it connects."""
 
     def __init__(self, address):
-        # A viewer that is done is not read any more, and need not tell whether it lives.
+        # No keepalive: a viewer that has finished does not read.
         self.socket = connect(
             address, subprotocols=["foxglove.sdk.v1"], max_size=None, open_timeout=20, ping_interval=None
         )
@@ -46,10 +46,10 @@ class Viewer:
         self.times = []
 
     def look_for(self, count):
-        """Waits until so many topics are advertised, and subscribes to them."""
+        """Waits until `count` topics are advertised, and subscribes to them."""
         while len(self.channels) < count:
             said = self.socket.recv(timeout=20)
-            # The time comes to all, whatever they have been told.
+            # The server sends the time to all clients.
             if isinstance(said, bytes):
                 continue
             said = json.loads(said)
@@ -59,7 +59,7 @@ class Viewer:
         self.socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
 
     def watch(self, seconds):
-        """Takes in what comes until the simulated time."""
+        """Receives messages until the simulated time."""
         while not self.times or self.times[-1] < seconds * 1e9:
             try:
                 said = self.socket.recv(timeout=60)
@@ -77,7 +77,7 @@ class Viewer:
         return next(channel for channel in self.channels.values() if channel["topic"] == topic)
 
     def decoded(self, topic):
-        """Times and contents of a topic, checked against the schema that came with it."""
+        """Times and contents of a topic, checked against the received schema."""
         channel = self.channel(topic)
         if channel["encoding"] == "json":
             assert channel["schemaEncoding"] == "jsonschema", topic
@@ -96,7 +96,7 @@ class Viewer:
 
 
 def start(program, folder, command, *more):
-    """A run that is served; the program and its address."""
+    """Starts a live run; returns the process and its address."""
     run = subprocess.Popen(
         [program, command, "--live", "127.0.0.1:0", "--seed", "4", "--out", folder / "out", *more],
         cwd=folder,
@@ -111,7 +111,7 @@ def start(program, folder, command, *more):
 
 
 def logged(path):
-    """Topics with their schemas, and the messages, of a log."""
+    """Topics with schemas, and messages of a log."""
     topics, messages = {}, defaultdict(list)
     with open(path, "rb") as file:
         reader = make_reader(file, validate_crcs=True)
@@ -131,7 +131,7 @@ def check(program):
         viewer = Viewer(address)
         viewer.look_for(21)
         viewer.watch(SECONDS)
-        # One that comes later is told where the robot is to go, too.
+        # A late viewer also receives the goal.
         late = Viewer(address)
         late.look_for(21)
         late.watch(SECONDS + 0.5)
@@ -139,7 +139,7 @@ def check(program):
         assert run.wait(timeout=30) == 130, run.stderr.read()
         topics, messages = logged(log)
 
-    # The log has the topics of which there was a message.
+    # The log has only topics with a message.
     without = {channel["topic"] for channel in viewer.channels.values()} - set(topics)
     assert len(viewer.channels) == len(topics) + len(without), "a topic of the log is not served"
     assert not any(viewer.messages[topic] for topic in without), without
@@ -151,7 +151,7 @@ def check(program):
         assert data == schema.data, f"{topic}: another schema than in the log"
     assert viewer.times == sorted(viewer.times)
     for topic in EACH_EPOCH:
-        # All of them, and the same bytes.
+        # All messages, with equal bytes.
         times = [at for at, _ in viewer.messages[topic]]
         of_log = [message for message in messages[topic] if message[0] <= times[-1]]
         assert viewer.messages[topic] == of_log, f"{topic}: other messages than in the log"
@@ -164,7 +164,7 @@ def check(program):
         assert goal.frame_id == "world" and math.hypot(goal.pose.position.x, goal.pose.position.y) < 1e-9
     assert at > SECONDS * 1e9 - 2e8, "told when it was asked for"
 
-    # The robot is where it starts, then on its way, and believes so.
+    # Truth and estimate: at the start posture, then moving.
     place = [content.pose.position for _, content in viewer.decoded("/truth/robot")]
     assert math.hypot(place[0].x + 1.342, place[0].y + 1.342) < 0.05, place[0]
     way = math.hypot(place[-1].x - place[0].x, place[-1].y - place[0].y)
@@ -179,7 +179,7 @@ def check(program):
 
 
 def check_boards(program):
-    """Virtual boards in the loop are served alike, from the first tick to the end of the run."""
+    """Checks that virtual boards in the loop are served from the first tick to the end of the run."""
     with tempfile.TemporaryDirectory() as folder:
         run, address = start(program, Path(folder), "hil", "--on", "virtual", "--stop-after", "0.5")
         viewer = Viewer(address)
@@ -188,13 +188,13 @@ def check_boards(program):
         assert run.wait(timeout=60) == 0, run.stderr.read()
     for board in ["front", "rear", "beam"]:
         ticks = [content["tick"] for _, content in viewer.decoded(f"/boards/{board}/tick")]
-        # What waits for a viewer when the server ends need not reach it any more.
+        # Messages queued when the server ends need not arrive.
         assert ticks == list(range(len(ticks))) and len(ticks) > 400, (board, len(ticks))
     print(f"live: virtual boards, {len(ticks)} of 500 ticks of each")
 
 
 def check_refusals(program):
-    """An address that is taken, and one that is none."""
+    """Checks the errors for an address in use and for an invalid address."""
     with tempfile.TemporaryDirectory() as folder:
         run, address = start(program, Path(folder), "posture")
         port = address.rsplit(":", 1)[1]

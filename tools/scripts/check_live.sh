@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Serves a run by websocket and reads it as a viewer does; see check_live.py.
+# Serves a live run by websocket and reads the messages as a viewer does; see check_live.py.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 

@@ -1,5 +1,5 @@
-"""Reads logs of cfmmr with the Python reader of MCAP and compares them with what the same runs say
-elsewhere: their own tables, cantools for every frame on the bus, wheel speeds from encoder counts.
+"""Reads logs of cfmmr with the Python reader of MCAP and compares them with other outputs of these runs: CSV tables,
+every bus frame decoded by cantools, wheel speeds from encoder counts.
 
 Needs the Python packages mcap, mcap-protobuf-support, jsonschema and cantools.
 
@@ -43,7 +43,7 @@ def crc32c(data):
 
 
 class Log:
-    """A log, and what holds for each."""
+    """Log with checks that apply to every log."""
 
     def __init__(self, path):
         self.messages = defaultdict(list)  # topic -> (log time, content)
@@ -89,7 +89,7 @@ class Log:
                 assert field["description"], f"{topic}.{name} has no description"
             validator = jsonschema.Draft7Validator(described)
             messages = [content for _, content in self.messages[topic]]
-            # A thousand a second are alike: some of them are enough.
+            # A sample of about 500 messages per topic is enough.
             for content in messages[:: max(1, len(messages) // 500)]:
                 validator.validate(content)
         for topic in EACH_TICK:
@@ -98,7 +98,7 @@ class Log:
                 first = ticks[0] if ticks else 0
             assert ticks == list(range(first, first + len(ticks))), f"{topic}: ticks are missing"
         for topic in EACH_TICK + ["/bus", "/lead"]:
-            # The common time of boards behind links began before the run; ticks before the run have its start.
+            # The boards' common time began before the run; ticks before the run are logged at the start of the run.
             offsets = [content["tick"] * 1_000_000 - at for at, content in self.messages[topic] if at > 0]
             for at, content in self.messages[topic]:
                 assert at == max(0, content["tick"] * 1_000_000 - offsets[0]), topic
@@ -107,7 +107,7 @@ class Log:
         assert scenario["mission"] and about["build"].startswith("cfmmr "), about
         assert about["scenario_hash"] == crc32c(about["scenario"].encode())
         if not self.messages["/boards/front/start"]:
-            # Boards that run by themselves: no samples, and the parameters are in their flash.
+            # Autonomous boards: samples are not logged, and the parameters are in the boards' flash.
             return
         start = self.messages["/boards/front/start"][0][1]
         assert about["parameters_hash"] == start["parameters_hash"] == crc32c(bytes.fromhex(start["parameters"]))
@@ -138,7 +138,7 @@ def heading_near(a, b, where):
 
 
 def at(message, path):
-    """The value at a path such as robot.covariance[0][1]; None below a null."""
+    """Value at a path such as robot.covariance[0][1]; None below a null."""
     for key in re.findall(r"\w+", path):
         if message is None:
             return None
@@ -147,7 +147,7 @@ def at(message, path):
 
 
 def compare_row(message, row, topic, where):
-    """The columns of a row that are named as the values of a topic."""
+    """Compares a message with the columns of a row that have the topic's prefix."""
     compared = 0
     for column, cell in row.items():
         if not column.startswith(topic):
@@ -163,18 +163,18 @@ def compare_row(message, row, topic, where):
 
 
 def compare_epochs(log, rows, in_process=True):
-    """The messages of an epoch against a row of the table of the same run."""
+    """Compares the messages of each epoch with the rows of the run's table."""
     truth = {round(m["time_s"] * 1e3): m for _, m in log.messages["/truth"]}
     lead = {m["tick"] // 10: m for _, m in log.messages["/lead"]}
     robot = {at // 1_000_000: m for (at, _), m in zip(log.messages["/truth/robot"], log.standard["/truth/robot"])}
     led = None
     for row in rows:
         tick = round(float(row["time_s"]) * 1e3)
-        # An output that does not arrive within its epoch leaves the one before it.
+        # If an output does not arrive within its epoch, the row has the output before.
         m, led = truth[tick], lead.get(tick // 10 - 1, led)
         compare_row(m, row, "truth.", tick)
         if not in_process:
-            # The estimate is one that the front board reported, whenever it arrived.
+            # The row has one of the estimates reported by the front board.
             wanted = [float(row[f"lead.robot.{key}"]) for key in ("x_m", "y_m", "phi_rad")]
             gaps = ((m["robot"][k] - w for k, w in zip(("x_m", "y_m", "phi_rad"), wanted)) for m in lead.values())
             assert min(max(map(abs, gap)) for gap in gaps) < 2e-6, tick
@@ -189,7 +189,7 @@ def compare_epochs(log, rows, in_process=True):
 
 
 def compare_wheels(log):
-    """Wheel speeds by the counts of the encoders against the true ones, epoch by epoch."""
+    """Compares wheel speeds from encoder counts with the true speeds, epoch by epoch."""
     worst = 0.0
     for topic, places in (("/boards/front/tick", (0, 1)), ("/boards/rear/tick", (2, 3))):
         ticks = {m["tick"]: m["encoder"] for _, m in log.messages[topic]}
@@ -200,12 +200,12 @@ def compare_wheels(log):
                 measured = turned * math.tau / COUNTS_PER_REVOLUTION / 0.010
                 mean = 0.5 * (truth[tick][place] + truth[tick + 10][place])
                 worst = max(worst, abs(measured - mean))
-    # A count in 10 ms is 0.08 rad/s, and a speed may change within them.
+    # One count in 10 ms is 0.08 rad/s, and the speed may change during 10 ms.
     assert worst < 0.35, f"wheel speeds differ by {worst} rad/s"
 
 
 def compare_bus(log, database, unrecorded=0):
-    """Every frame as cantools decodes it against the decoded message in the log; so many were sent outside of the record."""
+    """Compares every frame decoded by cantools with the log's message; `unrecorded` frames are outside the record."""
     frames = [frame for _, entry in log.messages["/bus"] for frame in entry["frames"]]
     for entry in frames:
         identifier, data = entry["frame"].split("#")
@@ -223,7 +223,7 @@ def compare_bus(log, database, unrecorded=0):
 
 
 def compare_tables(log, folder):
-    """The tables of ticks and frames against the log."""
+    """Compares the tables of ticks and frames with the log."""
     axles = table(folder / "axles.csv")
     for board in ("front", "rear"):
         rows = [row for row in axles if row["board"] == board]
@@ -242,7 +242,7 @@ def compare_tables(log, folder):
 
 
 def virtual(call, folder, database):
-    """A run on virtual boards: what each of them reports, and the truth."""
+    """Checks a run on virtual boards: reports of each board, and the truth."""
     path, tables, out = folder / "virtual.mcap", folder / "virtual-tables", folder / "virtual"
     arguments = ["--stop-after", 1.5, "--log", path, "--csv", tables, "--out", out]
     call("posture", "--on", "virtual", *arguments)
@@ -254,7 +254,7 @@ def virtual(call, folder, database):
     assert epochs == 150, epochs
     for topic in EACH_EPOCH[1:]:
         assert len(log.messages[topic]) == epochs, topic
-    # The record begins with the nodes, before the run.
+    # The record begins at the start of the nodes, before the run.
     assert 0 <= len(log.messages["/lead"]) - epochs <= 120, len(log.messages["/lead"])
     for topic in EACH_TICK:
         assert 1500 <= len(log.messages[topic]) <= 2700, (topic, len(log.messages[topic]))
@@ -268,14 +268,14 @@ def virtual(call, folder, database):
     assert {row["board"] for row in bus} == {"front", "rear", "beam"}
     assert len(table(tables / "axles.csv")) > 3000 and len(table(tables / "beam.csv")) > 1500
     result = json.loads((out / "result.json").read_text())
-    # Those before the beginning of the record are not in the log.
+    # Frames before the beginning of the record are not in the log.
     share = (1.5 / result["simulated_s"])
     assert 0.9 * share < len(frames) / result["frames"] < 1.0, (len(frames), result["frames"])
     return compare_bus(log, database, unrecorded=100)
 
 
 def interrupted(program, folder):
-    """A run that is interrupted leaves a readable log of what there was."""
+    """Checks that an interrupted run leaves a readable log."""
     path = folder / "interrupted.mcap"
     run = subprocess.Popen(
         [program, "follow", "--path", "circle", "--laps", "200", "--log", path, "--out", folder / "no"],

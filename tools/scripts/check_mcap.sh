@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Reads logs with the Python reader of MCAP and compares them with the run's own tables and, frame by
-# frame, with cantools; see check_mcap.py. The packages go into a virtual environment below target/.
+# Reads logs with the Python reader of MCAP and compares them with the run's tables and, frame by frame,
+# with cantools; see check_mcap.py. Installs the packages in a virtual environment below target/.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 

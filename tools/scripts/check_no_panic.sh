@@ -29,7 +29,7 @@ if ! output=$("${build[@]}" 2>&1); then
   exit 1
 fi
 
-# An image without the nodes would link too.
+# The image must contain the nodes: without nodes, any image would link.
 symbols=$(nm --demangle "$image")
 for step in AxleNode::step RobotFusion::step Regulator::tick Solver::begin RelativePositionSensor::work peripheral_tick; do
   if ! grep -q "$step" <<<"$symbols"; then

@@ -1,5 +1,5 @@
-"""Opens the report pages of runs in a headless Chromium, on a desk's and on a phone's width, light and
-dark, and uses them: no error, playing moves the robot, and so do the slider and a plot.
+"""Opens the report pages of runs in a headless Chromium, at desktop and phone width, in light and dark mode, and uses
+them. Checks that there is no error, and that playing, the slider and a plot move the robot.
 
 Needs Chromium and the Python package websocket-client.
 
@@ -23,7 +23,7 @@ WIDTHS = {"desk": (1280, 900, False), "tablet": (400, 800, True), "phone": (360,
 
 
 class Browser:
-    """A Chromium and the page in it, by the DevTools protocol."""
+    """Chromium with a page, controlled by the DevTools protocol."""
 
     def __init__(self, folder):
         program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))))
@@ -75,7 +75,7 @@ class Browser:
         self.until(lambda: self.value("document.readyState === 'complete' && !!window.report"), "the page loads")
 
     def wrong(self):
-        """Exceptions, errors on the console, and anything fetched besides the page."""
+        """Exceptions, console errors, and requests other than the page."""
         self.value("0")
         found = []
         for event in self.events:
@@ -85,7 +85,7 @@ class Browser:
             elif method == "Runtime.consoleAPICalled" and content["type"] in ("error", "warning"):
                 found.append(content["args"])
             elif method == "Log.entryAdded" and content["entry"]["source"] == "rendering":
-                pass  # That this test reads pixels is slow.
+                pass  # Warning that reading pixels is slow, caused by this test.
             elif method == "Log.entryAdded" and content["entry"]["level"] in ("error", "warning"):
                 found.append(content["entry"])
             elif method == "Network.requestWillBeSent" and not content["request"]["url"].startswith(("file:", "data:")):
@@ -97,7 +97,7 @@ class Browser:
         Path(path).write_bytes(base64.b64decode(shot["data"]))
 
     def scene(self):
-        """A sum over the pixels of the scene."""
+        """Sum over the pixels of the scene."""
         return self.value(
             "(() => { const c = document.getElementById('scene'), d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
             " let h = 0; for (let i = 0; i < d.length; i++) h = (h * 31 + d[i]) | 0; return h; })()"
@@ -120,7 +120,7 @@ SLIDE = (
 
 
 def use(browser, name):
-    """Everything a reader can do, and what must follow from it."""
+    """Operates every control of a page and checks the effects."""
     length = browser.value("report.length()")
     assert length > 5.0, length
     # The run plays as soon as the page is open.
@@ -141,7 +141,7 @@ def use(browser, name):
         poses.append(browser.value("report.pose()"))
         scenes.append(browser.scene())
     assert len(set(scenes)) == 3 and moved(poses[0], poses[1]) > 0.02, (name, poses)
-    # The middle of a plot is the middle of the time.
+    # A click in the middle of a plot selects the middle of the time.
     box = browser.value(
         "(() => { const c = document.querySelector('.plot canvas'); c.scrollIntoView({ block: 'center' });"
         " const b = c.getBoundingClientRect(); return [b.left, b.top, b.width, b.height]; })()"
@@ -163,7 +163,7 @@ def use(browser, name):
     cells = browser.value("[...document.querySelectorAll('#summary td')].map((cell) => cell.textContent)")
     assert len(cells) >= 8 and all(cells), (name, cells)
     assert "[mission]" in browser.value("document.getElementById('configuration').textContent"), name
-    # What is drawn is read off the plots' own data: no gap in a run that went well.
+    # The plots' data of a successful run have no gap.
     gaps = browser.value("JSON.parse(document.getElementById('data').textContent).runs.flatMap((r) => r.plots.flatMap((p) => p.series.filter((s) => s.data.includes(null)).map((s) => p.title + ' ' + s.name)))")
     assert not gaps, (name, gaps)
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Opens report pages in a headless Chromium and uses them; see check_report.py. A folder as argument
-# keeps the screenshots.
+# Opens report pages in a headless Chromium and uses them; see check_report.py. Argument: folder for the screenshots,
+# optional.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 

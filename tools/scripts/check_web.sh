@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Compares every epoch of 60 trials and six drives between this machine and WebAssembly.
+# Compares every epoch of 60 trials and six drives on this machine and in WebAssembly.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 export CARGO_INCREMENTAL=0

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Prints the Python that tools/client/drive.py runs with: a virtual environment with its packages.
+# Prints the path of the Python for tools/client/drive.py, in a virtual environment with its packages.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 . tools/scripts/python_tools.sh

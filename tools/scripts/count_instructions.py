@@ -22,14 +22,14 @@ TARGET = "thumbv7em-none-eabihf"
 IMAGE = ROOT / "target" / TARGET / "image" / "firmware-bench"
 COUNTS = ROOT / "tools/bench/counts.json"
 TOLERANCE = 0.02
-# Of each: mean and largest count, bytes of stack and of code.
+# Indices of a measurement: mean and largest count, bytes of stack, bytes of code.
 MEAN, MOST, STACK, CODE = range(4)
-# A word or two of stack, or an instruction or two of code, are no regression.
+# Differences of a few words of stack or instructions of code are no regression.
 SLACK = {MEAN: 0, STACK: 16, CODE: 16}
-# What a failed assertion prints is not part of an algorithm.
+# The printing of failed assertions is not part of an algorithm.
 FAILURES = ("panic", "core3fmt", "semihosting")
 
-# What each measurement is, and the most it should cost; None where there is no goal.
+# Title of each measurement, and its goal for the mean; None without a goal.
 TITLES = {
     "sin_cos": ("sine and cosine together", 45),
     "sqrt": ("square root", 8),
@@ -56,7 +56,7 @@ TITLES = {
     "tick_beam_epoch": ("beam board, tick that begins an epoch", None),
 }
 
-# Measured once; the libraries are no dependencies of this project.
+# Measured once; the libraries are not dependencies of this project.
 OTHER_LIBRARIES = """\
 | | mean | times ours | stack | code |
 |---|---|---|---|---|
@@ -72,7 +72,7 @@ def fail(text):
 
 
 def run(what):
-    """What the image prints on the core, counting instructions or cycles; it is built before."""
+    """Builds the image and runs it on the core; returns its output. `what`: instructions or cycles."""
     build = ["cargo", "build", "--locked", "--quiet", "--package", "firmware-bench"]
     build += ["--profile", "image", "--target", TARGET]
     if subprocess.run(build, cwd=ROOT).returncode != 0:
@@ -88,7 +88,7 @@ def run(what):
 
 
 def print_cycles():
-    """A table of the cycles of each case."""
+    """Prints a table of the cycles of each case."""
     means = []
     for what in ("instructions", "cycles"):
         lines = [line.split() for line in run(what).splitlines()]
@@ -100,7 +100,7 @@ def print_cycles():
 
 
 def measure():
-    """Name -> [mean, largest, stack, code] of everything the image prints."""
+    """Name -> [mean, largest, stack, code] of every measurement."""
     printed = run("instructions")
     counts, image, empty = {}, Image(IMAGE), 0
     for line in printed.splitlines():
@@ -120,7 +120,7 @@ def measure():
 
 
 def page(counts):
-    """The text of the page in the docs."""
+    """Text of the page in the docs."""
     rows = ["| | mean | largest | goal | stack | code |", "|---|---|---|---|---|---|"]
     for name, (title, goal) in TITLES.items():
         mean, most, stack, code = counts[name]

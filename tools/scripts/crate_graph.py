@@ -3,8 +3,8 @@
 
     tools/scripts/crate_graph.py
 
-An arrow points from a crate to a crate that depends on it. Dependencies of tests are left out, and arrows that follow
-from other arrows.
+An arrow points from a crate to a crate that depends on it. Dependencies of tests, and arrows that follow from other
+arrows, are left out.
 """
 import json
 import subprocess

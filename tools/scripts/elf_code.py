@@ -1,6 +1,6 @@
-"""How much code a function of a Cortex-M image needs: its own and that of all it calls.
+"""Code size of a function of a Cortex-M image, including all functions that it calls.
 
-Reads the symbols of the ELF file and the direct branches in the code; needs no tools.
+Reads the symbols of the ELF file and the direct branches in the code, without other tools.
 """
 
 import bisect
@@ -35,7 +35,7 @@ class Image:
             end = self.data.index(0, names + name)
             text = self.data[names + name : end].decode()
             if info & 15 == 2 and size > 0:
-                # The lowest bit only says that the code is Thumb.
+                # The lowest bit marks Thumb code.
                 known = self.functions.get(value & ~1, ("", 0))
                 self.functions[value & ~1] = max((text, size), known, key=lambda f: f[1])
             elif text[:2] in ("$t", "$d") and 0 < section < 0xFF00:
@@ -53,14 +53,14 @@ class Image:
         return i >= 0 and self.marks[i][1] == "t"
 
     def _owner(self, address):
-        """Start of the function an address lies in, or nothing."""
+        """Start of the function that contains an address, or None."""
         i = bisect.bisect_right(self.starts, address) - 1
         if i >= 0 and address < self.starts[i] + self.functions[self.starts[i]][1]:
             return self.starts[i]
         return None
 
     def _branches(self, start):
-        """Where the function that starts there branches to outside itself."""
+        """Targets of the branches from the function at `start` to other functions."""
         size = self.functions[start][1]
         code, at = self._bytes(start, size), 0
         while at + 2 <= size:
@@ -89,8 +89,8 @@ class Image:
             at += 4
 
     def size(self, address, without=()):
-        """Bytes of the function at `address` and of all it calls, each once, literals included;
-        functions whose name contains one of the words in `without` are left out."""
+        """Bytes of the function at `address` and of all functions that it calls, each once, literals included;
+        functions whose name contains a word in `without` are left out."""
         todo, seen = [address & ~1], set()
         while todo:
             start = self._owner(todo.pop())

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Hashes of the raw results, to show that a change of the program leaves every result as it is.
+"""Prints hashes of the raw results, to show that a change of the program changes no result.
 
     freeze.py --quick [--detail]    two minutes; 5 trials, a campaign of 16 runs, 2 s on boards
     freeze.py --full [--detail]     an hour; 20 trials, a campaign of 64 runs, whole runs, fault tables
@@ -9,8 +9,8 @@
 
 Each line holds a name, the number of values and the SHA-256 of the values. Numbers are hashed as IEEE 754 doubles, other
 values as text, so the printed form of a number does not count. --detail prints a line for each column, key and topic.
-Builds the program first, unless --program names one. NAMES is a JSON object of old and new names of columns; of a table
-with such columns only these count. The Python package mcap goes into target/python.
+Builds the program first, unless --program names one. NAMES is a JSON object of old and new names of columns; a table
+with such columns is compared in these columns only. Installs the Python package mcap in target/python.
 """
 
 import argparse
@@ -53,7 +53,7 @@ def to_bytes(value):
 
 
 def leaves(value, path=""):
-    """Pairs of path and value; entries of a list share the path of the list."""
+    """Pairs of path and value; entries of a list have the path of the list."""
     if isinstance(value, dict):
         for key in sorted(value):
             yield from leaves(value[key], f"{path}.{key}" if path else key)
@@ -162,7 +162,7 @@ def faults(report, out):
 
 
 def with_mcap():
-    """Starts over with a Python that has the package mcap."""
+    """Restarts this script with a Python that has the package mcap."""
     python = ROOT / "target/python/bin/python"
     if Path(sys.executable) != python:
         tools = "set -e; . tools/scripts/python_tools.sh; python_tools freeze.py"

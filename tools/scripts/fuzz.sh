@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
-# Fuzzes what reads bytes or text from outside, with libFuzzer and the pinned toolchain.
+# Fuzzes all readers of external bytes and text, with libFuzzer and the pinned toolchain.
 #
 #   tools/scripts/fuzz.sh [--fast] [--runs N] [TARGET...]     default: every target, few runs
 #
-# --fast is for long runs: optimised, coverage of the project's own crates only and no traces of
-# comparisons, for two to four times as many runs a second.
+# --fast is for long runs: optimised, coverage of the project's crates only and no traces of
+# comparisons, for two to four times as many runs per second.
 #
-# A run is repeatable: it starts from tools/fuzz/seeds with a fixed seed. An input that fails is kept in
-# tools/fuzz/artifacts; give its path to the target's program to see it fail again.
+# A run is repeatable: it starts from tools/fuzz/seeds with a fixed seed. A failing input is kept in
+# tools/fuzz/artifacts; pass its path to the target's program to repeat the failure.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
@@ -37,8 +37,8 @@ if ! command -v c++ >/dev/null; then
   exit 1
 fi
 
-# What `cargo fuzz` passes too, apart from the address sanitizer, which needs another toolchain and
-# finds nothing in code without `unsafe`. With a target named, build scripts are not instrumented.
+# Flags of `cargo fuzz` without the address sanitizer, which needs another toolchain and finds nothing in
+# code without `unsafe`. With a named target, build scripts are not instrumented.
 target=$(rustc -vV | sed -n 's/^host: //p')
 coverage="-Cpasses=sancov-module"
 for flag in level=4 inline-8bit-counters pc-table; do
@@ -47,7 +47,7 @@ done
 directory=target/fuzz
 if [ -n "$fast" ]; then
   directory=target/fuzz-fast
-  # Called in place of the compiler, with its name first.
+  # Cargo calls the wrapper with the compiler's path as first argument.
   export RUSTC_WRAPPER="$PWD/tools/scripts/fuzz_rustc.sh" FUZZ_COVERAGE=$coverage
   export RUSTFLAGS="--cfg fuzzing" CARGO_PROFILE_RELEASE_OPT_LEVEL=3
 else
@@ -55,7 +55,7 @@ else
 fi
 cargo build --quiet --locked --release --manifest-path tools/fuzz/Cargo.toml --target "$target" --target-dir "$directory"
 
-# Edges: places between two blocks of code that were reached; features count how often, too.
+# Edges: reached transitions between blocks of code; features also count how often.
 echo "| target | runs | edges | features | seconds |"
 echo "|---|---|---|---|---|"
 mkdir -p tools/fuzz/artifacts
@@ -68,7 +68,7 @@ for name in ${*:-$all}; do
     scenario | eval | params) few=3000 ;;
     *) few=50000 ;;
   esac
-  # The parameters in a log alone are two thousand characters.
+  # The parameters in a log have two thousand characters.
   [ "$name" = log ] && length=8192 || length=1024
   start=$SECONDS
   if ! "$directory/$target/release/$name" -runs="${runs:-$few}" -seed=1 -max_len=$length ${fast:+-entropic=0} -timeout=20 -rss_limit_mb=1024 \

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Prints flash and RAM of both images as a table: constant data and code, and static variables in what
-# memory.x leaves them beside the stack.
+# Prints flash (code and constants) and RAM (static variables) of both images as a table. The available RAM is that of
+# memory.x without the stack.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 target=thumbv7em-none-eabihf

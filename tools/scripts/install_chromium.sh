@@ -1,6 +1,5 @@
 #!/usr/bin/env bash
-# Installs Chromium, in which the report page is tested, on Debian or Ubuntu. Nothing is done if one
-# is there.
+# Installs Chromium on Debian or Ubuntu, for the test of the report page. Does nothing if Chromium is installed.
 set -euo pipefail
 
 found() {

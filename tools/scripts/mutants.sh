@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Mutation test: the share of small changes of a folder that its crate's tests notice: of core-algos those of the modules.
+# Mutation test: share of small changes of a folder that the tests of its crate (in core-algos: of its module) detect.
 #
 #   tools/scripts/mutants.sh FOLDER SHARE [OPTION...]     exits 1 below SHARE percent
 #   tools/scripts/mutants.sh core-algos/src/safety 90 --shard 0/4 --sharding round-robin
@@ -24,13 +24,13 @@ if ! command -v cargo-mutants >/dev/null; then
   exit 1
 fi
 
-# A mutant is built and run once: compiling counts more than speed.
+# A mutant is built and run once, so compile time matters more than speed.
 export CARGO_PROFILE_TEST_OPT_LEVEL=1 CARGO_PROFILE_TEST_DEBUG=false CARGO_PROFILE_DEV_DEBUG=false
 results=target/mutants/${folder//\//-} status=0
 mkdir -p "$results"
 read -ra filter <<<"${FILTER:-}"
 cargo mutants "${crate[@]}" --file "${folder%/}/**" --output "$results" "${@:3}" -- "${tests[@]}" -- "${filter[@]}" || status=$?
-# 2: some missed, 3: some ran out of time. Other codes are no result.
+# 2: mutants missed, 3: mutants timed out. Other codes are failures of cargo mutants.
 ((status == 0 || status == 2 || status == 3)) || exit "$status"
 count() { wc -l <"$results/mutants.out/$1.txt"; }
 caught=$(($(count caught) + $(count timeout))) missed=$(count missed)

@@ -1,12 +1,12 @@
 # Sourced: a virtual environment below target/ with the packages of requirements.txt.
 #
-#   python_tools NAME    sets $python; NAME is said in errors
+#   python_tools NAME    sets $python; NAME is the prefix of errors
 
 python_tools() {
   local environment=target/python wanted=tools/scripts/requirements.txt
   python=$environment/bin/python
   mkdir -p target
-  # One installs, others wait for it.
+  # One process installs, others wait.
   {
     flock 9
     cmp -s "$wanted" "$environment/requirements.txt" && return

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The whole robot in this process under random faults: random_faults.sh RUNS [FIRST_SEED]
+# Tests the in-process robot under random faults: random_faults.sh RUNS [FIRST_SEED]
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 runs=${1:?random_faults.sh: give the number of runs}

@@ -1,22 +1,22 @@
 #!/usr/bin/env python3
 """Regenerate every picture, table and number of README and docs that comes from a run.
 
-docs/manifest.toml names for each entry the commands and the destinations; docs/manifest.lock holds
-hashes of the committed state. In a page a table stands between two lines, a number in a sentence
-between the same two markers:
+docs/manifest.toml names the commands and the destinations of each entry; docs/manifest.lock contains
+hashes of the committed state. In a page, a table is between two marker lines, a number in a sentence
+between two markers:
 
     <!-- figure NAME -->
     <!-- /figure -->
 
-    tools/scripts/regenerate.py                 regenerate what is outdated or was edited by hand
-    tools/scripts/regenerate.py --all           regenerate all but what was measured on a date
+    tools/scripts/regenerate.py                 regenerate entries that are outdated or were edited by hand
+    tools/scripts/regenerate.py --all           regenerate all entries except those measured on a date
     tools/scripts/regenerate.py NAME...         regenerate these entries
     tools/scripts/regenerate.py --accept NAME   keep the text of an entry that was measured or is checked elsewhere
     tools/scripts/regenerate.py --check         exit 1 and print the command to type if anything is stale
 
-`--check` recomputes quick entries. For the others it compares the text and the pictures with the
-lock, and runs the probe: a short version of the command, whose raw results change when those of the
-command do. Needs target/release/cfmmr and Python 3.11.
+`--check` recomputes quick entries. For other entries it compares text and pictures with the lock, and runs
+the probe: a short version of the command, whose raw results change when those of the command change.
+Needs target/release/cfmmr and Python 3.11.
 """
 
 import argparse
@@ -43,7 +43,7 @@ KEYS = {"command", "probe", "quick", "measured", "checked", "sources", "toleranc
 
 
 class Stale(Exception):
-    """The committed state of an entry is not that of this version, or the entry cannot be computed."""
+    """The committed state of an entry differs from that of this version, or the entry cannot be computed."""
 
 
 def digest(*parts):
@@ -54,10 +54,10 @@ def digest(*parts):
     return total.hexdigest()[:16]
 
 
-# What templates may use beside the results of the run.
+# Functions for templates, in addition to the results of the run.
 
 def pick(rows, **wanted):
-    """The only row with these values."""
+    """Only row with these values."""
     found = [row for row in rows if all(getattr(row, key) == value for key, value in wanted.items())]
     if len(found) != 1:
         raise LookupError(f"{len(found)} rows with {wanted}")
@@ -87,7 +87,7 @@ HELPERS = {"pick": pick, "spread": spread, "rms": rms, "thousands": thousands, "
 
 
 def without_run(text):
-    """A result without the description of its run: version, build and commit differ."""
+    """Result without the description of its run, because version, build and commit differ."""
     result = json.loads(text)
     if isinstance(result, dict):
         result.pop("run", None)
@@ -101,7 +101,7 @@ def output_of(commands, volatile):
 
 
 class Output:
-    """What the commands of an entry left behind."""
+    """Output of the commands of an entry."""
 
     def __init__(self, commands, volatile, path):
         search = f"{ROOT / 'target' / 'release'}:{os.environ['PATH']}"
@@ -112,7 +112,7 @@ class Output:
         if done.returncode != 0:
             raise Stale(f"exit code {done.returncode} of:\n{commands.strip()}")
         self.path, self.stdout = path, done.stdout.decode()
-        # By the path in $OUT without the name: `run/result.json` is `out["run"]`.
+        # Results by their path in $OUT without the file name: `run/result.json` is `out["run"]`.
         self.files = sorted(path.rglob("result*.json"))
         self.volatile = volatile
 
@@ -128,7 +128,7 @@ class Output:
         return (self.path / file).read_text()
 
     def raw(self, pictures, page):
-        """All that must not change unnoticed."""
+        """Raw results whose changes must be detected."""
         texts = [without_run(file.read_text()) for file in self.files]
         if page or not texts:
             texts.append(self.stdout)
@@ -149,7 +149,7 @@ class Entry:
         self.probe = keys.get("probe")
         self.quick = keys.get("quick", False)
         self.tolerance = keys.get("tolerance", 0)
-        # Measured on a date: another run gives other numbers.
+        # True if measured on a date: another run gives other numbers.
         self.measured = keys.get("measured", False)
         # The test that compares the destination with a run of this version.
         self.checked = keys.get("checked")
@@ -167,7 +167,7 @@ class Entry:
         return (self.root / file).read_text()
 
     def committed(self):
-        """Destination -> its committed content."""
+        """Destination -> committed content."""
         found = {}
         if self.page:
             found[self.page] = self.read(self.page)
@@ -185,7 +185,7 @@ class Entry:
         return found
 
     def computed(self, output):
-        """Destination -> its content by this output."""
+        """Destination -> content computed from this output."""
         found = {}
         if self.page:
             found[self.page] = output.stdout
@@ -197,7 +197,7 @@ class Entry:
         names = HELPERS | {"out": output.results(), "stdout": output.stdout, "read": output.read}
         exec(self.keys.get("define", ""), names)
         for figure, text in self.texts.items():
-            # An f-string: its fields are expressions over the results.
+            # The template is an f-string whose fields are expressions over the results.
             try:
                 body = eval(f'rf"""{text["is"]}"""', names)
             except (LookupError, AttributeError) as error:
@@ -222,7 +222,7 @@ class Entry:
         return output_of(commands, self.keys.get("volatile", []))
 
     def inputs(self):
-        """Hash of what decides the destinations: this entry and the raw results of its probe."""
+        """Hash of the inputs of the destinations: this entry and the raw results of its probe."""
         parts = [json.dumps(self.keys, sort_keys=True)]
         if sources := self.keys.get("sources"):
             listed = subprocess.run(["git", "ls-files", "--", *sources], cwd=ROOT, stdout=subprocess.PIPE, check=True)
@@ -237,7 +237,7 @@ class Entry:
         return digest(*(part for item in sorted(contents.items()) for part in item))
 
     def check(self, lock, edits_only=False):
-        """Raises Stale."""
+        """Raises Stale if the entry is outdated or was edited by hand."""
         committed = self.committed()
         if not self.quick or self.tolerance:
             if self.name not in lock:
@@ -262,7 +262,7 @@ class Entry:
 
 
 def alike(committed, computed, tolerance):
-    """Whether two contents are the same, but for numbers within the relative tolerance."""
+    """True if two contents are equal except for number differences within the relative tolerance."""
     if committed == computed or not tolerance:
         return committed == computed
     number = re.compile(r"\d+\.?\d*")
@@ -317,7 +317,7 @@ class Manifest:
         self.path.write_text("".join(lines))
 
     def check(self, names, edits_only=False):
-        """Name -> what is wrong with it; prints as it goes."""
+        """Name -> error of each wrong entry; prints progress."""
         wrong = {}
         for name in names:
             started = time.monotonic()
@@ -369,7 +369,7 @@ def main():
         print(f"          {name} …", flush=True)
         try:
             locked = not entry.quick or entry.tolerance
-            # The probe before the command: it fails early.
+            # The probe runs first, because it fails early.
             inputs = entry.inputs() if locked else None
             if not arguments.accept:
                 entry.regenerate()

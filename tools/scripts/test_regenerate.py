@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Tests of regenerate.py: what is stale is found. Without runs of the program."""
+"""Tests of regenerate.py: stale entries are found. The program is not run."""
 
 import contextlib
 import io
@@ -34,7 +34,7 @@ is = '''
 
 
 class Repository(unittest.TestCase):
-    """A repository of two pages and a picture, whose program is `cat`."""
+    """Repository of two pages and a picture, with `cat` as program."""
 
     def setUp(self):
         folder = tempfile.TemporaryDirectory()

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""What a robot claims when a property of its world is far from what it is told.
+"""Claims of a robot if a property of its world is far from the configured value.
 
-Each row moves one property of the ordinary world by 3 and by 10 of its standard deviations, both ways. A trial
-counts if the true pose of O lies inside the claimed 99 % ellipsoid, or if the robot reports a code. Prints the
+Each row moves one property of the ordinary world by 3 and by 10 of its standard deviations, in both directions. A trial
+counts if the true pose of O is inside the claimed 99 % ellipsoid, or if the robot reports a code. Prints the
 table of docs/world_keys.md.
 
     tools/scripts/world_keys.py CFMMR [--trials N] [--only TEXT]
@@ -24,7 +24,7 @@ BRIDGE, PLANT = "sensors.bridge.", "plant."
 
 
 def wheels(key, value, factor, which):
-    """Setting of a value of the four wheels; `factor` for those in `which`."""
+    """Setting of a value of the four wheels; wheels in `which` are multiplied by `factor`."""
     each = [[value * (factor if (axle, side) in which else 1) for side in (0, 1)] for axle in (0, 1)]
     return f"{PLANT}{key}={each}"
 
@@ -54,7 +54,7 @@ def one(key, sigma, middle=0.0):
 
 
 def drawn(**keys):
-    """Standard deviations of values that each trial draws, k times as large: one sign."""
+    """Standard deviations of values drawn in each trial, multiplied by k; for one sign only."""
     return lambda k: [f"{key.replace('__', '.')}={sigma * k}" for key, sigma in keys.items()]
 
 
@@ -64,7 +64,7 @@ TURNS = "a steady turn that wheels and frame agree with; a gyro tells it"
 SIDEWAYS = "no sensor on board measures a way sideways"
 WIDER = "all turns grow alike and the frame stays straight; a gyro tells it"
 
-# Property, one standard deviation, settings for k of them, signed, reason why nothing on board can tell.
+# Property, standard deviation, settings for k standard deviations, true if signed, reason why no sensor detects it.
 ROWS = [
     ("place at the start", "5 mm, 10 mrad",
      drawn(sensors__placement__position_sigma_m=5e-3, sensors__placement__heading_sigma_rad=1e-2), False, PLACE),
@@ -110,7 +110,7 @@ SENSORS = ("gauge lost", "inertial sensor lost", "wheels inconsistent", "gauges 
 
 
 def trials(program, settings, count, folder):
-    """Trials with these settings, by `imu`: lists of (covered, end)."""
+    """Runs trials with these settings; returns lists of (covered, end) by `imu`."""
     command = [program, "posture", "--rows", "joint", "--world", "ordinary", "--seed", "7071"]
     command += ["--trials", str(count), "--out", str(folder)]
     for setting in settings:

@@ -6,9 +6,9 @@
 //! | [`experiments`] | commands that run or configure a robot |
 //! | [`dashboard`] | a run on the terminal |
 //!
-//! The feature `full` adds logs with their replay and live server, the dashboard, pages laid out on the terminal, and the
-//! text of the boards' logs. Without it, `--log`, `--live`, `--dashboard` and `replay` name the command to type, and pages are
-//! printed as Markdown.
+//! The feature `full` adds logs with replay and live server, the dashboard, page layout on the terminal, and the text
+//! of the boards' logs. Without this feature, `--log`, `--live`, `--dashboard` and `replay` name the command to type,
+//! and pages are printed as Markdown.
 
 #![cfg_attr(
     test,

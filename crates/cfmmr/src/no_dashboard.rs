@@ -1,4 +1,4 @@
-//! In place of [`dashboard`](self) in a build without it.
+//! Replaces [`dashboard`](self) in a build without the feature `full`.
 
 use core_algos::topology::Topology;
 use host_sim::base::error::Error;
@@ -8,11 +8,11 @@ use output::terminal::left_out;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Dashboard that does not exist.
+/// Dashboard of a build without one: has no values.
 pub enum Dashboard {}
 
 impl Dashboard {
-    /// Refuses.
+    /// Fails: this build has no dashboard.
     pub fn open(
         _title: impl Into<String>,
         _robot: Topology,
@@ -30,7 +30,7 @@ impl Observer for Dashboard {
     }
 }
 
-/// Refuses.
+/// Fails: this build has no dashboard.
 pub fn check() -> Result<(), Error> {
     Err(left_out("--dashboard"))
 }

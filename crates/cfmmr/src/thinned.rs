@@ -1,6 +1,6 @@
 //! A series of values in bounded memory.
 
-/// Values at even steps, at most as many as are wanted: of more, every second one goes, and so on. The latest value stays.
+/// Evenly spaced values of a series, at most `most`, and its latest value. Above `most`, every second value is dropped.
 #[derive(Clone, Debug)]
 pub struct Thinned<T> {
     kept: Vec<T>,
@@ -11,7 +11,7 @@ pub struct Thinned<T> {
 }
 
 impl<T: Clone> Thinned<T> {
-    /// No values yet; an even number of them are kept at most.
+    /// Empty series of at most `most` values, an even number.
     pub fn new(most: usize) -> Self {
         Self {
             kept: Vec::new(),

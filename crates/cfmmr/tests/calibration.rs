@@ -1,4 +1,4 @@
-//! Calibration of the simulated robot: what it does not know of itself is found.
+//! Calibration of the simulated robot finds its true constants.
 
 use crate::program::{command, json_file, succeed};
 use crate::terminal::pseudo_terminal;
@@ -17,14 +17,14 @@ use std::io::{Read, Write};
 use std::path::Path;
 use std::process::Stdio;
 
-/// The report of a calibration of the robot of a seed.
+/// Report of a calibration; the seed draws the robot.
 fn calibrate(directory: &Path, what: &str, seed: u32, more: &str) -> Value {
     let arguments = format!("calibrate {what} --seed {seed} --json report.json {more}");
     succeed(directory, &arguments);
     json_file(directory, "report.json")
 }
 
-/// Errors before and after of the parameters whose name ends so.
+/// Errors before and after the calibration, of the parameters whose name contains `name`.
 fn errors(report: &Value, name: &str) -> Vec<[f64; 2]> {
     let rows = report["parameters"].as_array().unwrap().iter();
     let named = rows.filter(|row| row["name"].as_str().unwrap().contains(name));
@@ -43,7 +43,7 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
-/// Every residual of several robots is within a bound of five standard deviations of what limits it.
+/// Checks that every remaining error of three robots is below five times the given standard deviation.
 fn assert_found(what: &str, bounds: &[(&str, f64)], more: &str) {
     let folder = tempfile::tempdir().unwrap();
     let reports: Vec<Value> = [1, 2, 4]
@@ -63,28 +63,28 @@ fn assert_found(what: &str, bounds: &[(&str, f64)], more: &str) {
     }
 }
 
-/// Formers good to 0.1 %: four of them at ±1 and ±2 per metre leave 0.07 % common to all gains, and
-/// 1 µε of the edge with 0.4 µε of the formers in the zeros, two counts each.
+/// Formers have an error of 0.1 %: four formers of ±1 and ±2 per metre leave 0.07 % common to all gains. In the zeros,
+/// 1 µε is from the edge and 0.4 µε from the formers, two counts per µε.
 #[test]
-fn gauges_are_as_good_as_edge_and_formers() {
+fn gauge_calibration_is_limited_by_edge_and_formers() {
     let bounds = [("zero_counts", 2.2), ("gain", 7e-4)];
     assert_found("gauges", &bounds, "");
 }
 
-/// Two turns of 18.85 rad with 2 mrad at the marks: 0.75e-4; the bias walks by 0.5e-4 rad/s/√s in the
-/// 18 s of each, 3.8e-3 rad less what the rests see of it.
+/// Two turns of 18.85 rad with 2 mrad at the marks: 0.75e-4. The bias walks by 0.5e-4 rad/s/√s in the
+/// 18 s of a turn: 3.8e-3 rad, less the part that the rests measure.
 #[test]
-fn gyros_are_as_good_as_marks_and_bias() {
+fn gyro_calibration_is_limited_by_marks_and_bias_walk() {
     assert_found("imu", &[("gyro_gain", 1.5e-4)], "");
 }
 
-/// A way of 4 m, measured twice to 1 mm at its end: 1.8e-4 of the radius. What is left of the ratio is
-/// mostly creep that differs from one square to the next. The track is told from creep to some
-/// thousandths only in one square each way, and no bound holds for it.
+/// Two straight lines of 4 m, ends measured to 1 mm: 1.8e-4 of the radius. The remaining error of the ratio is mostly
+/// creep that differs between squares. With one square per direction, the track is uncertain by several thousandths,
+/// so it has no bound here.
 #[test]
-fn radius_and_ratio_are_found_and_odometry_less_creep_comes_back() {
+fn wheel_calibration_finds_radius_and_ratio() {
     let bounds = [("wheel_radius_m", 1.3e-5), ("wheel_ratio", 1e-4)];
-    // A carpet that takes the robot along cannot be told from larger wheels.
+    // World ideal: drift on carpet cannot be distinguished from larger wheels.
     let more = "--laps 1 --world ideal";
     assert_found("wheels", &bounds, more);
     let folder = tempfile::tempdir().unwrap();
@@ -97,10 +97,10 @@ fn radius_and_ratio_are_found_and_odometry_less_creep_comes_back() {
     }
 }
 
-/// Calibration is the same bits on the boards' images, with what was found laid over as well; saving on
-/// them is in the tests of the parameters.
+/// A calibration drive on virtual boards is bit-identical to the in-process drive, before and after a changed wheel
+/// ratio. `params.rs` tests saving.
 #[test]
-fn runs_on_virtual_boards_are_those_of_boards_in_this_process() {
+fn calibration_drive_on_virtual_boards_is_bit_identical() {
     let images = Images::open(None, None).unwrap();
     let boards = Role::PAIR.map(|role| -> Box<dyn Target> {
         let log = BoardLog::new(Topology::PAIR.name(role));
@@ -120,15 +120,15 @@ fn runs_on_virtual_boards_are_those_of_boards_in_this_process() {
         run.axles
     });
     let turned = [&before, &after].map(|axles| [0, 1].map(|i| axles[i].lap.end()[2]));
-    // A right wheel smaller by 0.5 % on 0.3 m and a track of 0.324 m.
+    // A right wheel smaller by 0.5 %, on 0.3 m with a track of 0.324 m.
     let change = turned[1][1] - turned[0][1];
     assert!((change + 0.005 * 0.3 / 0.324).abs() < 1e-3, "{change}");
-    // The robot steers by what it believes, so that the other axle turns a little as well.
+    // The robot steers by its configured constants, so the other axle turns slightly too.
     let other = turned[1][0] - turned[0][0];
     assert!(other.abs() < 0.5 * change.abs(), "{other}");
 }
 
-/// Output of a program on a terminal with this input.
+/// Terminal output of the program with typed input.
 fn at_a_terminal(directory: &Path, arguments: &str, typed: &str) -> String {
     let (master, path) = pseudo_terminal();
     let inner = File::options().read(true).write(true).open(path).unwrap();
@@ -139,10 +139,10 @@ fn at_a_terminal(directory: &Path, arguments: &str, typed: &str) -> String {
         .spawn()
         .unwrap();
     let mut outer = File::from(master);
-    // It is there when the program asks.
+    // Typed before the program asks.
     outer.write_all(typed.as_bytes()).unwrap();
     let (mut shown, mut room) = (Vec::new(), [0; 4096]);
-    // Ends with an error once nobody has the terminal open.
+    // Reading fails when the program has closed the terminal.
     while let Ok(count @ 1..) = outer.read(&mut room) {
         shown.extend_from_slice(&room[..count]);
     }
@@ -151,7 +151,7 @@ fn at_a_terminal(directory: &Path, arguments: &str, typed: &str) -> String {
 }
 
 #[test]
-fn at_a_terminal_it_asks_and_does_as_it_is_told() {
+fn calibration_at_a_terminal_saves_after_confirmation_only() {
     let folder = tempfile::tempdir().unwrap();
     let flash = folder.path().join("out/flash");
     for (typed, saved) in [("n\n", false), ("\n", false), ("y\n", true)] {
@@ -165,7 +165,7 @@ fn at_a_terminal_it_asks_and_does_as_it_is_told() {
 }
 
 #[test]
-fn nothing_is_saved_unasked_and_what_is_saved_is_what_was_found() {
+fn calibration_saves_found_values_only_with_yes() {
     let folder = tempfile::tempdir().unwrap();
     let shown = succeed(
         folder.path(),

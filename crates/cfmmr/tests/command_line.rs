@@ -1,4 +1,4 @@
-//! The command line as a user meets it: exit codes, error texts, files, determinism.
+//! Command line: exit codes, error texts, files, determinism.
 
 use crate::program::{assert_refused, files, json_file, succeed, with_input};
 use serde_json::Value;
@@ -110,7 +110,7 @@ fn one_seed_gives_the_same_bytes_on_any_number_of_threads() {
 }
 
 #[test]
-fn eval_goes_on_after_a_bad_line_and_ends_with_2() {
+fn eval_continues_after_a_bad_line_and_exits_with_2() {
     let folder = tempfile::tempdir().unwrap();
     let good = r#"{"v":0.2,"kappa":1.0,"kappa_dot":0.1,"length":0.37,"form":"exact"}"#;
     let bad = r#"{"v":0.2,"kappa":1.0,"kappa_dot":0.1,"length":0,"form":"exact"}"#;

@@ -1,4 +1,4 @@
-//! The estimates of the whole robot on the plant, over a few runs, against what they claim.
+//! Errors of the estimates against their covariance, for the whole robot on the plant.
 
 use cfmmr::experiments::consistency::{Report, Row, Statement, measure};
 use cfmmr::experiments::posture::Variant;
@@ -12,7 +12,7 @@ const SEEDS: Seeds = Seeds {
 };
 
 fn report() -> Report {
-    // The data sheets that the estimators' priors are from describe this one.
+    // The estimators' priors are from the data sheets that describe this world.
     let scenario = Scenario::in_world(Some("ordinary")).unwrap();
     let workers = Workers::new(None).unwrap();
     let variant = |rps, imu, mode| Variant { rps, imu, mode };
@@ -36,7 +36,7 @@ fn no_fusion_is_overconfident() {
     let [joint, inertial, intersection, odometry] = &report.rows[..] else {
         panic!("four rows");
     };
-    // Mean 3, standard deviation √(6/20) = 0.55 for honest covariances; half of them makes it 6.
+    // Correct covariances: mean 3, standard deviation √(6/20) = 0.55. Halved covariances: mean 6.
     for row in [joint, inertial] {
         for nees in axles(row) {
             assert!(nees > 1.4 && nees < 4.6, "{} {nees}", row.imu);
@@ -48,6 +48,6 @@ fn no_fusion_is_overconfident() {
     for row in [intersection, odometry] {
         assert_ne!(row.statement, Statement::Overconfident, "{:?}", axles(row));
     }
-    // A gyro is there to make the heading better.
+    // A gyro improves the heading.
     assert!(inertial.end.midpoint.rms[2] < joint.end.midpoint.rms[2]);
 }

@@ -1,5 +1,4 @@
-//! The dashboard on a pseudo-terminal: it draws the run, ends when asked, and leaves the terminal as it
-//! was.
+//! Dashboard on a pseudo-terminal: it draws the run, reacts to keys, and restores the terminal.
 
 #![allow(
     clippy::disallowed_methods,
@@ -26,15 +25,15 @@ use std::thread;
 use std::time::{Duration, Instant};
 use terminal::pseudo_terminal;
 
-/// Longest time that a step is waited for.
+/// Timeout of a test step.
 const PATIENCE: Duration = Duration::from_secs(120);
 const ENTER: &str = "\x1b[?1049h";
 const LEAVE: &str = "\x1b[?1049l";
 
-/// A program on a terminal of its own.
+/// Program on its own terminal.
 struct Session {
     keyboard: File,
-    /// The program's end of the terminal, to see how it is set.
+    /// The program's side of the terminal; gives the terminal modes.
     terminal: File,
     screen: Receiver<Vec<u8>>,
     shown: String,
@@ -73,7 +72,7 @@ impl Session {
         }
     }
 
-    /// Waits until a line of the screen has these words, one after the other; gives the line.
+    /// Waits until `has` is true for the words of a line on the screen; returns the line.
     fn expect_line(&mut self, has: impl Fn(&[&str]) -> bool) -> String {
         let deadline = Instant::now() + PATIENCE;
         loop {
@@ -90,7 +89,7 @@ impl Session {
         }
     }
 
-    /// Waits until this has been shown.
+    /// Waits until the program has printed `text`.
     fn expect(&mut self, text: &str) {
         let deadline = Instant::now() + PATIENCE;
         while !self.shown.contains(text) {
@@ -106,7 +105,7 @@ impl Session {
         self.keyboard.write_all(key).unwrap();
     }
 
-    /// Waits for the end of the program; all it has shown until then is kept.
+    /// Waits for the end of the program and keeps its output.
     fn end(&mut self) -> ExitStatus {
         let deadline = Instant::now() + PATIENCE;
         let status = loop {
@@ -129,7 +128,7 @@ impl Session {
     }
 }
 
-/// Screen of a terminal after these characters, as far as the dashboard uses it.
+/// Screen of a terminal after these characters; interprets only the sequences that the dashboard uses.
 fn screen(shown: &str) -> Vec<String> {
     let mut lines = vec![vec![' '; 80]; 24];
     let (mut row, mut column) = (0, 0);
@@ -142,7 +141,7 @@ fn screen(shown: &str) -> Vec<String> {
             column += 1;
             continue;
         }
-        // ESC [ numbers letter: where to go is all that matters here.
+        // ESC [ numbers letter: only cursor positions matter here.
         let mut sequence = String::new();
         for c in rest.by_ref().skip(1) {
             sequence.push(c);
@@ -169,14 +168,14 @@ fn posture(folder: &tempfile::TempDir) -> Session {
     for text in [ENTER, "RearAxle", "Links", "Estimate", "Faults"] {
         session.expect(text);
     }
-    // The lead node is under way.
+    // The lead node drives.
     session.expect("Active");
     assert!(!session.is_sane(), "keys come one by one");
     session
 }
 
 #[test]
-fn q_and_control_c_end_the_run_and_the_terminal_is_as_it_was() {
+fn q_and_control_c_end_the_run_and_restore_the_terminal() {
     for key in [b"q", b"\x03"] {
         let folder = tempfile::tempdir().unwrap();
         let mut session = posture(&folder);
@@ -195,7 +194,7 @@ fn q_and_control_c_end_the_run_and_the_terminal_is_as_it_was() {
 }
 
 #[test]
-fn a_signal_ends_the_run_and_the_terminal_is_as_it_was() {
+fn signal_ends_the_run_and_restores_the_terminal() {
     let folder = tempfile::tempdir().unwrap();
     let mut session = posture(&folder);
     let process = rustix::process::Pid::from_child(&session.child);
@@ -212,7 +211,8 @@ fn drive(folder: &tempfile::TempDir, arguments: &[&str]) -> Session {
     Session::start(command.current_dir(folder.path()))
 }
 
-/// Three keys forward and one to the left: the robot drives so, rests after the space bar, and the result is written.
+/// Three keys forward and one to the left set speed and curvature, the space bar stops the robot, and the result is
+/// written.
 #[test]
 fn keys_drive_the_robot() {
     let folder = tempfile::tempdir().unwrap();
@@ -251,7 +251,7 @@ fn control_c_in_a_drive_by_keyboard_is_an_interrupt() {
     assert_eq!(result["steps"][0]["end"]["kind"], "interrupted");
 }
 
-/// A terminal that is closed while the keyboard drives, on the way to a goal, and over the last view.
+/// The terminal closes while the keyboard drives, on the way to a goal, and during the last view.
 #[test]
 fn closed_terminal_ends_the_program() {
     for (arguments, shown) in [
@@ -289,7 +289,7 @@ fn closed_terminal_ends_the_program() {
     }
 }
 
-/// The simulation pauses, takes a step of an epoch, and goes faster; the last view stays.
+/// Keys pause the simulation, step one epoch and increase the speed; the last view stays.
 #[test]
 fn simulation_is_paused_stepped_and_sped_up_by_keys() {
     let folder = tempfile::tempdir().unwrap();
@@ -306,7 +306,7 @@ fn simulation_is_paused_stepped_and_sped_up_by_keys() {
     assert_eq!(session.end().code(), Some(0), "{:?}", session.shown);
 }
 
-/// A front board at the end of a serial port, whose path is given. Of the answers, one is damaged.
+/// Path of a serial port with a front board; answer number `damaged` is damaged.
 fn front_board(damaged: usize) -> String {
     let (master, path) = pseudo_terminal();
     let identity = Identity {
@@ -324,13 +324,13 @@ fn front_board(damaged: usize) -> String {
                     endpoint.receive(&room[..count], &mut |bytes| answer.extend_from_slice(bytes));
                     answers += usize::from(!answer.is_empty());
                     if answers == damaged {
-                        // Neither of the two becomes the end of a frame.
+                        // Neither value is the end of a frame.
                         answer[1] = if answer[1] == 1 { 2 } else { 1 };
                         answers += 1;
                     }
                     port.write_all(&answer).unwrap();
                 }
-                // Nobody has opened the other end yet, or any more.
+                // The other end is not open.
                 Err(_) => thread::sleep(Duration::from_millis(5)),
             }
         }
@@ -339,12 +339,12 @@ fn front_board(damaged: usize) -> String {
 }
 
 #[test]
-fn a_board_at_a_serial_port_is_shown_with_its_frames_and_losses() {
+fn board_at_a_serial_port_is_shown_with_its_frames_and_losses() {
     let folder = tempfile::tempdir().unwrap();
     let port = front_board(300);
     let arguments = format!("hil --dashboard --on serial:front={port}");
     let mut session = Session::start(&mut command(folder.path(), &arguments));
-    // Nodes stand to the left of the links, in the same lines.
+    // Nodes are to the left of the links, in the same lines.
     let outside = ["rear", "without", "a", "port"];
     session.expect_line(|words| words.windows(4).any(|words| words == outside));
     let counts = |words: &[&str]| -> Option<[u32; 3]> {
@@ -357,7 +357,7 @@ fn a_board_at_a_serial_port_is_shown_with_its_frames_and_losses() {
         let counts: Result<Vec<u32>, _> = counts.into_iter().collect();
         counts.ok()?.try_into().ok()
     };
-    // The damaged answer was asked for once more.
+    // The request of the damaged answer was repeated.
     session.expect_line(|words| {
         counts(words)
             .is_some_and(|[frames, lost, damaged]| frames >= 300 && lost >= 1 && damaged == 1)
@@ -369,7 +369,7 @@ fn a_board_at_a_serial_port_is_shown_with_its_frames_and_losses() {
 }
 
 #[test]
-fn virtual_boards_are_shown_with_what_they_say_on_the_bus() {
+fn virtual_boards_are_shown_with_their_heartbeats() {
     let folder = tempfile::tempdir().unwrap();
     let arguments = "posture --on virtual --dashboard --kill beam@0.2";
     let mut session = Session::start(&mut command(folder.path(), arguments));
@@ -389,7 +389,7 @@ fn virtual_boards_are_shown_with_what_they_say_on_the_bus() {
     assert!(session.is_sane());
 }
 
-/// Run by the test below on a terminal of its own.
+/// Started by the test below on its own terminal.
 #[test]
 #[ignore = "a part of a_panic_leaves_the_terminal_as_it_was, which runs it on a terminal"]
 fn panics_with_the_dashboard_open() {
@@ -424,7 +424,7 @@ fn a_panic_leaves_the_terminal_as_it_was() {
 }
 
 #[test]
-fn without_a_terminal_it_is_refused() {
+fn dashboard_without_a_terminal_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     for command in ["posture", "follow"] {
         assert_refused(

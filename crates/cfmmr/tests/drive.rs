@@ -63,7 +63,7 @@ fn script_is_driven_in_process_and_on_virtual_boards_alike() {
 #[test]
 fn failed_step_ends_the_script_with_exit_1_and_its_code() {
     let folder = tempfile::tempdir().unwrap();
-    // A robot that may not bend its frame stops by itself.
+    // With a low bend limit, the robot stops in the second step.
     let limit = "robot.lead.limits.bend_rad=0.06";
     let script = "speed 0.1 0 1\nspeed 0.1 1.5 5\nstop\n";
     fs::write(folder.path().join("script"), script).unwrap();
@@ -80,7 +80,7 @@ fn failed_step_ends_the_script_with_exit_1_and_its_code() {
 }
 
 #[test]
-fn one_step_of_the_command_line_is_taken_and_a_wrong_one_refused() {
+fn single_step_is_executed_and_a_wrong_step_refused() {
     let folder = tempfile::tempdir().unwrap();
     let output = drive(
         folder.path(),
@@ -116,15 +116,15 @@ fn one_step_of_the_command_line_is_taken_and_a_wrong_one_refused() {
     }
 }
 
-/// Rounds of the tests of reaction times; `ROUNDS=200` measures more.
+/// Default number of rounds of the reaction time tests; the environment variable `ROUNDS` overrides it.
 const ROUNDS: u64 = 3;
 
 fn rounds() -> u64 {
     std::env::var("ROUNDS").map_or(ROUNDS, |text| text.parse().unwrap())
 }
 
-/// The board's reaction to a speed: torque within 25 ms of the command, and a lower reference within 220 ms of the last one.
-/// The instants lie at different phases of the boards' epochs.
+/// Reaction of the robot to a speed command: torque within 25 ms of the command, and a lower speed reference within
+/// 220 ms of the last command. Commands come at different phases of the boards' epochs.
 #[test]
 fn speed_command_acts_within_25_ms_and_its_absence_within_220_ms() {
     let images = Images::open(None, None).unwrap();
@@ -194,10 +194,10 @@ fn speed_command_acts_within_25_ms_and_its_absence_within_220_ms() {
     }
 }
 
-/// The cable is pulled while the robot is under way, at different phases of drive, lease and epochs. The robot stops, and a
-/// host that comes back commands it.
+/// The serial cable is unplugged while the robot drives, at different phases of drive, lease and epochs. The robot
+/// stops, and a host that reconnects commands it again.
 #[test]
-fn robot_stops_whenever_its_cable_is_pulled_and_its_host_comes_back() {
+fn robot_without_cable_stops_and_a_reconnected_host_commands_it() {
     let images = Images::open(None, None).unwrap();
     let logs = BoardLog::quiet(Topology::PAIR);
     let (scenario, options) = (
@@ -246,9 +246,9 @@ fn robot_stops_whenever_its_cable_is_pulled_and_its_host_comes_back() {
     assert!(longest <= 2000, "{longest}");
 }
 
-/// The law of the example drives the robot, in process and in the image of the example.
+/// The control law of the example drives the robot, in process and in the image of the example.
 #[test]
-fn own_controller_takes_the_place_of_the_regulator() {
+fn own_controller_replaces_the_regulator() {
     let scenario = Scenario::default();
     let boards = Role::PAIR.map(|role| {
         Box::new(InProcess::with_controller(

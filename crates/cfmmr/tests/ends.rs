@@ -9,7 +9,7 @@ use serde_json::Value;
 use std::fs;
 use std::path::Path;
 
-/// The cells of a row of a CSV file by the names of their columns.
+/// Reader of the cells of a CSV row by column name.
 fn row(folder: &Path, file: &str, number: usize) -> impl Fn(&str) -> String + use<> {
     let mut reader = csv::Reader::from_path(folder.join(file)).unwrap();
     let header = reader.headers().unwrap().clone();
@@ -32,7 +32,7 @@ fn float(value: &Value) -> f64 {
 }
 
 #[test]
-fn uncertain_end_of_a_path_stands_in_table_json_csv_log_and_page() {
+fn uncertain_end_of_a_path_is_in_table_json_csv_log_and_page() {
     for command in ["follow", "track"] {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path();
@@ -43,7 +43,7 @@ fn uncertain_end_of_a_path_stands_in_table_json_csv_log_and_page() {
         assert_eq!(end["code"], "0x0d");
         assert_eq!(end["notices"][0], "goal uncertain");
         let [position, heading] = [0, 1].map(|k| float(&end["error_95"][k]));
-        // 5 % of 5 m, and heading beyond the tolerance of 5°.
+        // Position error above the tolerance of 10 cm, heading error above the tolerance of 5°.
         assert!((0.1..0.5).contains(&position) && heading > 0.0873, "{end}");
         // The truth is within the 95 % error of the estimate.
         let at = |key: &str, k: usize| float(&end[key][k]);
@@ -83,7 +83,7 @@ fn uncertain_end_of_a_path_stands_in_table_json_csv_log_and_page() {
     }
 }
 
-/// A heading whose standard deviation is 0.9 rad is beyond the range of a linearised filter, whatever the tolerance.
+/// A heading standard deviation of 0.9 rad is beyond the linear range of the filter, whatever the tolerance.
 #[test]
 fn estimate_beyond_the_linear_range_is_uncertain_at_any_tolerance() {
     let folder = tempfile::tempdir().unwrap();
@@ -96,7 +96,7 @@ fn estimate_beyond_the_linear_range_is_uncertain_at_any_tolerance() {
     }
 }
 
-/// Commands, and parts of the refusal.
+/// Commands, and parts of the error.
 const FAR_PATHS: &str = "
 drive --from=1.2,0,0 follow two.csv | begins 1.20 m from the robot | at most 0.40 m | max_deviation_m
 drive --from=0.3,0.3,0 follow two.csv | begins 0.42 m
@@ -120,14 +120,14 @@ fn path_that_the_robot_cannot_begin_is_refused_before_the_run() {
     file("drift", "speed 0.2 0 6\nstop\nfollow two.csv\n");
     crate::program::assert_refused(folder.path(), "", FAR_PATHS);
 
-    // An open path starts at its start again.
+    // A second drive along an open path begins at the path's start.
     succeed(folder.path(), "drive --script back --json result.json");
     let steps = json_file(folder.path(), "result.json")["steps"].clone();
     let end = |k: usize, key: &str| steps[k]["end"][key].clone();
     assert_eq!([0, 1, 2].map(|k| end(k, "kind")), ["reached"; 3]);
     assert!(float(&end(2, "duration_s")) > 4.0, "{steps}");
 
-    // Where the way there is not known before the run, the step is refused.
+    // If the start of a step is not known before the run, the step fails during the run.
     let run = cfmmr(folder.path(), "drive --script drift --json result.json").ends_with(1);
     for part in [
         "line 3: follow two.csv: stopped (0x8f), path lost",
@@ -139,7 +139,7 @@ fn path_that_the_robot_cannot_begin_is_refused_before_the_run() {
     assert_eq!(end["kind"], "stopped", "{end}");
 }
 
-/// A loop ends where it begins: a robot that cannot leave the start is not at the end.
+/// A loop ends at its start: a robot that cannot leave the start has not reached the end.
 #[test]
 fn robot_that_cannot_move_makes_no_progress_on_a_loop() {
     let folder = tempfile::tempdir().unwrap();
@@ -156,9 +156,9 @@ fn robot_that_cannot_move_makes_no_progress_on_a_loop() {
     assert!(float(&end["duration_s"]) < 25.0 && run.error.contains("check for an obstacle"));
 }
 
-/// Without a time at rest, too, the end is that of the lead node; what was uncertain before is not.
+/// The end does not depend on the time at rest. A notice of an earlier step is not in a later end.
 #[test]
-fn end_does_not_depend_on_the_time_at_rest_nor_on_the_goal_before() {
+fn end_is_independent_of_time_at_rest_and_earlier_goals() {
     let folder = tempfile::tempdir().unwrap();
     for (rest, size, kind) in [
         (0.0, 5.0, "uncertain"),
@@ -192,7 +192,7 @@ fn end_does_not_depend_on_the_time_at_rest_nor_on_the_goal_before() {
 }
 
 #[test]
-fn soak_goes_on_after_a_goal_that_is_missed() {
+fn soak_continues_after_a_missed_goal() {
     let folder = tempfile::tempdir().unwrap();
     let world = "[plant]\nrolling_resistance = 0.5\ncogging_torque_n_m = 0.3\n";
     fs::write(folder.path().join("bad.toml"), world).unwrap();
@@ -230,7 +230,7 @@ fn posture_and_paper_count_their_ends_and_write_every_trial() {
     for (command, out, rows) in [(posture, "posture", 3), (paper, "paper", 2)] {
         let printed = succeed(folder.path(), command);
         assert!(!printed.contains("NaN"), "{printed}");
-        // The bound of encoders alone is marked as one, and each word of an end has its meaning.
+        // The bound of encoders alone is marked by ≤, and each printed kind of end is explained.
         let bound = |line: &str| line.contains("encoders") && line.contains("≤");
         assert_eq!(printed.lines().any(bound), out == "posture", "{printed}");
         let meaning = format!("uncertain: {}", EndKind::Uncertain.meaning());
@@ -260,7 +260,7 @@ fn posture_and_paper_count_their_ends_and_write_every_trial() {
 }
 
 #[test]
-fn paper_law_that_stalls_gives_up_with_its_code() {
+fn stalled_paper_law_gives_up_with_its_code() {
     let folder = tempfile::tempdir().unwrap();
     let options = "--from=-1.342,-1.342,0 --no-rps --world paper --seed 424242 --json result.json";
     let law = "--set robot.lead.regulator.strategy=paper-law";
@@ -322,7 +322,7 @@ fn no_rps_and_imu_choose_the_rows_of_posture() {
 }
 
 #[test]
-fn pictures_of_a_drive_show_the_commanded_goal_and_no_truth_that_is_none() {
+fn pictures_of_a_drive_show_the_goal_and_no_error_of_the_truth() {
     let folder = tempfile::tempdir().unwrap();
     succeed(
         folder.path(),
@@ -383,7 +383,7 @@ fn fusion_has_the_name_that_the_scenario_gives_it() {
     }
 }
 
-/// Words of ends stand in one source file.
+/// Only `run/end.rs` contains the names of ends.
 #[test]
 fn kinds_of_ends_are_named_in_one_source_file() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");

@@ -1,4 +1,4 @@
-//! The fault campaign and its committed table.
+//! Fault campaign and its committed table.
 
 use cfmmr::experiments::faults;
 use cfmmr::experiments::faults::scenario;
@@ -35,9 +35,9 @@ fn no_fault_leads_to_uncontrolled_motion_and_the_rows_are_as_committed() {
     );
 }
 
-/// Runs under entries that allow what does not come about, and with bounds that are exceeded.
+/// Runs with entries that do not allow the actual outcome, or whose bounds are exceeded.
 #[test]
-fn the_judge_finds_what_an_entry_does_not_allow() {
+fn outcomes_beyond_an_entry_are_wrong() {
     let all = catalogue();
     let named = |name| {
         all.iter()
@@ -82,7 +82,7 @@ fn the_judge_finds_what_an_entry_does_not_allow() {
     }
 }
 
-/// Runs beside those of the catalogue: narrow limits, and what the drivers of an axle report.
+/// Runs in addition to the catalogue: narrow limits, and conditions that the drivers of an axle report.
 fn runs() -> Vec<(&'static str, Fault)> {
     vec![
         ("robot.lead.limits.bend_rad=0.2", Fault::None),
@@ -124,7 +124,7 @@ fn runs() -> Vec<(&'static str, Fault)> {
         ),
     ]
 }
-/// Codes that no run in this process raises, each with what does.
+/// Codes that no run in this process raises, with the test or fault that raises each.
 const ELSEWHERE: &[(Condition, &str)] = &[
     (Condition::InertialLost, "virtual boards: inertial sensor"),
     (

@@ -1,4 +1,4 @@
-//! What a new user meets: mistakes, help, completions and the doctor.
+//! First steps of a user: mistakes, help, completions and `cfmmr doctor`.
 
 use crate::program::{Run, assert_refused, command, json_file, succeed};
 use serde_json::Value;
@@ -7,7 +7,7 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::process::Command;
 
-/// Mistakes, and parts of the answer.
+/// Wrong commands, each with texts that its error contains.
 const MISTAKES: &str = r#"
 postur | postur | posture | --help
 posture --trial 3 | --trial' | --trials
@@ -39,7 +39,7 @@ replay none.mcap | none.mcap | cfmmr posture --log FILE
 "#;
 
 #[test]
-fn a_mistake_is_answered_with_what_to_type() {
+fn error_of_a_mistake_names_what_to_type() {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, content: &str| fs::write(folder.path().join(name), content).unwrap();
     write("key.toml", "[plant]\nfrictoin = 0.5\n");
@@ -59,7 +59,7 @@ fn commands() -> Vec<String> {
 }
 
 #[test]
-fn completions_are_read_by_bash_and_name_every_command() {
+fn completions_work_in_bash_and_contain_every_command() {
     let folder = tempfile::tempdir().unwrap();
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let script = succeed(folder.path(), &format!("completions {shell}"));
@@ -87,7 +87,7 @@ fn completions_are_read_by_bash_and_name_every_command() {
     assert_refused(folder.path(), "completions", "tcl | bash");
 }
 
-/// A folder of programs of this machine as a test wants them, and nothing else.
+/// Folder of fake programs that is the whole PATH of a test.
 struct Machine(tempfile::TempDir);
 
 impl Machine {
@@ -110,7 +110,7 @@ impl Machine {
         self.program(name, &format!("echo '{line}'"));
     }
 
-    /// A compiler with the libraries of the boards' target, or without.
+    /// Adds a compiler, with or without the libraries of the boards' target.
     fn with_target(&self, there: bool) {
         let libraries = match there {
             true => self.0.path().to_owned(),
@@ -129,7 +129,7 @@ impl Machine {
         fs::remove_file(self.0.path().join(name)).unwrap();
     }
 
-    /// Exit code, what was said of each check, and all of the output.
+    /// Exit code, result of each check, and the whole output.
     fn doctor(&self) -> (i32, BTreeMap<String, Value>, String) {
         let folder = self.0.path();
         let mut command = command(folder, "doctor --json result.json");
@@ -145,7 +145,7 @@ impl Machine {
 }
 
 #[test]
-fn the_doctor_finds_what_is_needed_and_says_what_to_type() {
+fn doctor_reports_each_tool_and_prints_remedies() {
     let machine = Machine::new();
     let (code, checks, said) = machine.doctor();
     assert_eq!(code, 0, "{said}");
@@ -178,7 +178,7 @@ fn the_doctor_finds_what_is_needed_and_says_what_to_type() {
 }
 
 #[test]
-fn the_doctor_fails_for_each_thing_that_is_needed_and_for_nothing_else() {
+fn doctor_fails_for_missing_needed_tools_only() {
     let case = |spoil: &dyn Fn(&Machine), name: &str, finding: &str, remedy: &str| {
         let machine = Machine::new();
         spoil(&machine);

@@ -9,7 +9,7 @@ use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use std::fs;
 
-/// Waypoints with bends both ways, the first of them at once.
+/// Waypoints with bends to both sides, the first bend at the start.
 const WAVE: &str = "x,y\n0,0\n0.5,0.12\n0.9,0.5\n1.5,0.6\n2.0,0.3\n";
 
 fn scenario() -> Scenario {
@@ -51,14 +51,14 @@ fn paths() -> [(&'static str, Path); 4] {
 }
 
 #[test]
-fn robot_follows_every_path_as_well_as_it_knows_where_it_is() {
+fn robot_follows_every_path_within_the_estimate_error() {
     for (name, path) in paths() {
         let (outcome, _) = run(&path, PathMode::Follow, &scenario(), 3);
         let (truth, seen) = (outcome.truth, outcome.estimate);
         assert!(outcome.end.is_success(), "{name}");
         assert!(seen.rms_m < 1.5e-3 && seen.max_m < 5e-3, "{name}: {seen:?}");
         assert!(seen.final_m < 3e-3, "{name}: {seen:?}");
-        // Placement alone is 2 mm; the rest is odometry.
+        // Placement contributes 2 mm, odometry the rest.
         assert!(truth.rms_m < 0.015, "{name}: {truth:?}");
         assert!(truth.final_m < 0.025, "{name}: {truth:?}");
         assert!(truth.final_heading_rad.abs() < 0.035, "{name}: {truth:?}");
@@ -66,7 +66,7 @@ fn robot_follows_every_path_as_well_as_it_knows_where_it_is() {
 }
 
 #[test]
-fn robot_tracks_every_trajectory_in_time() {
+fn robot_tracks_every_trajectory() {
     for (name, path) in paths() {
         let (outcome, moments) = run(&path, PathMode::Track, &scenario(), 4);
         let (truth, seen) = (outcome.truth, outcome.estimate);
@@ -74,9 +74,9 @@ fn robot_tracks_every_trajectory_in_time() {
         assert!(seen.rms_m < 3e-3 && seen.max_m < 0.01, "{name}: {seen:?}");
         assert!(seen.final_m < 3e-3, "{name}: {seen:?}");
         assert!(truth.rms_m < 0.025, "{name}: {truth:?}");
-        // 18 mm rms over seeds on the eight, at most 47 mm of 200.
+        // On the figure eight: 18 mm rms over seeds, 47 mm at most in 200 seeds.
         assert!(truth.final_m < 0.04, "{name}: {truth:?}");
-        // Leading by the trailing distance keeps O neither behind nor ahead on the whole.
+        // The target leads by the trailing distance, so the mean along-track error of O is small.
         let fast: Vec<f64> = moments
             .iter()
             .filter(|moment| moment.record.lead.motion.v > 0.15)
@@ -108,7 +108,7 @@ fn curvature_keeps_its_bound_on_the_tightest_path() {
             "{outcome:?}"
         );
         assert!(outcome.estimate.rms_m < 5e-3, "{outcome:?}");
-        // The same from the way of the midpoint itself, over tenths of a second.
+        // Curvature from the motion of the midpoint over tenths of a second.
         for pair in moments.windows(11).step_by(10) {
             let [a, b] = [pair[0].record.midpoint, pair[10].record.midpoint];
             let way = (b[0] - a[0]).hypot(b[1] - a[1]);
@@ -122,7 +122,7 @@ fn curvature_keeps_its_bound_on_the_tightest_path() {
 }
 
 #[test]
-fn robot_beside_the_path_comes_onto_it() {
+fn robot_beside_the_path_converges_to_it() {
     let path = Path::line(1.5).unwrap();
     let mut scenario = scenario();
     let route = Route::new(&path, 1, &scenario).unwrap();
@@ -138,8 +138,8 @@ fn robot_beside_the_path_comes_onto_it() {
 }
 
 #[test]
-fn several_laps_are_streamed_through_the_small_buffer() {
-    // A lap is longer than the buffer, and begins where it ends.
+fn several_laps_are_streamed_through_the_boards_buffer() {
+    // A lap is longer than the board's buffer, and ends at its start.
     let path = Path::circle(0.45).unwrap();
     let mut scenario = scenario();
     let route = Route::new(&path, 2, &scenario).unwrap();
@@ -161,10 +161,9 @@ fn several_laps_are_streamed_through_the_small_buffer() {
     );
 }
 
-/// Without the relative position sensor the axles creep against each other, unmeasured, while the
-/// frame is bent.
+/// Without the relative position sensor, creep of the axles against each other in a bend is not measured.
 #[test]
-fn without_the_sensor_the_bend_is_lost() {
+fn without_the_sensor_the_true_path_error_grows() {
     let path = Path::circle(0.5).unwrap();
     let mut scenario = scenario();
     scenario.mission.rps = false;
@@ -190,7 +189,7 @@ fn path_beyond_the_frame_is_refused_with_place_and_value() {
     assert!(Route::new(&ring, 8, &scenario()).is_err());
 }
 
-/// Bad paths, and parts of the answer.
+/// Refused paths, each with texts that its error contains.
 const REFUSED: &str = "
 --path hook.csv | hook.csv | curvature | line 4
 --path word.csv | word.csv | line 3 | one
@@ -246,7 +245,7 @@ fn commands_write_the_same_bytes_for_the_same_seed() {
 }
 
 #[test]
-fn a_run_that_is_stopped_says_why_and_fails() {
+fn stopped_run_fails_and_names_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     let arguments = "follow --set robot.lead.limits.moment_n_m=0.1 --json result.json";
     let error = cfmmr(folder.path(), arguments).ends_with(1).error;

@@ -1,4 +1,4 @@
-//! Hardware in the loop: boards behind frames do what boards in the process do.
+//! Hardware in the loop: boards behind serial frames give the same bits as in-process boards.
 
 use crate::terminal::pseudo_terminal;
 use cfmmr::experiments::posture::Variant;
@@ -44,7 +44,7 @@ fn framed(role: Role) -> Box<dyn Target> {
     Box::new(Remote::new(Topology::PAIR, role, Box::new(loopback(role))))
 }
 
-/// A run that is recorded.
+/// Runs a mission and records its trace.
 fn run(targets: Vec<Box<dyn Target>>, scenario: &Scenario, seed: u64) -> (Outcome, Trace) {
     let mut simulation = Simulation::on(targets, scenario, seed, 0).unwrap();
     simulation.record_trace();
@@ -61,7 +61,7 @@ fn assert_same(a: &Trace, b: &Trace) {
     }
 }
 
-/// A mission that is over in a few seconds.
+/// Mission of a few seconds.
 fn short() -> Scenario {
     let mut scenario = Scenario::default();
     scenario.mission.start = [-0.7, 0.0, 0.0];
@@ -69,7 +69,7 @@ fn short() -> Scenario {
 }
 
 #[test]
-fn the_papers_experiment_is_the_same_behind_frames_with_and_without_the_sensor() {
+fn paper_experiment_is_bit_identical_behind_frames() {
     for variant in Variant::PAIR {
         let scenario = variant.apply(&Scenario::default());
         let (outcome, framed) = run(Role::PAIR.map(framed).into(), &scenario, 1);
@@ -85,7 +85,7 @@ fn the_papers_experiment_is_the_same_behind_frames_with_and_without_the_sensor()
 }
 
 #[test]
-fn every_mixture_of_boards_is_the_same() {
+fn every_mixture_of_boards_is_bit_identical() {
     let scenario = short();
     let (_, direct) = run(targets::in_process(Topology::PAIR), &scenario, 2);
     for remote in Role::PAIR {
@@ -98,7 +98,7 @@ fn every_mixture_of_boards_is_the_same() {
 }
 
 #[test]
-fn paths_longer_than_the_boards_buffer_are_the_same_behind_frames() {
+fn long_paths_are_bit_identical_behind_frames() {
     let mut scenario = Scenario::default();
     let route = Route::new(&Path::line(3.5).unwrap(), 1, &scenario).unwrap();
     scenario.mission.start = route.start();
@@ -120,7 +120,7 @@ fn paths_longer_than_the_boards_buffer_are_the_same_behind_frames() {
 }
 
 #[test]
-fn sensors_and_losses_on_the_bus_change_nothing_in_that() {
+fn runs_with_imu_and_bus_losses_are_bit_identical_behind_frames() {
     let mut scenario = Variant::ALL[6].apply(&short());
     scenario.world.bus.loss = 0.05;
     scenario.world.bus.latency_ms = 4;
@@ -129,7 +129,7 @@ fn sensors_and_losses_on_the_bus_change_nothing_in_that() {
     assert_same(&framed, &direct);
 }
 
-/// A serial link that loses and damages what goes through it.
+/// Serial link that loses and damages messages.
 struct Unreliable {
     link: Loopback,
     random: Pcg64,
@@ -138,7 +138,7 @@ struct Unreliable {
 }
 
 impl Unreliable {
-    /// Bytes that remain after the damage.
+    /// Bytes after random loss and damage.
     fn spoil(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut bytes = bytes.to_vec();
         if self.random.random::<f64>() < self.loss {
@@ -183,7 +183,7 @@ impl Link for Unreliable {
 }
 
 #[test]
-fn loss_and_damage_on_the_serial_link_cost_repetitions_and_nothing_else() {
+fn lost_and_damaged_serial_messages_are_repeated_without_effect() {
     let scenario = short();
     let targets = Role::PAIR.map(|role| {
         let link = Unreliable {
@@ -199,7 +199,7 @@ fn loss_and_damage_on_the_serial_link_cost_repetitions_and_nothing_else() {
     regulate_on(&mut simulation, &scenario, |_| {}).unwrap();
     let trace = simulation.take_trace().unwrap();
     for report in simulation.boards().reports() {
-        // One exchange in five or six fails on one of its two ways.
+        // One exchange in five or six fails in one of its two directions.
         let share = report.lost as f64 / trace.ticks() as f64;
         assert!(share > 0.1 && share < 0.4, "{report:?}");
         assert!(report.damaged > 100, "{report:?}");
@@ -210,8 +210,7 @@ fn loss_and_damage_on_the_serial_link_cost_repetitions_and_nothing_else() {
     );
 }
 
-/// Events of a mission in which a board is switched off after 3 s, and what came of it; with
-/// `clear` the host clears faults a second after a restart.
+/// Runs a mission in which a board is switched off after 3 s. With `clear` the host clears faults 1 s after a restart.
 fn with_failure(
     targets: Vec<Box<dyn Target>>,
     role: Role,
@@ -244,7 +243,7 @@ fn assert_torques_zero(simulation: &Simulation) {
     assert!(axles.iter().all(|axle| axle.torque == [0.0; 2]));
 }
 
-/// Time after which the motors of the other axle were off, ms.
+/// Time from the failure until the motors of the other axle were off, ms.
 fn motors_off(simulation: &mut Simulation) -> Option<u32> {
     let events = simulation.boards().events().iter();
     let mut times = events.filter_map(|event| match event.what {
@@ -254,12 +253,12 @@ fn motors_off(simulation: &mut Simulation) -> Option<u32> {
     times.next()
 }
 
-/// A lost board is noticed 35 to 60 ms later: messages count for 50 ms from the beginning of their
-/// epoch. Slowing down takes 0.1 to 0.25 s, then 0.1 s at rest and 0.75 s to let the frame go follow.
+/// A lost board is detected after 35 to 60 ms: messages are valid for 50 ms from the beginning of their epoch. Braking
+/// takes 0.1 to 0.25 s, followed by 0.1 s at rest and 0.75 s to release the frame.
 const STOP_MS: RangeInclusive<u32> = 35 + 950..=60 + 1100;
 
 #[test]
-fn a_robot_that_stopped_for_a_restart_stays_at_rest_until_it_is_cleared() {
+fn robot_stopped_by_a_restart_rests_until_cleared() {
     let (outcome, simulation) = with_failure(
         targets::in_process(Topology::PAIR),
         Role::axle(1),
@@ -273,7 +272,7 @@ fn a_robot_that_stopped_for_a_restart_stays_at_rest_until_it_is_cleared() {
     for (node, state) in [
         (Node::Lead, OperatingState::Fault),
         (Node::axle(0), OperatingState::Fault),
-        // It has come up anew, and waits.
+        // The rear axle has restarted and waits.
         (Node::axle(1), OperatingState::Idle),
     ] {
         assert_eq!(monitor.latest(node).unwrap().state, state, "{node:?}");
@@ -281,7 +280,7 @@ fn a_robot_that_stopped_for_a_restart_stays_at_rest_until_it_is_cleared() {
 }
 
 #[test]
-fn a_rear_board_that_restarts_stops_the_robot_which_then_drives_on() {
+fn restarted_rear_board_stops_the_robot_until_cleared() {
     for targets in [
         Role::PAIR.map(framed).into(),
         targets::in_process(Topology::PAIR),
@@ -294,14 +293,14 @@ fn a_rear_board_that_restarts_stops_the_robot_which_then_drives_on() {
         assert!(outcome.end.is_success(), "the robot goes on to its goal");
         let [x, y, phi] = outcome.midpoint;
         println!("{:.4} m, {:.4} rad", x.hypot(y), phi);
-        // Without the restart 5 mm and 10 mrad are usual. With it the bent frame swings the axles
-        // while the motors are off, and they slip.
+        // Without a restart 5 mm and 10 mrad are usual. While the motors are off, the bent frame swings the axles,
+        // and the tyres slip.
         assert!(x.hypot(y) < 0.05 && phi.abs() < 0.05, "{x} {y} {phi}");
     }
 }
 
 #[test]
-fn a_front_board_that_restarts_ends_the_run_with_motors_off() {
+fn restarted_front_board_ends_the_run_with_motors_off() {
     for targets in [
         Role::PAIR.map(framed).into(),
         targets::in_process(Topology::PAIR),
@@ -317,7 +316,7 @@ fn a_front_board_that_restarts_ends_the_run_with_motors_off() {
 }
 
 #[test]
-fn an_axle_lost_for_good_ends_the_run_with_motors_off_and_a_lost_beam_does_not() {
+fn lost_axle_ends_the_run_and_lost_beam_does_not() {
     let (outcome, mut simulation) =
         with_failure(Role::PAIR.map(framed).into(), Role::axle(1), None, true);
     let off = motors_off(&mut simulation).unwrap();
@@ -340,7 +339,7 @@ fn an_axle_lost_for_good_ends_the_run_with_motors_off_and_a_lost_beam_does_not()
     }
 }
 
-/// A run with a fault, recorded.
+/// Runs a mission with a fault and records its trace.
 fn faulty(
     targets: Vec<Box<dyn Target>>,
     case: &Case,
@@ -363,7 +362,7 @@ fn faulty(
 }
 
 #[test]
-fn faults_of_boards_and_bus_are_the_same_behind_frames() {
+fn faults_of_boards_and_bus_are_bit_identical_behind_frames() {
     let all = catalogue();
     let (crash, hang) = (FailureMode::Crash, FailureMode::Hang);
     for (name, unannounced) in [
@@ -376,7 +375,7 @@ fn faults_of_boards_and_bus_are_the_same_behind_frames() {
         ("front board lost", Some((Role::LEAD, hang))),
     ] {
         let entry = all.iter().find(|entry| entry.name == name).unwrap();
-        // Not at the beginning of an epoch.
+        // Within an epoch, not at its beginning.
         let (after_ms, seed) = (2_003, 3);
         let case = Case {
             entry,
@@ -387,7 +386,7 @@ fn faults_of_boards_and_bus_are_the_same_behind_frames() {
         let (reference, expected) = faulty(targets::in_process(Topology::PAIR), &case, None);
         assert_same(&trace, &expected);
         assert_eq!(outcome, reference, "{name}");
-        // A bus that spoils some frames may be driven on with.
+        // The robot may drive on if the bus damages few frames.
         assert!(
             outcome.end == End::Stopped || name.starts_with("bus"),
             "{name}"
@@ -395,11 +394,11 @@ fn faults_of_boards_and_bus_are_the_same_behind_frames() {
     }
 }
 
-/// A pseudo-terminal with a board behind it, until its other end is closed.
+/// Pseudo-terminal with a board behind it, until its other end is closed.
 fn terminal(mut board: impl Link + 'static) -> (PathBuf, JoinHandle<()>) {
     let (master, path) = pseudo_terminal();
     let path = PathBuf::from(path);
-    // Kept open until the board's thread ends, so that the terminal does not hang up between.
+    // Kept open until the host has opened the terminal, so that the terminal does not hang up before.
     let keep = File::options().read(true).write(true).open(&path).unwrap();
     let mut port = File::from(master);
     let board = thread::spawn(move || {
@@ -409,7 +408,7 @@ fn terminal(mut board: impl Link + 'static) -> (PathBuf, JoinHandle<()>) {
             keep = None;
             board.send(&room[..count]).unwrap();
             while let count @ 1.. = board.receive(&mut answer, Duration::ZERO).unwrap() {
-                // Nobody listens to the answer to the last word.
+                // The answer to the last request has no reader.
                 let _ = port.write_all(&answer[..count]);
             }
         }
@@ -418,9 +417,9 @@ fn terminal(mut board: impl Link + 'static) -> (PathBuf, JoinHandle<()>) {
     (path, board)
 }
 
-/// One is virtual, with its own image; it resets into the session.
+/// Front and rear boards are virtual, with their own image, and reset into the session.
 #[test]
-fn boards_on_serial_ports_are_the_same() {
+fn boards_on_serial_ports_are_bit_identical() {
     let mut scenario = short();
     scenario.mission.time_limit_s = 1.5;
     let images = Images::open(None, None).unwrap();
@@ -447,7 +446,7 @@ fn boards_on_serial_ports_are_the_same() {
 }
 
 #[test]
-fn a_port_that_is_none_is_named() {
+fn error_names_a_missing_or_wrong_port() {
     for path in ["/no/such/port", "/dev/null"] {
         let error = Serial::open(path.as_ref(), 921_600).err().unwrap();
         assert_eq!(error.exit_code(), 2);
@@ -456,7 +455,7 @@ fn a_port_that_is_none_is_named() {
 }
 
 #[test]
-fn the_wrong_board_at_the_end_is_named() {
+fn error_names_a_board_at_the_wrong_port() {
     let swapped = [Role::axle(1), Role::LEAD, Role::beam(0)].map(framed_as);
     let error = Simulation::on(swapped.into(), &Scenario::default(), 1, 0)
         .err()
@@ -469,7 +468,7 @@ fn the_wrong_board_at_the_end_is_named() {
     );
 }
 
-/// A board that is another one than the host takes it for.
+/// Board with another role than the host expects.
 fn framed_as(actual: Role) -> Box<dyn Target> {
     let expected = match actual {
         Role::LEAD => Role::axle(1),

@@ -1,4 +1,4 @@
-//! Import order of the crates' top modules, and no import circle between files.
+//! Import order of the crates' top modules, and absence of import cycles between files.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -116,7 +116,7 @@ impl<'ast> Visit<'ast> for Imports {
     }
 }
 
-/// Every module that is a file below `folder`, with the modules that it imports.
+/// Every module file below `folder`, with the modules that it imports.
 fn graph(folder: &Path) -> BTreeMap<Module, BTreeSet<Module>> {
     let mut texts = BTreeMap::new();
     let mut folders = vec![(folder.to_owned(), Module::new())];
@@ -177,9 +177,9 @@ fn modules_import_only_modules_before_them() {
     assert!(report.is_empty(), "imports against the order:\n{report}");
 }
 
-/// An import from a module's parent is none: a parent hands on what its children define.
+/// Imports from a module's parent are not counted, because a parent re-exports items of its children.
 #[test]
-fn files_import_each_other_in_no_circle() {
+fn files_have_no_import_cycle() {
     for (name, _) in ORDERS {
         let mut left = sources(name);
         for (module, imports) in &mut left {
@@ -201,9 +201,9 @@ fn files_import_each_other_in_no_circle() {
     }
 }
 
-/// Experiments can be called without a command line.
+/// Experiments do not depend on the parser of the command line.
 #[test]
-fn experiments_know_no_parser_of_arguments() {
+fn experiments_do_not_use_clap() {
     let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join("src/experiments")];
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(folder).unwrap() {

@@ -1,7 +1,7 @@
 //! Each key of a scenario and each parameter of a board changes a run, or is refused with the reason.
 //!
-//! Every key is changed by itself in one situation after another, until a run changes. In a situation in which the key
-//! is refused, the run must stay the same to the bit.
+//! Every key is changed alone in one situation after another, until a run changes. In a situation in which the key is
+//! refused, the run must stay bit-identical.
 
 use core_algos::params::TABLE;
 use core_algos::topology::{Role, Topology};
@@ -23,10 +23,10 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex};
 use toml::{Table, Value};
 
-/// Tick of a fault that names none.
+/// Tick of a fault without a tick.
 const FAULT_TICK: &str = "4000";
 
-/// A task in a changed default scenario, and a fault with its tick.
+/// Task in a changed default scenario, and a fault with its tick.
 struct Situation {
     task: Task,
     fault: Option<(Fault, u32)>,
@@ -39,7 +39,7 @@ enum Task {
     Path(PathMode),
 }
 
-/// Task, fault and changes of a line; the first is the experiment that runs by default.
+/// Situations, one per line: task, fault and changes. The first line is the default experiment.
 const SITUATIONS: &str = "
 posture ||
 posture || sensors.gyro.fitted=true sensors.accelerometer.fitted=true
@@ -70,7 +70,7 @@ posture | frame snapped |
 posture | rear board lost |
 ";
 
-/// Keys whose value matters only in a situation of its own, or that would be tried in many before one shows their effect.
+/// Keys with an effect in a special situation only, or with an effect that a search over all situations finds late.
 const PROBES: &str = "
 world=ideal | posture ||
 robot.axle.limits.stall_share=0.4 | posture || plant.rolling_resistance=0.5
@@ -194,7 +194,7 @@ impl Situation {
         effect::text(key, taken, &[(scenario, used)])
     }
 
-    /// Hash of each epoch; ends at the first that is not as in `before`.
+    /// Hash of each epoch; ends at the first epoch that differs from `before`.
     fn run(&self, scenario: &Scenario, before: &[u64]) -> Result<Vec<u64>, Error> {
         let mut scenario = scenario.clone();
         let route = match self.task {
@@ -216,7 +216,7 @@ impl Situation {
         if let Some((fault, tick)) = self.fault.clone() {
             simulation.inject(fault, tick);
         }
-        // An error is that of the observer: the run has changed.
+        // The only error is the observer's, at the first difference.
         let _ = match (self.task, &route) {
             (Task::Path(path_mode), Some(route)) => {
                 path_run::drive_on(&mut simulation, &scenario, route, path_mode, |_| {}).map(|_| ())
@@ -292,7 +292,7 @@ fn entry<'a>(value: &'a mut Value, path: &[String]) -> &'a mut Value {
     })
 }
 
-/// Other values, of which some may be out of range.
+/// Values to try; some may be out of range.
 fn others(value: &Value) -> Vec<Value> {
     let words = "creep brush paper-law funnel derived printed exact trace determinant elastica \
                  piecewise quadrature wheels filter off reference beam joint odometry";
@@ -309,7 +309,7 @@ fn others(value: &Value) -> Vec<Value> {
     }
 }
 
-/// Scenarios that differ from this one in one key, at most `count`.
+/// At most `count` valid scenarios that differ in one key.
 fn changed(scenario: &Scenario, path: &[String], count: usize) -> Vec<Scenario> {
     let mut table = Value::Table(Table::try_from(scenario).unwrap());
     let value = entry(&mut table, path).clone();
@@ -327,7 +327,7 @@ fn changed(scenario: &Scenario, path: &[String], count: usize) -> Vec<Scenario> 
     found
 }
 
-/// Scenarios that differ from this one in one parameter of one board.
+/// Valid scenarios that differ in one parameter of one board.
 fn with_parameter(scenario: &Scenario, role: Role, name: &str) -> Vec<Scenario> {
     let parameter = TABLE
         .iter()
@@ -371,19 +371,19 @@ enum Found {
     Nothing,
 }
 
-/// Scenarios that differ from the given one in one key.
+/// Function from a scenario to scenarios that differ in one key.
 type Change = Box<dyn Fn(&Scenario) -> Vec<Scenario> + Send + Sync>;
 
-/// A situation with its scenario and its unchanged run.
+/// Situation with its scenario and its unchanged run.
 type Made = (Situation, Scenario, Vec<u64>);
 
-/// Keys that no fault of the catalogue exercises, each with the test that does.
+/// Keys without an effect under any fault of the catalogue, with the test that covers each.
 const TESTED_ELSEWHERE: &[(&str, &str)] = &[(
     "robot.beam.health.clear_periods",
     "a gauge that recovers: core-algos, beam/health.rs",
 )];
 
-/// Effect of a key in the situation that it needs, if it needs one.
+/// Effect of a key in its situation of [`PROBES`]; `None` if the key has no such situation.
 fn probe(key: &str) -> Option<Result<Found, Error>> {
     let probes = PROBES.lines().filter_map(|line| line.split_once(" | "));
     let mut of_key = probes.filter(|(change, _)| change.split_once('=').unwrap().0 == key);
@@ -403,7 +403,7 @@ fn probe(key: &str) -> Option<Result<Found, Error>> {
     }))
 }
 
-/// Looks for a situation in which the key changes the run.
+/// Searches a situation in which the key changes the run.
 fn look(key: &str, made: &[Made], change: &Change) -> Result<Found, Error> {
     if let Some(found) = probe(key) {
         return found;
@@ -412,7 +412,7 @@ fn look(key: &str, made: &[Made], change: &Change) -> Result<Found, Error> {
         return Ok(Found::Elsewhere);
     }
     let (mut refused, mut tried) = (true, false);
-    // In the situation that shows the effect, one value is mostly enough; elsewhere each value costs a whole run.
+    // One value usually shows the effect in the right situation; in other situations each value costs a whole run.
     for values in [0..1, 1..7] {
         for (i, (situation, scenario, before)) in made.iter().enumerate() {
             let others = change(scenario);
@@ -431,7 +431,7 @@ fn look(key: &str, made: &[Made], change: &Change) -> Result<Found, Error> {
             }
         }
     }
-    // A value that no other may replace is refused by its own check.
+    // A key without another valid value counts as refused.
     Ok(if refused || !tried {
         Found::Refused
     } else {
@@ -439,11 +439,11 @@ fn look(key: &str, made: &[Made], change: &Change) -> Result<Found, Error> {
     })
 }
 
-/// Refused keys that change the run of a situation all the same. They are changed together, and one by one only if the
-/// run then differs.
+/// Refused keys that change the run of a situation. All are changed together first, and one by one only if that run
+/// differs.
 fn wrongly_refused((situation, scenario, before): &Made, keys: &[(String, Change)]) -> Vec<String> {
     let refused = |key: &str, scenario: &Scenario| situation.refusal(key, scenario).is_some();
-    // A key may decide itself whether it has an effect, or other keys.
+    // Changing a key may give an effect to this key or to others.
     let with = |scenario: &Scenario, (key, change): &(String, Change)| {
         let others = change(scenario);
         others.into_iter().find(|other| refused(key, other))

@@ -1,4 +1,4 @@
-//! Parameters of boards over their links, in process and virtual, and the commands on them.
+//! Parameters of in-process and virtual boards over their links, and the commands `cfmmr params`.
 
 use crate::program::{assert_refused, json_file, succeed};
 use core_algos::link::Identity;
@@ -27,7 +27,7 @@ fn kept(remote: &mut Remote, name: &str) -> Kept {
     *all.iter().find(|kept| kept.parameter.name == name).unwrap()
 }
 
-/// Sets, saves and resets a board, and finds what is left of it.
+/// Sets and saves parameters, resets the board, and checks that the saved values remain.
 fn set_save_and_reset(link: Box<dyn Link>, role: Role) {
     let mut board = Remote::new(Topology::PAIR, role, link);
     board.greet().unwrap();
@@ -48,7 +48,7 @@ fn set_save_and_reset(link: Box<dyn Link>, role: Role) {
         let error = board.set_parameter(radius, value).unwrap_err().to_string();
         assert!(error.contains("wheel_radius_m") && error.contains("0.01 to 0.5"));
     }
-    // A save checks the values, which takes stack; boards in this process do not measure theirs.
+    // Saving checks the values, which needs stack; in-process boards do not measure their stack.
     let stack = board.stack();
     assert!(!stack.is_some_and(|stack| stack.is_beyond()), "{stack:?}");
     board.kill().unwrap();
@@ -65,21 +65,21 @@ fn set_save_and_reset(link: Box<dyn Link>, role: Role) {
 }
 
 #[test]
-fn what_was_saved_is_there_after_a_reset() {
+fn saved_parameters_remain_after_a_reset() {
     let folder = tempfile::tempdir().unwrap();
     for role in Role::PAIR {
         let file = folder.path().join(Topology::PAIR.name(role));
         set_save_and_reset(loopback(role, &file), role);
-        // And in another process, so to speak.
+        // A new board on the same flash file has the saved value.
         let mut board = Remote::new(Topology::PAIR, role, loopback(role, &file));
         board.greet().unwrap();
         assert_eq!(kept(&mut board, RADIUS).value, 0.0731);
     }
 }
 
-/// The board's own image, with the store that writes the chip's flash; the flash is a file.
+/// The board's own image writes its store to the chip's flash, which is a file.
 #[test]
-fn what_was_saved_is_there_after_a_reset_of_a_virtual_board() {
+fn saved_parameters_remain_after_a_reset_of_a_virtual_board() {
     let images = Images::open(None, None).unwrap();
     let folder = tempfile::tempdir().unwrap();
     for role in Role::PAIR {
@@ -90,7 +90,7 @@ fn what_was_saved_is_there_after_a_reset_of_a_virtual_board() {
         let board = VirtualLink::start(&images, role, &log, Some(&file)).unwrap();
         set_save_and_reset(Box::new(board), role);
     }
-    // Both read each other's files: a board in this process finds what the virtual one wrote.
+    // Flash files are compatible: an in-process board reads the file of the virtual board.
     let file = folder.path().join("a, b rear");
     let mut board = Remote::new(
         Topology::PAIR,
@@ -101,7 +101,7 @@ fn what_was_saved_is_there_after_a_reset_of_a_virtual_board() {
     assert_eq!(kept(&mut board, RADIUS).value, 0.0731);
 }
 
-/// Wrong commands, and parts of the answer.
+/// Wrong commands, and parts of the error.
 const WRONG: &str = "
 set --board rear robot.geometry.wheel_radius_m=9 | robot.geometry.wheel_radius_m = 9 | 0.01 to 0.5
 set --board rear robot.geometry.wheel_radius_m=nan | wheel_radius_m = NaN | 0.01 to 0.5
@@ -115,7 +115,7 @@ import other.toml | other.toml | plant
 ";
 
 #[test]
-fn wrong_commands_end_with_2_and_say_what_is_allowed() {
+fn error_of_a_wrong_command_names_the_allowed_values() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(
         folder.path().join("wrong.toml"),
@@ -131,14 +131,14 @@ fn wrong_commands_end_with_2_and_say_what_is_allowed() {
 }
 
 #[test]
-fn parameters_go_from_board_to_file_and_back_and_into_a_scenario() {
+fn parameters_are_exported_imported_and_used_as_scenario() {
     let folder = tempfile::tempdir().unwrap();
     let run = |arguments: &str| succeed(folder.path(), arguments);
-    // Of the gauges, the first two can only move together.
+    // Gauge positions are ascending, so the first two are moved together.
     let set = "params set --board beam --save robot.beam.strip.gauges_m[0]=0.09";
     let shown = run(&format!("{set} robot.beam.strip.gauges_m[1]=0.1"));
     assert!(shown.contains("2 values written"), "{shown}");
-    // The same again.
+    // Setting a gauge position to its stored value succeeds.
     run(set);
     let set = "robot.geometry.wheel_radius_m=0.0731";
     let shown = run(&format!("params set --board rear {set}"));
@@ -177,10 +177,10 @@ fn parameters_go_from_board_to_file_and_back_and_into_a_scenario() {
         file.contains("robot.beam.strip.\"gauges_m[0]\" = 0.09  # m"),
         "{file}"
     );
-    // Other boards, which have nothing of their own, become the same.
+    // Import to boards with default parameters gives equal parameters.
     run("params import mine.toml --save --flash others");
     assert_eq!(run("params export --flash others"), file);
-    // And the same file is part of a scenario.
+    // The exported file is also a scenario.
     let config = run("config --scenario mine.toml");
     assert!(config.contains("[boards.rear.robot.geometry]\nwheel_radius_m = 0.0731"));
 }

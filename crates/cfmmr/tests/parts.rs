@@ -1,4 +1,4 @@
-//! Parts that a build without the feature `full` leaves out: each names the command that builds it.
+//! Build without the feature `full`: options of missing parts name the command to type.
 #![cfg(not(feature = "full"))]
 
 use std::process::{Command, Output};
@@ -11,7 +11,7 @@ fn cfmmr(arguments: &[&str]) -> Output {
 }
 
 #[test]
-fn option_of_a_part_that_is_left_out_names_the_command() {
+fn option_of_a_missing_part_names_the_command() {
     for (arguments, part) in [
         (&["follow", "--log", "a b.mcap"][..], "--log"),
         (&["follow", "--live"], "--live"),
@@ -29,7 +29,7 @@ fn option_of_a_part_that_is_left_out_names_the_command() {
 }
 
 #[test]
-fn experiment_and_pages_work_without_the_parts_left_out() {
+fn experiment_and_pages_work_without_the_missing_parts() {
     let run = cfmmr(&["posture", "--trials", "1", "--rows", "pair"]);
     assert_eq!(run.status.code(), Some(0), "{run:?}");
     let page = cfmmr(&["codes"]);

@@ -1,4 +1,4 @@
-//! The whole loop on the plant: nodes, bus, sensors and the frame.
+//! Posture regulation by the whole loop on the plant: nodes, bus, sensors and frame.
 
 use cfmmr::experiments::paper;
 use cfmmr::experiments::posture::{Trial, Variant, summarize};
@@ -22,7 +22,7 @@ fn mean_of(trials: &[(Outcome, FinalError)], pick: fn(&Outcome, &FinalError) -> 
 }
 
 #[test]
-fn the_relative_position_sensor_brings_the_robot_home() {
+fn relative_position_sensor_reduces_goal_errors() {
     let [without, with] = Variant::PAIR.map(|v| trials(&v.apply(&Scenario::default()), 6));
     for (outcome, error) in &with {
         assert!(outcome.end.is_success());
@@ -42,7 +42,7 @@ fn the_relative_position_sensor_brings_the_robot_home() {
 }
 
 #[test]
-fn lost_and_late_messages_are_survived() {
+fn robot_reaches_its_goal_with_lost_and_late_messages() {
     let mut scenario = Scenario::default();
     scenario.world.bus.loss = 0.05;
     scenario.world.bus.latency_ms = 2;
@@ -52,7 +52,7 @@ fn lost_and_late_messages_are_survived() {
 }
 
 #[test]
-fn a_robot_with_rigid_ends_and_other_dimensions_works_as_well() {
+fn robot_with_other_dimensions_reaches_its_goal() {
     let mut scenario = Scenario::default();
     scenario.robot.geometry.rigid_end_m = 0.03;
     scenario.world.plant.rigid_root_m = 0.03;
@@ -67,7 +67,7 @@ fn a_robot_with_rigid_ends_and_other_dimensions_works_as_well() {
 }
 
 #[test]
-fn every_variant_stops_by_itself() {
+fn every_variant_ends_at_its_goal() {
     for variant in Variant::ALL {
         let scenario = variant.apply(&Scenario::default());
         for (outcome, _) in trials(&scenario, 1) {
@@ -80,10 +80,10 @@ fn every_variant_stops_by_itself() {
     }
 }
 
-/// Table 1 of the paper, taken as of six runs: signs of the means, means within three standard errors,
-/// standard deviations within a factor of 2.5.
+/// Table 1 of the paper, assuming six runs: signs of the means, means within three standard errors, standard deviations
+/// within a factor of 2.5.
 #[test]
-fn the_papers_robot_has_the_figures_of_table_1() {
+fn paper_robot_has_the_figures_of_table_1() {
     let scenarios = paper::scenarios().unwrap();
     for ((scenario, variant), measured) in scenarios.iter().zip(paper::ROWS).zip(paper::TABLE_1) {
         let trials: Vec<Trial> = (0..60)

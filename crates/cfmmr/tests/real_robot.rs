@@ -1,4 +1,4 @@
-//! A robot at a serial port. The port is a pseudo-terminal, the robot behind it is one of virtual boards.
+//! Robot at a serial port. The port is a pseudo-terminal, the robot has virtual boards.
 
 #![allow(
     clippy::disallowed_methods,
@@ -40,7 +40,7 @@ use tempfile::TempDir;
 use terminal::pseudo_terminal;
 use virtual_board::Time;
 
-/// A port of its own name, with the other end of the terminal that it leads to.
+/// Port with a fixed name; `wire` is the board's end of the terminal, if plugged in.
 struct Port {
     name: PathBuf,
     wire: Option<Descriptors>,
@@ -53,7 +53,7 @@ impl Port {
         }
         self.wire = plugged.then(|| {
             let (master, path) = pseudo_terminal();
-            // A board does not wait for a host that no longer reads.
+            // A board does not block if the host does not read.
             rustix::io::ioctl_fionbio(&master, true).unwrap();
             symlink(path, &self.name).unwrap();
             let file = File::from(master);
@@ -65,22 +65,22 @@ impl Port {
     }
 }
 
-/// A robot whose boards are at ports, until it is dropped.
+/// Robot with its boards at ports, simulated in a thread until dropped.
 struct Bench {
     folder: TempDir,
     done: Arc<AtomicBool>,
-    /// Switches the boards off for half a second.
+    /// Switches the boards off for 0.5 s if true.
     cycle: Arc<AtomicBool>,
     robot: Option<JoinHandle<VirtualRobot>>,
 }
 
 impl Bench {
-    /// If its cable is `loose`, it is unplugged for half a second of every two from the first motion on.
+    /// Robot without failures. A `loose` cable is unplugged for 0.5 s of every 2 s from the first motion on.
     fn new(scenario: &Scenario, loose: bool) -> Self {
         Self::with(scenario, loose, Vec::new())
     }
 
-    /// One whose boards fail on the way.
+    /// Robot with failures of boards.
     fn with(scenario: &Scenario, loose: bool, failures: Vec<Failure>) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let mut ports = Role::PAIR.map(|role| Port {
@@ -118,7 +118,7 @@ impl Bench {
                 ports[0].plug(!loose || since / 500_000 % 4 != 1);
                 let now = Time::from_micros((robot.boot_s() * 1e6).round() as u64 + robot.now());
                 for (role, port) in Role::PAIR.into_iter().zip(&mut ports) {
-                    // Nobody has opened the other end yet, or any more.
+                    // Reading fails if the other end is not open.
                     let count = port
                         .wire
                         .as_mut()
@@ -140,7 +140,7 @@ impl Bench {
         }
     }
 
-    /// A robot at the origin of the world that commands simulate by default.
+    /// Robot at the origin of the default world.
     fn at_origin(loose: bool) -> Self {
         let mut scenario = Scenario {
             world: World::load(world::DEFAULT).unwrap(),
@@ -180,7 +180,7 @@ impl Bench {
     }
 }
 
-/// A robot that went on would take the time of the next test.
+/// Stops the simulation, which would take time from the next test.
 impl Drop for Bench {
     fn drop(&mut self) {
         self.stop();
@@ -196,9 +196,9 @@ fn result(folder: &Path, command: &str) -> Value {
     json_file(folder, &format!("out/{command}/result.json"))
 }
 
-/// The command drives the robot to its goal and stops it; what it cannot know is missing, not zero.
+/// The command drives the robot to its goal and stops it. Unknown values are missing, not zero.
 #[test]
-fn a_robot_at_a_serial_port_drives_to_its_goal() {
+fn robot_at_a_serial_port_drives_to_its_goal() {
     let folder = tempfile::tempdir().unwrap();
     let mut scenario = Scenario::default();
     scenario.mission.start = [-0.4, 0.1, 0.2];
@@ -236,9 +236,9 @@ fn a_robot_at_a_serial_port_drives_to_its_goal() {
     assert_motors_off(&robot);
 }
 
-/// A port that closes while the robot drives is opened again, and the points of the path go on.
+/// A port that closes while the robot drives is reopened, and the path continues.
 #[test]
-fn a_loose_cable_does_not_end_the_run() {
+fn loose_cable_does_not_end_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let bench = Bench::at_origin(true);
     let run = bench.run(folder.path(), "follow --path line --size 1.2");
@@ -249,8 +249,7 @@ fn a_loose_cable_does_not_end_the_run() {
     assert!((x - 1.2).hypot(y) < 0.05, "{x} {y}");
 }
 
-/// A script goes through the port as in the program. The next command goes on where the robot believes to be; another
-/// program is refused meanwhile, because the port is taken.
+/// A script runs through the port as in process. The next command starts at the robot's estimate.
 #[test]
 fn script_drives_a_robot_at_a_serial_port() {
     let folder = tempfile::tempdir().unwrap();
@@ -291,8 +290,8 @@ fn script_drives_a_robot_at_a_serial_port() {
     );
 }
 
-/// The record of a robot replays bit by bit for each board whose port was connected. The robot need not be told where it
-/// stands again.
+/// The record of a robot replays bit-identically for each board with a connected port. The second command needs no
+/// start posture.
 #[test]
 fn record_at_serial_ports_replays_identically() {
     let folder = tempfile::tempdir().unwrap();
@@ -326,7 +325,7 @@ fn record_at_serial_ports_replays_identically() {
     assert!((x - 0.6).abs() < 0.02, "{report}");
 }
 
-/// A node in fault would not begin anew.
+/// A recording restarts the nodes, which is refused in a fault state.
 #[test]
 fn record_is_refused_while_a_node_is_in_fault() {
     let folder = tempfile::tempdir().unwrap();
@@ -349,7 +348,7 @@ fn record_is_refused_while_a_node_is_in_fault() {
     assert_motors_off(&bench.robot());
 }
 
-/// A path that is longer than the board's buffer is fed while the robot drives; two paths follow each other.
+/// A path longer than the board's buffer is sent in parts while the robot drives, followed by a second path.
 #[test]
 fn long_paths_are_fed_to_a_robot_at_a_serial_port() {
     let folder = tempfile::tempdir().unwrap();
@@ -359,11 +358,11 @@ fn long_paths_are_fed_to_a_robot_at_a_serial_port() {
     let run = bench.run(folder.path(), "drive --script script --from 0,0,0");
     assert_eq!(run.code, Some(0), "{}{}", run.out, run.error);
     let [x, y, _] = bench.robot().record().midpoint;
-    // Estimated from the wheels, after three metres.
+    // Dead reckoning over 3 m.
     assert!((x - 2.9).hypot(y) < 0.1, "{x} {y}");
 }
 
-/// The client of a user, in another language and from the protocol page alone.
+/// Client in Python, written from the protocol page.
 #[test]
 fn python_client_drives_a_robot_to_its_goal() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
@@ -380,9 +379,10 @@ fn python_client_drives_a_robot_to_its_goal() {
     assert!((x - 0.3).hypot(y + 0.1) < 0.05, "{x} {y} {}", run.out);
 }
 
-/// Ctrl-C once: the robot brakes, its motors go off and the result is written. Twice: the motors go off and the program ends.
+/// First Ctrl-C: the robot brakes, its motors are switched off and the result is written. Second Ctrl-C: the motors are
+/// switched off and the program ends at once.
 #[test]
-fn control_c_stops_the_robot_and_a_second_one_at_once() {
+fn first_control_c_brakes_and_second_ends_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let bench = Bench::at_origin(false);
     for count in [1, 2] {
@@ -404,7 +404,7 @@ fn control_c_stops_the_robot_and_a_second_one_at_once() {
     assert!((0.3..1.9).contains(&robot.record().midpoint[0]));
 }
 
-/// The terminal of a drive by keyboard is closed: the robot brakes, its motors go off, the result is written.
+/// The terminal of a drive by keyboard closes: the robot brakes, its motors are switched off, the result is written.
 #[test]
 fn closed_terminal_stops_the_robot_that_the_keyboard_drives() {
     let folder = tempfile::tempdir().unwrap();
@@ -418,7 +418,7 @@ fn closed_terminal_stops_the_robot_that_the_keyboard_drives() {
     rustix::io::ioctl_fionbio(&master, true).unwrap();
     let (mut keyboard, mut room) = (File::from(master), [0; 4096]);
     for tenth in 0..60 {
-        // The screen has to be taken away.
+        // Discard the screen, so that the program does not block.
         while keyboard.read(&mut room).is_ok() {}
         if tenth == 25 {
             keyboard.write_all(b"wwww").unwrap();
@@ -442,9 +442,9 @@ fn closed_terminal_stops_the_robot_that_the_keyboard_drives() {
     assert!((0.05..1.0).contains(&x), "{x}");
 }
 
-/// A speed is driven only while the host is there: each time the cable is out the robot brakes, and goes on afterwards.
+/// A speed command needs a connected host: the robot brakes while the cable is unplugged, and then drives on.
 #[test]
-fn robot_brakes_while_its_cable_is_out() {
+fn robot_brakes_while_its_cable_is_unplugged() {
     let folder = tempfile::tempdir().unwrap();
     let mut scenario = Scenario::default();
     scenario.mission.start = [0.0; 3];
@@ -455,14 +455,14 @@ fn robot_brakes_while_its_cable_is_out() {
     let reconnected = &report["reconnected"];
     assert!(reconnected.as_u64().unwrap() >= 1, "{reconnected}");
     let robot = bench.robot();
-    // The port is out for half a second of every two.
+    // The port is unplugged for 0.5 s of every 2 s.
     let [x, _, _] = robot.record().midpoint;
     assert!((0.02..0.95).contains(&x), "{x}");
     let notices = robot.monitor().noticed(Node::Lead);
     assert!(notices.contains(Condition::CommanderSilent));
 }
 
-/// A robot whose host is gone without a word stops on its way to its goal.
+/// A robot whose host is killed stops on the way to its goal.
 #[test]
 fn robot_stops_when_its_host_is_lost() {
     let folder = tempfile::tempdir().unwrap();
@@ -482,9 +482,9 @@ fn robot_stops_when_its_host_is_lost() {
     assert!(robot.speed() < 0.01 && notices.contains(Condition::CommanderSilent));
 }
 
-/// A robot that was switched off and on has no task any more: the run ends and says so.
+/// A power cycle deletes the robot's task: the run ends with an error.
 #[test]
-fn a_robot_without_power_for_a_moment_ends_the_run() {
+fn power_cycle_of_the_robot_ends_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let bench = Bench::at_origin(false);
     for seconds in [2, 5] {
@@ -498,14 +498,14 @@ fn a_robot_without_power_for_a_moment_ends_the_run() {
         let said = run.ends_with(1).error;
         assert!(said.contains("front board: it was restarted"), "{said}");
     }
-    // The simulated robot rolls on without resistance, its motors off.
+    // Without rolling resistance the simulated robot keeps rolling with its motors off.
     let robot = bench.robot();
     assert_motors_off(&robot);
 }
 
-/// A path is sent in parts while the robot drives. Ended early, the run leaves a robot at rest with its motors off.
+/// A path is sent in parts while the robot drives. After a run ends early, the robot is at rest with its motors off.
 #[test]
-fn a_robot_at_a_serial_port_is_stopped_at_the_end_of_the_run() {
+fn robot_at_a_serial_port_is_stopped_at_the_end_of_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let bench = Bench::at_origin(false);
     let arguments = "follow --path line --size 3 --stop-after 4";
@@ -523,14 +523,14 @@ fn a_robot_at_a_serial_port_is_stopped_at_the_end_of_the_run() {
     assert_motors_off(&robot);
 }
 
-/// Parameters of all boards, over the port of the front board.
+/// Parameters of all boards, read through the port of the front board.
 fn parameters(bench: &Bench) -> Value {
     let folder = tempfile::tempdir().unwrap();
     let run = bench.run(folder.path(), "params list --json -");
     run.ends_with(0).json()["parameters"].clone()
 }
 
-/// Each board keeps what was set and saved over the port of the front board, and a new robot takes it over.
+/// Each board keeps parameters saved through the port of the front board; a new robot imports them.
 #[test]
 fn parameters_of_three_boards_pass_the_port_of_the_front_board() {
     let folder = tempfile::tempdir().unwrap();
@@ -573,9 +573,9 @@ fn parameters_of_three_boards_pass_the_port_of_the_front_board() {
     assert_eq!(parameters(&new), kept);
 }
 
-/// Zeros of the gauges of a straight strip, through the front board and the bus; a bent one is refused.
+/// Zeroing of the gauges through the front board and the bus; wrong calibrations are refused.
 #[test]
-fn gauges_of_a_robot_at_a_serial_port_are_zeroed() {
+fn gauges_are_zeroed_through_the_serial_port() {
     let folder = tempfile::tempdir().unwrap();
     let scenario = Scenario::in_world(Some("ordinary")).unwrap();
     let bench = Bench::new(&scenario, false);
@@ -607,7 +607,7 @@ fn gauges_of_a_robot_at_a_serial_port_are_zeroed() {
         ("calibrate wheels --yes", 2),
         ("calibrate gauges", 2),
         ("calibrate gauges --yes --world ideal", 2),
-        // The strip is straight: no strain gives these gains.
+        // The strip is straight, so the gauges show no strain for a gain.
         ("calibrate gauges --yes --former 2", 1),
     ] {
         bench.run(folder.path(), wrong).ends_with(code);
@@ -617,7 +617,7 @@ fn gauges_of_a_robot_at_a_serial_port_are_zeroed() {
     let after = zeros(&bench);
     let moved = before.iter().zip(&after).filter(|(a, b)| a != b).count();
     assert!(moved >= 5, "{before:?} {after:?}");
-    // The walk of the zeros since they were stored, not more.
+    // The zeros change by their drift only.
     let largest = before
         .iter()
         .zip(&after)
@@ -626,9 +626,9 @@ fn gauges_of_a_robot_at_a_serial_port_are_zeroed() {
     assert!(largest < 600.0, "{before:?} {after:?}");
 }
 
-/// The other end of the port is open, but nothing is attached to it.
+/// Port without a robot at its other end.
 #[test]
-fn a_port_without_a_robot_ends_with_no_answer() {
+fn port_without_a_robot_ends_with_no_answer() {
     let folder = tempfile::tempdir().unwrap();
     let (_master, path) = pseudo_terminal();
     let arguments = format!("posture --on serial:front={path} --out out");

@@ -6,7 +6,7 @@ use host_sim::run::regulate::curvature;
 use host_sim::scenario::Scenario;
 
 #[test]
-fn starts_of_the_whole_robot_come_home_within_the_bound() {
+fn random_starts_reach_the_goal_within_the_curvature_bound() {
     let kappa_max = 1.5;
     for index in 0..6 {
         let mut scenario = Scenario::default();
@@ -30,9 +30,9 @@ fn starts_of_the_whole_robot_come_home_within_the_bound() {
     }
 }
 
-/// Figures of a trial against those computed from the log of its states.
+/// Compares figures of a trial with figures computed from its records.
 #[test]
-fn the_figures_of_a_trial_follow_from_its_states() {
+fn figures_of_a_trial_agree_with_its_records() {
     let mut scenario = Scenario::default();
     scenario.mission.start = random_start(5, 3);
     let (mut length, mut steering, mut commanded) = (0.0, 0.0f64, 0.0f64);
@@ -64,10 +64,10 @@ fn the_figures_of_a_trial_follow_from_its_states() {
         "{outcome:?} {length}"
     );
     assert!((outcome.max_commanded_curvature / kappa(commanded) - 1.0).abs() < 1e-6);
-    // The log is ten times coarser.
+    // Records are ten times coarser in time.
     let ratio = outcome.max_curvature / kappa(steering);
     assert!((1.0..1.01).contains(&ratio), "{ratio}");
     assert!((outcome.max_path_curvature / turning - 1.0).abs() < 0.02);
-    // O follows the circle that the frame's bend describes: an independent measure of it.
+    // O follows the circle given by the frame's bend, so both curvatures agree.
     assert!((outcome.max_path_curvature / outcome.max_curvature - 1.0).abs() < 0.02);
 }

@@ -1,4 +1,4 @@
-//! The tests that need no time of their own, in one program: one to build, and no core without work.
+//! Tests that may run in parallel, in one program: less to build, and all cores busy.
 
 #![allow(
     clippy::disallowed_methods,

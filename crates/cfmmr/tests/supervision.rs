@@ -1,4 +1,4 @@
-//! What the robot does when something fails on the way: it drives on with less, or stops in order.
+//! Reaction of the robot to faults during a drive: it drives on degraded, or makes a controlled stop.
 
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::topology::{Node, Role};
@@ -10,10 +10,10 @@ use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::world::faults::Fault;
 
-/// Time of the failures, ms: in the middle of the drive.
+/// Time of the failures, ms, in the middle of the drive.
 const AT: u32 = 3000;
 
-/// A mission and all its records.
+/// Mission with all its records.
 struct Run {
     outcome: Outcome,
     records: Vec<Record>,
@@ -39,7 +39,7 @@ impl Run {
         }
     }
 
-    /// With these keys of the scenario.
+    /// Runs a scenario with changed keys.
     fn with(changes: &[String]) -> Self {
         let scenario = Scenario::parse(None, "", "test", changes).unwrap();
         Self::new(&scenario, Fault::None, 0)
@@ -49,7 +49,7 @@ impl Run {
         Self::new(scenario, Fault::Loss(Role::beam(0)), AT)
     }
 
-    /// The first change of a node to a state.
+    /// First change of a node to a state.
     fn change(&self, node: Node, state: OperatingState) -> Status {
         let mut changes = self.simulation.monitor().changes().iter();
         let found = changes.find(|change| change.node == node && change.state == state);
@@ -63,7 +63,7 @@ impl Run {
             .fold(0.0, f64::max)
     }
 
-    /// Way of the true midpoint from a time on, m.
+    /// Path length of the true midpoint from a time on, m.
     fn way_from(&self, time_s: f64) -> f64 {
         let pairs = self.records.windows(2);
         let late = pairs.filter(|pair| pair[0].time_s >= time_s);
@@ -74,7 +74,7 @@ impl Run {
         .sum()
     }
 
-    /// The robot has stopped in order: no further bent on the way, motors off, at rest.
+    /// Checks a controlled stop: no further bending, motors off, at rest.
     fn assert_stopped(&self, since: f64) {
         let before = self.records.iter().rfind(|record| record.time_s <= since);
         let steering = 0.5 * before.unwrap().frames[0].relative[2].abs();
@@ -92,7 +92,7 @@ impl Run {
 }
 
 #[test]
-fn without_the_beam_the_robot_drives_on() {
+fn robot_without_beam_drives_on() {
     let run = Run::without_beam(&Scenario::default());
     assert!(run.outcome.end.is_success());
     let noticed = run.simulation.monitor().noticed(Node::Lead);
@@ -103,8 +103,8 @@ fn without_the_beam_the_robot_drives_on() {
 }
 
 #[test]
-fn without_the_beam_the_robot_drives_no_longer_than_it_may() {
-    // Until the loss counts: ten epochs without a measurement, and the 50 ms of the condition.
+fn robot_without_beam_stops_at_the_degraded_limits() {
+    // The loss counts after ten epochs without a measurement and the hold time of 50 ms.
     let counts = f64::from(AT) * 1e-3 + 0.15;
     let mut scenario = Scenario::default();
     scenario.robot.lead.supervisor.degraded_time_s = 1.5;
@@ -119,7 +119,7 @@ fn without_the_beam_the_robot_drives_no_longer_than_it_may() {
     let run = Run::without_beam(&scenario);
     let stop = run.change(Node::Lead, OperatingState::SafeStop);
     assert_eq!(stop.reason, Some(Condition::DegradedTooLong));
-    // What is left of 0.25 m/s at 1 m/s² are 3 cm.
+    // Braking from 0.25 m/s at 1 m/s² takes 3 cm.
     let way = run.way_from(counts);
     assert!((0.38..0.47).contains(&way), "{way} m");
     run.assert_stopped(stop.time_s);
@@ -129,10 +129,10 @@ fn without_the_beam_the_robot_drives_no_longer_than_it_may() {
     }
 }
 
-/// One fault each, beyond ten of the standard deviations that the robot is told. Of one wheel, half counts in the mean
-/// of its axle. A gyro replaces the track, and needs none to tell axles askew.
+/// One fault each, beyond ten of the configured standard deviations. Half the error of one wheel enters the mean of its
+/// axle. A gyro replaces the track and detects skewed axles, so those faults run without a gyro.
 #[test]
-fn a_fault_beyond_ten_standard_deviations_is_named() {
+fn fault_beyond_ten_standard_deviations_is_named() {
     use Condition::{GaugesInconsistent, GyrosInconsistent, WheelsInconsistent};
     let radius = |by: [[f64; 2]; 2]| {
         let radii = by.map(|axle| axle.map(|by| 0.073 * (1.0 + 0.0525 * by)));
@@ -175,10 +175,10 @@ fn a_fault_beyond_ten_standard_deviations_is_named() {
     }
 }
 
-/// Noise of each sensor at 3 and at 10 times the world's figure. The encoders have none. The robot measures the noise of its
-/// bridges, and the filter of an axle has room for that of its inertial sensors.
+/// Noise of each sensor at 3 and at 10 times the world's value; encoders have no noise. The robot measures the noise of
+/// its bridges; the axle filter allows for the noise of its inertial sensors.
 #[test]
-fn noise_of_a_sensor_names_no_sound_sensor() {
+fn noise_of_a_sensor_blames_no_sound_sensor() {
     let sensors = &Scenario::default().world.sensors;
     let (bridge, gyro) = (sensors.bridge.noise_strain, sensors.gyro.noise_density);
     for (key, figure, imu) in [
@@ -216,7 +216,7 @@ fn noise_of_a_sensor_names_no_sound_sensor() {
     }
 }
 
-/// Zeros of one gauge, and of all.
+/// Wrong zeros of one gauge, and of all gauges.
 #[test]
 fn gauges_with_wrong_zeros_are_named() {
     let per_count = Scenario::default().world.sensors.bridge.strain_per_count();
@@ -249,7 +249,7 @@ fn gauges_with_wrong_zeros_are_named() {
     }
 }
 
-/// The references of a front board that is 100 ms late are older than the rear axle may take them: it does not arm.
+/// References of a front board that sends 100 ms late exceed the timeout of the rear axle, which does not arm.
 #[test]
 fn robot_does_not_drive_with_an_axle_that_does_not_arm() {
     let late = ["bus.late_ms=[100, 0, 0]".to_owned()];

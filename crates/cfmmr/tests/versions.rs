@@ -1,4 +1,4 @@
-//! Logs and stored parameters of version 0.1 are read.
+//! Compatibility with logs and stored parameters of version 0.1.
 
 use crate::program::cfmmr;
 use core_algos::params::{Contents, Settings, TABLE, find};

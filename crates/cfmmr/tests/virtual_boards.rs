@@ -1,4 +1,4 @@
-//! The robot with the images that users flash, on virtual boards.
+//! Robot on virtual boards, which run the images for real boards.
 
 use crate::program;
 use crate::program::{assert_refused, json_file, succeed};
@@ -25,7 +25,7 @@ use virtual_board::Time;
 const POSTURE: &str = "posture --on virtual";
 
 #[test]
-fn threads_change_no_byte_and_seeds_do() {
+fn output_depends_on_seed_and_not_on_threads() {
     let folder = tempfile::tempdir().unwrap();
     let run = |name: &str, seed: &str, threads: &str| {
         let run = format!("--stop-after 0.8 --seed {seed} --threads {threads} --out {name}");
@@ -41,7 +41,7 @@ fn threads_change_no_byte_and_seeds_do() {
     );
     let result = json_file(folder.path(), "one/result.json");
     for (log, board) in one[1..].iter().zip(result["boards"].as_array().unwrap()) {
-        // What the board sends on the bus is what it logs.
+        // The build that the board sends on the bus begins with the logged hash.
         let hash = log.lines().next().unwrap().rsplit(' ').next().unwrap();
         assert_eq!(board["build"], hash[..6], "{board}");
     }
@@ -50,7 +50,7 @@ fn threads_change_no_byte_and_seeds_do() {
 }
 
 #[test]
-fn what_is_no_image_of_the_chip_is_refused_by_name() {
+fn file_that_is_no_image_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let program = fs::read(env!("CARGO_BIN_EXE_cfmmr")).unwrap();
     for (name, bytes) in [
@@ -67,14 +67,14 @@ fn what_is_no_image_of_the_chip_is_refused_by_name() {
 }
 
 #[test]
-fn damaged_images_and_those_of_another_board_are_refused_by_name() {
+fn damaged_or_wrong_image_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let image = remote::images::build("firmware-beam").unwrap();
     let keep = |bytes: &[u8]| fs::write(folder.path().join("beam"), bytes).unwrap();
     keep(&image);
     let line = "--axle-image beam | beam: firmware-beam image";
     assert_refused(folder.path(), POSTURE, line);
-    // A bit of the program, of the log's names, of the last section's header.
+    // Flip a bit of the program, of the log's names, of the last section's header.
     for place in [image.len() / 16, image.len() / 2, image.len() - 8] {
         let mut damaged = image.clone();
         damaged[place] ^= 4;
@@ -90,7 +90,7 @@ fn damaged_images_and_those_of_another_board_are_refused_by_name() {
 }
 
 #[test]
-fn what_the_images_cannot_be_told_is_refused() {
+fn options_without_effect_on_images_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let table = "
         --set robot.axle.rest_hold_s=0.2
@@ -101,7 +101,7 @@ fn what_the_images_cannot_be_told_is_refused() {
 }
 
 #[test]
-fn boards_drive_in_other_than_the_default_configuration() {
+fn robot_drives_with_other_sensors_and_goals() {
     let folder = tempfile::tempdir().unwrap();
     for arguments in [
         "--imu --seed 1 --stop-after 0.3",
@@ -113,7 +113,7 @@ fn boards_drive_in_other_than_the_default_configuration() {
     }
 }
 
-/// A robot with the logs of its boards.
+/// Robot with the logs of its boards.
 fn robot(scenario: &Scenario) -> (VirtualRobot, Vec<BoardLog>) {
     let images = Images::open(None, None).unwrap();
     let logs = BoardLog::quiet(Topology::PAIR);
@@ -122,7 +122,7 @@ fn robot(scenario: &Scenario) -> (VirtualRobot, Vec<BoardLog>) {
 }
 
 #[test]
-fn a_copy_of_a_robot_goes_on_as_the_robot_does() {
+fn copy_of_a_robot_continues_identically() {
     let scenario = Scenario::default();
     let (mut robot, _) = robot(&scenario);
     robot
@@ -142,7 +142,7 @@ fn a_copy_of_a_robot_goes_on_as_the_robot_does() {
     assert!(course(&mut robot) == after && course(&mut copies[1]) == after);
 }
 
-/// With the motors off the beam board logs the noise of its bridges, which is that of gauges and converter.
+/// With the motors off, the beam board logs the noise of its bridges, caused by gauges and converter.
 #[test]
 fn beam_board_at_rest_logs_noise_of_its_bridges() {
     let scenario = Scenario::default();
@@ -159,7 +159,7 @@ fn beam_board_at_rest_logs_noise_of_its_bridges() {
         .split(['[', ']', ','])
         .filter_map(|part| part.trim().parse::<f64>().ok());
     let counts: Vec<f64> = counts.filter(|&count| count > 0.0).collect();
-    // A conversion has 0.6 counts of 12 bits and the rounding's 0.29; a reading is the sum of 96.
+    // A 12-bit conversion has a noise of 0.6 counts and a rounding noise of 0.29; a reading is the sum of 96.
     let bridge = &scenario.world.sensors.bridge;
     let gauge = bridge.noise_strain * bridge.gauge_factor * f64::from(bridge.active_gauges) / 4.0;
     let converter = 0.6f64.hypot(0.29) / 4096.0 / 96f64.sqrt();
@@ -173,7 +173,7 @@ fn beam_board_at_rest_logs_noise_of_its_bridges() {
     }
 }
 
-/// Reply of the rear board to a request at its serial port, which has no other host.
+/// Reply of the rear board to a request at its serial port.
 fn reply_of_rear(robot: &mut VirtualRobot, number: u8, request: &Request) -> String {
     let frame = protocol::encode(number, request).unwrap();
     let now = Time::from_micros(((robot.boot_s() * 1e6).round() as u64) + robot.now());
@@ -193,7 +193,7 @@ fn reply_of_rear(robot: &mut VirtualRobot, number: u8, request: &Request) -> Str
     replies.next().unwrap()
 }
 
-/// A computer at the front board's serial port drives the robot that the button would send elsewhere.
+/// A host at the front board's serial port drives the robot to a goal.
 #[test]
 fn orders_at_the_serial_port_drive_the_robot() {
     let scenario = Scenario::default();
@@ -223,7 +223,7 @@ fn orders_at_the_serial_port_drive_the_robot() {
     for _ in 0..3000 {
         robot.step().unwrap();
     }
-    // Under way a board takes no session.
+    // A driving board refuses a session.
     assert!(robot.is_settled() && robot.speed() > 0.05);
     assert!(reply_of_rear(&mut robot, 2, &Request::Rig).contains("Armed"));
     for _ in 0..8000 {
@@ -245,7 +245,7 @@ fn orders_at_the_serial_port_drive_the_robot() {
     }
 }
 
-/// The bus frames in the reports of the front board are those on the wire, none is missing.
+/// The front board reports every frame on the bus.
 #[test]
 fn reports_of_the_front_board_hold_every_frame_on_the_bus() {
     let (mut robot, _) = robot(&Scenario::default());
@@ -264,7 +264,7 @@ fn reports_of_the_front_board_hold_every_frame_on_the_bus() {
     }
     let on_wire = (robot.frames() - before) as i64;
     assert_eq!(robot.link().lost(), 0);
-    // A few are on their way at either end.
+    // A few frames are in transit at the start and at the end.
     assert!(on_wire > 3500, "{on_wire}");
     let difference = frames.len() as i64 - on_wire;
     assert!(difference.abs() <= 12, "{difference} of {on_wire}");
@@ -273,7 +273,7 @@ fn reports_of_the_front_board_hold_every_frame_on_the_bus() {
     assert!((199..=201).contains(&steps(layout::id::TIME_SYNC)));
 }
 
-/// Each board of a recorded run does the same again, bit by bit, and so does a board that was restarted on the way.
+/// The replay of each board of a recorded run is bit-identical, also of a board that was restarted during the run.
 #[test]
 fn record_of_virtual_boards_replays_identically() {
     let folder = tempfile::tempdir().unwrap();
@@ -306,7 +306,7 @@ fn record_of_virtual_boards_replays_identically() {
         ] {
             let [begun, ticks] = count(role);
             assert_eq!(begun, starts, "{} board", Topology::PAIR.name(role));
-            // The boards begin one after the other; a board without power has no ticks.
+            // The boards start one after the other; a board without power has no ticks.
             let least =
                 recording.ticks() - 150 - 1000 * restarted * usize::from(role == Role::axle(1));
             assert!(
@@ -320,7 +320,7 @@ fn record_of_virtual_boards_replays_identically() {
     }
 }
 
-/// A robot on virtual boards ends where one in this process ends, along a path and along a trajectory.
+/// Along a path and a trajectory, a robot on virtual boards and an in-process robot have nearly equal final errors.
 #[test]
 fn paths_on_virtual_boards_end_as_in_process() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Faults of the boards that run the images that users flash: a few of them, and the judge.
+//! Some faults of virtual boards, and the verdict on their outcomes.
 
 use crate::program::assert_refused;
 use host_sim::scenario::Scenario;
@@ -35,13 +35,13 @@ fn named(name: &str) -> Entry {
 }
 
 #[test]
-fn the_catalogue_has_each_fault_once() {
+fn catalogue_has_each_fault_once() {
     let names: Vec<&str> = catalogue().iter().map(|entry| entry.name).collect();
     let different: HashSet<&&str> = names.iter().collect();
     assert!(names.len() >= 40 && different.len() == names.len());
 }
 
-/// A fault of the processor where the motors are driven, and one that the program cannot see.
+/// A processor fault in the motor current loop, and a driver fault too short for the firmware to detect.
 #[test]
 fn faults_end_as_the_catalogue_allows() {
     let names = ["HardFault in the current loop", "nFAULT low for 30 µs"];
@@ -49,9 +49,9 @@ fn faults_end_as_the_catalogue_allows() {
     assert!(ends.eq([End::Stopped, End::WentOn]));
 }
 
-/// The same runs under entries that allow what does not come about.
+/// Runs with entries that do not allow the actual outcome.
 #[test]
-fn the_judge_finds_what_an_entry_does_not_allow() {
+fn outcomes_beyond_an_entry_are_wrong() {
     let mut stops = named("none");
     stops.goes_on = false;
     let mut never_stops = named("nFAULT low for 20 ms");
@@ -68,7 +68,7 @@ fn the_judge_finds_what_an_entry_does_not_allow() {
 }
 
 #[test]
-fn a_fault_that_is_not_in_the_catalogue_is_refused() {
+fn fault_outside_the_catalogue_is_refused() {
     let table = "
         --only earthquake
         --only crystal

@@ -1,4 +1,4 @@
-//! What looks on while virtual boards run, each by a reader of its own.
+//! Profile, failures of boards and soak on virtual boards.
 
 use crate::program::{Run, assert_refused, cfmmr, json_file};
 use serde_json::Value;
@@ -10,7 +10,7 @@ fn posture(folder: &Path, arguments: &str) -> Run {
     cfmmr(folder, &format!("posture --on virtual {arguments}"))
 }
 
-/// A run with everything that writes files.
+/// Folder of a run with a profile.
 fn traced() -> &'static Path {
     static RUN: OnceLock<tempfile::TempDir> = OnceLock::new();
     let folder = RUN.get_or_init(|| {
@@ -27,7 +27,7 @@ fn traced() -> &'static Path {
 }
 
 #[test]
-fn a_profile_adds_up_to_the_load_and_knows_the_longest_tick() {
+fn profile_sums_to_the_load_and_has_the_longest_tick() {
     let folder = traced();
     let profiles = json_file(folder, "profile.json");
     let result = json_file(folder, "result.json");
@@ -43,7 +43,7 @@ fn a_profile_adds_up_to_the_load_and_knows_the_longest_tick() {
         let functions = profile["functions"].as_array().unwrap();
         let us: f64 = functions.iter().map(|f| f["us"].as_f64().unwrap()).sum();
         let awake = board["load"].as_f64().unwrap() * result["simulated_s"].as_f64().unwrap() * 1e6;
-        // The start on the internal oscillator counts as fewer cycles.
+        // During the start, the clock is the internal oscillator, which is slower than 168 MHz.
         assert!((us / awake - 1.0).abs() < 0.07, "{name}: {us} {awake}");
         let folded = fs::read_to_string(folder.join(format!("profile-{name}.folded"))).unwrap();
         let cycles = folded
@@ -59,16 +59,16 @@ fn a_profile_adds_up_to_the_load_and_knows_the_longest_tick() {
         }
         let interrupts = profile["interrupts"].as_array().unwrap();
         let of = |handler: &str| interrupts.iter().find(|i| i["name"] == handler).unwrap();
-        // What the board measures by its own counter.
+        // Longest tick measured by the board's own counter.
         let told = board["longest_tick_us"].as_f64().unwrap();
         let seen = of("UART4")["longest_with_preemption_us"].as_f64().unwrap();
-        // The interrupt also holds the report of health, which the board does not count: 30 to 35 µs.
+        // The interrupt includes the health report of 30 to 35 µs, which the board does not count.
         assert!((seen - told).abs() < 45.0, "{name}: {seen} {told}");
     }
 }
 
 #[test]
-fn a_rear_board_that_loses_its_power_stops_the_robot() {
+fn rear_board_without_power_stops_the_robot() {
     let folder = tempfile::tempdir().unwrap();
     let run = posture(folder.path(), "--kill rear@1.2 --out .").ends_with(1);
     let (said, told) = (run.error, run.out);
@@ -80,9 +80,9 @@ fn a_rear_board_that_loses_its_power_stops_the_robot() {
     let events = result["events"].as_array().unwrap();
     assert_eq!(events[0]["time_s"], 1.2, "{events:?}");
     let off = events[1]["what"]["motors-off"].as_u64().unwrap();
-    // 50 ms until it is noticed, 250 to slow down, 100 at rest, 750 to let the frame go.
+    // Detection 50 ms, braking 250 ms, rest 100 ms, release of the frame 750 ms.
     assert!((100..1150).contains(&off), "{off}");
-    // What the boards warn of is on the terminal too, with the board's name.
+    // Warnings of the boards are also on the terminal, with the board's name.
     let log = fs::read_to_string(folder.path().join("board-front.log")).unwrap();
     let warnings = log
         .lines()
@@ -96,7 +96,7 @@ fn a_rear_board_that_loses_its_power_stops_the_robot() {
 }
 
 #[test]
-fn after_the_restart_of_a_front_board_the_user_drives_again_from_the_start() {
+fn restarted_front_board_drives_after_clearing() {
     let folder = tempfile::tempdir().unwrap();
     let arguments = "--from=-0.6,0.1,0.2 --kill front@1.2 --restart-after 0.3 --out .";
     posture(folder.path(), arguments).ends_with(0);
@@ -107,14 +107,14 @@ fn after_the_restart_of_a_front_board_the_user_drives_again_from_the_start() {
         .iter()
         .filter_map(|event| event["what"].as_str())
         .collect();
-    // One press clears the faults of all nodes.
+    // One press of the button clears the faults of all nodes.
     assert_eq!(what, ["restarted", "cleared", "resumed"], "{events:?}");
     let log = fs::read_to_string(folder.path().join("board-front.log")).unwrap();
     assert_eq!(log.matches("reset by PowerOn").count(), 2, "{log}");
 }
 
 #[test]
-fn without_the_beam_board_the_robot_goes_on() {
+fn robot_without_beam_board_drives_on() {
     let folder = tempfile::tempdir().unwrap();
     let arguments = "--kill beam@0.2 --restart-after 0.2 --stop-after 0.9 --out .";
     posture(folder.path(), arguments).ends_with(0);
@@ -126,7 +126,7 @@ fn without_the_beam_board_the_robot_goes_on() {
 }
 
 #[test]
-fn bad_input_is_told_with_its_value_and_range() {
+fn error_names_value_and_range() {
     let folder = tempfile::tempdir().unwrap();
     let table = "--kill rear@-1 | -1 | 0 to 36000
          --kill left@1 | left@1 | front, rear or beam
@@ -134,7 +134,7 @@ fn bad_input_is_told_with_its_value_and_range() {
          --kill rear@91 | 91 s | at 90.5 s
          --kill beam@1 --no-rps | beam@1 | front or rear
          --restart-after 0 | 0 | 0.001 to 36000
-         --rows all | --rows | in process";
+         --rows all | --rows | --on in-process";
     assert_refused(folder.path(), "posture --on virtual", table);
     let options = "--profile";
     assert_refused(folder.path(), "posture", options);
@@ -144,7 +144,7 @@ fn bad_input_is_told_with_its_value_and_range() {
     assert_refused(folder.path(), "hil --on virtual", table);
 }
 
-/// Goals one after the other, with the figures of the boards; memory does not grow with the frames of the bus.
+/// The soak reaches goals and reports the boards; memory does not grow with the number of bus frames.
 #[test]
 fn soak_on_virtual_boards_reaches_goals_in_bounded_memory() {
     let folder = tempfile::tempdir().unwrap();

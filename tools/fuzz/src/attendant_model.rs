@@ -1,4 +1,4 @@
-//! What a board that drives may accept, by docs/serial.md: lease, sequence, motors, repetition.
+//! Model of the requests that a driving board accepts by docs/serial.md: lease, sequence, motors, repetition.
 
 use core_algos::bus::{self, CanFrame};
 use core_algos::control::path::PathError;
@@ -11,18 +11,18 @@ use core_algos::topology::Role;
 /// A frame on the way to the board.
 #[derive(Clone, Debug)]
 pub enum Frame {
-    /// With this payload.
+    /// Frame with this payload.
     Whole(Vec<u8>),
-    /// Changed on the way.
+    /// Frame damaged in transit.
     Damaged,
 }
 
-/// Bytes that the board sends, and the action that it demands.
+/// Bytes that the board sends, and the demanded action.
 #[derive(Debug, PartialEq)]
 pub struct Outcome {
     sent: Vec<u8>,
     demand: Option<Demand>,
-    /// An order's content, which may be NaN.
+    /// Sequence and bytes of an order; compared as bytes, because an order may contain NaN.
     order: Option<(u16, Vec<u8>)>,
 }
 
@@ -47,16 +47,16 @@ impl Outcome {
     }
 }
 
-/// The host that commands. Its latest order stays known after the end of the lease.
+/// Host with the lease. The latest order stays known after the end of the lease.
 #[derive(Default)]
 struct Commander {
     latest: Option<Stamp>,
-    /// End of the lease, µs; none if it was released or its lapse was noticed.
+    /// End of the lease, µs; `None` after a release or a reported lapse.
     ends: Option<u64>,
 }
 
 impl Commander {
-    /// Last instant of the lease after an order, µs.
+    /// Length of the lease after an order, µs.
     const TERM: u64 = 1_000_000;
 
     fn admit(&mut self, now: u64, stamp: Stamp) -> Option<Refusal<'static>> {
@@ -78,18 +78,18 @@ impl Commander {
     }
 }
 
-/// What the board knows of one host.
+/// State of the board for one host.
 #[derive(Default)]
 struct Port {
     greeted: bool,
     pending: Option<u8>,
-    /// Number and payload of the latest answer that a repetition gets.
+    /// Number and payload of the latest reply, sent again for a repeated request.
     answered: Option<(u8, Vec<u8>)>,
     relaying: Option<Role>,
     counters: Counters,
 }
 
-/// The model: one port, the bus, and what both share.
+/// Model of the attendants at the serial port and on the bus, with shared state.
 pub struct Attendants {
     role: Role,
     configuration: Vec<u8>,
@@ -97,16 +97,16 @@ pub struct Attendants {
     ports: [Port; 2],
 }
 
-/// What is due for a request.
+/// Expected reaction to a request.
 enum Due {
     Reply(Vec<u8>),
-    /// Reply that no repetition gets.
+    /// Reply that is not stored for repetitions.
     Greeting(Vec<u8>),
-    /// The answer to the request of this number, once more.
+    /// Stored reply to a repeated request.
     Repetition(Vec<u8>),
     /// Reply and action.
     Act(Vec<u8>, Demand),
-    /// Action without a reply so far.
+    /// Action whose reply follows later.
     Later(Demand),
 }
 
@@ -121,7 +121,7 @@ impl Attendants {
         }
     }
 
-    /// True once after a lease that was not renewed in time.
+    /// True at the first call after the end of a lease.
     pub fn lapses(&mut self, now: u64) -> bool {
         let lapsed = self.commander.ends.is_some_and(|end| now > end);
         if lapsed {
@@ -130,8 +130,8 @@ impl Attendants {
         lapsed
     }
 
-    /// What the frames of one piece are due. An order in progress and an action of this piece leave all others without an
-    /// answer: their hosts repeat them.
+    /// Expected outcome of frames received together. After an action, or during an order, further requests get no
+    /// reply; the hosts repeat these requests.
     pub fn receive(
         &mut self,
         port: usize,
@@ -255,7 +255,7 @@ impl Attendants {
         }
     }
 
-    /// What is due for a request that the front board takes from the host with the lease.
+    /// Expected reaction to a request that needs the lease of the front board.
     fn commanded(&mut self, number: u8, now: u64, motors: MotorState, request: &Request) -> Due {
         let reply = |reply: Reply| encoded(number, &reply);
         let refused = |refusal| Due::Reply(reply(Reply::Refused(refusal)));
@@ -283,7 +283,7 @@ impl Attendants {
         }
     }
 
-    /// Bytes due at the end of an order.
+    /// Expected bytes at the end of an order.
     pub fn done(&mut self, port: usize, result: Result<(), PathError>) -> Vec<u8> {
         let port = &mut self.ports[port];
         let Some(number) = port.pending.take() else {
@@ -301,10 +301,10 @@ impl Attendants {
         bytes
     }
 
-    /// Bytes due at a reply of another board: one for each request that was handed on.
+    /// Expected bytes at a reply of another board: one reply per relayed request.
     pub fn relayed(&mut self, port: usize, from: Role, payload: &[u8]) -> Vec<u8> {
         let port = &mut self.ports[port];
-        // Number, variant and length come before it.
+        // Number, variant and length precede the payload.
         let head = if payload.len() < 0x80 { 3 } else { 4 };
         if port.relaying != Some(from) || payload.is_empty() || payload.len() + head > 248 {
             return Vec::new();
@@ -329,7 +329,7 @@ fn framed(payload: &[u8], repeated: bool) -> Vec<u8> {
     }
 }
 
-/// The first frame of packed ones, if a service tool may send it.
+/// First packed frame, if a service tool may send the frame.
 fn service_frame(packed: &[u8]) -> Option<CanFrame> {
     const CALIBRATION: u16 = 0x600;
     let frame = protocol::unpack(packed).next()?;

@@ -1,7 +1,7 @@
-//! What the targets share.
+//! Shared modules of the fuzz targets.
 //!
-//! Modules of the program and of the recording that read input are compiled here by their paths: the server of a run and
-//! the command line would take most of the time of a build.
+//! Input-reading modules of other crates are compiled here by path, because live server and command line would take
+//! most of the build time.
 
 pub mod attendant_model;
 #[path = "../../../crates/recording/src/entry.rs"]

@@ -1,6 +1,6 @@
-//! Numbers drawn from the fuzzer's bytes: whatever the bytes say, but often one at an edge.
+//! Numbers drawn from the fuzzer's bytes, often edge values.
 
-/// Reads bytes from the front; zeros once they are used up.
+/// Reads bytes from the front; zeros after the end.
 pub struct Bytes<'a>(pub &'a [u8]);
 
 impl<'a> Bytes<'a> {
@@ -29,7 +29,7 @@ impl<'a> Bytes<'a> {
         head
     }
 
-    /// A number; not NaN and not infinite, for which JSON has no words.
+    /// Finite number, because JSON cannot represent NaN and infinity.
     pub fn number(&mut self) -> f64 {
         const EDGES: [f64; 12] = [
             0.0,
@@ -56,7 +56,7 @@ impl<'a> Bytes<'a> {
     }
 }
 
-/// `template` with a number for each `#`.
+/// Replaces each `#` of `template` by a number.
 pub fn fill(template: &str, bytes: &mut Bytes) -> String {
     let mut text = String::new();
     for (i, part) in template.split('#').enumerate() {

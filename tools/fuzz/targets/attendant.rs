@@ -1,5 +1,5 @@
-//! A board that drives, at its link: requests of several hosts at its port and over the bus, repeated, stale and damaged,
-//! while time passes and the motors change, against a model of what the board may accept.
+//! Link of a driving board, compared with a model. Several hosts send requests at the port and over the bus, some of
+//! them repeated, stale or damaged, while time passes and motor states change.
 #![no_main]
 
 use cfmmr_fuzz::attendant_model::{Attendants, Frame, Outcome};
@@ -20,7 +20,7 @@ use std::sync::LazyLock;
 
 static CONFIG: LazyLock<RobotConfig> = LazyLock::new(RobotConfig::default);
 
-/// Steps of the time, µs: none, a tick, the term of the lease and its neighbours, and long ones.
+/// Time steps, µs: zero, a tick, the length of the lease and its neighbours, and long steps.
 const STEPS: [u64; 8] = [
     0,
     1_000,
@@ -32,12 +32,12 @@ const STEPS: [u64; 8] = [
     1 << 40,
 ];
 
-/// The attendants of a board, its state and the model of both.
+/// Attendants of a board, the board's state, and the model of both.
 struct Bench {
     attendants: [Attendant; 2],
     station: Station,
     model: Attendants,
-    /// The latest request of each host, to be repeated.
+    /// Latest request of each host, for repetitions.
     latest: [Vec<u8>; 2],
     numbers: [u8; 2],
     sequences: [u16; 3],
@@ -61,7 +61,7 @@ impl Bench {
         }
     }
 
-    /// Time passes, and the board asks whether the lease has lapsed.
+    /// Advances the time and compares the end of the lease with the model.
     fn wait(&mut self, step: u64) {
         self.station.now += step;
         let lapsed = self.station.lease.take_lapsed(self.station.now);
@@ -82,7 +82,7 @@ impl Bench {
         assert_eq!(Outcome::new(sent, demand), expected, "{frames:?}");
     }
 
-    /// Bytes of some requests, some repeated or damaged, in one piece.
+    /// Sends one or two requests in one piece; some are repeated or damaged.
     fn requests(&mut self, bytes: &mut Bytes) {
         let head = bytes.byte();
         let (port, count) = (usize::from(head & 1), 1 + usize::from(head >> 1 & 3) / 2);
@@ -186,7 +186,7 @@ impl Bench {
         used.to_vec()
     }
 
-    /// Stamp of one of three hosts: the next, one of before, or far off.
+    /// Stamp of one of three hosts: the next sequence number, an earlier or a distant one.
     fn stamp(&mut self, bytes: &mut Bytes) -> Stamp {
         let kind = bytes.byte();
         let host = usize::from(kind) % 3;
@@ -208,7 +208,7 @@ impl Bench {
         }
     }
 
-    /// The tick executed the order, or refused it.
+    /// Ends an order: executed or refused by the tick.
     fn done(&mut self, port: usize, refused: bool) {
         let result = match refused {
             true => Err(PathError::TooTight),
@@ -219,7 +219,7 @@ impl Bench {
         assert_eq!(sent, self.model.done(port, result), "end of an order");
     }
 
-    /// Another board replies.
+    /// Passes a reply of another board.
     fn relayed(&mut self, bytes: &mut Bytes) {
         let head = bytes.byte();
         let (port, from) = (
@@ -263,7 +263,7 @@ fn place() -> Place {
     CONFIG.put_down(Posture::ORIGIN, &Told::default())
 }
 
-/// Changes a byte between the zeros at the ends, or takes it out.
+/// Changes or removes a byte between the zeros at the ends.
 fn damage(frame: &mut Vec<u8>, bytes: &mut Bytes) {
     let first = usize::from(frame[0] == 0);
     let at = first + usize::from(bytes.byte()) % (frame.len() - 1 - first);
@@ -280,8 +280,8 @@ fn damage(frame: &mut Vec<u8>, bytes: &mut Bytes) {
     }
 }
 
-/// Payload of a frame, if its check sum is right. Damage to the length of the last block may leave the payload as it was.
-/// After four bytes 0xff the check sum does not count zeros, and no request begins with them.
+/// Payload of a frame with a right checksum. Damage to the length of the last block may leave the payload unchanged.
+/// After four bytes 0xff the checksum ignores zeros; no request begins with these bytes.
 fn payload_of(frame: &[u8]) -> Option<Vec<u8>> {
     let mut decoder = Decoder::new();
     let mut payloads = frame

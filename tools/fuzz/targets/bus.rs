@@ -1,5 +1,5 @@
-//! Frames of the bus: what is decoded can be sent again and means the same; what cannot be sent is
-//! refused by the name of its signal.
+//! Frames of the bus: a decoded message is encoded to an equivalent frame; the error of a message that cannot be
+//! encoded names the signal.
 #![no_main]
 
 use cfmmr_fuzz::numbers::Bytes;
@@ -59,7 +59,7 @@ fn received(frame: &CanFrame) {
     settles(message, again);
 }
 
-/// Rounding happens once: what comes back is what was sent.
+/// Checks that rounding happens once: decoding and encoding a rounded message changes nothing.
 fn settles(message: Message, frame: CanFrame) {
     let back = decode(&frame).expect("what was sent can be received");
     let uncertain = |m: &Message| {
@@ -69,12 +69,12 @@ fn settles(message: Message, frame: CanFrame) {
         )
     };
     if uncertain(&message) {
-        // Standard deviations are sent as logarithms and correlations are pulled toward zero until
-        // the matrix is definite, after which both stay.
+        // Standard deviations are sent as logarithms, and correlations are reduced until the matrix is definite, so
+        // values may change.
         assert!(uncertain(&back));
         assert_eq!(encode(&back).map(|again| again.id), Ok(frame.id));
     } else if let (Some(sent), Some(read)) = (posture(&message), posture(&back)) {
-        // Headings beyond half a turn come back wrapped.
+        // Headings beyond half a turn are wrapped.
         assert_eq!((sent.x, sent.y), (read.x, read.y));
         let turned = f64::from(sent.phi - read.phi).rem_euclid(TAU);
         assert!(turned.min(TAU - turned) <= 1e-4, "{sent:?} {read:?}");
@@ -111,7 +111,7 @@ fn sent(message: &Message) {
         }
         Err(error) => {
             if (error.message, error.signal) == ("Message", "sender") {
-                // An axle or a frame that no robot has, or a service tool with a status.
+                // The sender is an axle or frame that no robot has, or a status is from a service tool.
                 return;
             }
             let layout = MESSAGES.iter().find(|layout| layout.name == error.message);

@@ -1,4 +1,4 @@
-//! Lines of `cfmmr eval`: one answer for each, with every number finite, or an error.
+//! Lines of `cfmmr eval`: each line gives an output of finite numbers or an error.
 #![no_main]
 
 use cfmmr_fuzz::eval::{self, Kernel};
@@ -9,7 +9,7 @@ use serde_json::Value;
 const P3: &str = "[[#,0,0],[0,#,0],[0,0,#]]";
 const FULL3: &str = "[[#,@,@],[@,#,@],[@,@,#]]";
 
-/// Lines of the algorithms with a place for each number; the last is repeated.
+/// First and further input lines of an algorithm; `#` stands for a number.
 fn templates(algorithm: usize) -> [String; 2] {
     let diagonal: Vec<String> = (0..7)
         .map(|i| {
@@ -103,12 +103,12 @@ fuzz_target!(|data: &[u8]| {
     assert!(answers <= lines && good == (errors == 0));
 });
 
-/// Whether no number is missing: what is not finite would be null.
+/// True if all numbers are finite: JSON replaces other numbers by null.
 fn finite(value: &Value) -> bool {
     match value {
         Value::Object(entries) => entries
             .iter()
-            // A time on the bus that is not known is null.
+            // An unknown bus delay is null.
             .all(|(key, value)| key == "last_delay_us" || finite(value)),
         Value::Array(values) => values.iter().all(finite),
         Value::Null => false,

@@ -1,4 +1,4 @@
-//! Logs: a file of any content, or a good log with changed messages, is read or refused as bad input.
+//! Logs: a file of any content, or a sound log with changed messages, is read or refused as an input error.
 #![no_main]
 
 use cfmmr_fuzz::{entry, read};
@@ -28,7 +28,7 @@ fuzz_target!(|data: &[u8]| {
     }
 });
 
-/// A log whose messages are the lines of the input: topic, a blank, content.
+/// Log whose messages are the lines of the input: topic, space, content.
 fn in_a_file(lines: &[u8]) -> Vec<u8> {
     let room = std::io::Cursor::new(Vec::new());
     let options = mcap::WriteOptions::new().compression(None);

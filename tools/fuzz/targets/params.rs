@@ -1,4 +1,4 @@
-//! The store of parameters: a flash with any content, alone or as damage of a good one.
+//! Parameter store on a flash with random content, or with a damaged sound content.
 #![no_main]
 
 use cfmmr_fuzz::numbers::Bytes;
@@ -11,7 +11,7 @@ use std::sync::LazyLock;
 
 type Sectors = Flash<2048>;
 
-/// A store in use, and what is saved in it.
+/// Flash after several saves, and the settings saved last.
 static SAVED: LazyLock<(Sectors, Settings)> = LazyLock::new(|| {
     let mut flash = Sectors::new(3, 1);
     let mut settings = Settings::default();
@@ -44,7 +44,7 @@ fuzz_target!(|data: &[u8]| {
     let kind = bytes.byte();
     let (mut flash, saved) = SAVED.clone();
     if kind & 1 == 0 {
-        // Damage, each at a place of its own.
+        // Random bytes at random places.
         while !bytes.is_empty() {
             let place = usize::from(u16::from_le_bytes(bytes.array())) % flash.bytes.len();
             flash.bytes[place] = bytes.byte();
@@ -76,7 +76,7 @@ fuzz_target!(|data: &[u8]| {
             parameter.name
         );
     }
-    // Whatever it holds, a save works.
+    // Saving succeeds for any content.
     if kind & 2 != 0 {
         let flash = save(flash, &saved);
         let range = flash.range();

@@ -1,5 +1,5 @@
-//! Scenario files and `--set` changes: what is accepted can be written down and read back; what is
-//! refused is refused by name.
+//! Scenario files and `--set` changes: an accepted scenario is unchanged after writing and reading; an error names the
+//! key or line.
 #![no_main]
 
 use cfmmr_fuzz::numbers::Bytes;
@@ -11,7 +11,7 @@ use std::collections::HashSet;
 use std::sync::LazyLock;
 use toml::{Table, Value};
 
-/// Every entry of a scenario, as `--set` names it.
+/// All keys of a scenario, as for `--set`.
 static KEYS: LazyLock<Vec<String>> = LazyLock::new(|| {
     let mut keys = Vec::new();
     collect(
@@ -75,7 +75,7 @@ fn check(text: &str, read: Result<Scenario, Error>, changes: &[String]) {
             assert_eq!(error.exit_code(), 2, "{error}");
             let message = error.to_string();
             assert!(message.len() <= 1000 + 8 * input, "{message}");
-            // Of a file the place is named; of a change, its key or a part of it.
+            // The error of a file names the line, the error of a change its key or a part of the key.
             let named = message.contains("line ")
                 || message
                     .split([' ', ':', '=', '`', '[', '.'])

@@ -1,4 +1,4 @@
-//! The serial link of a board: any bytes, and any content in frames whose check sums are right.
+//! Serial link of a board: random bytes, and random content in frames with right checksums.
 #![no_main]
 
 use cfmmr_fuzz::numbers::Bytes;
@@ -95,14 +95,14 @@ fuzz_target!(|data: &[u8]| {
             payload.first(),
             "an answer bears its request's number"
         );
-        // Asked again, a board answers the same and does nothing; a hello is never a repetition.
+        // A repeated request gives an equal reply and no action; a hello is never a repetition.
         if !matches!(protocol::decode(payload), Some((_, Request::Hello { .. }))) {
             assert_eq!(answer(&mut board, frame.repeated(), role), first);
         }
     }
 });
 
-/// The payload of the one answer to a frame.
+/// Payload of the only answer to a frame.
 fn answer(board: &mut Endpoint, frame: &[u8], role: Role) -> Vec<u8> {
     let mut payloads = Vec::new();
     let mut send = |answer: &[u8]| payloads.push(check(answer, role));
@@ -112,7 +112,7 @@ fn answer(board: &mut Endpoint, frame: &[u8], role: Role) -> Vec<u8> {
     payloads.remove(0)
 }
 
-/// A store that cannot be written.
+/// Ends a save with a failure, as a store that cannot be written does.
 fn fail_to_save(board: &mut Endpoint, send: &mut impl FnMut(&[u8])) {
     if let Some(save) = board.save() {
         assert!(save.settings.check(board.stored().role()).is_ok());
@@ -120,7 +120,7 @@ fn fail_to_save(board: &mut Endpoint, send: &mut impl FnMut(&[u8])) {
     }
 }
 
-/// An answer is one whole frame, and what is in it makes sense.
+/// Checks that an answer is one whole frame with valid content; returns the payload.
 fn check(answer: &[u8], role: Role) -> Vec<u8> {
     assert!(answer.len() <= MAX_FRAME && answer.last() == Some(&0));
     let mut decoder = core_algos::link::framing::Decoder::new();

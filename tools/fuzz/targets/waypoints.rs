@@ -1,11 +1,10 @@
-//! Waypoint files: a path that is accepted is sound in every sample and passes its waypoints; what
-//! is refused is refused by line.
+//! Waypoint files: an accepted path has sound samples and passes its waypoints; an error names the line.
 #![no_main]
 
 use host_sim::paths::{Bounds, MAX_COORDINATE_M, Path, PathError, SPACING_M, Sample, waypoints};
 use libfuzzer_sys::fuzz_target;
 
-/// Chords beyond this are not sampled here: half a million samples take a second.
+/// Longest path that is sampled here, m: half a million samples take 1 s.
 const LONGEST_M: f64 = 3.0;
 
 fuzz_target!(|data: &[u8]| {

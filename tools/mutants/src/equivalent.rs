@@ -1,11 +1,11 @@
-//! Changes that no test can see, each with its reason.
+//! List of equivalent mutants: changes that no test can detect, each with its reason.
 
 use crate::{Mutant, Rule, one_line};
 use anyhow::{Context, Result};
 use serde::Deserialize;
 use std::path::Path;
 
-/// The list of equivalent changes.
+/// List of equivalent mutants.
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Equivalent {
@@ -19,7 +19,7 @@ struct Entry {
     file: String,
     rule: Rule,
     before: String,
-    /// Any, if it is missing.
+    /// Text after the change; `None` matches any text.
     after: Option<String>,
     reason: String,
 }
@@ -32,7 +32,7 @@ impl Equivalent {
         toml::from_str(&text).with_context(|| path.display().to_string())
     }
 
-    /// Why no test can see a change, if it is listed.
+    /// Reason of a listed mutant.
     pub fn reason(&self, mutant: &Mutant) -> Option<&str> {
         let is = |entry: &&Entry| {
             let after = entry.after.as_ref();

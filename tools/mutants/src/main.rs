@@ -1,8 +1,7 @@
-//! Mutants of meaning: small changes of core-algos, of which its tests have to notice each.
+//! Mutation testing of core-algos by changes of meaning: the tests must detect each mutant.
 //!
-//! The changes of all files are built at once, each behind a switch that an environment variable turns. Changes that
-//! the compiler refuses are left out, and others take their place. Then the tests of the file's folder run for one
-//! change after the other.
+//! The mutants of all files are built at once, each behind a switch selected by an environment variable. Mutants that
+//! do not compile are replaced by others. Then the tests of the file's module run once per mutant.
 
 mod equivalent;
 mod rules;
@@ -19,31 +18,31 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use tree::Tree;
 
-/// Changes core-algos in small ways, one at a time, and counts the changes that its tests notice.
+/// Change core-algos in small ways, one at a time, and count the changes that the tests detect.
 #[derive(Parser)]
 struct Arguments {
     /// Files or folders of core-algos/src.
     #[arg(required = true)]
     paths: Vec<PathBuf>,
-    /// Changes a file.
+    /// Number of changes per file.
     #[arg(long, default_value_t = 10)]
     per_file: usize,
-    /// Seed of the choice.
+    /// Seed of the selection.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Only changes of these rules.
+    /// Make only changes of these rules.
     #[arg(long, value_delimiter = ',', value_parser = rule)]
     rules: Vec<Rule>,
-    /// Share that has to be noticed, %; the program exits 1 below it.
+    /// Exit 1 if less than this share is detected, %.
     #[arg(long, default_value_t = 0.0)]
     least: f64,
-    /// Changes tested at once.
+    /// Number of changes tested in parallel.
     #[arg(long, default_value_t = 2)]
     jobs: usize,
-    /// Prints one line of JSON for each change.
+    /// Print one line of JSON per change.
     #[arg(long)]
     json: bool,
-    /// Prints the possible changes and tests none.
+    /// Print the possible changes without testing.
     #[arg(long)]
     list: bool,
 }
@@ -52,10 +51,10 @@ fn rule(name: &str) -> Result<Rule, String> {
     serde_json::from_value(name.into()).map_err(|error| error.to_string())
 }
 
-/// A change that is tested.
+/// Tested change.
 #[derive(Clone, Debug, serde::Serialize)]
 struct Mutant {
-    /// Number of its switch.
+    /// Number of the switch.
     number: usize,
     file: String,
     line: usize,
@@ -66,7 +65,7 @@ struct Mutant {
     site: Site,
 }
 
-/// The files of core-algos/src under `paths` that hold code, by their names in the repository.
+/// Source files of core-algos/src below `paths`, without tests, by their paths in the repository.
 fn files(root: &Path, paths: &[PathBuf]) -> Result<Vec<String>> {
     let mut found = BTreeSet::new();
     let mut waiting: Vec<PathBuf> = paths.iter().map(|path| root.join(path)).collect();
@@ -94,7 +93,7 @@ fn files(root: &Path, paths: &[PathBuf]) -> Result<Vec<String>> {
     Ok(found.into_iter().collect())
 }
 
-/// The order in which the changes of a file are tried: the rules take turns, each in an order drawn.
+/// Order in which the changes of a file are tried: rules in turn, changes of a rule in random order.
 fn drawn(sites: Vec<Site>, seed: u64, file: &str) -> Vec<Site> {
     let mut random = file
         .bytes()
@@ -116,7 +115,7 @@ fn drawn(sites: Vec<Site>, seed: u64, file: &str) -> Vec<Site> {
         .collect()
 }
 
-/// The next number of SplitMix64.
+/// Next number of SplitMix64.
 fn next(state: u64) -> u64 {
     let z = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -124,7 +123,7 @@ fn next(state: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// The possible changes of each file, in the order in which they are tried.
+/// Possible changes of each file, in the order in which they are tried.
 fn possible(root: &Path, arguments: &Arguments) -> Result<BTreeMap<String, Vec<Site>>> {
     let all = files(root, &[PathBuf::from("core-algos/src")])?;
     let mut times = BTreeSet::new();
@@ -173,7 +172,7 @@ fn mutants(root: &Path, arguments: &Arguments) -> Result<Vec<Mutant>> {
     Ok(mutants)
 }
 
-/// The folder of a file, whose tests are run: that of a file in core-algos/src is its own module.
+/// Top module of a file, whose tests are run.
 fn module(file: &str) -> &str {
     let inside = file.trim_start_matches("core-algos/src/");
     let end = inside.find('/').unwrap_or(inside.len());

@@ -1,4 +1,4 @@
-//! Rules: which small changes of a file change what it means.
+//! Rules: small changes of a file that change its meaning.
 
 use proc_macro2::Span;
 use std::collections::BTreeSet;
@@ -20,43 +20,43 @@ pub enum Rule {
     AnyAll,
     /// `<` for `<=`, `>` for `>=`, or the reverse.
     Bound,
-    /// A value is not set back, or what forgets is not called.
+    /// A reset of a value, or a call of a method, is removed.
     Reset,
-    /// A value is not brought up to date.
+    /// An update of a value is removed.
     Stale,
-    /// The other axle, wheel or index of a pair.
+    /// Exchanges the axle, wheel or index of a pair.
     Swap,
-    /// The other sign.
+    /// Changes a sign.
     Sign,
-    /// A time four times as long.
+    /// Multiplies a time by four.
     Time,
-    /// A condition or a part of one is removed.
+    /// A condition or a part of a condition is removed.
     Guard,
 }
 
-/// Place of a change.
+/// Form of a change.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Form {
-    /// An expression gives this text's value instead.
+    /// An expression is replaced by this text.
     Instead(String),
-    /// A statement is left out.
+    /// A statement is removed.
     LeftOut,
 }
 
 /// A possible change.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Site {
-    /// Kind.
+    /// Rule of the change.
     pub rule: Rule,
     /// Bytes of the expression or statement.
     pub bytes: Range<usize>,
-    /// Change.
+    /// Form of the change.
     pub form: Form,
     /// Line, from 1.
     pub line: usize,
 }
 
-/// Every possible change of a file, in its order. `times` names the constants that are times.
+/// All possible changes of a file, by position. `times` are the names of time constants.
 pub fn sites(text: &str, times: &BTreeSet<String>) -> syn::Result<Vec<Site>> {
     let file = syn::parse_file(text)?;
     let mut finder = Finder {
@@ -71,7 +71,7 @@ pub fn sites(text: &str, times: &BTreeSet<String>) -> syn::Result<Vec<Site>> {
     Ok(finder.sites)
 }
 
-/// Names of the constants of a file that are times.
+/// Names of the time constants of a file.
 pub fn time_constants(text: &str) -> syn::Result<BTreeSet<String>> {
     let file = syn::parse_file(text)?;
     let named = file.items.iter().filter_map(|item| match item {
@@ -88,7 +88,7 @@ pub fn time_constants(text: &str) -> syn::Result<BTreeSet<String>> {
     Ok(named.filter(is_time).map(|(name, _)| name).collect())
 }
 
-/// True for a speed, a rate or an acceleration, whose name ends like that of a time.
+/// True for a speed, rate or acceleration, whose name ends like the name of a time.
 fn is_rate(name: &str) -> bool {
     ["_m_s", "rad_s", "per_s", "_m_s2"]
         .iter()
@@ -119,7 +119,7 @@ impl Finder<'_> {
         self.add(rule, span, Form::Instead(text.into()));
     }
 
-    /// The expression with a part of it replaced.
+    /// Expression with a part replaced.
     fn with(&self, whole: Span, part: Span, text: &str) -> String {
         let (whole, part) = (whole.byte_range(), part.byte_range());
         format!(
@@ -176,7 +176,7 @@ impl Finder<'_> {
         let span = call.span();
         if !other.is_empty() {
             let mut text = self.with(span, call.method.span(), other);
-            // The two take their receiver by different types.
+            // The methods take receivers of different types.
             if name == "is_some_and" {
                 text = format!("({text})");
             }
@@ -195,7 +195,7 @@ impl Finder<'_> {
         self.instead(Rule::Guard, span, text);
     }
 
-    /// A `matches!` with one of its patterns less.
+    /// Removes one pattern of a `matches!`.
     fn alternatives(&mut self, expr: &syn::ExprMacro) {
         if !expr.mac.path.is_ident("matches") {
             return;
@@ -216,7 +216,7 @@ impl Finder<'_> {
         let mut starts = vec![comma + 1];
         starts.extend(bars.iter().map(|bar| bar + 1));
         for (k, start) in starts.iter().enumerate() {
-            // A guard of the pattern belongs to all of them.
+            // The guard applies to all patterns.
             let (from, to) = match bars.get(k) {
                 Some(bar) => (*start, bar + 1),
                 None if self.text[*start..whole.end].contains(" if ") => continue,
@@ -244,7 +244,7 @@ impl Finder<'_> {
         }
     }
 
-    /// The other one of a pair.
+    /// Partner of a name in a pair.
     fn pair(name: &str) -> Option<&'static str> {
         Some(match name {
             "Front" => "Rear",
@@ -325,7 +325,7 @@ impl Finder<'_> {
         }
     }
 
-    /// The parts of a place that is written or borrowed, which itself has to stay.
+    /// Visits the parts of a written or borrowed place, which itself cannot change.
     fn place(&mut self, expr: &Expr) {
         match expr {
             Expr::Field(field) => self.place(&field.base),
@@ -349,7 +349,7 @@ impl<'ast> Visit<'ast> for Finder<'_> {
             Item::Impl(item) => &item.attrs,
             Item::Mod(item) => &item.attrs,
             Item::Trait(_) => return visit::visit_item(self, item),
-            // Evaluated by the compiler, or no code.
+            // Other items are evaluated by the compiler or contain no code.
             _ => return,
         };
         let tested = |attribute: &syn::Attribute| {
@@ -437,12 +437,12 @@ impl<'ast> Visit<'ast> for Finder<'_> {
     }
 }
 
-/// True for a function that is not only evaluated by the compiler, as private ones that are `const` are.
+/// True for a function that may run at run time; private `const` functions are taken as evaluated by the compiler.
 fn runs(visibility: &Visibility, signature: &Signature) -> bool {
     signature.constness.is_none() || matches!(visibility, Visibility::Public(_))
 }
 
-/// True for `+=` and its like.
+/// True for compound assignment such as `+=`.
 fn is_update(op: &BinOp) -> bool {
     use BinOp::{
         AddAssign, BitAndAssign, BitOrAssign, BitXorAssign, DivAssign, MulAssign, RemAssign,
@@ -463,7 +463,7 @@ fn is_update(op: &BinOp) -> bool {
     )
 }
 
-/// True if the value is one to begin with.
+/// True if the value is an initial value: a literal, constant, `default()` or `new()`.
 fn resets(value: &Expr) -> bool {
     match value {
         Expr::Lit(_) => true,
@@ -494,7 +494,7 @@ fn has_let(expr: &Expr) -> bool {
     }
 }
 
-/// True if a block leaves the code around it.
+/// True if a block ends with `return`, `continue` or `break`.
 fn leaves(block: &Block) -> bool {
     let last = block.stmts.last();
     let Some(Stmt::Expr(expr, _)) = last else {
@@ -503,7 +503,7 @@ fn leaves(block: &Block) -> bool {
     matches!(expr, Expr::Return(_) | Expr::Continue(_) | Expr::Break(_))
 }
 
-/// Places of a character between the tokens, outside of brackets.
+/// Byte positions of the punctuation character `wanted` outside brackets.
 fn top_level(tokens: &proc_macro2::TokenStream, wanted: char) -> Vec<usize> {
     let at = |token: proc_macro2::TokenTree| match token {
         proc_macro2::TokenTree::Punct(punct) if punct.as_char() == wanted => {

@@ -1,4 +1,4 @@
-//! Tests of a folder, run for one change after the other.
+//! Runs the tests of a module once per change.
 
 use crate::tree::modules;
 use crate::{Mutant, module};
@@ -12,19 +12,19 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-/// What the tests said to a change.
+/// Result of the tests with a change.
 #[derive(Clone, Debug)]
 pub enum Outcome {
     /// The first test that failed.
     Failed(String),
-    /// They did not end.
+    /// The tests exceeded the timeout.
     TimedOut,
-    /// All passed.
+    /// All tests passed.
     Passed,
 }
 
 impl Outcome {
-    /// What noticed the change.
+    /// Test that detected the change, or `time` for a timeout.
     pub fn noticed_by(&self) -> Option<&str> {
         match self {
             Self::Failed(test) => Some(test),
@@ -34,16 +34,16 @@ impl Outcome {
     }
 }
 
-/// The program of tests.
+/// Test program.
 pub struct Tests {
     program: PathBuf,
     folder: PathBuf,
-    /// Longest time of a folder's tests.
+    /// Timeout of the tests by module.
     patience: BTreeMap<String, Duration>,
 }
 
 impl Tests {
-    /// Runs the tests of each folder without a change; all of them have to pass.
+    /// Runs the tests of each module without a change; fails if a test fails.
     pub fn new(program: &Path, folder: &Path, mutants: &[Mutant]) -> Result<Self> {
         let mut tests = Self {
             program: program.to_owned(),
@@ -62,7 +62,7 @@ impl Tests {
         Ok(tests)
     }
 
-    /// The outcome of each change, in their order.
+    /// Outcome of each change, in order.
     pub fn run(&self, mutants: &[Mutant], jobs: usize) -> Vec<(Mutant, Outcome)> {
         let (next, outcomes) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
         let work = || {
@@ -86,7 +86,7 @@ impl Tests {
         outcomes.into_values().collect()
     }
 
-    /// Runs the tests of a module with a change, until one fails.
+    /// Runs the tests of a module with a change until a test fails.
     fn outcome(&self, number: usize, module: &str) -> Result<Outcome> {
         let mut child = Command::new(&self.program)
             .args([&format!("{module}::"), "--test-threads", "1"])

@@ -1,4 +1,4 @@
-//! A copy of the repository whose core-algos holds every change behind a switch.
+//! Copy of the repository whose core-algos contains every change behind a switch.
 
 use crate::rules::Form;
 use crate::{Mutant, module};
@@ -9,7 +9,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// The switch: the compiler's own evaluation never changes anything.
+/// Code of the switch; evaluation at compile time is never changed.
 const SWITCH: &str = r#"
 #[cfg(test)]
 pub(crate) mod mutant {
@@ -42,7 +42,7 @@ pub(crate) mod mutant {
 }
 "#;
 
-/// The copy.
+/// Copy of the repository.
 pub struct Tree {
     folder: PathBuf,
 }
@@ -55,7 +55,7 @@ struct Part {
 }
 
 impl Tree {
-    /// Copies what git tracks of core-algos and of the crates that it needs.
+    /// Copies the tracked files of core-algos and of its dependencies in the workspace.
     pub fn copy(root: &Path) -> Result<Self> {
         let folder = root.join("target/meaning");
         let listed = Command::new("git")
@@ -87,7 +87,7 @@ impl Tree {
         Ok(Self { folder })
     }
 
-    /// Builds the tests of core-algos with the first changes of each file that compile; gives these and the program.
+    /// Builds the tests of core-algos with the first changes of each file that compile; returns these and the program.
     pub fn build(
         &self,
         root: &Path,
@@ -135,9 +135,9 @@ impl Tree {
         write(&path, format!("{text}{SWITCH}").as_bytes())
     }
 
-    /// Builds the tests; gives the program, or the errors.
+    /// Builds the tests; returns the program or the errors.
     fn compile(&self) -> Result<(Option<PathBuf>, Vec<Error>)> {
-        // Errors show without code.
+        // `cargo check` finds the errors faster.
         let (_, errors) = self.cargo(&["check", "--profile", "test"])?;
         match errors.is_empty() {
             true => self.cargo(&["test", "--no-run"]),
@@ -179,10 +179,10 @@ impl Tree {
     }
 }
 
-/// An error of the compiler.
+/// Error of the compiler.
 struct Error {
     text: String,
-    /// File and bytes of each place that it names.
+    /// File and byte offset of each place in the error.
     places: Vec<(String, usize)>,
 }
 
@@ -217,7 +217,7 @@ impl Error {
     }
 }
 
-/// The innermost change at each error.
+/// Numbers of the changes that cause the errors: at each error, the innermost change.
 fn refused(parts: &BTreeMap<String, Vec<Part>>, errors: &[Error]) -> BTreeSet<usize> {
     let at = |(file, byte): &(String, usize)| {
         let within = |part: &&Part| (part.from..part.to).contains(byte);
@@ -232,10 +232,10 @@ fn refused(parts: &BTreeMap<String, Vec<Part>>, errors: &[Error]) -> BTreeSet<us
         .collect()
 }
 
-/// The text with each change behind its switch, and where each is.
+/// Text with each change behind its switch, and the byte range of each change.
 fn changed(text: &str, mutants: &[Mutant]) -> (String, Vec<Part>) {
     let mut order: Vec<&Mutant> = mutants.iter().collect();
-    // What holds another one comes first.
+    // A change that contains others precedes them.
     order.sort_by_key(|mutant| (mutant.site.bytes.start, usize::MAX - mutant.site.bytes.end));
     let mut parts = Vec::new();
     let mut to = String::new();
@@ -298,7 +298,7 @@ fn write(path: &Path, bytes: &[u8]) -> Result<()> {
     fs::write(path, bytes).with_context(|| path.display().to_string())
 }
 
-/// Modules whose tests see the changes.
+/// Modules of the changed files.
 pub fn modules(mutants: &[Mutant]) -> BTreeSet<&str> {
     mutants.iter().map(|mutant| module(&mutant.file)).collect()
 }

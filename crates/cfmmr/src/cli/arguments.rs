@@ -23,21 +23,21 @@ use remote::virtual_robot::Options;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-/// The world that an experiment is in.
+/// World of an experiment.
 #[derive(Clone, Debug, Default, Args)]
 pub struct WorldChoice {
-    /// World: a name that `cfmmr world` lists, or a TOML file [default: the scenario's, or careful]
+    /// Simulate this world: a name that `cfmmr world` lists, or a TOML file [default: the scenario's, or careful]
     #[arg(long, value_name = "NAME|FILE")]
     pub world: Option<String>,
 }
 
-/// The scenario that an experiment runs.
+/// Scenario of an experiment.
 #[derive(Clone, Debug, Default, Args)]
 pub struct ScenarioArgs {
     /// The world.
     #[command(flatten)]
     pub choice: WorldChoice,
-    /// Scenario file (TOML); missing keys keep their default, see `cfmmr config`
+    /// Read the scenario from this TOML file; missing keys keep their defaults, see `cfmmr config`
     #[arg(long, value_name = "FILE")]
     pub scenario: Option<PathBuf>,
     /// Change one key of the scenario, for example --set plant.friction=0.5; may be repeated
@@ -46,7 +46,7 @@ pub struct ScenarioArgs {
 }
 
 impl ScenarioArgs {
-    /// The scenario; an error says what to type instead.
+    /// Loads the scenario; an error suggests what to type.
     pub fn load(&self) -> Result<Scenario, Error> {
         let file = self.scenario.as_deref();
         Scenario::load(self.choice.world.as_deref(), file, &self.set).map_err(|error| {
@@ -60,7 +60,7 @@ impl ScenarioArgs {
         self.choice.world.is_some() || self.scenario.is_some() || !self.set.is_empty()
     }
 
-    /// The keys that were given.
+    /// Keys set by `--set` and by the scenario file.
     pub fn given(&self) -> Result<GivenKeys, Error> {
         let (file, _) = toml_file::read(self.scenario.as_deref())?;
         GivenKeys::new(&self.set, &file)
@@ -70,7 +70,7 @@ impl ScenarioArgs {
 /// Destination of the result as JSON.
 #[derive(Clone, Debug, Default, Args)]
 pub struct JsonArgs {
-    /// Write the result as JSON to FILE; `-`: to standard output, the table to standard error
+    /// Write the result as JSON to FILE; with `-` to standard output, and the table to standard error
     #[arg(id = "json", long = "json", value_name = "FILE")]
     file: Option<PathBuf>,
 }
@@ -104,16 +104,16 @@ impl Common {
 /// Seed, threads and output of an experiment.
 #[derive(Clone, Debug, Args)]
 pub struct RunArgs {
-    /// Seed of all random draws; one seed gives the same bytes
+    /// Use this seed for all random draws; equal seeds give identical output
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
-    /// Folder for pictures, tables and logs [default: out/COMMAND]
+    /// Write pictures, tables and logs to this folder [default: out/COMMAND]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Destination of the result as JSON.
     #[command(flatten)]
     pub json: JsonArgs,
-    /// Number of threads; does not change the result [default: one a core]
+    /// Use N threads; the number does not change the result [default: one per core]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub threads: Option<u16>,
 }
@@ -141,17 +141,17 @@ impl RunArgs {
 /// Recording, dashboard and server of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 pub struct LogArgs {
-    /// Record the inputs and outputs of the boards in this MCAP file (docs/logs.md); with several
-    /// trials: the plotted one
+    /// Record the inputs and outputs of the boards in this MCAP file (docs/logs.md); of several trials, record
+    /// the plotted trial
     #[arg(long, value_name = "FILE")]
     pub log: Option<PathBuf>,
-    /// Write the run as CSV: epochs to FILE.csv, or epochs, ticks and bus frames to DIR
+    /// Write the run as CSV: epochs to FILE.csv, or epochs, ticks and bus frames to folder DIR
     #[arg(long, value_name = "DIR|FILE")]
     pub csv: Option<PathBuf>,
     /// Show the run on the terminal in real time; q ends the run
     #[arg(long)]
     pub dashboard: bool,
-    /// Serve the run to Foxglove by websocket in real time, from the first viewer on; ADDR is
+    /// Serve the run to Foxglove by websocket in real time; the run starts when a viewer connects; ADDR is
     /// ADDRESS:PORT or a port [default: 127.0.0.1:8765] (docs/live.md)
     #[arg(long, value_name = "ADDR", num_args = 0..=1, default_missing_value = "127.0.0.1:8765", value_parser = recording::address)]
     pub live: Option<SocketAddr>,
@@ -162,7 +162,7 @@ pub struct LogArgs {
 }
 
 impl LogArgs {
-    /// Files, viewers and display.
+    /// Files, viewers and dashboard of the run.
     pub fn watch(&self) -> Watch {
         Watch {
             destinations: Destinations {
@@ -179,12 +179,12 @@ impl LogArgs {
 /// Place of the boards.
 #[derive(Clone, Debug, Args)]
 pub struct BoardArgs {
-    /// Place of the boards: in-process, virtual (their images on virtual boards, built if needed),
-    /// or serial:front=PORT,rear=PORT,beam=PORT (real ones); boards without a port run in this program (hil) or are
-    /// reached over the bus
+    /// Run on boards in-process, virtual (images on virtual boards, built if needed), or real at
+    /// serial:front=PORT,rear=PORT,beam=PORT; a board without a port runs in this program (hil) or is reached over
+    /// the bus
     #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = Place::parse)]
     pub on: Place,
-    /// Baud rate of the serial ports [default: 921600]
+    /// Set the baud rate of the serial ports [default: 921600]
     #[arg(long, value_parser = whole::<u32>(9_600..=12_000_000))]
     pub baud: Option<u32>,
 }
@@ -218,7 +218,7 @@ pub struct SensorArgs {
 }
 
 impl SensorArgs {
-    /// Fits the sensors.
+    /// Applies the options to the sensors of the scenario.
     pub fn apply(&self, scenario: &mut Scenario) {
         scenario.mission.rps &= !self.no_rps;
         scenario.world.sensors.gyro.fitted |= self.imu;
@@ -226,20 +226,20 @@ impl SensorArgs {
     }
 }
 
-/// Duration of a run with boards, and their failures on the way.
+/// Duration of a run with boards, and failures of boards during the run.
 #[derive(Clone, Debug, Default, Args)]
 #[command(next_help_heading = "Boards")]
 pub struct PlanArgs {
     /// Run in real time: no tick begins early
     #[arg(long)]
     pub real_time: bool,
-    /// Minimum run time, s
+    /// Run for at least this time, s
     #[arg(long, value_name = "S", value_parser = number)]
     pub duration: Option<f64>,
     /// End the run at this time, s
     #[arg(long, value_name = "S", value_parser = number)]
     pub stop_after: Option<f64>,
-    /// Switch a board off at this time in s, for example front@8.0; may be repeated
+    /// Switch a board off at this time, s, for example front@8.0; may be repeated
     #[arg(long, value_name = "BOARD@S")]
     pub kill: Vec<String>,
     /// Restart a lost board after this time, s
@@ -248,7 +248,7 @@ pub struct PlanArgs {
 }
 
 impl PlanArgs {
-    /// The plan of a run that lasts at least `least_s`.
+    /// Plan of a run; without `--duration` the run lasts at least `least_s`, s.
     pub fn plan(&self, least_s: f64) -> Result<Plan, Error> {
         let micros =
             |name: &str, value: f64| seconds(name, value, 0.0).map(|s| (s * 1e6) as Micros);
@@ -279,7 +279,7 @@ fn seconds(name: &str, value: f64, least: f64) -> Result<f64, Error> {
     }
 }
 
-/// A failure from `BOARD@S`.
+/// Parses `BOARD@S`, a board and the time of its failure, s.
 fn failure(text: &str) -> Result<Failure, Error> {
     let parts = text
         .split_once('@')
@@ -315,7 +315,7 @@ impl ImageArgs {
         Images::open(self.axle_image.as_deref(), self.beam_image.as_deref())
     }
 
-    /// The options, and whether each is given.
+    /// Names of the options; true if the option is given.
     pub fn given(&self) -> [(&'static str, bool); 2] {
         [
             ("--axle-image", self.axle_image.is_some()),
@@ -337,7 +337,7 @@ pub struct RobotArgs {
     /// Images.
     #[command(flatten)]
     pub images: ImageArgs,
-    /// Print the time by function and interrupt
+    /// Print the processor time of the virtual boards by function and interrupt
     #[arg(long)]
     pub profile: bool,
 }
@@ -357,7 +357,7 @@ impl RobotArgs {
         }
     }
 
-    /// Refuses options that have no effect where the boards are: a real robot has its sensors and its surroundings.
+    /// Refuses options without effect at the place of the boards, for example `--world` with a real robot.
     pub fn check(&self, sensors: &SensorArgs, choice: &WorldChoice) -> Result<(), Error> {
         self.boards.check()?;
         match self.boards.on {
@@ -378,14 +378,14 @@ impl RobotArgs {
                     ("--world", choice.world.is_some()),
                 ];
                 let why =
-                    "no effect with --on serial: a real robot has its sensors and its surroundings";
+                    "no effect with --on serial: sensors and world are those of the real robot";
                 refuse(&given, why)?;
                 self.refuse_of_virtual_boards()
             }
         }
     }
 
-    /// Carries out a task where the boards are, and publishes the result.
+    /// Drives the mission on the selected boards and publishes the result.
     pub fn run(
         &self,
         context: &Context,
@@ -415,10 +415,10 @@ impl RobotArgs {
     }
 }
 
-/// Why an option of virtual boards has no effect.
+/// Reason for refusing an option of virtual boards.
 pub const ONLY_VIRTUAL: &str = "only with --on virtual";
 
-/// Refuses options that are given, with the reason.
+/// Fails with the reason `why` if one of the options is given.
 pub fn refuse(options: &[(&str, bool)], why: &str) -> Result<(), Error> {
     match options.iter().find(|(_, given)| *given) {
         Some((option, _)) => Err(Error::input(format!("{option}: {why}"))),
@@ -447,8 +447,7 @@ impl From<BoardName> for Role {
     }
 }
 
-/// A posture from `X,Y,PHI`: metres, metres, and a heading in radians, or in degrees when it ends
-/// in `deg` or `°`.
+/// Parses a posture `X,Y,PHI`: m, m, and a heading in rad, or in degrees with the suffix `deg` or `°`.
 pub fn parse_posture(text: &str) -> Result<[f64; 3], Error> {
     let parts: Vec<&str> = text.split(',').map(str::trim).collect();
     let [x, y, phi] = parts[..] else {
@@ -470,7 +469,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn posture_in_radians_or_degrees() {
+    fn posture_is_parsed_in_radians_and_degrees() {
         let parse_posture = |text| parse_posture(text).map_err(|error| error.to_string());
         assert_eq!(parse_posture("-1, 2 ,0.5"), Ok([-1.0, 2.0, 0.5]));
         let half_turn = parse_posture("0,0,180deg").unwrap()[2];
@@ -482,7 +481,7 @@ mod tests {
     }
 
     #[test]
-    fn failures_name_a_board_and_a_time() {
+    fn failure_needs_a_board_and_a_time() {
         let found = failure("front@8.0").unwrap();
         assert_eq!((found.role, found.at), (Role::LEAD, 8000));
         for bad in [

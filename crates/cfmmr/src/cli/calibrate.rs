@@ -1,5 +1,5 @@
-//! `cfmmr calibrate`: wheels, strain gauges and gyros of the simulated robot, whose errors it does not
-//! know, on boards wherever they are.
+//! `cfmmr calibrate`: calibrates wheels, strain gauges and gyros of a simulated robot on in-process or virtual boards,
+//! and the strain gauges of a real robot.
 
 use super::arguments::{BoardArgs, JsonArgs, ScenarioArgs};
 use super::params::save;
@@ -27,7 +27,7 @@ use std::path::PathBuf;
 /// Subject of a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum CalibrateWhat {
-    /// Radius, ratio and track of the wheels of each axle: a straight line, then squares both ways
+    /// Wheel radius, wheel ratio and track of each axle: straight line, then squares in both directions
     /// (UMBmark)
     Wheels,
     /// Zeros and gains of the strain gauges: strip straight, then on formers
@@ -42,26 +42,26 @@ pub struct CalibrateArgs {
     /// The scenario.
     #[command(flatten)]
     pub scenario: ScenarioArgs,
-    /// Subject
+    /// Part to calibrate
     #[arg(value_enum)]
     pub what: CalibrateWhat,
     /// Place of the boards; by default in this process, with their flash in files.
     #[command(flatten)]
     pub boards: BoardArgs,
-    /// Folder of the flash files of boards that are not real
+    /// Keep the flash of in-process and virtual boards in files in this folder
     #[arg(long, value_name = "DIR", default_value = "out/flash")]
     pub flash: PathBuf,
-    /// Seed of the robot's errors and of all random draws
+    /// Use this seed for the robot's errors and all random draws
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
-    /// Number of squares each way and at each speed
+    /// Drive this number of squares in each direction at each speed
     #[arg(long, default_value_t = 6, value_parser = whole::<u32>(1..=100))]
     pub laps: u32,
-    /// Curvature of the former that holds the strip of a real robot: determine the gains; without it the strip is
-    /// straight: determine the zeros
+    /// Determine the gains of a real robot, with the strip on a former of this curvature; without --former, determine
+    /// the zeros with the strip straight
     #[arg(long, value_name = "1/M", value_parser = number, allow_hyphen_values = true)]
     pub former: Option<f64>,
-    /// Save without confirmation
+    /// Save without asking for confirmation
     #[arg(long)]
     pub yes: bool,
     /// Write the calibrated parameters to this file, for `params import` or `--scenario`
@@ -103,17 +103,17 @@ pub fn run(args: &CalibrateArgs) -> Result<(), Error> {
     Ok(())
 }
 
-/// Calibrates a robot at a serial port.
+/// Calibrates the strain gauges of a real robot.
 fn calibrate_real(args: &CalibrateArgs) -> Result<(), Error> {
     if args.what != CalibrateWhat::Gauges {
         return Err(Error::input(
-            "--on serial: only with gauges: the other procedures act on the simulated robot",
+            "--on serial: must be in-process or virtual: only `calibrate gauges` acts on a real robot",
         ));
     }
     if args.out.is_some() || args.scenario.is_given() || args.seed != 1 || args.laps != 6 {
         return Err(Error::input(
             "--out, --world, --scenario, --set, --seed, --laps: no effect with --on serial: the beam board computes and \
-             saves the calibration; read it with cfmmr params export",
+             saves the calibration; read the values with cfmmr params export",
         ));
     }
     let json = args.json.open()?;
@@ -134,7 +134,7 @@ fn calibrate(args: &CalibrateArgs, scenario: &Scenario, seed: u64) -> Result<Rep
     Ok(report)
 }
 
-/// True if the result is to be saved.
+/// True if `--yes` is given or the user confirms.
 fn wanted(args: &CalibrateArgs, json: &Json) -> Result<bool, Error> {
     if args.yes {
         return Ok(true);
@@ -154,7 +154,7 @@ fn wanted(args: &CalibrateArgs, json: &Json) -> Result<bool, Error> {
     Ok(yes)
 }
 
-/// The virtual boards; none if all boards are in this process.
+/// Virtual boards; `None` if all boards are in this process.
 fn boards(args: &CalibrateArgs, robot: Topology) -> Result<Option<Vec<Box<dyn Target>>>, Error> {
     if !args.boards.on.is_outside() {
         return Ok(None);

@@ -22,19 +22,19 @@ pub struct CampaignArgs {
     /// Action on the files of the parts
     #[command(subcommand)]
     pub action: Option<CampaignAction>,
-    /// Study, a TOML file (docs/campaigns.md)
+    /// Study in TOML (docs/campaigns.md)
     #[arg(value_name = "FILE", required = true)]
     pub file: Option<PathBuf>,
     /// The world.
     #[command(flatten)]
     pub choice: WorldChoice,
-    /// Part I of N, from 0 [default: that of the Slurm or Kubernetes job, else all]
+    /// Compute part I of N, counted from 0 [default: the part of the Slurm or Kubernetes job, else all parts]
     #[arg(long, value_name = "I/N")]
     pub shard: Option<String>,
-    /// Folder of the study's files [default: out/FILE]
+    /// Write the study's files to this folder [default: out/FILE]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Number of threads; does not change the result [default: one a core]
+    /// Use N threads; the number does not change the result [default: one per core]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub threads: Option<u16>,
 }
@@ -54,7 +54,7 @@ pub struct CampaignMerge {
     /// Folder of the study's files
     #[arg(value_name = "DIR")]
     pub directory: PathBuf,
-    /// Folder of the result [default: DIR/merged]
+    /// Write the result to this folder [default: DIR/merged]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Leave out missing and damaged blocks
@@ -92,7 +92,7 @@ pub fn run(args: &CampaignArgs) -> Result<(), Error> {
 fn shard(args: &CampaignArgs, variable: impl Fn(&str) -> Option<OsString>) -> Result<(), Error> {
     let Some(file) = &args.file else {
         return Err(Error::input(
-            "missing argument: give the FILE of a study, merge or status",
+            "missing argument: type FILE (a study), merge or status",
         ));
     };
     let mut study = Study::load(file)?;
@@ -255,7 +255,7 @@ mod tests {
         let out = folder.path().join("out");
         shard(&in_folder(folder.path(), &["--shard", "1/2"]), pod).unwrap();
         assert_eq!(files(&out), ["block-000001.jsonl"]);
-        // An environment that alone is refused.
+        // Without --shard, this environment is refused.
         let refused = |asked: &str| (asked == "CFMMR_SHARDS").then(|| "x".into());
         shard(&in_folder(folder.path(), &["--shard", "1/2"]), refused).unwrap();
         assert_eq!(files(&out), ["block-000001.jsonl"]);

@@ -17,8 +17,8 @@ pub fn markdown() -> String {
          - **degraded**: drive on for a limited time and distance;\n\
          - **stop**: decelerate all axles together along their path, then switch the motors off;\n\
          - **cut**: switch the motors off at once.\n\n\
-         A stop and a cut stay until they are cleared. *holds for* is the time that a condition must last.\n\n\
-         *bit* is its place among the notices of a heartbeat.\n\n\
+         A stop or cut is latched until cleared. *holds for* is the time that a condition must last.\n\n\
+         *bit* is the bit of the condition in the notices of a heartbeat.\n\n\
          | code | bit | class | name | holds for | meaning | remedy |\n|---|---|---|---|---|---|---|\n",
     );
     for entry in &TABLE {
@@ -55,12 +55,12 @@ pub fn markdown() -> String {
         let cells: Vec<String> = cells.collect();
         let _ = writeln!(text, "| **{}** | {} |", state.name(), cells.join(" | "));
     }
-    text += "\n## LED\n\nThe LED of a board (PC12) shows the state of its node; on the front board that of the axle.\n\n\
+    text += "\n## LED\n\nThe LED of a board (PC12) shows the state of the board's node; on the front board, of the axle node.\n\n\
              | state | LED |\n|---|---|\n";
     for state in OperatingState::ALL {
         let _ = writeln!(text, "| {} | {} |", state.name(), led::Pattern(state));
     }
-    text += "| – | 20 flashes a second: the crystal is missing or has not 8 MHz; the board tries again every 2 s |\n";
+    text += "| – | 20 flashes a second: the crystal is missing or not of 8 MHz; the board retries every 2 s |\n";
     text
 }
 
@@ -97,9 +97,9 @@ mod tests {
     use super::*;
     use core_algos::safety::Condition;
 
-    /// Each column of the page stands for a kind of cause: all of a kind must act alike.
+    /// A column shows one cause; all causes of its kind must have the same transitions.
     #[test]
-    fn every_condition_acts_as_the_column_it_belongs_to() {
+    fn every_condition_has_the_transitions_of_its_column() {
         let causes = causes();
         let column = |name: &str| causes.iter().find(|(n, _)| *n == name).unwrap().1;
         for condition in Condition::ALL {

@@ -1,4 +1,4 @@
-//! `cfmmr completions`: what a shell needs to complete the command line.
+//! `cfmmr completions`: prints the script by which a shell completes the command line.
 
 use crate::cli;
 use clap::Args;

@@ -1,4 +1,4 @@
-//! `cfmmr consistency`: whether the fused estimates are as good as they claim to be.
+//! `cfmmr consistency`: compares errors of the fused estimates with their covariance (NEES).
 
 use super::arguments::Common;
 use crate::experiments::consistency;
@@ -29,10 +29,10 @@ pub struct ConsistencyArgs {
     /// Arguments every experiment takes.
     #[command(flatten)]
     pub common: Common,
-    /// Number of runs a row
+    /// Run this number of trials per row
     #[arg(long, default_value_t = 200, value_parser = whole::<u32>(2..=1_000_000))]
     pub trials: u32,
-    /// Fusions, separated by commas [default: all]
+    /// Compare these fusions, separated by commas [default: all]
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
     pub fusion: Vec<Fusion>,
 }

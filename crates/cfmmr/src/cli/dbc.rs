@@ -17,7 +17,7 @@ pub struct DbcArgs {
     /// Write to this file instead of the terminal
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Print the worst-case load of the bus by message
+    /// Print the worst-case bus load by message
     #[arg(long, conflicts_with = "out")]
     pub load: bool,
     /// Print the messages as a table
@@ -45,7 +45,7 @@ pub fn run(args: &DbcArgs) -> Result<(), Error> {
 /// The messages as a table in Markdown.
 fn page() -> String {
     let mut text = String::from(
-        "| id | message | from | every (ms) | counts for (ms) | meaning |\n|---|---|---|---|---|---|\n",
+        "| id | message | from | period (ms) | timeout (ms) | meaning |\n|---|---|---|---|---|---|\n",
     );
     let time = |ms: u16| {
         if ms == 0 {

@@ -1,5 +1,4 @@
-//! `cfmmr doctor`: whether all is here that a simulation and hardware in the loop need, and what to
-//! do about what is not.
+//! `cfmmr doctor`: checks the tools and devices for simulation and hardware in the loop, and prints remedies.
 
 use super::arguments::{BoardArgs, JsonArgs};
 use crate::cli::doctor_boards;
@@ -28,9 +27,9 @@ pub struct DoctorArgs {
     pub json: JsonArgs,
 }
 
-/// Time in which a program tells its version. The first call may have to fetch a toolchain.
+/// Timeout of a program that prints its version. The first call may download a toolchain.
 const PATIENCE: Duration = Duration::from_secs(120);
-/// The oldest Python that the scripts and their packages run on.
+/// Oldest Python that runs the scripts and their packages.
 const OLDEST_PYTHON: Version = [3, 10, 0];
 
 type Version = [u32; 3];
@@ -39,13 +38,13 @@ type Version = [u32; 3];
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Finding {
-    /// It is as it should be.
+    /// Usable.
     Ok,
-    /// It is not here.
+    /// Not installed or not connected.
     Missing,
-    /// It is older than what is needed.
+    /// Older than the oldest usable version.
     TooOld,
-    /// It is here and does not do.
+    /// Present and unusable.
     Unusable,
 }
 
@@ -60,16 +59,16 @@ impl Finding {
     }
 }
 
-/// One thing that was looked for.
+/// Check of a tool or device.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Check {
-    /// Description.
+    /// Tool or device.
     pub name: &'static str,
-    /// True if simulation or hardware in the loop need it.
+    /// True if simulation or hardware in the loop need the tool or device.
     pub needed: bool,
     /// Result.
     pub finding: Finding,
-    /// Findings.
+    /// Version, name or path; the error if there is none.
     pub found: String,
     /// Remedy; empty if none is needed.
     pub remedy: String,
@@ -116,7 +115,7 @@ impl Check {
 pub struct Report {
     /// True if everything needed is installed.
     pub ok: bool,
-    /// Everything that was looked for.
+    /// All checks.
     pub checks: Vec<Check>,
 }
 
@@ -158,7 +157,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Error> {
 
 fn table(checks: &[Check]) -> String {
     let mut table = Table::new(["", "state", "found"]).left_aligned();
-    // Not in the table: a command that is wrapped cannot be copied.
+    // Below the table: a command that a cell wraps cannot be copied.
     let mut remedies = String::new();
     for check in checks {
         let optional = match (check.needed, check.finding) {
@@ -174,14 +173,14 @@ fn table(checks: &[Check]) -> String {
     format!("{table}{remedies}\n")
 }
 
-/// The folder whose files say which toolchain is used, if it is where it was at the build.
+/// Folder of the workspace, whose files select the toolchain; `None` if it has moved since the build.
 fn workspace() -> Option<PathBuf> {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     workspace.is_dir().then_some(workspace)
 }
 
-/// Output of a program, on either stream; an error if the program does not start, fails or does not
-/// end.
+/// Standard output and standard error of a program; an error if the program does not start, fails or exceeds
+/// `PATIENCE`.
 fn ask(program: &str, arguments: &[&str]) -> io::Result<String> {
     let mut command = Command::new(program);
     command.args(arguments).stdin(Stdio::null());
@@ -191,7 +190,7 @@ fn ask(program: &str, arguments: &[&str]) -> io::Result<String> {
     }
     let mut child = command.spawn()?;
     let deadline = Instant::now() + PATIENCE;
-    // The little that is asked for fits into the pipes, so that the program can end by itself.
+    // The output fits into the pipes' buffers, so the program does not wait for a reader.
     let status = loop {
         if let Some(status) = child.try_wait()? {
             break status;
@@ -216,7 +215,7 @@ fn ask(program: &str, arguments: &[&str]) -> io::Result<String> {
     }
 }
 
-/// The first version number in a text.
+/// First version number in a text.
 fn version(text: &str) -> Option<Version> {
     text.split_whitespace().find_map(|word| {
         let word = word.trim_start_matches('v');
@@ -233,10 +232,10 @@ fn show([major, minor, patch]: Version) -> String {
     format!("{major}.{minor}.{patch}")
 }
 
-/// A program whose version must be at least this one.
+/// Check of a program that must have version `oldest` or newer.
 fn program(name: &'static str, arguments: &[&str], oldest: Version, remedy: &str) -> Check {
     let not = |finding, found: String| {
-        let need = format!("{remedy} (at least {} is needed)", show(oldest));
+        let need = format!("{remedy} (version {} or newer)", show(oldest));
         Check::not(name, finding, found, need)
     };
     match ask(name, arguments) {
@@ -252,13 +251,13 @@ fn program(name: &'static str, arguments: &[&str], oldest: Version, remedy: &str
     }
 }
 
-/// The beginning of a text that may have many lines.
+/// First 60 characters of a text, without line breaks.
 fn one_line(text: &str) -> String {
     let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
     line.chars().take(60).collect()
 }
 
-/// The toolchain that the workspace asks for.
+/// Toolchain that the workspace pins.
 fn pinned() -> String {
     let text: toml::Table = toml::from_str(include_str!("../../../../rust-toolchain.toml"))
         .expect("the workspace's own file");
@@ -276,7 +275,7 @@ fn toolchain(name: &'static str) -> Check {
     program(name, &["--version"], oldest, &remedy)
 }
 
-/// Linker of this machine, as Rust calls it.
+/// C compiler of this machine, which Rust uses as linker.
 fn linker() -> Check {
     let name = "cc";
     match ask(name, &["--version"]) {
@@ -290,7 +289,7 @@ fn linker() -> Check {
     }
 }
 
-/// The boards' target.
+/// Compilation target of the boards.
 fn target() -> Check {
     let remedy = format!("rustup target add {TARGET}");
     let arguments = ["--print", "target-libdir", "--target", TARGET];
@@ -306,7 +305,7 @@ fn target() -> Check {
     }
 }
 
-/// The first probe-rs with the options of the runner in .cargo/config.toml.
+/// Oldest probe-rs that has the options of the runner in .cargo/config.toml.
 const OLDEST_PROBE_RS: Version = [0, 28, 0];
 
 fn probe_rs() -> Check {
@@ -314,12 +313,12 @@ fn probe_rs() -> Check {
     program("probe-rs", &["--version"], OLDEST_PROBE_RS, remedy)
 }
 
-/// Options without which probe-rs halts a board that resets or that has a hard fault.
+/// Options that keep probe-rs from halting a board at a reset or a hard fault.
 const RUNNER_OPTIONS: [&str; 2] = ["--no-catch-reset", "--no-catch-hardfault"];
-/// Variable that replaces the runner in .cargo/config.toml.
+/// Environment variable that replaces the runner in .cargo/config.toml.
 const RUNNER_VARIABLE: &str = "CARGO_TARGET_THUMBV7EM_NONE_EABIHF_RUNNER";
 
-/// The runner of `cargo flash-axle` and `cargo flash-beam`, with the value of [`RUNNER_VARIABLE`].
+/// Runner of `cargo flash-axle` and `cargo flash-beam`; `replaced_by` is the value of [`RUNNER_VARIABLE`].
 fn runner(replaced_by: Option<&str>) -> Check {
     const NAME: &str = "runner of the boards";
     let complete = |runner: &str| RUNNER_OPTIONS.iter().all(|option| runner.contains(option));
@@ -333,14 +332,14 @@ fn runner(replaced_by: Option<&str>) -> Check {
             Finding::Unusable,
             one_line(runner),
             format!(
-                "unset {RUNNER_VARIABLE}, or add {} to it: else a board halts at a reset and at a hard fault",
+                "unset {RUNNER_VARIABLE}, or add {} to its value: otherwise a board halts at resets and hard faults",
                 RUNNER_OPTIONS.join(" ")
             ),
         ),
     }
 }
 
-/// A debug probe at this machine, as `probe-rs` lists them: a line `[0]: NAME -- …` for each.
+/// Debug probes of this machine: `probe-rs list` prints a line `[0]: NAME -- …` for each.
 fn probe() -> Check {
     const NAME: &str = "debug probe";
     let listed = ask("probe-rs", &["list"]);
@@ -359,7 +358,7 @@ fn probe() -> Check {
             NAME,
             Finding::Missing,
             "none",
-            "plug one in; on Linux it needs probe-rs's udev rules (https://probe.rs/docs)",
+            "connect a debug probe; on Linux, install the udev rules of probe-rs (https://probe.rs/docs)",
         ),
     }
 }
@@ -368,13 +367,13 @@ fn probe() -> Check {
 #[derive(Clone, Debug, PartialEq)]
 struct Port {
     path: PathBuf,
-    /// True if this user may read and write it.
+    /// True if this user may read and write the port.
     permitted: bool,
-    /// Group that may.
+    /// Group that may read and write the port.
     group: String,
 }
 
-/// Serial ports that boards and adapters appear as.
+/// Serial ports of boards and USB adapters below `devices`; `groups` is the content of /etc/group.
 fn serial_ports(devices: &Path, groups: &str) -> Vec<Port> {
     const PREFIXES: [&str; 4] = ["ttyACM", "ttyUSB", "cu.usbmodem", "cu.usbserial"];
     let entries = fs::read_dir(devices).into_iter().flatten().flatten();
@@ -414,7 +413,7 @@ fn ports(found: &[Port]) -> Check {
             NAME,
             Finding::Missing,
             "none",
-            "plug in a board's USB serial adapter (docs/hil.md)",
+            "connect a board's USB serial adapter (docs/hil.md)",
         ),
         None => Check::ok(NAME, names),
         Some(port) => Check::not(
@@ -426,7 +425,7 @@ fn ports(found: &[Port]) -> Check {
     }
 }
 
-/// Python, for what is below `tools/scripts/`.
+/// Python, for `tools/scripts/`.
 fn python() -> Check {
     let remedy = "install Python 3 with venv and pip, for tools/scripts/";
     program("python3", &["--version"], OLDEST_PYTHON, remedy)
@@ -437,7 +436,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn versions_are_found_where_programs_say_them() {
+    fn version_is_found_in_program_output() {
         for (text, found) in [
             ("rustc 1.95.0 (59807616e 2026-04-14)", [1, 95, 0]),
             ("rustc 1.96.0-nightly (abc 2026-05-01)", [1, 96, 0]),
@@ -468,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn ports_are_found_with_the_group_that_may_use_them() {
+    fn serial_ports_are_listed_with_their_group() {
         let devices = tempfile::tempdir().unwrap();
         for name in ["ttyUSB1", "ttyACM0", "tty0", "null"] {
             fs::write(devices.path().join(name), "").unwrap();

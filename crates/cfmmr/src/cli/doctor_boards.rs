@@ -1,4 +1,4 @@
-//! `cfmmr doctor --on serial:front=PORT`: the boards of a robot, by what they report of themselves.
+//! `cfmmr doctor --on serial:front=PORT`: build, stack and faults that the boards of a robot report.
 
 use super::arguments::BoardArgs;
 use crate::experiments::result::{Json, Provenance};
@@ -19,14 +19,14 @@ struct Row {
     build: String,
     stack_used: Option<u32>,
     stack_size: Option<u32>,
-    /// Since power came on.
+    /// Count since power-on, as the next three.
     panics: Option<u32>,
     processor_faults: Option<u32>,
     watchdog_resets: Option<u32>,
     stack_overflows: Option<u32>,
     /// Message of the fault before the latest start.
     last_fault: String,
-    /// Why there is no report.
+    /// Reason for a missing report.
     error: Option<String>,
 }
 
@@ -37,7 +37,7 @@ struct Report {
     boards: Vec<Row>,
 }
 
-/// Asks the boards; fails if one does not answer or had a fault.
+/// Reads the boards' reports; fails if a board does not answer or had a fault.
 pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
     if !matches!(args.on, Place::Serial(_)) {
         return Err(Error::input(
@@ -46,13 +46,13 @@ pub fn run(args: &BoardArgs, json: &Json) -> Result<(), Error> {
     }
     let links = Links::new(ROBOT, &args.on, args.baud(), None)?;
     let mut boards = Vec::new();
-    // The port of a board that does not answer reaches no other board either.
+    // Ports that did not answer; boards behind them are skipped.
     let mut dead = Vec::new();
     for role in ROBOT.boards() {
         let port = links.port_of(role);
         let row = match port.filter(|port| dead.contains(port)) {
             Some(port) => Err(Error::NoAnswer(format!(
-                "{} board: not asked: it is behind the port of the {} board",
+                "{} board: not read: the port of the {} board does not answer",
                 ROBOT.name(role),
                 ROBOT.name(port)
             ))),

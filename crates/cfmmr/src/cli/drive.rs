@@ -1,4 +1,4 @@
-//! `cfmmr drive`: the robot takes the steps of a script or one step of the command line.
+//! `cfmmr drive`: drives the robot by a script, by one step of the command line, or by keyboard.
 
 use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture};
 use crate::dashboard;
@@ -20,14 +20,13 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, Args)]
 pub struct DriveArgs {
     /// Step: goto X Y PHI, follow PATH, speed V KAPPA SECONDS, stop, clear, wait SECONDS, pose X Y PHI or zero
-    /// (docs/driving.md); without a step and a script the keyboard drives
+    /// (docs/driving.md); without STEP and --script, the keyboard drives
     #[arg(value_name = "STEP", num_args = 1..)]
     pub step: Vec<String>,
-    /// Script with one step a line; comments begin with #
+    /// Execute the steps in this file, one step per line; comments begin with #
     #[arg(long, value_name = "FILE", conflicts_with = "step")]
     pub script: Option<PathBuf>,
-    /// Start posture of the midpoint O, for example -1.5,0.2,90deg [default: 0,0,0; of a real robot: where it believes
-    /// to be]
+    /// Start at this posture of the midpoint O, for example -1.5,0.2,90deg [default: 0,0,0; real robot: its estimate]
     #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
     pub from: Option<String>,
     /// Sensors.
@@ -44,10 +43,10 @@ pub struct DriveArgs {
     pub robot: RobotArgs,
 }
 
-/// Keys that the steps decide.
+/// Scenario keys that the steps replace.
 const STEPS: Taken = &[
-    ("mission.start", "in a drive: use --from"),
-    ("mission.goal", "in a drive: use goto"),
+    ("mission.start", "with drive: use --from"),
+    ("mission.goal", "with drive: use the step goto"),
 ];
 
 /// Runs the command.
@@ -62,7 +61,8 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
             let keyboard = Keyboard::of_driver(script::limits(&context.scenario));
             if !terminal::is_interactive() {
                 return Err(Error::input(
-                    "STEP or --script FILE: needed where there is no terminal to drive at",
+                    "STEP or --script FILE: missing: the keyboard drives only if standard input and output are \
+                     a terminal",
                 ));
             }
             dashboard::check()?;
@@ -110,10 +110,10 @@ fn lines_of(args: &DriveArgs, context: &Context) -> Result<Vec<Line>, Error> {
             let text = input::text(file).map_err(|error| named(&error))?;
             script::parse(&text, scenario).map_err(|error| named(&error))
         }
-        // A step in quotes.
+        // One quoted step.
         (None, [line]) => script::parse(line, scenario),
         (None, words) => {
-            // A space keeps a negative angle from being an option.
+            // The space before a negative angle is from `cli::plain`.
             let words = words.iter().map(|word| match word.strip_prefix(" -") {
                 Some(rest) => format!("-{rest}"),
                 None => word.clone(),

@@ -35,7 +35,7 @@ pub struct EvalArgs {
     pub name: Algorithm,
 }
 
-/// Feeds standard input to the algorithm; an error if any line was bad.
+/// Runs the algorithm on each line of standard input; fails if a line was rejected.
 pub fn run(args: &EvalArgs) -> Result<(), Error> {
     let mut kernel: Box<dyn Kernel> = match args.name {
         Algorithm::Rps => Box::new(eval::rps::Rps),
@@ -47,14 +47,14 @@ pub fn run(args: &EvalArgs) -> Result<(), Error> {
         Algorithm::Bus => Box::new(eval::bus::Bus),
         Algorithm::Frame => Box::new(eval::frame::Frame),
     };
-    // Line-buffered: whoever feeds line by line gets each answer at once.
+    // Line-buffered: the answer to a line is printed before the next line is read.
     let output = io::stdout().lock();
     match eval::run(kernel.as_mut(), io::stdin().lock(), output) {
         Ok(true) => Ok(()),
         Ok(false) => Err(Error::input(
-            "at least one line was rejected; see its \"error\"",
+            "at least one line was rejected; see \"error\" in the output",
         )),
-        // A reader that has seen enough is no failure.
+        // A reader that closes the pipe early (head) is no failure.
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
         Err(error) if error.kind() == io::ErrorKind::InvalidInput => {
             Err(Error::input(format!("standard input: {error}")))

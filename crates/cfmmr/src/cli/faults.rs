@@ -1,4 +1,4 @@
-//! `cfmmr faults`: every fault of the catalogue, at several times and with several seeds.
+//! `cfmmr faults`: injects every fault of the catalogue at several times and with several seeds.
 
 use super::arguments::{ImageArgs, JsonArgs, ONLY_VIRTUAL, WorldChoice, refuse};
 use crate::experiments::result::Provenance;
@@ -18,23 +18,23 @@ pub struct FaultsArgs {
     /// The world.
     #[command(flatten)]
     pub choice: WorldChoice,
-    /// Number of seeds of each fault
+    /// Run each fault with this number of seeds
     #[arg(long, default_value_t = 2, value_parser = whole::<u32>(1..=1000))]
     pub seeds: u32,
     /// Run only faults whose name contains this text; may be repeated
     #[arg(long, value_name = "TEXT")]
     pub only: Vec<String>,
-    /// Place of the boards: in-process (faults of samples, frames and plant), or virtual (also those at registers, pins,
-    /// supplies and wires, with the images of the boards)
+    /// Run on boards in-process (faults of samples, frames and plant) or virtual (also faults of registers, pins,
+    /// supplies and wires, with the boards' images)
     #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = Place::parse)]
     pub on: Place,
-    /// Each fault at one time with one seed, and a selection of the instants of power failure
+    /// Run each fault at one time with one seed, and a selection of the instants of power failure
     #[arg(long, conflicts_with = "seeds")]
     pub quick: bool,
-    /// Number of threads; does not change the result [default: one a core]
+    /// Use N threads; the number does not change the result [default: one per core]
     #[arg(long, value_name = "N", value_parser = whole::<u16>(1..=1024))]
     pub threads: Option<u16>,
-    /// Exit 1 if a row differs from the committed table, or with --quick, if an outcome is not in its row
+    /// Exit 1 if a row differs from docs/faults.md, or with --quick, if docs/faults.md lacks an outcome
     #[arg(long)]
     pub check: bool,
     /// Destination of the result as JSON.
@@ -45,7 +45,7 @@ pub struct FaultsArgs {
     pub images: ImageArgs,
 }
 
-/// The entries that `--only` selects: those that need no images without them.
+/// Entries that `--only` selects; in-process boards leave out the entries that need images.
 fn chosen<'a>(all: &'a [Entry], args: &FaultsArgs) -> Result<Vec<&'a Entry>, Error> {
     let images = args.on == Place::Virtual;
     let possible: Vec<&Entry> = all
@@ -86,7 +86,7 @@ fn settings(args: &FaultsArgs) -> Result<Campaign, Error> {
         Place::InProcess => None,
         Place::Serial(_) => {
             return Err(Error::input(
-                "--on: faults are put into in-process or virtual boards",
+                "--on: must be in-process or virtual: real boards have no fault injection",
             ));
         }
     };
@@ -118,7 +118,7 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
     let text = report.markdown() + &report.complaints();
     json.print_page(&text)?;
     if report.interrupted {
-        let text = "interrupted: the table is that of the runs so far";
+        let text = "interrupted: the table contains the finished runs only";
         return Err(Error::Interrupted(text.to_owned()));
     }
     match report.wrong() {
@@ -127,7 +127,7 @@ pub fn run(args: &FaultsArgs) -> Result<(), Error> {
     }
     match report.unexpected(&committed, args.quick) {
         Some(row) if args.check => Err(Error::Failure(format!(
-            "differs from {PAGE} (tools/scripts/regenerate.py faults rewrites it):\n{row}"
+            "differs from {PAGE} (tools/scripts/regenerate.py faults rewrites the page):\n{row}"
         ))),
         _ => Ok(()),
     }

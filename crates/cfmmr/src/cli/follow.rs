@@ -10,22 +10,22 @@ use host_sim::base::numbers::{number, whole};
 use host_sim::run::path_run::PathMode;
 use host_sim::scenario::effect::Use;
 
-/// Drive along a path.
+/// Speed, size, laps, start and sensors of a drive along a path.
 #[derive(Clone, Debug, Args)]
 pub struct CourseArgs {
-    /// Largest speed along the path, m/s; `track` allows at most 90 % of the robot's limit
+    /// Limit the speed along the path, m/s; `track` allows at most 90 % of the robot's limit
     /// [default: the scenario's, 0.2]
     #[arg(long, value_name = "M/S", value_parser = number)]
     pub speed: Option<f64>,
-    /// Length of the line, radius of the circle or half width of the figure eight, m [default: 3,
+    /// Set the length of the line, radius of the circle or half width of the figure eight, m [default: 3,
     /// 1, 1.5]
     #[arg(long, value_name = "M", value_parser = number)]
     pub size: Option<f64>,
-    /// Number of laps of a closed path
+    /// Drive this number of laps of a closed path
     #[arg(long, default_value_t = 1, value_parser = whole::<u32>(1..=10_000))]
     pub laps: u32,
-    /// Start posture of the midpoint O, as in `posture` [default: on the first point of the path,
-    /// along it]
+    /// Start at this posture of the midpoint O, as in `posture` [default: on the first point of the path,
+    /// along the path]
     #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
     pub from: Option<String>,
     /// Sensors.
@@ -34,7 +34,7 @@ pub struct CourseArgs {
 }
 
 impl CourseArgs {
-    /// The drive along this path.
+    /// Path with the options of the drive.
     pub fn wanted(&self, path: &str) -> Result<Wanted, Error> {
         Ok(Wanted {
             path: path.to_owned(),
@@ -55,7 +55,7 @@ pub struct FollowArgs {
     /// Recording of the run.
     #[command(flatten)]
     pub log: LogArgs,
-    /// Path: line, circle, figure-eight, or a CSV file of waypoints (columns x,y in m)
+    /// Drive along this path: line, circle, figure-eight, or a CSV file of waypoints (columns x,y in m)
     #[arg(long, default_value = "figure-eight", value_name = "PATH")]
     pub path: String,
     /// Sensors, start and speed.

@@ -29,13 +29,13 @@ pub struct HilArgs {
     /// Place of the boards.
     #[command(flatten)]
     pub boards: BoardArgs,
-    /// Use the parameters in the boards' flash, laid over those of the scenario
+    /// Use the parameters in the boards' flash instead of the scenario's parameters
     #[arg(long)]
     pub stored: bool,
-    /// With --on virtual: folder of the files with the boards' stores
+    /// Keep the flash of virtual boards in files in this folder
     #[arg(long, value_name = "DIR", requires = "on")]
     pub flash: Option<PathBuf>,
-    /// Run the nodes in this program too and compare every bit
+    /// Repeat the run in this program and check that every output is identical
     #[arg(long)]
     pub compare: bool,
     /// Sensors, start and speed.
@@ -63,7 +63,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     let plan = args.plan.plan(LEAST_S)?;
     if !context.scenario.world.bus.quantise {
         return Err(Error::input(
-            "bus.quantise = false: must be true with boards behind links",
+            "bus.quantise = false: must be true with boards in the loop",
         ));
     }
     let watch = args.log.watch();
@@ -85,7 +85,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     in_the_loop::run(&run, targets, &logs, args.compare)
 }
 
-/// The experiment that the arguments ask for; what they change is written into the scenario.
+/// Mission that the arguments select; writes sensors, start and path settings into the scenario.
 fn prepare(args: &HilArgs, context: &mut Context) -> Result<Mission, Error> {
     if !args.boards.on.is_outside() {
         return Err(Error::input(
@@ -97,7 +97,7 @@ fn prepare(args: &HilArgs, context: &mut Context) -> Result<Mission, Error> {
     args.drive.sensors.apply(scenario);
     if !scenario.mission.rps && args.boards.on.port(Role::beam(0)).is_some() {
         return Err(Error::input(
-            "--on serial:beam: no beam board without the relative position sensor",
+            "--on serial: beam=PORT: must be left out without the relative position sensor (--no-rps)",
         ));
     }
     let (path, path_mode) = match (&args.follow, &args.track) {

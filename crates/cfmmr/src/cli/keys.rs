@@ -14,12 +14,12 @@ use std::fmt::Write;
 pub struct KeysArgs {
     /// Table or key, for example robot.limits [default: all]
     pub key: Option<String>,
-    /// Print JSON, an object a key
+    /// Print JSON, one object per key
     #[arg(long)]
     pub json: bool,
 }
 
-/// A key with its place and default.
+/// Key with its table and default.
 struct Key {
     name: String,
     table: String,
@@ -27,7 +27,7 @@ struct Key {
     default: Option<toml::Value>,
 }
 
-/// Every key, or those of a table; tables before the tables in them.
+/// All keys, or the keys of a table; the keys of a table precede those of its subtables.
 fn keys(wanted: Option<&str>) -> Result<Vec<Key>, Error> {
     let failed = |error: toml::ser::Error| Error::Failure(error.to_string());
     let defaults = toml_file::known_keys(&Scenario::default()).map_err(failed)?;
@@ -107,7 +107,7 @@ fn allowed(kind: Kind) -> String {
     }
 }
 
-/// A number; one of single precision as it was written.
+/// Shortest decimal form of a single precision number (0.1, not 0.10000000149); other numbers stay.
 fn written(number: f64) -> f64 {
     match f64::from(number as f32) == number {
         true => (number as f32).to_string().parse().unwrap_or(number),
@@ -115,7 +115,7 @@ fn written(number: f64) -> f64 {
     }
 }
 
-/// A default.
+/// Default as Markdown.
 fn shown(value: &toml::Value) -> String {
     match value {
         toml::Value::Float(number) => format!("`{:?}`", written(*number)),
@@ -162,7 +162,7 @@ pub fn markdown(wanted: Option<&str>) -> Result<String, Error> {
     Ok(text)
 }
 
-/// A default as a JSON value.
+/// Default as a JSON value.
 fn plain(value: &toml::Value) -> Value {
     match value {
         toml::Value::Float(number) => written(*number).into(),
@@ -228,7 +228,7 @@ mod tests {
             let known = declared.contains(&key) || key == "world";
             assert!(known, "{key} is not declared");
         }
-        // Keys without a default are refused by their type, not as unknown.
+        // A text for a key without default is refused for its type, not as an unknown key.
         for (key, declared) in keys.iter().zip(&declared) {
             if key.default.is_none() {
                 let change = format!("{declared}=\"nothing\"");

@@ -1,5 +1,4 @@
-//! The command line: a file a subcommand, with its arguments. What subcommands compute is in
-//! [`experiments`](crate::experiments).
+//! Command line: one file per subcommand, with its arguments. [`experiments`](crate::experiments) does the work.
 //!
 //! Start with [`Command`].
 
@@ -75,8 +74,8 @@ pub struct Cli {
 }
 
 impl Cli {
-    /// The command line of this process; the process ends if it is malformed or asks for help. An error names an
-    /// output that cannot be written.
+    /// Parses the command line of this process. Ends the process after a syntax error or a request for help. Fails if
+    /// an output cannot be written.
     pub fn read() -> Result<Self, Error> {
         let home = std::env::var("HOME").ok().filter(|home| !home.is_empty());
         let words = std::env::args_os().map(|word| plain(word, home.as_deref()));
@@ -87,7 +86,7 @@ impl Cli {
     }
 }
 
-/// Ends the process with the parser's text: a refusal, or help.
+/// Prints the parser's error or help and ends the process.
 fn end(error: &clap::Error) -> ! {
     let text = error.render().to_string();
     if error.use_stderr() {
@@ -101,7 +100,7 @@ fn end(error: &clap::Error) -> ! {
     std::process::exit(error.exit_code());
 }
 
-/// A word as the parser of arguments needs it: it takes -.4 and -90deg for options, and shells leave ~ in --out=~/x.
+/// Rewrites an argument for clap, which takes -.4 and -90deg for options. Expands ~, which shells leave in --out=~/x.
 fn plain(word: OsString, home: Option<&str>) -> OsString {
     let Some(text) = word.to_str() else {
         return word;
@@ -109,7 +108,7 @@ fn plain(word: OsString, home: Option<&str>) -> OsString {
     if let Some(digits) = text.strip_prefix("-.") {
         return plain(format!("-0.{digits}").into(), home);
     }
-    // A negative angle in degrees is no option either; a step takes the space away.
+    // With a space in front, clap takes a negative angle for a value; the reader of the value removes the space.
     let is_angle = text.ends_with("deg") || text.ends_with('°');
     let number = text.strip_prefix('-').filter(|_| is_angle);
     if number.is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit())) {
@@ -127,8 +126,7 @@ fn plain(word: OsString, home: Option<&str>) -> OsString {
     }
 }
 
-/// The command with what is said once for the arguments of all subcommands: a negative number is a
-/// value, so that it is refused with the range that is allowed.
+/// The command. In all subcommands a negative number is a value, not an option, so an error states the allowed range.
 pub fn command() -> clap::Command {
     let value = |argument: Arg| match argument.get_action().takes_values() {
         true => argument.allow_negative_numbers(true),
@@ -160,7 +158,7 @@ pub enum Command {
     Campaign(CampaignArgs),
     /// Measure the consistency of the estimates (normalised estimation error squared)
     Consistency(ConsistencyArgs),
-    /// Run one on-board algorithm on cases from standard input, one JSON object a line
+    /// Run one on-board algorithm on cases from standard input, one JSON object per line
     Eval(EvalArgs),
     /// Print the table of the parameters in a board's flash
     Parameters,
@@ -185,7 +183,7 @@ pub enum Command {
     Dbc(DbcArgs),
     /// Inject each fault of the catalogue into the simulated robot and print the outcomes
     Faults(FaultsArgs),
-    /// Drive for hours and measure the estimator's health and the memory
+    /// Drive for hours and check consistency of the estimator, faults and memory
     Soak(SoakArgs),
     /// Print the meaning of a word, or the whole glossary
     Glossary(GlossaryArgs),
@@ -205,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn words_are_read_as_a_shell_would_write_them() {
+    fn negative_numbers_and_tilde_are_rewritten() {
         let read = |word: &str| plain(word.into(), Some("/home/me")).into_string().unwrap();
         for (word, read_as) in [
             ("~/x", "/home/me/x"),

@@ -1,4 +1,4 @@
-//! Check of the outputs that a command line names, before anything runs.
+//! Checks the output files of a command line before the command runs.
 
 use clap::ArgMatches;
 use host_sim::base::error::Error;
@@ -61,8 +61,8 @@ struct Named {
     is_output: bool,
 }
 
-/// Refuses two arguments that name one file if one of them is written, a file of `--out` named again, and a
-/// place at which no file can be written.
+/// Refuses an output that is also another argument's file or a result in the folder of `--out`, and an output that
+/// cannot be written.
 pub fn check(matches: &ArgMatches) -> Result<(), Error> {
     let (mut command, mut matches) = ("posture", matches);
     while let Some((name, below)) = matches.subcommand() {
@@ -104,7 +104,7 @@ fn named(command: &str, matches: &ArgMatches) -> Vec<Named> {
     named
 }
 
-/// Checks each output by itself.
+/// Checks that each output can be written.
 fn check_each(command: &str, named: &[Named]) -> Result<(), Error> {
     for it in named.iter().filter(|it| it.is_output) {
         if starts_with_tilde(&it.path) {
@@ -126,7 +126,7 @@ fn check_each(command: &str, named: &[Named]) -> Result<(), Error> {
             .extension()
             .is_some_and(|end| end.eq_ignore_ascii_case("csv"));
         let tried = match it.option.as_str() {
-            // Tried where it is opened.
+            // `JsonArgs::open` checks the JSON file.
             "--json" => Ok(()),
             "--out" if !WITH_OUTPUT_FILE.contains(&command) => {
                 OutputDir::create(&it.path).map(drop)
@@ -139,13 +139,13 @@ fn check_each(command: &str, named: &[Named]) -> Result<(), Error> {
     Ok(())
 }
 
-/// Refuses two arguments that name one file.
+/// Refuses two arguments that name one file if one of them is an output.
 fn check_pairs(named: &[Named]) -> Result<(), Error> {
     for (i, one) in named.iter().enumerate() {
         for other in &named[..i] {
             if (one.is_output || other.is_output) && is_same(&one.path, &other.path) {
                 return Err(Error::input(format!(
-                    "{} {} and {} {}: the same file: must differ",
+                    "{} {} and {} {} name the same file: must be two different files",
                     other.option,
                     other.path.display(),
                     one.option,
@@ -157,7 +157,7 @@ fn check_pairs(named: &[Named]) -> Result<(), Error> {
     Ok(())
 }
 
-/// Checks the files that a run writes into the folder of `--out`.
+/// Refuses arguments that name a result in the folder of `--out`, and results that cannot be replaced.
 fn check_folder(command: &str, named: &[Named]) -> Result<(), Error> {
     let given = named.iter().find(|it| it.option == "--out");
     let folder = given.map_or_else(|| Path::new("out").join(command), |it| it.path.clone());
@@ -170,7 +170,7 @@ fn check_folder(command: &str, named: &[Named]) -> Result<(), Error> {
     });
     if let Some(it) = taken {
         return Err(Error::input(format!(
-            "{} {}: the run writes this file of --out itself: must be another name",
+            "{} {}: the run writes this file in --out as a result: must have another name",
             it.option,
             it.path.display()
         )));
@@ -179,7 +179,7 @@ fn check_folder(command: &str, named: &[Named]) -> Result<(), Error> {
         let path = folder.join(name);
         if fs::metadata(&path).is_ok_and(|data| !data.is_file()) {
             return Err(Error::input(format!(
-                "--out: {}: must be a regular file, for the run replaces it",
+                "--out: {}: must be a regular file: the run replaces this file",
                 path.display()
             )));
         }
@@ -202,9 +202,9 @@ fn is_same(one: &Path, other: &Path) -> bool {
     resolved(one) == resolved(other)
 }
 
-/// The path without links and dots; what does not exist yet is taken as a plain folder or file.
+/// Absolute path without links and dots; parts that do not exist stay as given.
 fn resolved(path: &Path) -> PathBuf {
-    /// Links of one path, at most, as the kernel has it.
+    /// Largest number of links in one path, as in the Linux kernel.
     const MOST_LINKS: usize = 40;
     fn walk(path: &Path, links: usize) -> PathBuf {
         let mut real = PathBuf::new();
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn something_else_at_the_place_of_a_result_is_refused() {
+    fn unusable_outputs_are_refused() {
         let folder = tempfile::tempdir().unwrap();
         fs::create_dir(folder.path().join("log.csv")).unwrap();
         let text = refusal("follow --out DIR", folder.path()).unwrap();

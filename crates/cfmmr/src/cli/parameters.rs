@@ -1,4 +1,4 @@
-//! `cfmmr parameters`: the table of what a board keeps in its flash, as Markdown.
+//! `cfmmr parameters`: prints the table of the parameters in a board's flash, as Markdown.
 
 use core_algos::params::{Parameter, TABLE};
 use host_sim::base::error::Error;
@@ -36,7 +36,7 @@ pub fn markdown() -> String {
     text
 }
 
-/// Meaning of a parameter, with that of its table if several parameters share it.
+/// Meaning of a parameter; the meaning of its table is added if another parameter has the same meaning.
 fn meaning(parameter: &Parameter) -> String {
     let path = |parameter: &Parameter| parameter.name.split('[').next();
     let meaning = parameter.meaning();
@@ -49,7 +49,7 @@ fn meaning(parameter: &Parameter) -> String {
     }
 }
 
-/// Values of a parameter that is one of several, by number.
+/// Names and meanings of the values of a choice, by number.
 fn choices(parameter: &Parameter) -> String {
     let names = parameter.choices().iter().enumerate();
     let named: Vec<String> = names
@@ -89,10 +89,10 @@ mod tests {
         }
     }
 
-    /// Each name is the way to the same number in a scenario.
+    /// The scenario key of each parameter's name changes this parameter.
     #[test]
     fn names_are_those_of_a_scenario() {
-        // Strategy and mode are words in a scenario.
+        // In a scenario, strategy and mode are words, not numbers.
         let numbers = TABLE.iter().filter(|p| p.range.1 > 3.0 || !p.whole);
         for parameter in numbers.filter(|p| p.name.starts_with("robot.")) {
             let mut settings = Settings::default();

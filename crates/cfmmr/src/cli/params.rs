@@ -1,4 +1,4 @@
-//! `cfmmr params`: parameters that boards keep, listed and changed over their links.
+//! `cfmmr params`: lists and changes the parameters in the boards' flash.
 
 use super::arguments::{BoardArgs, BoardName, JsonArgs};
 use crate::experiments::result::{Json, Provenance};
@@ -37,24 +37,24 @@ pub enum ParamsAction {
     List(ParamsTarget),
     /// Show the named parameters
     Get(ParamsGet),
-    /// Set parameters; without --save the values are only checked
+    /// Check new values; with --save, save them in the flash
     Set(ParamsSet),
     /// Export the parameters that differ from the image's defaults
     Export(ParamsExport),
-    /// Set the parameters of a file
+    /// Check the parameters in a file; with --save, save them in the flash
     Import(ParamsImport),
 }
 
-/// Boards whose parameters are meant.
+/// Boards that the command reads or changes.
 #[derive(Clone, Debug, Args)]
 pub struct ParamsTarget {
     /// Place of the boards; by default in this process, with their flash in files.
     #[command(flatten)]
     pub boards: BoardArgs,
-    /// Folder of the flash files of boards that are not real
+    /// Keep the flash of in-process and virtual boards in files in this folder
     #[arg(long, value_name = "DIR", default_value = "out/flash")]
     pub flash: PathBuf,
-    /// Boards, separated by commas [default: all]
+    /// Select these boards, separated by commas [default: all]
     #[arg(long, value_enum, value_delimiter = ',', value_name = "LIST")]
     pub board: Vec<BoardName>,
     /// Destination of the result as JSON.
@@ -65,7 +65,7 @@ pub struct ParamsTarget {
 /// Arguments of `params get`.
 #[derive(Clone, Debug, Args)]
 pub struct ParamsGet {
-    /// Names of parameters, as `cfmmr parameters` lists them
+    /// Names of parameters, see `cfmmr parameters`
     #[arg(value_name = "NAME", required = true)]
     pub names: Vec<String>,
     /// Boards.
@@ -126,7 +126,7 @@ pub fn run(args: &ParamsArgs) -> Result<(), Error> {
     }
 }
 
-/// A parameter of a board, as `--json` has it.
+/// Parameter of a board in the JSON result.
 #[derive(Debug, Serialize)]
 struct Row {
     board: &'static str,
@@ -139,7 +139,7 @@ struct Row {
     source: Source,
     saved: bool,
     meaning: &'static str,
-    /// Names of the values 0, 1, … of a parameter that is one of several.
+    /// Names of the values 0, 1, … of a choice; empty for a number.
     choices: Vec<&'static str>,
 }
 
@@ -154,8 +154,8 @@ struct Change {
     saved: bool,
 }
 
-/// Gives `act` each board that is meant, in a session that ends before that of the next board: with one port the others
-/// are reached over the bus, and the board at the port has no session meanwhile.
+/// Calls `act` for each selected board in a session of its own. A session ends before the next begins, because boards
+/// without a port are reached over the bus through a board that has no session.
 fn at_each(
     target: &ParamsTarget,
     mut act: impl FnMut(Role, &mut Remote) -> Result<(), Error>,
@@ -234,7 +234,7 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
         }
         Ok(())
     })?;
-    // A parameter's name is too long for a column beside its values.
+    // A parameter's name is too long for a table column.
     let mut text = String::new();
     let mut names: Vec<&str> = rows.iter().map(|row| row.name).collect();
     names.dedup();
@@ -311,7 +311,7 @@ fn refused(parameter: &Parameter, value: &str) -> Error {
     ))
 }
 
-/// A value from `NAME=VALUE`, within its range.
+/// Parses `NAME=VALUE` and checks the range.
 fn parse(text: &str) -> Result<(&'static Parameter, f32), Error> {
     let Some((name, value)) = text.split_once('=') else {
         return Err(Error::input(format!(
@@ -336,7 +336,7 @@ fn run_import(import: &ParamsImport) -> Result<(), Error> {
     change(&import.target, import.save, |role| overlays.values(role))
 }
 
-/// Saves values on the boards that have any; gives the number of values written.
+/// Saves the values on their boards; returns the number of values written to the flash.
 pub fn save(boards: &BoardArgs, flash: &Path, overlays: &Overlays) -> Result<u32, Error> {
     let mut target = ParamsTarget {
         boards: boards.clone(),
@@ -360,8 +360,7 @@ pub fn save(boards: &BoardArgs, flash: &Path, overlays: &Overlays) -> Result<u32
     Ok(written)
 }
 
-/// Sets values, shows before and after, and saves if that is wanted. Every value of every board is
-/// known to be in range before the first is set.
+/// Sets values, prints old and new values, and saves if `save`. All values have been checked before the first is set.
 fn change(
     target: &ParamsTarget,
     save: bool,
@@ -405,10 +404,12 @@ fn change(
     if done.is_ok() {
         write_json(&json, &changes)?;
     }
-    // After an error the table shows the boards that came before it.
+    // After an error, the table shows the values set before the error.
     let note = match save {
         true => format!("{written} values written to the flash"),
-        false => "checked and not saved: the boards keep their values; use --save".to_owned(),
+        false => {
+            "checked and not saved: the boards keep their old values; save with --save".to_owned()
+        }
     };
     json.print(&format!("{table}{note}\n"))?;
     done

@@ -1,4 +1,4 @@
-//! `cfmmr posture`: posture regulation with and without the relative position sensor, as the paper's experiment has it.
+//! `cfmmr posture`: posture regulation with and without the relative position sensor, as in the paper's experiment.
 
 use super::arguments::{Common, LogArgs, RobotArgs, SensorArgs, parse_posture};
 use crate::experiments::Context;
@@ -15,7 +15,7 @@ use host_sim::scenario::effect::Use;
 /// Rows of the table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum RowSelection {
-    /// Encoders alone, the paper's fusion, the joint filter; and the paper's robot.
+    /// Encoders alone, the paper's fusion, the joint filter.
     Main,
     /// Every fusion, with and without inertial sensors.
     All,
@@ -34,13 +34,13 @@ pub struct PostureArgs {
     /// Recording of the run.
     #[command(flatten)]
     pub log: LogArgs,
-    /// Number of paired trials a row [default: 50]
+    /// Run this number of paired trials per row [default: 50]
     #[arg(long, value_parser = whole::<u32>(1..=1_000_000), conflicts_with_all = ["dashboard", "live"])]
     pub trials: Option<u32>,
-    /// Start posture of the midpoint O: m, m, rad, or heading with `deg`: -1.5,0.2,90deg
+    /// Start at this posture of the midpoint O: m, m, rad, or heading with `deg`: -1.5,0.2,90deg
     #[arg(long, value_name = "X,Y,PHI", allow_hyphen_values = true)]
     pub from: Option<String>,
-    /// Rows of the table [default: main]
+    /// Run these rows of the table [default: main]
     #[arg(long, value_enum, conflicts_with_all = ["dashboard", "live"])]
     pub rows: Option<RowSelection>,
     /// Sensors of a robot with boards.
@@ -51,7 +51,7 @@ pub struct PostureArgs {
     pub robot: RobotArgs,
 }
 
-/// Number of trials a row.
+/// Default number of trials per row.
 const TRIALS: u32 = 50;
 
 /// Runs the command.
@@ -59,7 +59,7 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
     let outside = args.robot.boards.on.is_outside();
     if outside && (args.trials.is_some() || args.rows.is_some()) {
         return Err(Error::input(
-            "--trials, --rows: only in process; on boards there is one run of one robot",
+            "--trials, --rows: only with --on in-process; with other boards, posture is one run of one robot",
         ));
     }
     let mut context = args.common.context("posture")?;
@@ -75,7 +75,7 @@ pub fn run(args: &PostureArgs) -> Result<(), Error> {
     }
 }
 
-/// Keys that `--from` decides.
+/// Scenario key that `--from` replaces, with the reason.
 fn start(args: &PostureArgs) -> Option<(&'static str, &'static str)> {
     args.from.as_ref().map(|_| ("mission.start", "with --from"))
 }
@@ -108,8 +108,8 @@ fn trials(args: &PostureArgs, context: &Context, watch: &Watch) -> Result<(), Er
 }
 
 impl PostureArgs {
-    /// Rows with the sensors that the options leave: `--no-rps` keeps those without gauges, `--imu` adds the inertial
-    /// sensors to all. A run that is shown has one row.
+    /// Rows after the sensor options: `--no-rps` keeps rows without gauges, `--imu` adds inertial sensors to every row.
+    /// A live run has one row.
     fn variants(&self, watch: &Watch) -> Result<Vec<Variant>, Error> {
         let sensors = &self.sensors;
         let rows = match self.rows.unwrap_or(RowSelection::Main) {

@@ -1,4 +1,4 @@
-//! `cfmmr replay`: a log through the nodes again, as it was or with other parameters.
+//! `cfmmr replay`: runs the nodes on the inputs in a log, with the recorded or with other parameters.
 
 use super::arguments::JsonArgs;
 use clap::Args;
@@ -10,10 +10,10 @@ use std::path::PathBuf;
 pub struct ReplayArgs {
     /// Log that `--log` wrote
     pub log: PathBuf,
-    /// Write the whole records of a truncated or damaged log to a new log beside it, and replay that
+    /// Write the intact records of a truncated or damaged log to a new log, and replay the new log
     #[arg(long)]
     pub recover: bool,
-    /// File for the recovered log [default: LOG with the ending .recovered.mcap]
+    /// Write the recovered log to this file [default: LOG with the ending .recovered.mcap]
     #[arg(long, value_name = "FILE", requires = "recover")]
     pub out: Option<PathBuf>,
     /// Estimate again with the parameters in this file (table `[robot]` of a scenario)
@@ -44,7 +44,7 @@ pub fn run(args: &ReplayArgs) -> Result<(), Error> {
     }
 }
 
-/// Refuses.
+/// Fails: this build has no logs.
 #[cfg(not(feature = "full"))]
 pub fn run(args: &ReplayArgs) -> Result<(), Error> {
     let log = args.log.display();

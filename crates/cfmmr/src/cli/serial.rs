@@ -23,7 +23,7 @@ mod tests {
     use serde::{Deserialize, Serialize};
     use serde_json::Value;
 
-    /// The variants there are, by decoding zeros behind each number: name and fields.
+    /// Name and fields of every variant, found by decoding each number followed by zeros.
     fn variants<'a, T: Deserialize<'a> + Serialize>(
         head: &[u8],
         unwrap: fn(Value) -> Value,
@@ -80,7 +80,7 @@ mod tests {
         {
             assert_eq!(*number, i.to_string(), "{section}");
             assert_eq!(*name, format!("`{variant}`"));
-            // The content of a variant without names is told in words.
+            // Content without field names is described in words.
             if content.is_empty() || content.starts_with('`') {
                 let fields_told = content
                     .split("<br>")
@@ -97,7 +97,7 @@ mod tests {
     #[test]
     fn every_variant_and_field_of_the_protocol_is_in_the_table() {
         assert_complete("Requests", &variants::<Request>(&[7], |value| value));
-        // Behind the number of the frame: that of the request, the owner and the sequence.
+        // After the number of the frame: number of the request, owner, sequence.
         let order = |value: Value| value["Order"]["order"].clone();
         assert_complete("Orders", &variants::<Request>(&[7, 5, 0, 0], order));
         let replies = variants::<Reply>(&[7], |value| value);

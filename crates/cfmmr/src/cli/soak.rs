@@ -1,4 +1,4 @@
-//! `cfmmr soak`: hours of driving, and whether anything drifts or grows.
+//! `cfmmr soak`: drives for hours and checks the drift of the NIS and the growth of memory.
 
 use super::arguments::{JsonArgs, WorldChoice};
 use crate::experiments::result::Provenance;
@@ -28,13 +28,13 @@ pub struct SoakArgs {
     /// The world.
     #[command(flatten)]
     pub choice: WorldChoice,
-    /// Number of ticks (ms)
+    /// Drive for this number of ticks of 1 ms
     #[arg(long, default_value_t = 10_000_000, value_parser = whole::<u64>(10_000..=4_000_000_000))]
     pub ticks: u64,
-    /// Place of the boards: in-process, or virtual (their images on virtual boards, built if needed)
+    /// Run on boards in-process, or virtual (images on virtual boards, built if needed)
     #[arg(long, value_name = "PLACE", default_value = "in-process", value_parser = Place::parse)]
     pub on: Place,
-    /// Seed of all random draws; one seed gives the same bytes
+    /// Use this seed for all random draws; equal seeds give identical output
     #[arg(long, default_value_t = 1, value_parser = whole::<u64>(0..=u64::MAX))]
     pub seed: u64,
     /// Destination of the result as JSON.
@@ -42,7 +42,7 @@ pub struct SoakArgs {
     pub json: JsonArgs,
 }
 
-/// Parts that are reported.
+/// Number of windows in the report.
 const WINDOWS: u64 = 10;
 
 /// Content of the JSON file.
@@ -57,7 +57,7 @@ struct Measured {
     problems: Vec<String>,
 }
 
-/// A window's row of the table.
+/// Table row of a window.
 fn row(window: &Window) -> String {
     let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.2}"));
     let error = window.position_m.map(|error| 1e2 * error);
@@ -81,7 +81,7 @@ fn row(window: &Window) -> String {
     )
 }
 
-/// The page.
+/// Report as Markdown.
 fn markdown(measured: &Measured, scenario: &Scenario) -> String {
     let report = &measured.report;
     let (command, boards) = match measured.boards.is_empty() {
@@ -152,12 +152,12 @@ fn markdown(measured: &Measured, scenario: &Scenario) -> String {
     text
 }
 
-/// Last sentences of the page: the limits that hold, or the failures.
+/// Last sentences of the report: the limits that hold, or the failures.
 fn verdict(ticks: u64, problems: &[String]) -> String {
     let trend = match ticks >= JUDGED {
         true => "The trend of the NIS is within three standard errors or a tenth of the mean."
             .to_owned(),
-        false => format!("The trend of the NIS is judged from {JUDGED} ticks on."),
+        false => format!("The trend of the NIS is checked from {JUDGED} ticks on."),
     };
     match problems {
         [] => format!(
@@ -175,7 +175,7 @@ pub fn run(args: &SoakArgs) -> Result<(), Error> {
     let json = args.json.open()?;
     if !args.ticks.is_multiple_of(10) {
         return Err(Error::input(format!(
-            "--ticks {}: must be a multiple of 10: the robot is judged at the end of an epoch",
+            "--ticks {}: must be a multiple of 10, the ticks of an epoch",
             args.ticks
         )));
     }
@@ -221,7 +221,7 @@ pub fn run(args: &SoakArgs) -> Result<(), Error> {
     let printed = json.print_page(&markdown(&measured, &scenario));
     match measured.problems.as_slice() {
         _ if interrupt.load(Relaxed) => Err(Error::Interrupted(
-            "interrupted: the table is that of the time so far".to_owned(),
+            "interrupted: the table ends at the interrupt".to_owned(),
         )),
         [] => printed,
         problems => Err(Error::Failure(problems.join("; "))),

@@ -1,4 +1,4 @@
-//! `cfmmr topics`: what a log holds, as Markdown.
+//! `cfmmr topics`: prints the table of a log's topics, as Markdown.
 
 use crate::experiments::run::place::ROBOT;
 use host_sim::base::error::Error;
@@ -48,14 +48,14 @@ fn fields(schema: &Schema) -> String {
     text
 }
 
-/// Columns of the tables, which are fields of topics.
+/// Columns of the CSV tables, which are fields of topics.
 const TABLES: &str = "
 ## Tables
 
 `--csv DIR` writes `epochs.csv`, `axles.csv` and `beam.csv`. Each experiment writes the columns of `epochs.csv` beside its
 pictures (`log.csv`, `log-joint.csv`). A column has the path of the value in a log. A list has a column for each entry,
 counted from 0. A value that is null is empty, true is 1 and false is 0. Bytes, texts in hexadecimal and frames
-(`received`) have no columns. In a row of `epochs.csv`, `/lead` is the latest message at that time: the one of the epoch
+(`received`) have no columns. In a row of `epochs.csv`, `/lead` is the latest message at that time, sent in the epoch
 before.
 
 | table | columns |

@@ -16,7 +16,7 @@ pub struct WorldArgs {
     /// Print the world as JSON
     #[arg(long, requires = "name")]
     pub json: bool,
-    /// Print the file of the world, as a start for a new one
+    /// Print the file of the world, as a template for a new world
     #[arg(long, requires = "name", conflicts_with = "json")]
     pub toml: bool,
 }
@@ -28,7 +28,7 @@ struct Printed<'a> {
     figures: Vec<Figure>,
 }
 
-/// Prints a world, or the names of those that are built in.
+/// Prints a world, or the names of the built-in worlds.
 pub fn run(args: &WorldArgs) -> Result<(), Error> {
     let Some(name) = &args.name else {
         return terminal::print(&(NAMES.join("\n") + "\n"));
@@ -59,7 +59,7 @@ pub fn run(args: &WorldArgs) -> Result<(), Error> {
         ]);
     }
     terminal::print(&format!(
-        "World {name}. Keys of spread and keys with sigma: standard deviation, drawn a trial. Below the line: base \
-         values.\n\n{table}"
+        "World {name}. Keys of spread and keys with sigma: standard deviation of a value drawn in each trial. Below \
+         the line: base values.\n\n{table}"
     ))
 }

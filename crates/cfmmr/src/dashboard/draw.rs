@@ -1,6 +1,6 @@
-//! The picture of a [`View`]: the same view gives the same characters.
+//! Draws a [`View`]: equal views give equal characters.
 //!
-//! It needs 60 columns and 20 lines; what a smaller terminal cannot show is not shown in part.
+//! The picture needs 60 columns and 20 lines. A smaller terminal shows a note instead.
 
 use super::map;
 use super::view::View;
@@ -16,13 +16,13 @@ use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span, Text};
 use ratatui::widgets::{Block, Borders, Paragraph};
 
-/// The smallest terminal: columns, lines.
+/// Smallest terminal: columns, lines.
 pub const LEAST: (u16, u16) = (60, 20);
 /// Width of the left column in the smallest terminal.
 const LEFT: u16 = 34;
-/// The smallest terminal with a map.
+/// Smallest terminal with a map.
 const WITH_MAP: (u16, u16) = (80, 24);
-/// Age of a heartbeat from which on its node counts as silent, s.
+/// Age of the latest heartbeat above which a node is shown as silent, s.
 const SILENT_S: f64 = 0.5;
 
 const ALERT: Style = Style::new().fg(Color::Red).add_modifier(Modifier::BOLD);
@@ -30,7 +30,7 @@ const CAUTION: Style = Style::new().fg(Color::Yellow);
 const GOOD: Style = Style::new().fg(Color::Green);
 const DIM: Style = Style::new().add_modifier(Modifier::DIM);
 
-/// Draws the view over all of the frame.
+/// Draws the view over the whole terminal.
 pub fn draw(frame: &mut Frame, view: &View) {
     let area = frame.area();
     if area.width < LEAST.0 || area.height < LEAST.1 {
@@ -46,7 +46,7 @@ pub fn draw(frame: &mut Frame, view: &View) {
     }
     let faults = fault_lines(view, area.width.into(), usize::MAX).len() + 1;
     let faults = u16::try_from(faults).unwrap_or(u16::MAX).max(4);
-    // Faults come before the map.
+    // Faults have precedence over the map.
     match area.width >= WITH_MAP.0 && area.height >= faults.saturating_add(WITH_MAP.1 - 4) {
         true => draw_with_map(frame, view, faults),
         false => draw_without_map(frame, view),
@@ -111,7 +111,7 @@ fn draw_with_map(frame: &mut Frame, view: &View, lines: u16) {
     );
 }
 
-/// Draws everything but the map in these places.
+/// Draws everything except the map into the given areas.
 fn draw_rest(
     frame: &mut Frame,
     view: &View,
@@ -164,7 +164,7 @@ fn footer(view: &View) -> Line<'static> {
     };
     if let Some(end) = &view.end {
         return Line::styled(
-            format!(" {end}; q: leave"),
+            format!(" {end}; q: quit"),
             Style::new().add_modifier(Modifier::BOLD),
         );
     }
@@ -194,7 +194,7 @@ fn node_lines(view: &View) -> Vec<Line<'static>> {
     for node in &view.nodes {
         let name = Span::raw(format!("{:<10}", node.name));
         let Some(status) = node.latest else {
-            lines.push(Line::from(vec![name, Span::styled("not heard", DIM)]));
+            lines.push(Line::from(vec![name, Span::styled("no heartbeat", DIM)]));
             continue;
         };
         let age = view.time_s - status.time_s;
@@ -295,7 +295,7 @@ fn motion_lines(view: &View) -> Vec<Line<'static>> {
     lines
 }
 
-/// Strains of the gauges, as far as the width allows.
+/// Strains of the gauges, as many as the width allows.
 fn strains(view: &View, width: u16) -> String {
     let frames = view.seen.frames.iter();
     let known = frames
@@ -311,8 +311,7 @@ fn strains(view: &View, width: u16) -> String {
     }
 }
 
-/// Faults so far with their remedies, as far as the room allows: the first fault first, notices and
-/// degradations last.
+/// Faults so far with remedies, oldest first, then degradations and notices; limited to `height` lines.
 fn fault_lines(view: &View, width: usize, height: usize) -> Vec<Line<'static>> {
     let idle = view.idle_stop.iter().map(|text| (text.clone(), CAUTION));
     let faults = view.faults.iter().map(|f| fault(view, f));
@@ -325,7 +324,7 @@ fn fault_lines(view: &View, width: usize, height: usize) -> Vec<Line<'static>> {
     let count = texts.len();
     for (i, (text, style)) in texts.into_iter().enumerate() {
         let parts = wrapped(&text, width);
-        // A line is kept for what is left out.
+        // One line is reserved for the count of texts without room.
         let kept = usize::from(i + 1 < count);
         if lines.len() + parts.len() + kept > height {
             lines.push(Line::raw(format!("and {} more", count - i)));
@@ -360,7 +359,7 @@ fn notices(view: &View) -> Vec<(String, Style)> {
     let mut conditions: Vec<_> = all
         .fold(Conditions::NONE, Conditions::union)
         .iter()
-        // A stop or cut is told by the heartbeats that give it as their reason.
+        // Stops and cuts are listed as faults, from the reason in a heartbeat.
         .filter(|condition| !condition.class().is_hard())
         .collect();
     conditions.sort_by_key(|condition| std::cmp::Reverse(condition.class()));
@@ -380,7 +379,7 @@ fn notices(view: &View) -> Vec<(String, Style)> {
     conditions.into_iter().map(text).collect()
 }
 
-/// Lines of at most this many characters, broken between words; a word that is longer stands alone.
+/// Breaks a text between words into lines of at most `width` characters; a longer word has a line of its own.
 fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
@@ -416,7 +415,7 @@ mod tests {
         (0..height).map(line).collect()
     }
 
-    /// All words, however they are broken into lines.
+    /// Words of the lines, separated by single spaces.
     fn words(lines: &[String]) -> String {
         let text = lines.join(" ");
         text.split_whitespace().collect::<Vec<_>>().join(" ")
@@ -476,7 +475,7 @@ mod tests {
             noticed: Conditions::NONE,
         };
         view.nodes = Topology::PAIR.nodes().map(node).collect();
-        // As every node says before the others are up.
+        // Every node reports this until the other nodes have started.
         view.nodes[1].noticed.set(Condition::NeighbourLost, true);
         view.seen.lead.mode = LeadMode::Hold;
         view.seen.lead.motion.v = 0.2;
@@ -505,7 +504,7 @@ mod tests {
     const SIZES: [(u16, u16); 3] = [(80, 24), (60, 20), (132, 50)];
 
     #[test]
-    fn everything_stands_there_in_full_at_any_size() {
+    fn every_value_is_shown_in_full_at_any_size() {
         for size in SIZES {
             let lines = picture(&view(), size);
             let text = words(&lines);
@@ -515,7 +514,7 @@ mod tests {
                 "Lead Active 40",
                 "FrontAxle Armed 40",
                 "RearAxle Idle 40",
-                "Beam not heard",
+                "Beam no heartbeat",
                 "front 123456 12 345",
                 "rear without a port",
                 "beam off",
@@ -547,7 +546,7 @@ mod tests {
     }
 
     #[test]
-    fn idle_driver_is_the_reason_of_a_stop() {
+    fn idle_driver_is_shown_as_reason_of_the_stop() {
         let mut view = view();
         view.nodes[1].noticed = Conditions::NONE;
         view.idle_stop = Some("no key for 5 s, so the robot stopped".to_owned());
@@ -564,7 +563,7 @@ mod tests {
             assert!(text.contains(low), "{size:?}: {}", lines.join("\n"));
             assert!(text.contains("RearAxle Fault 40 0x8a"), "{text}");
             assert!(!text.contains("none"));
-            // Told by the lead node, which is not in fault any more.
+            // Reported by the lead node, which has left the fault state.
             let told =
                 "0x83 neighbour stopped (Lead, 12.300 s, cleared): read the code of that node";
             assert!(text.contains(told), "{size:?}: {}", lines.join("\n"));
@@ -578,7 +577,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_room_is_counted_and_never_cut() {
+    fn faults_without_room_are_counted_and_never_cut() {
         let mut view = stopped();
         for node in &mut view.nodes {
             node.noticed = Conditions::NONE;
@@ -598,7 +597,7 @@ mod tests {
     }
 
     #[test]
-    fn a_node_that_is_no_longer_heard_is_not_shown_as_driving() {
+    fn node_without_heartbeats_is_shown_as_silent() {
         let mut view = view();
         view.time_s += 1.0;
         let text = words(&picture(&view, (80, 24)));
@@ -607,7 +606,7 @@ mod tests {
     }
 
     #[test]
-    fn a_terminal_that_is_too_small_says_so_and_none_is_too_small_to_draw() {
+    fn small_terminal_shows_the_needed_size_and_any_size_is_drawn() {
         let text = words(&picture(&view(), (40, 10)));
         assert!(text.contains("60 x 20") && text.contains("40 x 10") && text.contains("q: end"));
         let mut broken = view();

@@ -12,7 +12,7 @@ use ratatui::widgets::{Block, Borders};
 const HALF_TRACK_M: f64 = 0.16;
 /// Least half width and height of the map, m.
 const LEAST_M: f64 = 0.5;
-/// Scale of a standard deviation for 95 % of a plane distribution: √5.991.
+/// Scale of the standard deviations for 95 % of a normal distribution in the plane: √5.991.
 const SCALE_95: f64 = 2.4477;
 
 /// Draws the map.
@@ -61,7 +61,7 @@ pub fn draw(frame: &mut Frame, area: Rect, view: &View) {
     frame.render_widget(canvas, area);
 }
 
-/// Center and half size of the map, m, with the same scale in both directions: a cell is twice as high as wide.
+/// Center and half size of the map, m. Both axes have one scale; a character cell is twice as high as wide.
 fn bounds(view: &View, area: Rect) -> Option<([f64; 2], [f64; 2])> {
     let axles = view.seen.axles.iter().map(|axle| &axle.posture);
     let corners = axles.chain([&view.goal]);
@@ -88,7 +88,7 @@ fn bounds(view: &View, area: Rect) -> Option<([f64; 2], [f64; 2])> {
     Some((center, cells.map(|count| scale * count)))
 }
 
-/// Points of the ellipse that holds the midpoint with 95 %.
+/// Points of the 95 % ellipse of the midpoint.
 fn ellipse(view: &View) -> Vec<[f64; 2]> {
     let robot = &view.seen.lead.fused.robot;
     let [x, y] = [robot.posture.x, robot.posture.y].map(f64::from);
@@ -109,9 +109,9 @@ mod tests {
     use super::*;
     use core_algos::math::Posture;
 
-    /// Every point has the Mahalanobis distance of 95 %.
+    /// Every point has the squared Mahalanobis distance 5.991, the 95 % quantile of χ² with 2 degrees of freedom.
     #[test]
-    fn ellipse_has_the_distance_of_95_percent() {
+    fn ellipse_has_the_mahalanobis_distance_of_95_percent() {
         let mut view = View::default();
         let robot = &mut view.seen.lead.fused.robot;
         robot.posture = Posture::new(1.0, -2.0, 0.3);

@@ -1,9 +1,7 @@
-//! A run on the terminal while it goes: states of the nodes, faults and what to do about them,
-//! links, estimate and motion.
+//! Dashboard of a run on the terminal: states of the nodes, faults with remedies, links, estimate and motion.
 //!
-//! [`view`] is what is shown, [`draw`] the picture of it, a pure function; [`terminal`] draws it from
-//! a thread of its own, so that neither a slow terminal nor a board that does not answer holds up the
-//! other.
+//! [`view`] holds the data, [`draw`] draws them (a pure function), [`terminal`] shows the picture. The terminal has a
+//! thread of its own: a slow terminal does not delay the run, and a board without answer does not delay the display.
 
 pub mod draw;
 mod map;
@@ -27,39 +25,39 @@ use view::View;
 /// Epochs between two views: 20 a second.
 const EPOCHS: u64 = 5;
 
-/// Points of the trail, at most.
+/// Largest number of points of the trail.
 const TRAIL: usize = 400;
-/// Time between looks at the keys after the run.
+/// Polling interval of the keys after the run.
 const AFTER: Duration = Duration::from_millis(20);
 
-/// An error if there is no terminal to draw on.
+/// Fails if standard input or output is not a terminal.
 pub fn check() -> Result<(), Error> {
     match is_interactive() {
         true => Ok(()),
         false => Err(Error::input(
-            "--dashboard: standard input and output must be a terminal; leave it out where they \
-             are a file or a pipe",
+            "--dashboard: standard input and output must be a terminal; leave out --dashboard with \
+             a file or a pipe",
         )),
     }
 }
 
-/// An observer that shows the run on the terminal.
+/// Observer that shows the run on the terminal.
 pub struct Dashboard {
     terminal: Terminal,
     keyboard: Keyboard,
     /// Latest view, with the title and the goal of the run.
     view: View,
     epochs: u64,
-    /// The true midpoint an epoch ago, when the latest estimate holds.
+    /// True midpoint one epoch ago, the instant of the latest estimate.
     before: Option<[f64; 3]>,
     /// Estimated path of the midpoint.
     trail: Thinned<[f64; 2]>,
-    /// Ends the run.
+    /// Ends the run if true.
     interrupt: Arc<AtomicBool>,
 }
 
 impl Dashboard {
-    /// Takes the terminal until this is dropped.
+    /// Opens the dashboard; dropping the dashboard restores the terminal.
     pub fn open(
         title: impl Into<String>,
         robot: Topology,
@@ -86,7 +84,7 @@ impl Dashboard {
 
 impl Observer for Dashboard {
     fn epoch(&mut self, robot: &dyn Robot, record: &Record) -> Result<(), Error> {
-        // A drive by hand ends by itself.
+        // After q, a drive by keyboard stops the robot and ends the run itself.
         let by_itself = self.keyboard.drives() && !self.keyboard.is_interrupted();
         if self.keyboard.is_ended() && !by_itself {
             self.interrupt.store(true, Relaxed);
@@ -108,7 +106,7 @@ impl Observer for Dashboard {
         Ok(())
     }
 
-    /// The last view stays until the user leaves it.
+    /// Shows the last view until the user presses q.
     fn ended(&mut self, text: &str) {
         self.view.end = Some(text.to_owned());
         self.terminal.show(self.view.clone());

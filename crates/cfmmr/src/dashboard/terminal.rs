@@ -1,5 +1,4 @@
-//! The terminal: drawn and listened to by a thread of its own, and given back as it was, after a
-//! panic too.
+//! Thread that draws on the terminal and reads its keys. The terminal is restored at the end and after a panic.
 
 use super::draw::draw;
 use super::view::View;
@@ -17,13 +16,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-/// Time from one picture to the next.
+/// Period of the pictures.
 const PICTURE: Duration = Duration::from_millis(50);
 
-/// Longest time that the thread gets to leave the terminal.
+/// Timeout of the thread's end.
 const LEAVING: Duration = Duration::from_secs(1);
 
-/// The terminal while it shows a run.
+/// Terminal that shows a run.
 pub struct Terminal {
     shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
@@ -32,12 +31,12 @@ pub struct Terminal {
 struct Shared {
     view: Mutex<View>,
     keyboard: Keyboard,
-    /// The run has ended.
+    /// True if the run has ended.
     over: AtomicBool,
 }
 
 impl Terminal {
-    /// Takes the terminal and shows `view` until there is another one.
+    /// Takes the terminal and shows `view` until [`Self::show`] replaces it.
     pub fn open(view: View, keyboard: Keyboard) -> Result<Self, Error> {
         super::check()?;
         let terminal = ratatui::try_init().map_err(|error| {
@@ -59,7 +58,7 @@ impl Terminal {
         })
     }
 
-    /// Shows this from now on.
+    /// Replaces the view.
     pub fn show(&self, view: View) {
         *self
             .shared
@@ -84,7 +83,7 @@ impl Drop for Terminal {
 
 impl Shared {
     fn run(&self, terminal: DefaultTerminal) {
-        // The library's own end panics where the terminal is gone.
+        // Dropping a ratatui terminal panics if the terminal is gone.
         let mut terminal = ManuallyDrop::new(terminal);
         self.draw(&mut terminal);
         let _ = terminal.show_cursor();
@@ -98,12 +97,12 @@ impl Shared {
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner)
                 .clone();
-            // A paused run shows nothing new, but keys act.
+            // A paused run sends no views, so the effect of keys is added here.
             view.pace = view.pace.map(|_| self.keyboard.pace());
             view.hand = self.keyboard.drives().then(|| self.keyboard.hand());
             view.idle_stop = self.keyboard.idle_stop();
             let drawn = terminal.draw(|frame| draw(frame, &view)).map(|_| ());
-            // Without a terminal nobody sees the run.
+            // Without a terminal the run ends.
             if drawn.and_then(|()| self.listen(next)).is_err() {
                 self.keyboard.press(Key::Interrupt);
                 return;
@@ -111,7 +110,7 @@ impl Shared {
         }
     }
 
-    /// Takes in keys until the next picture is due.
+    /// Reads keys until the next picture is due.
     fn listen(&self, next: Instant) -> io::Result<()> {
         loop {
             let left = next.saturating_duration_since(Instant::now());
@@ -127,7 +126,7 @@ impl Shared {
             };
             let key = key_of(&pressed);
             if matches!(key, Some(Key::End | Key::Interrupt)) && self.keyboard.is_ended() {
-                // Asked twice: the run does not get to the end of its epoch.
+                // The second request ends the process at once: the run did not reach the end of its epoch.
                 let _ = ratatui::try_restore();
                 interrupt::end_at_once();
             }
@@ -138,8 +137,8 @@ impl Shared {
     }
 }
 
-/// Waits for input of the terminal, or a signal; false if none came in time. An error if the terminal is gone: the
-/// library that reads keys would look for one without end.
+/// Waits for terminal input or a signal; false after `limit`. Fails if the terminal is gone, because crossterm would
+/// poll forever.
 fn await_input(limit: Duration) -> io::Result<bool> {
     let gone = PollFlags::ERR | PollFlags::HUP | PollFlags::NVAL;
     let input = io::stdin();

@@ -1,4 +1,4 @@
-//! What the dashboard shows.
+//! Data that the dashboard shows.
 
 use core_algos::safety::{Conditions, OperatingState};
 use core_algos::topology::Role;
@@ -9,7 +9,7 @@ use host_sim::run::recovery::{Monitor, Status};
 use host_sim::run::robot::{Record, Robot};
 use host_sim::targets::BoardTraffic;
 
-/// A node at one instant.
+/// State of a node at one instant.
 #[derive(Clone, Debug, Default)]
 pub struct NodeView {
     /// Name.
@@ -20,47 +20,47 @@ pub struct NodeView {
     pub noticed: Conditions,
 }
 
-/// A run at one instant.
+/// State of a run at one instant.
 #[derive(Clone, Debug, Default)]
 pub struct View {
     /// Title of the run.
     pub title: String,
     /// Simulated time, s.
     pub time_s: f64,
-    /// Ticks that began more than a tick late.
+    /// Number of ticks that began more than one tick late.
     pub late_ticks: u32,
-    /// The most a tick was late, s.
+    /// Largest delay of a tick, s.
     pub most_late_s: f64,
     /// Nodes of the robot.
     pub nodes: Vec<NodeView>,
     /// Names of the axles, front first.
     pub axles: Vec<&'static str>,
-    /// Stops and cuts so far, the first heartbeat that told of each; the first is the cause.
+    /// First heartbeat with each stop or cut so far; the first entry is the cause.
     pub faults: Vec<Status>,
     /// Links to the boards.
     pub boards: Vec<BoardTraffic>,
     /// Bus between the boards.
     pub bus: BusStatistics,
-    /// True posture of the midpoint when the lead node's estimate holds: m, m, rad.
+    /// True posture of the midpoint at the instant of the lead's estimate: m, m, rad.
     pub truth: [f64; 3],
     /// Goal of the midpoint: m, m, rad.
     pub goal: [f64; 3],
-    /// State: the estimate in place of an unknown truth.
+    /// Latest record; the estimate replaces an unknown truth.
     pub seen: Record,
     /// Estimated path of the midpoint, m.
     pub trail: Vec<[f64; 2]>,
-    /// Pause and speed of a simulation.
+    /// True if a simulation is paused, and its speed in multiples of real time.
     pub pace: Option<(bool, f64)>,
-    /// Command of a drive by hand.
+    /// Command of a drive by keyboard.
     pub hand: Option<Hand>,
-    /// Reason why a robot that is driven by hand stopped, if its driver was idle.
+    /// Message that the robot stopped because no key was pressed, in a drive by keyboard.
     pub idle_stop: Option<String>,
-    /// End of the run, once it is over.
+    /// Text of the end, after the run.
     pub end: Option<String>,
 }
 
 impl View {
-    /// The state of a robot at the end of an epoch.
+    /// View of a robot at the end of an epoch.
     pub fn of(robot: &dyn Robot, record: &Record) -> Self {
         let monitor = robot.monitor();
         let pace = robot.control().pace.as_ref();
@@ -77,7 +77,7 @@ impl View {
         }
     }
 
-    /// The nodes as far as a monitor has seen them, before the first epoch.
+    /// View before the first epoch: the nodes as the monitor has received them.
     pub fn before(monitor: &Monitor) -> Self {
         let topology = monitor.topology;
         let axle = |axle| topology.name(Role::Axle(axle));
@@ -94,7 +94,7 @@ impl View {
     }
 }
 
-/// The first heartbeat of each node that told of each stop or cut.
+/// First heartbeat of each node with each stop or cut.
 fn faults(changes: &[Status]) -> Vec<Status> {
     let mut found: Vec<Status> = Vec::new();
     let stopped = |status: &&Status| {

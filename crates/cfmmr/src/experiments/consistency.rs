@@ -1,9 +1,8 @@
-//! Consistency of the fused estimates: their errors against their covariances.
+//! Consistency of the fused estimates: errors against covariances.
 //!
-//! The measure is the normalised estimation error squared, NEES = eᵀ P⁻¹ e, of both axles and of
-//! O (three degrees of freedom each), on the full plant. If the errors are normal with the
-//! covariance claimed, its mean over N runs lies in a band that follows from χ² with 3 N degrees
-//! of freedom. Above the band an estimator claims too much; below it, it is cautious.
+//! The measure is the normalised estimation error squared, NEES = eᵀ P⁻¹ e, of both axles and of O on the full plant;
+//! each has three degrees of freedom. For normal errors with covariance P, the mean NEES of N runs lies in the band of
+//! χ² with 3 N degrees of freedom. A mean above the band is an overconfident estimator, below the band a cautious one.
 
 use crate::experiments::posture::Variant;
 use crate::experiments::{Context, Seeds, Workers};
@@ -29,13 +28,13 @@ use view::style::{BAND, series};
 pub const DEGREES: usize = 3;
 /// Probability of the band and of the quantile.
 pub const PROBABILITY: f64 = 0.95;
-/// Evaluated bodies, in the order of every array here.
+/// Evaluated bodies, in the order of all arrays in this module.
 pub const BODIES: [&str; 3] = ["front", "rear", "O"];
-/// Epochs between two instants at which the runs are compared.
+/// Epochs between two evaluated instants; next constant: this time in s.
 const INTERVAL: usize = 50;
 const INTERVAL_S: f64 = 0.5;
 
-/// One estimate against the truth of its instant.
+/// Estimate against the truth at its instant.
 #[derive(Clone, Copy, Debug, Default)]
 struct Check {
     nees: f64,
@@ -53,7 +52,7 @@ impl Check {
     }
 }
 
-/// One run: every [`INTERVAL`] epochs of the task, and at its end.
+/// Checks of one run, every [`INTERVAL`] epochs and at the end.
 #[derive(Clone, Debug, Default)]
 struct Run {
     path: Vec<[Check; 3]>,
@@ -62,8 +61,7 @@ struct Run {
     ended: RunEnd,
 }
 
-/// Follows a run. An estimate speaks of the beginning of the epoch in which it was made, one
-/// record before the one that carries it.
+/// Collects the checks of a run. An estimate is for the beginning of its epoch, so its truth is in the record before.
 struct Observer {
     run: Run,
     before: Option<Record>,
@@ -107,11 +105,11 @@ impl Observer {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Place {
-    /// Below the band: cautious.
+    /// Below the band: errors smaller than claimed.
     Below,
     /// In the band.
     Inside,
-    /// Above the band: claims too much.
+    /// Above the band: errors larger than claimed.
     Above,
 }
 
@@ -128,20 +126,20 @@ impl Place {
     }
 }
 
-/// Consistency of a configuration, by the NEES of both axles at the end of the runs.
+/// Verdict on a configuration, from the NEES of both axles at the end of the runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Statement {
-    /// Both inside the band: as good as it claims.
+    /// Both axles inside the band.
     Consistent,
-    /// None above the band, one or both below: better than it claims.
+    /// No axle above the band, at least one below.
     Cautious,
-    /// One or both above the band: worse than it claims.
+    /// At least one axle above the band.
     Overconfident,
 }
 
 impl Statement {
-    /// The verdict on two axles.
+    /// Verdict from the positions of both axles.
     pub fn of(axles: [Place; 2]) -> Self {
         if axles.contains(&Place::Above) {
             Self::Overconfident
@@ -154,25 +152,25 @@ impl Statement {
 
     fn words(self) -> &'static str {
         match self {
-            Self::Consistent => "consistent (inside band)",
+            Self::Consistent => "consistent (in band)",
             Self::Cautious => "cautious (below)",
             Self::Overconfident => "overconfident (above)",
         }
     }
 }
 
-/// All runs of one configuration at one instant: one axle, or O.
+/// Consistency of one body over all runs of a configuration at one instant.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Honesty {
     /// Mean NEES.
     pub nees: f64,
     /// Position against the band.
     pub band: Place,
-    /// Share of the runs whose NEES is at most the χ² quantile.
+    /// Share of the runs with a NEES of at most the χ² quantile.
     pub within: f64,
     /// Root mean square error: x, y (m), heading (rad).
     pub rms: [f64; 3],
-    /// Root of the mean variance claimed: x, y (m), heading (rad).
+    /// Root of the mean estimated variance: x, y (m), heading (rad).
     pub claimed: [f64; 3],
 }
 
@@ -226,7 +224,7 @@ impl Instant {
     }
 }
 
-/// One configuration.
+/// Result of one configuration.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     /// True if the relative position sensor was fitted.
@@ -237,22 +235,21 @@ pub struct Row {
     pub fusion: &'static str,
     /// Consistency.
     pub statement: Statement,
-    /// Numbers of runs by end; every run counts, whatever its end.
+    /// Numbers of runs by end. Every run is evaluated, whatever its end.
     pub ends: Ends,
-    /// At the end of the runs, wherever that is in time: `time_s` is its mean.
+    /// End of the runs; `time_s` is the mean end time.
     pub end: Instant,
-    /// Means of the NEES of front, rear and O over the path.
+    /// Mean NEES of front, rear and O over runs and instants of the path.
     pub path_mean: [f64; 3],
-    /// Share of the instants of the path at which the NEES of both axles lies above the band.
+    /// Share of the instants at which the mean NEES of both axles is above the band.
     pub path_above: f64,
-    /// Mean of the beam's normalised innovation squared, where the fusion uses the beam: 3 for a
-    /// filter that knows the correlations.
+    /// Mean NIS of the beam's measurements; `None` if the fusion does not use the beam.
     pub beam_nis: Option<f64>,
-    /// Every half second, as long as all runs last.
+    /// Every half second, until the shortest run ends.
     pub path: Vec<Instant>,
 }
 
-/// The result of the command.
+/// Result of the command.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// Runs of each configuration.
@@ -261,15 +258,15 @@ pub struct Report {
     pub degrees: usize,
     /// Probability of band and quantile.
     pub probability: f64,
-    /// Band of the mean over the runs.
+    /// Band of the mean NEES over the runs.
     pub band: [f64; 2],
-    /// Value that the NEES of one run stays below.
+    /// χ² quantile: bound of the NEES of one run.
     pub quantile: f64,
     /// The configurations.
     pub rows: Vec<Row>,
 }
 
-/// Runs of each configuration of a scenario.
+/// Runs each configuration of a scenario and evaluates the NEES.
 pub fn measure(
     workers: &Workers,
     scenario: &Scenario,
@@ -388,7 +385,7 @@ fn csv(report: &Report) -> Csv {
 /// Fusions of the picture, in the order of their colours.
 const FUSIONS: [&str; 4] = ["joint", "odometry", "intersection", "intersection-ipec"];
 
-/// NEES over time: the axles above each other, without inertial sensors left and with them right.
+/// NEES over time: one row of panels per body, left without and right with inertial sensors.
 fn figure(report: &Report) -> Figure {
     let last = report.rows.iter().filter_map(|row| row.path.last());
     let last = last.fold(1.0, |most: f64, instant| most.max(instant.time_s));
@@ -430,7 +427,7 @@ fn table(report: &Report, variants: &[Variant]) -> String {
     let [low, high] = report.band;
     let mut table = Table::new([
         "",
-        "claims are",
+        "verdict",
         "front",
         "rear",
         "O",
@@ -453,9 +450,9 @@ fn table(report: &Report, variants: &[Variant]) -> String {
     format!(
         "NEES of the estimated postures (3 degrees of freedom), {} runs a row; consistent: {low:.2} \
          to {high:.2}\n\n{table}\n\
-         claims are: NEES of both axles against the 95 % band. front, rear, O: mean over all runs at \
-         their end, expected 3.\nbelow 7.81: share of runs within the 95 % ellipsoid (the worse axle). path: \
-         mean over the runs and every\nhalf second. beam NIS: normalised innovation squared of the \
+         verdict: NEES of both axles against the 95 % band. front, rear, O: mean NEES at the end of the \
+         runs, expected 3.\nbelow 7.81: share of runs within the 95 % ellipsoid (the worse axle). path: \
+         mean over runs and time, every\nhalf second. beam NIS: normalised innovation squared of the \
          beam, expected {NIS_EXPECTED}.\n",
         report.runs
     )
@@ -475,7 +472,7 @@ mod tests {
     use core_algos::math::Posture;
 
     #[test]
-    fn squared_error_is_measured_in_standard_deviations() {
+    fn nees_sums_squared_errors_in_standard_deviations() {
         let estimate = Estimate::with_sigmas(Posture::new(1.0, 2.0, 3.1), [0.1, 0.2, 0.05]);
         // One, two and three standard deviations, the heading across half a turn.
         let truth = [0.9, 2.4, 3.1 - 0.15 + std::f64::consts::TAU];
@@ -484,8 +481,8 @@ mod tests {
     }
 
     #[test]
-    fn squared_error_does_not_depend_on_the_axes() {
-        // The same ellipse and error, turned by an angle.
+    fn nees_is_invariant_under_rotation() {
+        // Ellipse and error rotated by one angle.
         let (s, c) = 0.7f64.sin_cos();
         let turned = |x: f64, y: f64| [c * x - s * y, s * x + c * y];
         let (a, b) = (0.04f64, 0.01f64);
@@ -511,7 +508,7 @@ mod tests {
     }
 
     #[test]
-    fn one_axle_above_the_band_is_enough_to_claim_too_much() {
+    fn one_axle_above_the_band_is_overconfident() {
         let band = [2.5, 3.5];
         let statement = |nees: [f64; 2]| Statement::of(nees.map(|mean| Place::of(mean, band)));
         assert_eq!(statement([3.0, 3.4]), Statement::Consistent);

@@ -1,4 +1,4 @@
-//! Every fault of the catalogue, at several times and with several seeds.
+//! Campaign of faults: every fault of the catalogue at several times and with several seeds.
 
 use core_algos::safety::Condition;
 use host_sim::base::error::Error;
@@ -15,10 +15,10 @@ use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::sync::atomic::Ordering::Relaxed;
 
-/// Times of a fault, ms after the press of the button: during the start, and under way.
+/// Times of a fault on virtual boards, ms after the button is pressed: during the start, and under way.
 const TIMES: [u64; 3] = [400, 900, 1600];
-/// Times of a fault of a robot whose boards run in this process, ms after the start of the task: during planning and
-/// start, under way with the frame bent, and close to the goal.
+/// Times of a fault on in-process boards, ms after the start of the task: during planning and start, under way with the
+/// frame bent, and close to the goal.
 const MODEL_TIMES: [u64; 3] = [300, 4000, 9000];
 /// All runs of one fault.
 #[derive(Clone, Debug, Serialize)]
@@ -27,18 +27,18 @@ pub struct Row {
     pub fault: &'static str,
     /// Place of the fault.
     pub seam: &'static str,
-    /// Times of the fault.
+    /// Number of times of the fault.
     pub times: usize,
-    /// Cases of a board by itself.
+    /// Number of cases in runs of a single board.
     pub cases: usize,
-    /// True if the fault silences the bus: the first of [`SILENCE`] depends on the phase of the bus.
+    /// True if the fault silences the bus: the phase of the bus decides which code of [`SILENCE`] comes first.
     #[serde(skip)]
     pub silences: bool,
-    /// Longest time allowed to all motors off, s, if the robot may stop.
+    /// Time limit until all motors are off, s; `None` if the robot must not stop.
     pub off_within_s: Option<f64>,
-    /// Longest time allowed to the last pulse of the struck axle, s.
+    /// Time limit until the last pulse of the affected axle, s.
     pub own_within_s: Option<f64>,
-    /// Each run.
+    /// Outcome of each run.
     pub outcomes: Vec<Outcome>,
 }
 
@@ -115,23 +115,23 @@ impl Row {
     }
 }
 
-/// The result of the campaign.
+/// Result of the campaign.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// World of the runs; in JSON it stands in the run.
+    /// World of the runs; in JSON a field of `run`.
     #[serde(skip)]
     pub world: String,
-    /// Seeds 1 to this.
+    /// Number of seeds, from seed 1.
     pub seeds: u64,
     /// True if Ctrl-C ended the campaign early.
     #[serde(skip)]
     pub interrupted: bool,
-    /// Fault by fault.
+    /// Results by fault.
     pub rows: Vec<Row>,
 }
 
 impl Report {
-    /// The page.
+    /// Report as Markdown.
     pub fn markdown(&self) -> String {
         let seconds = |[a, b, c]: [u64; 3]| {
             let [a, b, c] = [a, b, c].map(|ms| ms as f64 * 1e-3);
@@ -187,7 +187,7 @@ impl Report {
         self.rows.iter().map(|row| row.wrong().count()).sum()
     }
 
-    /// Each wrong run, in words.
+    /// Text with a line for each failed run.
     pub fn complaints(&self) -> String {
         let mut text = String::new();
         for row in &self.rows {
@@ -199,7 +199,8 @@ impl Report {
         text
     }
 
-    /// The first row that is not in the committed page, or, of few runs, has an end that the page does not.
+    /// First row that differs from the committed page; with `few` runs, first row with an end or code that the page's
+    /// row lacks.
     pub fn unexpected(&self, committed: &str, few: bool) -> Option<String> {
         self.rows.iter().map(Row::markdown).find(|row| {
             let known = committed.lines().any(|line| match few {
@@ -211,7 +212,7 @@ impl Report {
     }
 }
 
-/// True if a row of the page contains all ends and codes of a row of fewer runs.
+/// True if a row of the page contains all kinds of ends and all codes of `row`, which has fewer runs.
 fn covers(page: &str, row: &str) -> bool {
     let cells =
         |row: &str| -> Vec<String> { row.split('|').map(|c| c.trim().to_owned()).collect() };
@@ -232,7 +233,7 @@ fn covers(page: &str, row: &str) -> bool {
             .all(|code| code.is_empty() || known_codes.contains(&code))
 }
 
-/// Every run of these faults.
+/// All runs of the given faults.
 fn cases<'a>(entries: &[&'a Entry], seeds: u64, quick: bool) -> Vec<Case<'a>> {
     let mut cases = Vec::new();
     for entry in entries {
@@ -252,7 +253,7 @@ fn cases<'a>(entries: &[&'a Entry], seeds: u64, quick: bool) -> Vec<Case<'a>> {
     cases
 }
 
-/// Does all runs on the threads of the current pool.
+/// Executes all runs on the threads of the current pool.
 pub fn campaign(campaign: &Campaign, entries: &[&Entry], seeds: u64) -> Result<Report, Error> {
     let all = cases(entries, seeds, campaign.quick);
     let progress = Progress::new(all.len(), "runs");
@@ -301,7 +302,7 @@ pub fn campaign(campaign: &Campaign, entries: &[&Entry], seeds: u64) -> Result<R
     })
 }
 
-/// The robot with everything fitted, on tyres that roll with a little resistance: with its motors off it comes to rest.
+/// Scenario with all sensors fitted and rolling resistance, so that the robot comes to rest with its motors off.
 pub fn scenario(world: Option<&str>) -> Result<Scenario, Error> {
     let mut scenario = Scenario::in_world(world)?;
     let plant = &mut scenario.world.plant;

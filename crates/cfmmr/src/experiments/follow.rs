@@ -21,7 +21,7 @@ use view::figures;
 use view::figures::{FollowErrors, FollowRun, Snapshot};
 use view::page;
 
-/// A path that is wanted.
+/// Path with options from the command line.
 #[derive(Clone, Debug)]
 pub struct Wanted {
     /// Line, circle, figure-eight, or a CSV file of waypoints.
@@ -30,23 +30,23 @@ pub struct Wanted {
     pub size: Option<f64>,
     /// Number of laps of a closed path.
     pub laps: u32,
-    /// Largest speed along the path, m/s; the scenario's without.
+    /// Largest speed along the path, m/s [default: the scenario's].
     pub speed_m_s: Option<f64>,
-    /// Start posture of the midpoint O; on the first point of the path, along it, without.
+    /// Start posture of the midpoint O, m, m, rad [default: on the first point of the path, along it].
     pub start: Option<[f64; 3]>,
 }
 
-/// Most epochs that are kept of a run for log and picture.
+/// Largest number of epochs kept for log and picture.
 pub const MOST_ROWS: usize = 20_000;
-/// Least distance between two robots in the picture, m.
+/// Smallest distance between two robots in the picture, m.
 const APART_M: f64 = 0.65;
 
-/// The result of the commands.
+/// Result of the commands.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// The path as given.
+    /// Name or file of the path, as typed.
     pub path: String,
-    /// Its length over all laps, m.
+    /// Length of the path over all laps, m.
     pub length_m: f64,
     /// Largest speed, m/s.
     pub speed_m_s: f64,
@@ -59,11 +59,11 @@ pub struct Report {
     /// Errors of the true midpoint.
     #[serde(flatten)]
     pub truth: Errors,
-    /// Errors of the midpoint as the robot estimated it.
+    /// Errors of the estimated midpoint.
     pub estimate: Errors,
     /// Largest |curvature| of the path, 1/m.
     pub path_curvature: f64,
-    /// Largest true |curvature| of the midpoint's way, 1/m.
+    /// Largest true |curvature| of the midpoint's track, 1/m.
     pub max_curvature: f64,
     /// Curvature bound of the frame, 1/m.
     pub curvature_bound: f64,
@@ -71,7 +71,7 @@ pub struct Report {
     pub end: RunEnd,
 }
 
-/// Name of the command, and what it does.
+/// Name and title of the command.
 pub fn names(path_mode: PathMode) -> (&'static str, &'static str) {
     match path_mode {
         PathMode::Follow => ("follow", "Path following"),
@@ -79,10 +79,10 @@ pub fn names(path_mode: PathMode) -> (&'static str, &'static str) {
     }
 }
 
-/// A path and how it is to be driven.
+/// Path, route and speed of a drive.
 #[derive(Clone, Debug)]
 pub struct Course {
-    /// As given.
+    /// Name or file of the path, as typed.
     pub name: String,
     /// One lap.
     pub path: Path,
@@ -92,17 +92,20 @@ pub struct Course {
     pub speed_m_s: f64,
 }
 
-/// Keys that the path decides.
+/// Scenario keys that the path replaces.
 pub const PATH: Taken = &[
     ("mission.start", "along a path: use --from"),
-    ("mission.goal", "along a path: the path ends there"),
+    (
+        "mission.goal",
+        "along a path: the end of the path is the goal",
+    ),
     (
         "mission.time_limit_s",
-        "along a path: the expected duration decides",
+        "along a path: the limit follows from the expected duration",
     ),
 ];
 
-/// Reads path, speed and start, and writes them into the scenario.
+/// Reads path, speed and start, checks them and writes them into the scenario.
 pub fn prepare(wanted: &Wanted, scenario: &mut Scenario) -> Result<Course, Error> {
     let path = paths::named(&wanted.path, ("--size", wanted.size))
         .map_err(|error| Error::input(format!("--path {}: {error}", wanted.path)))?;
@@ -206,7 +209,7 @@ pub fn publish(
     Ok((table(&heading, &report, outcome), report, files))
 }
 
-/// A run for its picture.
+/// Data of the run's picture.
 fn followed(
     route: &Route,
     path_mode: PathMode,
@@ -264,7 +267,7 @@ fn summary(report: &Report) -> Vec<(String, String)> {
     ]
 }
 
-/// Every n-th moment, so that a curve has at most this many points.
+/// Largest number of points of a curve.
 const MOST_POINTS: usize = 2_000;
 
 fn over_time(
@@ -288,7 +291,7 @@ fn over_time(
     errors
 }
 
-/// The robot at the start, at the end and between, where it does not stand on another one.
+/// Robot at the start, at the end and between, at least [`APART_M`] apart.
 fn snapshots(records: &[Record]) -> Vec<Snapshot> {
     let mut shown: Vec<&Record> = Vec::new();
     for share in [0.0, 1.0, 0.33, 0.67, 0.17, 0.83, 0.5] {
@@ -330,7 +333,7 @@ fn table(heading: &str, report: &Report, outcome: &Outcome) -> String {
         "",
         "rms (mm)",
         "max (mm)",
-        "max across (mm)",
+        "max lateral (mm)",
         "rms heading (°)",
         "final (mm)",
         "final heading (°)",

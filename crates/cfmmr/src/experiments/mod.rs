@@ -1,8 +1,8 @@
-//! Experiments: what is run, its table and its files. They use no parser of arguments.
+//! Experiments: runs, tables and files. Command line parsing is in [`cli`](crate::cli).
 //!
 //! Trials are functions of a [`Scenario`] and [`Seeds`], computed by [`Workers`]: see
-//! [`posture::trials::run`] and [`consistency::measure`]. [`run`] carries out one task, here or on boards
-//! elsewhere. [`Context`] is what a command gives an experiment, and where its result goes.
+//! [`posture::trials::run`] and [`consistency::measure`]. [`run`] drives one mission on in-process, virtual or real
+//! boards. [`Context`] holds the inputs of an experiment and the destination of its result.
 
 pub mod calibrate;
 pub mod campaign;
@@ -34,14 +34,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
-/// So many threads; without a number one a core.
+/// Thread pool; `None`: one thread per core.
 pub fn pool(threads: Option<u16>) -> Result<rayon::ThreadPool, Error> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.map_or(0, usize::from));
     pool.build()
         .map_err(|error| Error::Failure(error.to_string()))
 }
 
-/// Seeds of trials: trial n, from 0, has the draws of seed and n.
+/// Seeds of trials: trial n, from 0, draws from `seed` and n.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Seeds {
     /// Seed of all draws.
@@ -50,14 +50,14 @@ pub struct Seeds {
     pub trials: usize,
 }
 
-/// Threads of an experiment, and the flag that ends it early.
+/// Threads of an experiment, and the flag that ends the experiment early.
 pub struct Workers {
     interrupt: Arc<AtomicBool>,
     pool: rayon::ThreadPool,
 }
 
 impl Workers {
-    /// So many threads; without a number one a core. Ctrl-C sets the flag.
+    /// Starts the threads; `None`: one per core. Ctrl-C sets the flag.
     pub fn new(threads: Option<u16>) -> Result<Self, Error> {
         Ok(Self {
             interrupt: watch_for_interrupt()?,
@@ -65,7 +65,7 @@ impl Workers {
         })
     }
 
-    /// A flag that Ctrl-C sets.
+    /// Flag that Ctrl-C sets.
     pub fn interrupt(&self) -> &Arc<AtomicBool> {
         &self.interrupt
     }
@@ -75,8 +75,8 @@ impl Workers {
         self.interrupt.load(Relaxed)
     }
 
-    /// Runs `count` independent pieces of work on all threads; results in order of their index, none of
-    /// the pieces that an interrupt left undone; the first error by index if any failed.
+    /// Runs `count` independent pieces of work on all threads. Returns results by index, `None` for pieces that an
+    /// interrupt skipped, or the first error by index.
     pub fn run<T: Send>(
         &self,
         label: &'static str,
@@ -87,7 +87,7 @@ impl Workers {
         let results: Vec<Result<Option<T>, Error>> = self.pool.install(|| {
             (0..count)
                 .into_par_iter()
-                // A thread that is done takes over single pieces: no other is left with a long rest.
+                // Single pieces balance the load at the end.
                 .with_max_len(1)
                 .map(|index| {
                     if self.is_interrupted() {
@@ -102,7 +102,8 @@ impl Workers {
         results.into_iter().collect()
     }
 
-    /// Runs `count` trials of each row, trial by trial, so that an interrupt leaves trials of every row.
+    /// Runs `count` trials of each row. All rows run trial n before trial n + 1, so an interrupted command has trials
+    /// of every row.
     pub fn run_rows<T: Send>(
         &self,
         trials: &'static str,
@@ -124,13 +125,13 @@ impl Workers {
 pub struct Inputs {
     /// The scenario with the changes of the command line.
     pub scenario: Scenario,
-    /// Keys of the scenario that the command line and the scenario file name.
+    /// Scenario keys set by the command line and the scenario file.
     pub given: GivenKeys,
     /// Seed of all draws.
     pub seed: u64,
-    /// Number of threads; one a core without.
+    /// Number of threads [default: one per core].
     pub threads: Option<u16>,
-    /// Folder for result files; `out/COMMAND` without.
+    /// Folder for result files [default: `out/COMMAND`].
     pub out: Option<PathBuf>,
     /// Destination of the result as JSON.
     pub json: Json,
@@ -142,7 +143,7 @@ pub struct Context {
     pub scenario: Scenario,
     /// Seed of all draws.
     pub seed: u64,
-    /// The command.
+    /// Name of the command.
     pub name: String,
     /// Threads.
     pub workers: Workers,
@@ -153,7 +154,8 @@ pub struct Context {
 }
 
 impl Context {
-    /// Prepares threads and output of a command. Standard error names what the robot believes otherwise than it is.
+    /// Prepares threads and output of a command. Prints notices on standard error if configured and true values of the
+    /// robot differ.
     pub fn new(name: &str, inputs: Inputs) -> Result<Self, Error> {
         let Inputs {
             scenario,
@@ -168,7 +170,7 @@ impl Context {
         }
         let workers = Workers::new(threads)?;
         let out = out.unwrap_or_else(|| PathBuf::from("out").join(name));
-        // Refused before the computation rather than after it.
+        // An unusable folder is refused before the computation.
         let reserved = Reserved::new(&out);
         Ok(Self {
             scenario,
@@ -182,7 +184,7 @@ impl Context {
         })
     }
 
-    /// Seeds of so many trials.
+    /// Seeds of `trials` trials.
     pub fn seeds(&self, trials: usize) -> Seeds {
         Seeds {
             seed: self.seed,
@@ -195,33 +197,36 @@ impl Context {
         format!("cfmmr {}, seed {}, {BUILD}", self.name, self.seed)
     }
 
-    /// Refuses keys of `--set` that have an effect in none of the runs. Such keys of the scenario file are reported.
+    /// Refuses keys of `--set` without effect in any of the runs, and reports such keys of the scenario file.
     pub fn check_keys(&self, taken: Taken, runs: &[effect::Run]) -> Result<(), Error> {
         self.given.check(taken, runs)
     }
 
-    /// Refuses keys of `--set` that a real robot has no use for: its parameters are those of its boards.
+    /// Refuses keys of `--set` without effect on a real robot, whose parameters are in its boards.
     pub fn check_mission_keys(&self) -> Result<(), Error> {
-        let rps = ("mission.rps", "for a real robot: it has its sensors");
+        let rps = (
+            "mission.rps",
+            "for a real robot: the fitted sensors are used",
+        );
         self.given.check(&[rps], &[])?;
         self.given.check_only(
             "mission",
-            "for a real robot: its boards have their parameters, see `cfmmr params`",
+            "for a real robot: set parameters in its boards by `cfmmr params`",
         )
     }
 
-    /// Path of the directory for result files.
+    /// Path of the folder for result files.
     pub fn folder(&self) -> &Path {
         &self.out
     }
 
-    /// The directory for result files.
+    /// Creates the folder for result files.
     pub fn output(&self) -> Result<OutputDir, Error> {
         OutputDir::create(&self.out).map_err(|error| Error::input(format!("--out: {error}")))
     }
 
-    /// Writes the result where `--json` asked for it, and all files; then prints the table and their
-    /// folder. `failed` says why no run ended as commanded, if none did.
+    /// Writes the JSON result and all files, then prints the table and the names of the files. `failed`: reason if the
+    /// command fails although it has results.
     pub fn finish(
         &self,
         table: &str,
@@ -250,9 +255,9 @@ impl Context {
         }
         let printed = self.json.print(&format!("{table}\n{text}"));
         match failed {
-            // Nobody may be there to read it.
+            // After an interrupt, an error of printing is ignored.
             _ if self.workers.is_interrupted() => Err(Error::Interrupted(
-                "interrupted: the results are those of what was done".to_owned(),
+                "interrupted: the results are incomplete".to_owned(),
             )),
             Some(why) => Err(Error::Failure(match printed {
                 Ok(()) => why,

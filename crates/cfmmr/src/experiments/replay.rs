@@ -1,4 +1,4 @@
-//! A log through the nodes again, as it was or with other parameters.
+//! Replay: runs the nodes on the inputs in a log, with the recorded or with other parameters.
 
 use crate::BUILD;
 use core_algos::node::robot::RobotConfig;
@@ -24,16 +24,16 @@ use std::io::{BufReader, BufWriter};
 use std::path::{Path, PathBuf};
 use toml::{Table as Toml, Value};
 
-/// A replay that is wanted.
+/// Options of a replay.
 #[derive(Clone, Debug)]
 pub struct Wanted {
-    /// The log.
+    /// Log file.
     pub log: PathBuf,
-    /// True if the whole records of a damaged log are written to a new log, which is replayed.
+    /// True if the intact records of a damaged log are written to a new log, which is replayed.
     pub recover: bool,
-    /// File for the recovered log; a name like that of the log without.
+    /// File for the recovered log [default: LOG with the ending .recovered.mcap].
     pub out: Option<PathBuf>,
-    /// File with the parameters to estimate again with.
+    /// File with other parameters.
     pub with: Option<PathBuf>,
 }
 
@@ -42,7 +42,7 @@ pub struct Wanted {
 pub struct Recorded {
     /// Front, rear or beam.
     pub board: &'static str,
-    /// Ticks.
+    /// Number of recorded ticks.
     pub ticks: usize,
     /// Ends of the record: tick, ms, and reason.
     pub ends: Vec<(u32, String)>,
@@ -66,24 +66,24 @@ impl Recorded {
     }
 }
 
-/// The result.
+/// Result of a replay.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// Ticks of the board that has most.
+    /// Ticks of the board with the longest record.
     pub ticks: usize,
     /// The boards.
     pub boards: Vec<Recorded>,
     /// True if every bit is identical; `None` with other parameters.
     pub identical: Option<bool>,
-    /// The first thing that is not.
+    /// First difference.
     pub difference: Option<Divergence>,
-    /// The estimates as recorded.
+    /// Errors of the recorded estimates.
     pub recorded: Quality,
-    /// With other parameters.
+    /// Errors of the estimates with other parameters.
     pub with: Option<Quality>,
 }
 
-/// Replays a log: the result, and its table.
+/// Replays a log; returns the result and its text.
 pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
     let name = wanted.log.display().to_string();
     let robot = read::ROBOT;
@@ -97,15 +97,15 @@ pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
         recorded.take(role, &event);
         match &wanted.with {
             None => comparison.take(role, &event),
-            // A frame that was sent changes what arrives on other boards.
+            // With other parameters the boards send other frames, so all boards are replayed together.
             Some(_) => events[robot.place(role)].push(event),
         }
     })?;
     let scenario = recorded_scenario(&run, &name)?;
     if !scenario.world.bus.quantise {
         return Err(Error::input(format!(
-            "{name}: recorded with bus.quantise = false: its messages differ from its frames, \
-             so it cannot be replayed"
+            "{name}: recorded with bus.quantise = false: messages differ from bus frames, \
+             so the log cannot be replayed"
         )));
     }
     let mut report = Report {
@@ -139,7 +139,7 @@ pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
             let changes = changes(&given, &file)?;
             effect::check_file(&given, &file, (&scenario, Use::Replay))?;
             let first = events.iter().flatten().find_map(Event::config);
-            // Every start has the same parameters, so what can be changed once always can.
+            // All starts have equal parameters, so checking the first start is enough.
             let first = first.copied().unwrap_or_default();
             let changed = apply(&first, &changes, &file)?;
             let estimates = replay::estimate_again(robot, &events, &|_| changed)?;
@@ -157,23 +157,23 @@ pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
     Ok((report, text))
 }
 
-/// Reads the log, recovered if that is asked for, and hands over the events of the boards.
+/// Reads the log, after recovery if requested, and passes the events of the boards to `to`.
 fn read_log(wanted: &Wanted, name: &str, to: &mut dyn FnMut(Role, Event)) -> Result<Run, Error> {
     let refuse = |error: std::io::Error| {
         Error::input(format!(
             "{name}: {error}: must be a log that `cfmmr posture --log FILE` wrote"
         ))
     };
-    // Before gigabytes of another file are read.
+    // Refuses a wrong or truncated file before reading all of it.
     match input::has_edges(&wanted.log, MAGIC).map_err(refuse)? {
         [false, _] => {
             return Err(Error::input(format!(
-                "{name}: not a complete MCAP file: its first bytes are wrong; another type of file"
+                "{name}: not an MCAP file: the first bytes are wrong"
             )));
         }
         [true, false] if !wanted.recover => {
             return Err(Error::input(format!(
-                "{name}: not a complete MCAP file: truncated; `cfmmr replay --recover {name}` writes what is whole"
+                "{name}: truncated MCAP file: `cfmmr replay --recover {name}` recovers the intact records"
             )));
         }
         _ => {}
@@ -192,12 +192,12 @@ fn read_log(wanted: &Wanted, name: &str, to: &mut dyn FnMut(Role, Event)) -> Res
     let file = input::open(&wanted.log, input::LOG).map_err(refuse)?;
     read::stream(BufReader::new(file), name, to).map_err(|error| {
         Error::input(format!(
-            "{error}; `cfmmr replay --recover {name}` writes what is whole"
+            "{error}; `cfmmr replay --recover {name}` recovers the intact records"
         ))
     })
 }
 
-/// Name of a recovered log: that of the log, without what the program appends while it writes.
+/// Name of a recovered log, from the name of a finished or unfinished log.
 fn recovered_name(log: &Path) -> PathBuf {
     let name = log.file_name().unwrap_or_default().to_string_lossy();
     let unfinished = name
@@ -209,7 +209,7 @@ fn recovered_name(log: &Path) -> PathBuf {
     log.with_file_name(format!("{stem}.recovered.mcap"))
 }
 
-/// Writes what is whole of a log into a new one, and says so.
+/// Writes the intact records of a log into a new log, and prints notes on written and missing records.
 fn recover(bytes: &[u8], name: &str, to: &Path) -> Result<(), Error> {
     let mut file = files::temporary_beside(to)?;
     let found = recover::recover(bytes, BufWriter::new(file.as_file_mut()))
@@ -232,7 +232,7 @@ fn recover(bytes: &[u8], name: &str, to: &Path) -> Result<(), Error> {
     Ok(())
 }
 
-/// The scenario of a log without its plant, whose keys are others in logs of version 0.1.
+/// Scenario of a log without the plant, because the plant's keys differ in logs of version 0.1.
 fn recorded_scenario(run: &Run, name: &str) -> Result<Scenario, Error> {
     let text = run.about.get("scenario").map_or("", String::as_str);
     let mut recorded: Toml =
@@ -241,9 +241,9 @@ fn recorded_scenario(run: &Run, name: &str) -> Result<Scenario, Error> {
     toml_file::parse(&recorded.to_string(), name, &[])
 }
 
-/// The part of a scenario that replay can change: `robot`.
+/// Table `robot` of a scenario file, the only part that a replay can change.
 fn changes(text: &str, file: &str) -> Result<Toml, Error> {
-    // As a whole scenario first, for its errors name the line.
+    // Parsed as a whole scenario first, because those errors name the line.
     let _: Scenario = toml_file::parse(text, file, &[])?;
     let mut given: Toml =
         toml::from_str(text).map_err(|error| Error::input(format!("{file}: {error}")))?;
@@ -261,7 +261,7 @@ fn changes(text: &str, file: &str) -> Result<Toml, Error> {
     }
 }
 
-/// The recorded parameters with changes.
+/// Recorded parameters with changes.
 fn apply(recorded: &RobotConfig, changes: &Toml, file: &str) -> Result<RobotConfig, Error> {
     let failed = |error: &dyn std::fmt::Display| Error::input(format!("{file}: robot: {error}"));
     let mut table = Toml::try_from(recorded).map_err(|error| failed(&error))?;
@@ -278,10 +278,10 @@ fn table(report: &Report) -> String {
         "",
         "position rms (mm)",
         "max (mm)",
-        "at the end (mm)",
+        "final (mm)",
         "heading rms (°)",
-        "at the end (°)",
-        "axle to axle rms (mm)",
+        "final (°)",
+        "relative position rms (mm)",
         "NEES",
         "NIS",
         "rejected",
@@ -313,8 +313,8 @@ fn table(report: &Report) -> String {
     }
     format!(
         "\nEstimated less true state of the midpoint O, {} estimates\n\n{table}\n\
-         NEES: normalised square of the error of O, expected 3; NIS: of the innovation of the beam, expected\n\
-         {NIS_EXPECTED}. rejected: innovations beyond the gate.\n",
+         NEES: normalised estimation error squared of O, expected 3; NIS: normalised innovation squared of the\n\
+         beam, expected {NIS_EXPECTED}. rejected: innovations beyond the gate.\n",
         report.recorded.count
     )
 }

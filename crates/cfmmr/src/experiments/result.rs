@@ -1,4 +1,4 @@
-//! Results as JSON, with everything that they depend on.
+//! Results as JSON, with their provenance.
 
 use crate::BUILD;
 use host_sim::base::error::Error;
@@ -10,7 +10,7 @@ use output::terminal::{note, wrapped};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// Options that do not change the result, with a value each.
+/// Options with a value that do not change the result.
 const WITHOUT_EFFECT: [&str; 3] = ["--threads", "--out", "--json"];
 
 /// Everything that a result depends on.
@@ -33,7 +33,7 @@ pub struct Provenance<'a> {
 }
 
 impl Default for Provenance<'_> {
-    /// A command without a scenario.
+    /// Provenance of a command without a scenario.
     fn default() -> Self {
         Self {
             command: command_line(arguments()),
@@ -48,7 +48,7 @@ impl Default for Provenance<'_> {
 }
 
 impl<'a> Provenance<'a> {
-    /// Runs of a scenario.
+    /// Provenance of runs of a scenario.
     pub fn of(scenario: &'a Scenario, seed: u64) -> Self {
         Self {
             seed: Some(seed),
@@ -58,7 +58,7 @@ impl<'a> Provenance<'a> {
         }
     }
 
-    /// A computation that depends on its input files alone, however they are named on the command line.
+    /// Provenance of a computation that depends on the content of its input files, not on their names.
     pub fn of_files(command: &str) -> Self {
         Self {
             command: command.to_owned(),
@@ -66,7 +66,7 @@ impl<'a> Provenance<'a> {
         }
     }
 
-    /// The result with its provenance, as JSON.
+    /// Result with its provenance, as JSON.
     pub fn json(&self, result: &impl Serialize) -> String {
         #[derive(Serialize)]
         struct Whole<'a, T> {
@@ -78,13 +78,13 @@ impl<'a> Provenance<'a> {
     }
 }
 
-/// Arguments of the program; bytes that are no text stand as �.
+/// Arguments of the program; bytes that are not UTF-8 are replaced by �.
 fn arguments() -> impl Iterator<Item = String> {
     let given = std::env::args_os().skip(1);
     given.map(|word| word.to_string_lossy().into_owned())
 }
 
-/// The command line as typed, without options that do not change the result.
+/// Command line as typed, without options that do not change the result.
 fn command_line(arguments: impl Iterator<Item = String>) -> String {
     let mut words = vec!["cfmmr".to_owned()];
     let mut arguments = arguments.peekable();
@@ -98,14 +98,14 @@ fn command_line(arguments: impl Iterator<Item = String>) -> String {
     words.join(" ")
 }
 
-/// Names a goal that is reached without certainty on standard error, with the remedy.
+/// Prints a warning on standard error if the end is uncertain.
 pub fn warn(end: &RunEnd, what: &str) {
     if let Some(warning) = end.warning() {
         note(format!("cfmmr: {what}: {warning}"));
     }
 }
 
-/// Lines below the table of a run: its end and notices. Standard error names an uncertain end.
+/// Lines below the table of a run: end and notices. Prints a warning on standard error if the end is uncertain.
 pub fn end_lines(end: &RunEnd, what: &str) -> String {
     warn(end, what);
     let notices = end.notices_text().map(|text| wrapped(&text));
@@ -119,7 +119,7 @@ pub struct Json {
 }
 
 impl Json {
-    /// A file, `-` for standard output, or none. An error before the computation names a file that cannot be written.
+    /// Destination: a file, `-` for standard output, or none. Fails if the file cannot be written.
     pub fn to(file: Option<PathBuf>) -> Result<Self, Error> {
         let json = Self { file };
         match &json.file {
@@ -130,7 +130,7 @@ impl Json {
         Ok(json)
     }
 
-    /// Writes the result.
+    /// Writes the result, if there is a destination.
     pub fn write(&self, run: &Provenance, result: &impl Serialize) -> Result<(), Error> {
         match &self.file {
             None => Ok(()),

@@ -1,12 +1,11 @@
-//! Hours of driving from goal to goal, with all sensors, all noise and a bus that loses frames: the
-//! estimator's health, faults and memory, window by window.
+//! Hours of driving from goal to goal, with all sensors, all noise and a bus that loses frames: consistency of the
+//! estimator, faults and memory, window by window.
 //!
-//! The robot is given a goal somewhere in a square, drives there, and is given the next, without a
-//! restart of any node. It goes by dead reckoning throughout, so it knows its place ever less well; at
-//! each goal what it believes is compared with the truth and with what it claims to know. These
-//! comparisons depend on those before, so that their drift is not judged, only their size at the end;
-//! innovations are independent, and their drift is judged. The zeros of the gauges walk, so the error of
-//! the posture of one axle seen from the other grows for hours: its size over the run is judged.
+//! The robot drives to random goals in a square, without a restart of any node. Position is by dead reckoning, so its
+//! covariance grows. At each goal the estimate is compared with the truth (NEES). Successive NEES are correlated, so
+//! only the last window is checked, not the trend. Innovations are independent, so the trend of their NIS is checked.
+//! The zeros of the gauges drift, so the error of the relative posture of the axles grows for hours: its rms over the
+//! run is checked.
 
 use core_algos::fusion::ekf::Verdict;
 use core_algos::math::Posture;
@@ -29,32 +28,32 @@ use rand_pcg::Pcg64;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Time for one goal, ticks.
+/// Time limit for one goal, ticks.
 const PATIENCE: u64 = 60_000;
 /// Time at rest after a goal, ticks.
 const REST: u64 = 500;
-/// Time after which the robot drives on after a fault, ticks.
+/// Time from clearing a fault to the next goal, ticks.
 const RECOVERY: u64 = 2_000;
 /// Half the side of the square of goals, m.
 const SQUARE_M: f64 = 1.5;
-/// Windows in which the drift of the innovations is looked for.
+/// Number of equal pieces of a run. The mean NIS of each piece gives the trend.
 const PIECES: u64 = 200;
-/// Memory that the process may take after the first window, KiB.
+/// Limit of memory growth after the first window, KiB.
 pub const MEMORY_KIB: u64 = 1024;
-/// A drift of this share of the mean over the whole run is none.
+/// Largest rise of the NIS over the run that is never a failure, as share of the mean.
 pub const DRIFT_SHARE: f64 = 0.1;
-/// Ticks of the shortest run whose drift is judged. What is driven in each part of a shorter one is too different.
+/// Ticks of the shortest run with a check of the trend. In a shorter run, the motions in its parts differ too much.
 pub const JUDGED: u64 = 300_000;
-/// Largest error (rms) of the position of one axle seen from the other, m. Of 20 seeds over 50 s: mean 1.2 mm, largest 1.6 mm;
-/// it grows to 1.9 mm in hours.
+/// Limit of the rms error of the relative position of the axles, m. In 20 seeds over 50 s: mean 1.2 mm, largest 1.6 mm;
+/// 1.9 mm after hours.
 pub const PAIR_M: f64 = 2.5e-3;
-/// The same of its heading, rad. Of the same seeds: mean 5.9 mrad, largest 8.0 mrad.
+/// Limit of the rms error of the relative heading, rad. In 20 seeds over 50 s: mean 5.9 mrad, largest 8.0 mrad.
 pub const PAIR_RAD: f64 = 10e-3;
 
-/// Largest squared error, of three components, that one sound estimate in a thousand exceeds.
+/// 99.9 % quantile of χ² with three degrees of freedom.
 const WORST: f64 = 16.27;
 
-/// Robot and surroundings of the soak: all sensors, all noise, and, in process, a bus that loses 1 %.
+/// Scenario of the soak: all sensors, all noise; with in-process boards the bus loses at least 1 % of the frames.
 pub fn scenario(world: Option<&str>, in_process: bool) -> Result<Scenario, Error> {
     let mut scenario = Scenario::in_world(world)?;
     scenario.mission.settle_s = 0.0;
@@ -67,50 +66,50 @@ pub fn scenario(world: Option<&str>, in_process: bool) -> Result<Scenario, Error
     Ok(scenario)
 }
 
-/// A part of the run.
+/// Results of one window of the run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Window {
-    /// Tick at its end.
+    /// Last tick.
     pub end: u64,
-    /// Mean normalised innovation squared of the beam; 3 of a consistent estimator.
+    /// Mean NIS of the beam.
     pub nis: f64,
-    /// Innovations.
+    /// Number of innovations.
     pub innovations: u64,
-    /// Innovations that the gate refused.
+    /// Number of innovations beyond the gate.
     pub gated: u64,
-    /// Mean normalised squared error of the robot's posture at the goals; 3 of a consistent estimator.
+    /// Mean NEES of the robot's posture at the goals; 3 for a consistent estimator.
     pub nees: Option<f64>,
-    /// Root mean square of the error of the robot's position at the goals, m.
+    /// Root mean square error of the estimated position at the goals, m.
     pub position_m: Option<f64>,
-    /// Largest standard deviation of the robot's position along an axis, m.
+    /// Largest estimated standard deviation of the position along x or y, m.
     pub sigma_m: f64,
-    /// Largest standard deviation of the robot's heading, rad.
+    /// Largest estimated standard deviation of the heading, rad.
     pub sigma_rad: f64,
-    /// Root mean square of the error of the posture of one axle seen from the other: position, m.
+    /// Root mean square error of the relative position of the axles, m.
     pub relative_m: f64,
-    /// The same: heading, rad.
+    /// Root mean square error of the relative heading of the axles, rad.
     pub relative_rad: f64,
     /// Goals reached.
     pub reached: u64,
-    /// Goals given up.
+    /// Goals not reached.
     pub missed: u64,
-    /// Resident memory of this process at its end, KiB; missing where the system does not tell.
+    /// Resident memory of this process at the last tick, KiB; `None` without /proc.
     pub resident_kib: Option<u64>,
 }
 
-/// A straight line through values over time.
+/// Linear trend of values over time.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Drift {
     /// Mean of the values.
     pub mean: f64,
-    /// Change along the line over the run.
+    /// Change over the run.
     pub gain: f64,
-    /// Standard error of that.
+    /// Standard error of the change.
     pub error: f64,
 }
 
 impl Drift {
-    /// The line of least squares through values at times from 0 to 1; none for less than three.
+    /// Least-squares line through values at times from 0 to 1; `None` for less than three values or equal times.
     pub fn of(values: &[(f64, f64)]) -> Option<Self> {
         let n = values.len() as f64;
         let times: Vec<f64> = values.iter().map(|(time, _)| *time).collect();
@@ -130,8 +129,8 @@ impl Drift {
         Some(Self { mean, gain, error })
     }
 
-    /// True if the rise exceeds three standard errors and a small share of the mean. A filter that learns constants of
-    /// the robot lets the innovations fall.
+    /// True if the rise exceeds three standard errors and [`DRIFT_SHARE`] of the mean. A fall is allowed: innovations
+    /// fall while the filter learns constants of the robot.
     pub fn is_significant(&self) -> bool {
         let rises = self.gain > 3.0 * self.error && self.gain > DRIFT_SHARE * self.mean.abs();
         rises || !(self.gain.is_finite() && self.error.is_finite())
@@ -141,13 +140,13 @@ impl Drift {
 /// Result of a soak.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// Ticks.
+    /// Number of ticks.
     pub ticks: u64,
     /// Windows of equal length.
     pub windows: Vec<Window>,
-    /// Drift of the innovations.
+    /// Trend of the NIS.
     pub nis: Option<Drift>,
-    /// Faults: the first reason of each stop, by name, and how often.
+    /// Number of stops by the name of their first reason.
     pub faults: BTreeMap<&'static str, u64>,
 }
 
@@ -198,7 +197,7 @@ impl Report {
         }
         let missed: u64 = self.windows.iter().map(|window| window.missed).sum();
         if missed > 0 {
-            problems.push(format!("{missed} goals were not reached"));
+            problems.push(format!("{missed} goals not reached"));
         }
         for (reason, count) in &self.faults {
             problems.push(format!("{count} stops: {reason}"));
@@ -207,7 +206,7 @@ impl Report {
     }
 }
 
-/// Sums of a window, or of a piece of it.
+/// Sums over a window or a piece.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     nis: f64,
@@ -254,20 +253,20 @@ fn resident_kib() -> Option<u64> {
 /// Stage of the drive.
 #[derive(Clone, Copy, Debug)]
 enum Stage {
-    /// It rests until a tick.
+    /// At rest until this tick.
     Resting(u64),
-    /// It drives since a tick.
+    /// Driving since this tick.
     Driving(u64),
 }
 
-/// A soak under way.
+/// State of a soak.
 struct Soak<'a> {
     ticks: u64,
     windows: u64,
     advance: &'a mut dyn FnMut() -> bool,
     random: Pcg64,
     stage: Stage,
-    /// A drive has ended: the monitor's changes are no longer needed.
+    /// True after the end of a drive, when the monitor's changes can be discarded.
     judged: bool,
     sums: Sums,
     piece: Sums,
@@ -278,7 +277,7 @@ struct Soak<'a> {
 }
 
 impl Soak<'_> {
-    /// Takes in what the lead node estimates.
+    /// Adds the lead's estimates to the sums.
     fn observe(&mut self, record: &Record) {
         let fused = record.lead.fused;
         let truth = record.frames[0].relative;
@@ -301,7 +300,7 @@ impl Soak<'_> {
         }
     }
 
-    /// Checks for a reached goal or another end of the drive.
+    /// Evaluates the drive if the goal is reached, failed or timed out, or if the robot has a fault.
     fn judge(&mut self, robot: &impl Robot, record: &Record, tick: u64) {
         let Stage::Driving(since) = self.stage else {
             return;
@@ -332,7 +331,7 @@ impl Soak<'_> {
         self.judged = true;
     }
 
-    /// Ends a piece and a window, if they end at this tick; false if the run is to end.
+    /// Ends the piece and the window if this tick is their last; false if the run must end.
     fn report(&mut self, tick: u64) -> bool {
         let before = tick - EPOCH / TICK;
         let ends = |parts: u64| tick * parts / self.ticks > before * parts / self.ticks;
@@ -359,8 +358,7 @@ impl<R: Robot> Errand<R> for Soak<'_> {
         None
     }
 
-    /// Gives the robot a goal, or clears its fault, as often as it takes: what is still wrong is not
-    /// cleared.
+    /// Sends the next goal, or clears a fault. Clearing is repeated until the cause is gone.
     fn feed(&mut self, robot: &mut R) -> Result<(), Error> {
         if std::mem::take(&mut self.judged) {
             robot.monitor_mut().forget_changes();
@@ -385,14 +383,14 @@ impl<R: Robot> Errand<R> for Soak<'_> {
         robot.command(&HostCommand::Task(Task::regulate(goal)))
     }
 
-    /// A fault ends no soak.
+    /// False: a soak continues after a fault.
     fn must_end(&self, _robot: &R) -> bool {
         false
     }
 
     fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress {
         let tick = robot.now() / TICK;
-        // The first estimates of a board are those from before it got its place.
+        // The first estimates are from before the start posture arrives.
         if since.is_some_and(|since| since >= REST * TICK) {
             self.observe(record);
             self.judge(robot, record, tick);
@@ -404,8 +402,8 @@ impl<R: Robot> Errand<R> for Soak<'_> {
     }
 }
 
-/// Drives a robot for so many ticks, reported in `windows` equal parts; `advance` is called once for each of
-/// `PIECES` pieces and ends the run if it returns false.
+/// Drives a robot for `ticks` ticks, reported in `windows` equal windows. `advance` is called after each of `PIECES`
+/// pieces and ends the run if it returns false.
 pub fn run(
     robot: &mut impl Robot,
     scenario: &Scenario,
@@ -437,12 +435,12 @@ pub fn run(
     })
 }
 
-/// Number of times `advance` is called in a run of at least as many ticks.
+/// Number of calls of `advance` in a run.
 pub const fn pieces() -> usize {
     PIECES as usize
 }
 
-/// Simulated time of so many ticks, s.
+/// Simulated time of `ticks` ticks, s.
 pub fn seconds(ticks: u64) -> f64 {
     (ticks * TICK) as f64 * 1e-6
 }
@@ -451,7 +449,7 @@ pub fn seconds(ticks: u64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Values about a line, off it by one to either side in turn.
+    /// Values 1 above and 1 below a line in turn.
     fn values(count: u32, gain: f64) -> Vec<(f64, f64)> {
         let value = |i: u32| {
             let time = f64::from(i) / f64::from(count);
@@ -462,10 +460,10 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_found_with_its_error_and_a_drift_is_told_from_noise() {
+    fn trend_has_its_standard_error_and_only_a_rise_is_significant() {
         let drift = Drift::of(&values(400, 2.0)).unwrap();
         assert!((drift.gain - 2.0).abs() < 0.05, "{drift:?}");
-        // The spread of times that lie evenly from 0 to 1 is n / 12.
+        // The sum of squared deviations of n evenly spaced times from 0 to 1 is n / 12.
         let error = (12.0f64 / 400.0).sqrt();
         assert!((drift.error / error - 1.0).abs() < 0.02, "{drift:?}");
         assert!(drift.is_significant());
@@ -494,7 +492,7 @@ mod tests {
     }
 
     #[test]
-    fn each_problem_is_named() {
+    fn problem_of_each_limit_is_reported() {
         assert!(sound().problems().is_empty());
         let said = |change: fn(&mut Report), what: &str| {
             let mut report = sound();
@@ -543,7 +541,7 @@ mod tests {
     }
 
     #[test]
-    fn the_memory_of_this_process_is_known() {
+    fn resident_memory_includes_a_new_block() {
         let before = resident_kib().unwrap();
         let block = vec![1u8; 64 << 20];
         let after = resident_kib().unwrap();

@@ -1,8 +1,8 @@
-//! The commands of the pages: those in `sh` blocks are run, in the order of the page and in one folder
-//! for each; those in the text must be well formed.
+//! Commands of the pages: commands in `sh` blocks are run, in the order of the page and in one folder
+//! per page; commands in the text must be well formed.
 //!
-//! Blocks whose fence names a file (`toml slippery.toml`) are that file. What is not run stands in
-//! [`NOT_RUN`] with its reason, what is run shorter in [`SHORTER`].
+//! Blocks whose fence names a file (`toml slippery.toml`) are written to that file. [`NOT_RUN`] lists commands that are
+//! not run, with the reason; [`SHORTER`] lists commands with options that shorten them.
 
 use super::pages::{self, Page, root};
 use crate::program::with_input;
@@ -17,7 +17,7 @@ use std::process::Command;
 /// Options with their values.
 type Options = &'static [(&'static str, &'static str)];
 
-/// Options by which a command takes less time, and why that is the same command.
+/// Options that shorten a command, and why the short command tests the same.
 const SHORTER: &[(&str, Options, &str)] = &[
     (
         "posture",
@@ -51,26 +51,26 @@ const SHORTER: &[(&str, Options, &str)] = &[
     ),
 ];
 
-/// Entries of the study that is run in place of the committed one, which has 2000 runs.
+/// Replacements that shorten the committed study of 2000 runs.
 const STUDY: &[(&str, &str)] = &[
     ("trials = 250", "trials = 1"),
     ("block = 50", "block = 2"),
     ("time_limit_s = 60.0", "time_limit_s = 5.0"),
 ];
 
-/// Why a command is not run here, and what is checked in place of that.
+/// Check that replaces running a command.
 enum Check {
-    /// An alias in `.cargo/config.toml`.
+    /// The alias is in `.cargo/config.toml`.
     Alias,
-    /// A script that is there and can be run.
+    /// The script exists and is executable.
     Script,
-    /// A file of the repository, whose place is given.
+    /// The file is in the repository.
     File(&'static str),
-    /// Nothing: it is not of this project.
+    /// No check: the command is not part of this project.
     Nothing,
 }
 
-/// Beginnings of commands that are not run.
+/// Beginnings of commands that are not run, with check and reason.
 const NOT_RUN: &[(&str, Check, &str)] = &[
     ("git clone ", Check::Nothing, "the address is the reader's"),
     ("cd ", Check::Nothing, "a folder of the reader's"),
@@ -110,7 +110,7 @@ const PLACEHOLDERS: &[(&str, &str)] = &[
     ("…", "line"),
 ];
 
-/// Words of a command as a shell takes them apart, without where its output goes.
+/// Words of a command, split as by a shell, without the redirection of output.
 fn words(command: &str) -> Vec<String> {
     let words = shlex::split(command).unwrap_or_else(|| panic!("{command}: a quote is open"));
     words.into_iter().take_while(|word| word != ">").collect()
@@ -153,7 +153,7 @@ fn set(arguments: &mut Vec<String>, option: &str, value: &str) {
     arguments.extend([option.to_owned(), value.to_owned()]);
 }
 
-/// The same command, shorter.
+/// Arguments with the options of [`SHORTER`].
 fn shorter(arguments: &[String]) -> Vec<String> {
     let mut arguments = arguments.to_vec();
     for (command, options, _) in SHORTER {
@@ -176,7 +176,7 @@ fn shorter(arguments: &[String]) -> Vec<String> {
     arguments
 }
 
-/// The lines of a block, those that go on joined.
+/// Lines of a block; continued lines are joined.
 fn lines(text: &str) -> Vec<String> {
     let joined = text.replace("\\\n", " ");
     let lines = joined.lines().map(str::trim);
@@ -219,7 +219,7 @@ fn check(command: &str, words: &[String], check: &Check) -> Result<(), String> {
     }
 }
 
-/// Runs a line of a block, or does what stands for that.
+/// Runs a line of a block, or makes the check that replaces running.
 fn carry_out(folder: &Path, line: &str, boards: bool) -> Result<(), String> {
     let (input, command) = match line.strip_prefix("echo ").and_then(|l| l.split_once(" | ")) {
         Some((input, command)) => (words(input).join(" ") + "\n", command),
@@ -244,7 +244,7 @@ fn carry_out(folder: &Path, line: &str, boards: bool) -> Result<(), String> {
     }
 }
 
-/// Files that the commands of a page find.
+/// Writes the files that the commands of a page need.
 fn prepare(folder: &Path, page: &Page) {
     for block in &page.blocks {
         if let Some(name) = block.info.get(1) {
@@ -272,7 +272,7 @@ fn has_target() -> bool {
     })
 }
 
-/// Runs the commands of a page in a folder; gives their number and what went wrong.
+/// Runs the commands of a page in a folder; returns their number and the errors.
 fn run_page(page: &Page, boards: bool) -> (usize, Vec<String>) {
     let (folder, mut count, mut wrong) = (tempfile::tempdir().unwrap(), 0, Vec::new());
     prepare(folder.path(), page);
@@ -320,7 +320,7 @@ fn commands_in_the_text_are_well_formed() {
                 continue;
             };
             count += 1;
-            // A name alone stands for the command, whatever else that needs.
+            // A command name alone is checked with --help.
             let mut arguments = arguments.to_vec();
             if arguments.len() == 1 {
                 arguments.push("--help".to_owned());
@@ -336,7 +336,7 @@ fn commands_in_the_text_are_well_formed() {
 }
 
 #[test]
-fn commands_are_taken_apart_as_a_shell_would() {
+fn commands_are_split_as_by_a_shell() {
     let taken = words("cfmmr faults --only \"board resets\" -x 'a # b' > out  # comment");
     assert_eq!(
         taken,

@@ -1,5 +1,4 @@
-//! The pages of the documentation against the program and the repository: links, files, names and
-//! commands.
+//! Compares the pages of the documentation with the program and the repository: links, files, names and commands.
 
 mod commands;
 mod pages;

@@ -1,4 +1,4 @@
-//! Pages as far as they can be wrong: headings, links, code.
+//! Checked parts of a page: headings, links, code.
 
 use pulldown_cmark::{CodeBlockKind, Event, LinkType, Options, Parser, Tag, TagEnd};
 use std::collections::HashMap;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 /// A block of code.
 pub struct Block {
-    /// Words behind the fence: language, and the name of the file that it is.
+    /// Words after the fence: language, and the name of the file to write.
     pub info: Vec<String>,
     pub text: String,
     pub line: usize,
@@ -23,19 +23,19 @@ impl Block {
 pub struct Code {
     pub text: String,
     pub line: usize,
-    /// Cell of a table it stands in, if any.
+    /// Number of the table cell that contains the code.
     pub cell: Option<usize>,
-    /// Text between the code before, in the same paragraph or cell, and this one.
+    /// Text between the preceding code in the same paragraph or cell and this code.
     pub between: Option<String>,
 }
 
 /// One page.
 pub struct Page {
-    /// From the root of the repository.
+    /// Path from the root of the repository.
     pub path: PathBuf,
     pub blocks: Vec<Block>,
     pub codes: Vec<Code>,
-    /// Destinations with their lines.
+    /// Destinations with line numbers.
     pub links: Vec<(String, usize)>,
     pub anchors: Vec<String>,
 }
@@ -141,7 +141,7 @@ pub fn parse(path: PathBuf, text: &str) -> Page {
     page
 }
 
-/// The name by which a heading is linked to.
+/// Anchor of a heading.
 fn anchor(heading: &str) -> String {
     heading
         .trim()
@@ -156,7 +156,7 @@ fn anchor(heading: &str) -> String {
 }
 
 #[test]
-fn anchors_are_those_of_the_usual_renderers() {
+fn anchors_match_those_of_common_renderers() {
     let page = parse(
         "page.md".into(),
         "# What only *silicon* can show\n## A `cfmmr` (1.5 m), twice\n## A `cfmmr` (1.5 m), twice\n",

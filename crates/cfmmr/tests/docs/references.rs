@@ -1,4 +1,4 @@
-//! Links, files and names that the pages point to.
+//! Links, files and names in the pages.
 
 use super::pages::{self, Code, Page, root};
 use std::collections::HashMap;
@@ -25,7 +25,7 @@ fn assert_none(wrong: Vec<String>) {
 }
 
 #[test]
-fn links_and_anchors_lead_somewhere() {
+fn targets_of_links_exist() {
     let pages = pages::all();
     let anchors: HashMap<&Path, &[String]> = pages
         .iter()
@@ -85,7 +85,7 @@ fn every_page_and_picture_is_in_the_index() {
     assert_none(wrong.collect());
 }
 
-/// The file of the repository that a piece of code names, if it looks like one.
+/// File of the repository that a piece of code names, if the code looks like a path.
 fn file_of(code: &str) -> Option<&str> {
     let first = code.split('/').next()?;
     let not_committed = ["", "target", "out", ".git", ".", ".."];
@@ -107,7 +107,7 @@ fn files_named_in_the_text_exist() {
             let Some(file) = file_of(&code.text) else {
                 continue;
             };
-            // Of a pattern, the folder.
+            // The folder of a pattern must exist.
             let path = match file.split_once('*') {
                 Some((before, _)) => before.rsplit_once('/').map_or("", |(folder, _)| folder),
                 None => file,
@@ -131,8 +131,8 @@ fn is_item(code: &Code) -> bool {
         && letters.all(|c| c.is_alphanumeric() || c == '_' || c == ':')
 }
 
-/// Source files and the items that a page says are in them: in a table the items behind a file, in
-/// the text those in "`item`, `item` in `file`".
+/// Pairs of a source file and an item that a page places in the file: in a table the items after a file, in the text
+/// the items in "`item`, `item` in `file`".
 fn items_of(page: &Page) -> Vec<(&Code, &Code)> {
     let mut found = Vec::new();
     for (k, file) in page.codes.iter().enumerate().filter(|(_, c)| is_source(c)) {
@@ -171,7 +171,7 @@ fn items_named_with_a_file_are_in_it() {
         for (file, item) in items_of(&page) {
             let text = fs::read_to_string(root().join(&file.text)).unwrap_or_default();
             count += 1;
-            // Of `Type::function`, both.
+            // Both words of `Type::function` must be in the file.
             if !item.text.split("::").all(|word| has_word(&text, word)) {
                 let place = format!("{}:{}", page.path.display(), item.line);
                 wrong.push(format!("{place}: {} is not in {}", item.text, file.text));
@@ -179,12 +179,12 @@ fn items_named_with_a_file_are_in_it() {
         }
     }
     assert_none(wrong);
-    // The table of the theory alone has that many.
+    // The table in docs/theory.md alone has this many.
     assert!(count > 80, "only {count} found");
 }
 
 #[test]
-fn what_is_wrong_is_found() {
+fn wrong_references_are_found() {
     let page = pages::parse(
         "docs/page.md".into(),
         "| a |\n|---|\n| `ci.sh`, `core-algos/src/lib.rs`: `math`, `no_such_module` |\n\n\

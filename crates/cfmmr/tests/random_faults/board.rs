@@ -1,4 +1,4 @@
-//! A board in this process whose samples and messages have the faults of the plan, and whose nodes are watched.
+//! In-process board with the sample and message faults of a plan; its nodes are checked at every tick.
 
 use super::plan::{BusFault, Distorted, Plan};
 use super::watch::{AxleWatch, BeamWatch, LeadWatch, Violation};
@@ -14,35 +14,35 @@ use host_sim::base::error::Error;
 use host_sim::targets::{Fault, HostCommand, InProcess, Output, Posted, Report, Room, Target};
 use std::sync::{Arc, Mutex};
 
-/// Findings of the boards at a tick.
+/// Results of the checks of all boards.
 #[derive(Debug, Default)]
 pub struct Findings {
     pub violation: Option<(u32, Violation)>,
-    /// Axles whose motors came on.
+    /// True for each axle whose motors were switched on at this tick.
     pub armed: [bool; 2],
-    /// The lead node began to drive.
+    /// True if the lead node began to drive.
     pub began: bool,
-    /// Ticks at which the motors of an axle were on.
+    /// Number of ticks with torque, summed over the axles.
     pub driven: u32,
-    /// Orders that the board refused.
+    /// Number of orders that the lead node refused.
     pub refused: u32,
 }
 
-/// Nodes of a board under watch.
+/// Checks of the nodes of a board.
 enum Watch {
     Front(AxleWatch, LeadWatch),
     Rear(AxleWatch),
     Beam(BeamWatch),
 }
 
-/// A board under watch.
+/// Board whose nodes are checked.
 pub struct Watched {
     role: Role,
     plan: Arc<Plan>,
     findings: Arc<Mutex<Findings>>,
     nodes: Option<(Board, Watch)>,
     distorted: Distorted,
-    /// Frames on the way, by the tick at which they arrive.
+    /// Messages in transit, with the tick of arrival.
     late: Vec<(u32, Message)>,
     begun: Option<(u32, Samples)>,
     torque_nm: Wheels<f32>,
@@ -93,7 +93,7 @@ impl Watched {
         }
     }
 
-    /// One tick of the nodes and of their watch.
+    /// Steps the nodes and checks them.
     fn step(
         &mut self,
         tick: u32,
@@ -161,7 +161,7 @@ impl Target for Watched {
         Ok(())
     }
 
-    /// As at the link: a posture is refused while the motors are driven.
+    /// Refuses a posture while the motors are driven, as the link does.
     fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
         let driven = self.torque_nm != Wheels::both(0.0);
         if driven && matches!(command, HostCommand::Place(_)) {
@@ -177,7 +177,7 @@ impl Target for Watched {
         let done = orders.try_for_each(|order| order.carry_out(lead));
         match (command, done) {
             (HostCommand::Task(task), Ok(())) => watch.clears = *task == Task::Clear,
-            // The node begins anew.
+            // A new posture restarts the node.
             (HostCommand::Place(_), Ok(())) => *watch = LeadWatch::new(),
             (HostCommand::Lost, Ok(())) | (_, Ok(())) => {}
             (_, Err(_)) => self.findings.lock().unwrap().refused += 1,

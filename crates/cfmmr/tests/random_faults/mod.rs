@@ -1,7 +1,8 @@
-//! The whole robot in this process for 10 s under random faults of bus, sensors, drivers and boards, and random commands.
-//! What must hold at every tick is in `watch`.
+//! Runs of the whole robot in this process, 10 s each, with random faults of bus, sensors, drivers and boards, and with
+//! random commands. `watch` contains the invariants checked at every tick.
 //!
-//! `RANDOM_FAULT_RUNS` is the number of runs and `RANDOM_FAULT_SEED` the first seed, for longer checks.
+//! The environment variables `RANDOM_FAULT_RUNS` (number of runs) and `RANDOM_FAULT_SEED` (first seed) allow longer
+//! checks.
 
 mod board;
 mod plan;
@@ -15,31 +16,31 @@ use host_sim::targets::Target;
 use plan::{Plan, RUN_MS};
 use std::sync::{Arc, Mutex};
 
-/// Runs without a number in the environment.
+/// Default number of runs.
 const RUNS: u64 = 30;
-/// Speed of a wheel up to which an axle may arm, rad/s.
+/// Largest wheel speed at which an axle may arm, rad/s.
 const ARMING_RAD_S: f64 = 5.0;
-/// Speed of an axle up to which the robot may begin to drive, m/s.
+/// Largest axle speed at which the robot may begin to drive, m/s.
 const BEGIN_M_S: f64 = 0.05;
 
 fn from_environment(name: &str, default: u64) -> u64 {
     std::env::var(name).map_or(default, |text| text.parse().unwrap())
 }
 
-/// Figures of runs.
+/// Totals and maxima over all runs.
 #[derive(Debug, Default)]
 struct Figures {
-    /// Time for which the motors of an axle were on, ms.
+    /// Time with motors on, summed over the axles, ms.
     driven_ms: u64,
-    /// Fastest wheel of an axle that armed, rad/s.
+    /// Largest wheel speed of an axle while arming, rad/s.
     armed_rad_s: f64,
-    /// Fastest axle as the robot began to drive, m/s.
+    /// Largest axle speed when the robot began to drive, m/s.
     began_m_s: f64,
-    /// Orders that the lead node refused.
+    /// Number of orders that the lead node refused.
     refused: u32,
 }
 
-/// Runs the plan of a seed, or gives the violated invariant.
+/// Runs the plan of a seed; an error is the violated invariant.
 fn run(seed: u64, figures: &mut Figures) -> Result<(), String> {
     let plan = Arc::new(Plan::draw(seed));
     let findings = Arc::new(Mutex::new(Findings::default()));

@@ -1,4 +1,4 @@
-//! Faults and commands of a run, drawn from its seed.
+//! Faults and commands of a run, drawn from a seed.
 
 use core_algos::control::path::{PathPoint, TrajectoryPoint};
 use core_algos::control::regulator::Tolerance;
@@ -44,13 +44,13 @@ pub enum SensorFault {
 /// Fault of the bus at one board.
 #[derive(Clone, Copy, Debug)]
 pub enum BusFault {
-    /// It receives nothing.
+    /// The board receives nothing.
     Deaf,
-    /// It sends nothing.
+    /// The board sends nothing.
     Mute,
-    /// Share of the frames that it does not receive.
+    /// Share of the frames that the board does not receive.
     Loss(f64),
-    /// Frames come later by so much, ms.
+    /// Additional delay of frames, ms.
     Late(u32),
 }
 
@@ -87,7 +87,7 @@ const REPORTED: [Condition; 18] = [
     Condition::TickLate,
 ];
 
-/// Numbers that a host may send where any number fits.
+/// Extreme and invalid numbers that a host may send.
 const ODD: [f32; 10] = [
     f32::NAN,
     f32::INFINITY,
@@ -168,7 +168,7 @@ impl Draw {
         Role::PAIR[self.below(3)]
     }
 
-    /// Some long, most short.
+    /// Span of at most `most_ms`; short spans are more likely.
     fn span(&mut self, most_ms: u32) -> Span {
         let from = self.0.random_range(200..RUN_MS);
         let share = self.between(0.0, 1.0);
@@ -176,7 +176,7 @@ impl Draw {
         Span(from, from + length)
     }
 
-    /// One board, or all of them at a time.
+    /// Bus fault of one board, or of all boards at a time.
     fn bus(&mut self) -> Vec<(Role, BusFault, Span)> {
         let (fault, span) = match self.below(4) {
             0 => (BusFault::Deaf, self.span(400)),
@@ -238,7 +238,7 @@ impl Draw {
         let mut commands = Vec::new();
         while at < RUN_MS {
             match self.below(8) {
-                // Faults are cleared and the drive goes on.
+                // Clear the faults, then drive on.
                 0 | 1 => {
                     commands.push((at, HostCommand::Task(Task::Clear)));
                     at += self.0.random_range(15..300);
@@ -264,7 +264,7 @@ impl Draw {
         Posture::new(x, y, phi)
     }
 
-    /// A sound number, and now and then an odd one.
+    /// Number within ±`sound`, or with probability 0.25 one of [`ODD`].
     fn number(&mut self, sound: f64) -> f32 {
         match self.happens(0.25) {
             true => ODD[self.below(ODD.len())],
@@ -340,7 +340,7 @@ impl Draw {
         }
     }
 
-    /// Points on a line from where the robot starts, some odd.
+    /// Points on a line from the start; in some paths, some points are odd.
     fn path(&mut self) -> HostCommand {
         let start = Scenario::default().mission.start.map(|part| part as f32);
         let odd = self.happens(0.3);
@@ -379,7 +379,7 @@ impl Draw {
     }
 }
 
-/// Samples of a board with the faults of its sensors.
+/// Applies the sensor faults of a plan to the samples of a board.
 pub struct Distorted {
     role: Role,
     random: Pcg64,

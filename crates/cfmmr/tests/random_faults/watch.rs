@@ -1,4 +1,4 @@
-//! What must hold at every tick of a node. The times are those of docs/codes.md and docs/bus.md, written out here.
+//! Invariants of a node at every tick. The times are copied from docs/codes.md and docs/bus.md.
 
 use core_algos::bus::{self, LeadMode, Message};
 use core_algos::node::axle;
@@ -8,7 +8,7 @@ use core_algos::safety::{Condition, supervisor};
 use core_algos::topology::{AxleId, Node, Wheels};
 use std::collections::BTreeMap;
 
-/// Conditions of class cut, and the time that each must hold, ms: the motors are off at the tick at which it counts.
+/// Conditions of class cut with their hold time, ms. The motors are off at the tick at which the hold time has passed.
 const CUTS: [(Condition, u32); 8] = [
     (Condition::NotANumber, 0),
     (Condition::EncoderFault, 5),
@@ -19,7 +19,7 @@ const CUTS: [(Condition, u32); 8] = [
     (Condition::Restarted, 0),
     (Condition::RoleTaken, 0),
 ];
-/// Conditions of class stop that drivers report, likewise: the axle stops from the tick at which it counts.
+/// Conditions of class stop that drivers report, with their hold time, ms. The axle stops after the hold time.
 const STOPS: [(Condition, u32); 6] = [
     (Condition::EmergencyStop, 0),
     (Condition::BusOff, 20),
@@ -28,17 +28,17 @@ const STOPS: [(Condition, u32); 6] = [
     (Condition::TickOverrun, 5),
     (Condition::SupplyHigh, 20),
 ];
-/// Longest stop, ms: `stop_timeout_s` of 2 s, and the tick at which it has passed.
+/// Longest stop, ms: `stop_timeout_s` of 2 s plus one tick.
 const STOP_MS: u32 = 2001;
-/// Age of the lead node's mode and of references beyond which an axle stops, ms.
+/// Timeout of the lead's mode and of references, after which an axle stops, ms.
 const COMMAND_MS: u32 = 60;
-/// Age of a heartbeat beyond which its node is lost, ms.
+/// Timeout of heartbeats, after which a node is lost, ms.
 const HEARTBEAT_MS: u32 = 50;
 
 /// Period of the messages, ms.
 const EPOCH_MS: u32 = 10;
 
-/// Name of the violated invariant, with figures.
+/// Violated invariant, with values.
 pub type Violation = String;
 
 fn is_off(state: OperatingState) -> bool {
@@ -49,18 +49,18 @@ fn drives(state: OperatingState) -> bool {
     matches!(state, Armed | Active)
 }
 
-/// True if a number in the text of a value is not finite.
+/// True if the debug text of a value contains a number that is not finite.
 fn is_unsound(value: &dyn std::fmt::Debug) -> bool {
-    // An innovation without a usable covariance has this figure, and is not used.
+    // An innovation without a usable covariance has an infinite NIS and is not used.
     let text = format!("{value:?}").replace("nis: inf", "");
     text.contains("NaN") || text.contains(" inf") || text.contains("-inf") || text.contains("[inf")
 }
 
-/// State of a node as it was, and since when.
+/// State of a node at the previous tick, with history.
 #[derive(Debug)]
 struct Course {
     state: OperatingState,
-    /// It has a reason to stop that lasts until it is cleared.
+    /// True if a reason to stop is latched.
     latched: bool,
     stopping_since: Option<u32>,
     /// Latest epoch of each message.
@@ -77,7 +77,7 @@ impl Course {
         }
     }
 
-    /// Checks the change to the state at this tick; `cleared` if the node was asked to clear its faults.
+    /// Checks the change of state at this tick; `cleared` is true if the lead commands Clear.
     fn step(
         &mut self,
         tick: u32,
@@ -107,7 +107,7 @@ impl Course {
         }
     }
 
-    /// Checks a message that the node sends. One beyond the range of its signals is refused by the bus.
+    /// Checks a message that the node sends. A message beyond the range of its signals is not sent on the bus.
     fn sends(&mut self, tick: u32, message: &Message) -> Result<(), Violation> {
         if is_unsound(message) {
             return Err(format!("messages are finite: {message:?}"));
@@ -125,7 +125,7 @@ impl Course {
     }
 }
 
-/// What a board sent and received of a node: state, reason and time.
+/// Latest heartbeat of a node: state, reason code and tick.
 type Beat = (OperatingState, u8, u32);
 
 fn failed(beat: Option<Beat>, tick: u32) -> bool {
@@ -138,7 +138,7 @@ fn older(at: Option<u32>, tick: u32, ms: u32) -> bool {
     at.is_none_or(|at| tick - at > ms)
 }
 
-/// An axle node under watch.
+/// Checks of an axle node.
 pub struct AxleWatch {
     axle: AxleId,
     limit_nm: f32,
@@ -200,7 +200,7 @@ impl AxleWatch {
         self.course.sends(tick, message)
     }
 
-    /// True at a tick at which the motors come on.
+    /// Checks a tick; true if the motors are switched on at this tick.
     pub fn step(
         &mut self,
         tick: u32,
@@ -214,7 +214,7 @@ impl AxleWatch {
         self.course
             .step(tick, supervisor, mode == Some(LeadMode::Clear))?;
         let state = self.course.state;
-        // Also false for NaN.
+        // False for NaN.
         let allowed = |torque: &f32| torque.abs() <= self.limit_nm;
         if !torque_nm.list().iter().all(allowed) {
             return Err(format!("torques are within the limit: {torque_nm:?}"));
@@ -229,7 +229,7 @@ impl AxleWatch {
         Ok(!drives(before) && drives(state))
     }
 
-    /// Conditions that the samples have had for their time.
+    /// Checks the reactions to conditions whose hold time has passed.
     fn conditions(
         &mut self,
         tick: u32,
@@ -267,7 +267,8 @@ impl AxleWatch {
         }
     }
 
-    /// What an axle that holds or drives needs. It notices a neighbour's state a tick after it has armed.
+    /// Checks the preconditions of an axle that holds or drives. An axle detects its neighbour's state one tick after
+    /// arming.
     fn may_drive(
         &self,
         tick: u32,
@@ -296,7 +297,7 @@ impl AxleWatch {
     }
 }
 
-/// The lead node under watch.
+/// Checks of the lead node.
 pub struct LeadWatch {
     course: Course,
     /// True if the latest task is to clear faults.
@@ -325,7 +326,7 @@ impl LeadWatch {
         }
     }
 
-    /// True at a step at which the robot begins to drive.
+    /// Checks a step; true if the robot begins to drive.
     pub fn step(
         &mut self,
         tick: u32,
@@ -354,7 +355,7 @@ impl LeadWatch {
     }
 }
 
-/// The beam node under watch.
+/// Checks of the beam node.
 pub struct BeamWatch(Course, Option<LeadMode>);
 
 impl BeamWatch {

@@ -1,4 +1,4 @@
-//! The program as a user starts it. Each test uses a part of this.
+//! Starts the program as a user does. Each test program uses a part of this module.
 #![allow(dead_code)]
 
 use serde_json::Value;
@@ -8,7 +8,7 @@ use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
-/// Files of a run on virtual boards that are the same in another run of the same bytes.
+/// Files of a run on virtual boards that must be equal in repeated runs.
 pub const RUN_FILES: [&str; 4] = [
     "log-joint.csv",
     "board-front.log",
@@ -48,11 +48,11 @@ impl Run {
     }
 }
 
-/// `cfmmr` with arguments separated by spaces in a folder, on one thread.
+/// Command `cfmmr` with arguments separated by spaces in a folder, on one thread.
 pub fn command(folder: &Path, arguments: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_cfmmr"));
     command.args(arguments.split_whitespace());
-    // Tests run side by side, one a core.
+    // Tests run in parallel, one per core.
     command.env("RAYON_NUM_THREADS", "1");
     command.current_dir(folder).stdin(Stdio::null());
     command
@@ -69,19 +69,19 @@ pub fn succeed(folder: &Path, arguments: &str) -> String {
     cfmmr(folder, arguments).ends_with(0).out
 }
 
-/// Runs `cfmmr` with these arguments and this standard input in a folder.
+/// Runs `cfmmr` with arguments and standard input in a folder.
 pub fn with_input(folder: &Path, arguments: &[impl AsRef<OsStr>], input: &str) -> Run {
     let mut command = command(folder, "");
     let pipes = command.args(arguments).stdin(Stdio::piped());
     let pipes = pipes.stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = pipes.spawn().unwrap();
-    // A command that refuses its arguments, or does not read, may be gone before all is written.
+    // A command that refuses its arguments or does not read may end before all input is written.
     let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
     child.wait_with_output().unwrap().into()
 }
 
-/// Runs each line of a table, arguments and parts of the error text between bars: it ends with 2,
-/// its error has all parts, and the folder stays as it was.
+/// Runs each line of a table: arguments, then parts of the error text, separated by bars. Checks that the exit code is
+/// 2, that the error has all parts, and that no file is written.
 pub fn assert_refused(folder: &Path, command: &str, table: &str) {
     let files = || fs::read_dir(folder).unwrap().count();
     let before = files();
@@ -101,7 +101,7 @@ pub fn assert_refused(folder: &Path, command: &str, table: &str) {
     }
 }
 
-/// The JSON file of a name in a folder.
+/// Content of a JSON file in a folder.
 pub fn json_file(folder: &Path, name: &str) -> Value {
     serde_json::from_slice(&fs::read(folder.join(name)).unwrap()).unwrap()
 }

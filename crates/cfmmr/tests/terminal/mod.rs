@@ -4,7 +4,7 @@ use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{Winsize, tcsetwinsize};
 use std::os::fd::OwnedFd;
 
-/// The outer end of one of 24 lines and 80 columns, and the path of the inner one.
+/// Master end of a pseudo-terminal of 24 lines and 80 columns, and the path of its slave end.
 pub fn pseudo_terminal() -> (OwnedFd, String) {
     let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
     let master = openpt(flags).unwrap();

@@ -1,5 +1,5 @@
-//! Instructions by the clock of the core that runs the image: it lets 128 ns pass with each instruction, and
-//! SysTick counts at 168 MHz. Stack by a pattern written below the stack pointer before a call.
+//! Counts instructions by the virtual core's clock, which advances by 128 ns per instruction while SysTick counts at
+//! 168 MHz. Measures stack by a pattern written below the stack pointer before a call.
 
 use core::arch::asm;
 use core::hint::black_box;
@@ -8,24 +8,24 @@ use cortex_m::peripheral::{Peripherals, SYST};
 use cortex_m::register::{msp, pc};
 use semihosting::println;
 
-/// Thousandths of a tick of SysTick in an instruction.
+/// SysTick ticks per instruction, in thousandths.
 const MILLITICKS: u64 = 21_504;
-/// SysTick counts down from here; one count spans at most 780 000 instructions.
+/// Reload value of SysTick; one period has at most 780 000 instructions.
 const RELOAD: u32 = 0x00ff_ffff;
 
-/// Words that are painted; no measured call may need more.
+/// Number of painted words, an upper limit of the stack of a measured call.
 const PAINTED: usize = 8192;
-/// What an untouched word holds.
+/// Pattern of an untouched word.
 const PAINT: u32 = 0xc5a3_3a5c;
 
-/// What a call takes.
+/// Cost of a call.
 #[derive(Clone, Copy, Default)]
 pub struct Cost {
     /// Instructions, the call itself included.
     pub instructions: u32,
     /// Bytes of stack.
     pub stack: u32,
-    /// Address within the function that makes the call, and into which it may be compiled.
+    /// Address in the function that makes the call, which may have been inlined there.
     pub code: u32,
 }
 
@@ -40,7 +40,7 @@ pub struct Total {
 }
 
 impl Total {
-    /// Takes a call in.
+    /// Adds a call.
     pub fn add(&mut self, cost: Cost) {
         self.calls += 1;
         self.sum += cost.instructions;
@@ -49,7 +49,7 @@ impl Total {
         self.code = cost.code;
     }
 
-    /// Prints mean and largest count, largest stack and where the code begins.
+    /// Prints mean and largest count, largest stack, and the address of the code.
     pub fn print(&self, name: &str) {
         let mean = (self.sum + self.calls / 2) / self.calls.max(1);
         let Self {
@@ -61,29 +61,29 @@ impl Total {
 
 /// Counts instructions.
 pub struct Counter {
-    /// Kept so that nobody else starts it anew.
+    /// Owned, so that no other code restarts the clock.
     _clock: SYST,
-    /// What a measurement of nothing takes.
+    /// Ticks of an empty measurement.
     empty_ticks: u32,
     empty_stack: u32,
 }
 
-/// Fills the memory below the stack pointer, which nothing uses: there are no interrupts.
+/// Paints the memory below the stack pointer, which is unused because there are no interrupts.
 #[inline(always)]
 fn paint() -> *mut u32 {
     let top = msp::read() as *mut u32;
     for i in 1..=PAINTED {
-        // SAFETY: the stack has this room, and nothing lives below the stack pointer.
+        // SAFETY: the stack has this room, and memory below the stack pointer is unused.
         unsafe { top.sub(i).write_volatile(PAINT) }
     }
     top
 }
 
-/// Bytes below `top` down to the lowest that has been written to.
+/// Bytes from `top` down to the lowest written byte.
 #[inline(always)]
 fn depth(top: *mut u32) -> u32 {
     let mut words = PAINTED;
-    // SAFETY: as above.
+    // SAFETY: the stack has room for the painted words.
     while words > 0 && unsafe { top.sub(words).read_volatile() } == PAINT {
         words -= 1;
     }
@@ -112,7 +112,7 @@ impl Counter {
         counter
     }
 
-    /// Ticks, not instructions yet, and the stack of the measurement itself.
+    /// Cost in ticks instead of instructions; includes the stack of the measurement.
     #[inline(always)]
     fn measure<T>(&mut self, call: impl FnOnce() -> T) -> Cost {
         let top = paint();
@@ -133,7 +133,7 @@ impl Counter {
         (before.wrapping_sub(after) & RELOAD, pc::read())
     }
 
-    /// What a call takes, its share of calling it included.
+    /// Cost of a call, the call itself included.
     #[inline(always)]
     pub fn cost<T>(&mut self, call: impl FnOnce() -> T) -> Cost {
         let cost = self.measure(call);
@@ -145,7 +145,7 @@ impl Counter {
         }
     }
 
-    /// Measures one call after another and prints what they take.
+    /// Measures repeated calls and prints their cost.
     pub fn report<T>(&mut self, name: &str, repeats: u32, mut call: impl FnMut(u32) -> T) {
         let mut total = Total::default();
         for k in 0..repeats {
@@ -154,8 +154,8 @@ impl Counter {
         total.print(name);
     }
 
-    /// The same for a function without a state: what it costs to bring the arguments to a call, and
-    /// to take a result away as `nothing` does, is taken off.
+    /// Measures and prints the cost of a stateless function, less the cost of `nothing`, which takes equal arguments
+    /// and returns a result.
     pub fn report_function<A: Copy, T, E>(
         &mut self,
         name: &str,
@@ -175,14 +175,14 @@ impl Counter {
         total.print(name);
     }
 
-    /// What a hundred instructions that do nothing are counted as.
+    /// Counted instructions of 100 NOPs.
     pub fn nops_100(&mut self) -> u32 {
         // SAFETY: nothing happens.
         let nops = || unsafe { asm!(".rept 100", "nop", ".endr") };
         self.cost(nops).instructions
     }
 
-    /// What a thousand of them are counted as.
+    /// Counted instructions of 1000 NOPs.
     pub fn nops_1000(&mut self) -> u32 {
         // SAFETY: nothing happens.
         let nops = || unsafe { asm!(".rept 1000", "nop", ".endr") };

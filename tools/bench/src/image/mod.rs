@@ -1,4 +1,4 @@
-//! The image: measures, prints one line each, and ends.
+//! Image that prints one line per measurement.
 
 mod counter;
 mod ours;
@@ -6,7 +6,7 @@ mod problem;
 
 use cortex_m_rt::entry;
 use counter::Counter;
-// Prints the message and ends.with an error.
+// Prints the message of a panic and exits with an error.
 use panic_semihosting as _;
 use semihosting::println;
 

@@ -1,4 +1,4 @@
-//! The boards' own algorithms.
+//! Measures the boards' algorithms.
 
 use super::counter::{Counter, Total};
 use super::problem::{self, JERK, P0, R, SLIP, STEPS, T, TRACK, X0, YAW_JERK};
@@ -20,7 +20,7 @@ use core_algos::time::{EPOCH, EPOCH_S, LEAD_PHASE, TICK};
 use core_algos::topology::Role;
 use semihosting::println;
 
-/// Measures everything. The parts are not inlined: the sum of their frames would leave no room to paint.
+/// Measures everything. The parts are not inlined: the sum of their stack frames would leave too little stack to paint.
 pub fn measure(counter: &mut Counter) {
     elementary(counter);
     filter(counter);
@@ -42,7 +42,7 @@ fn elementary(counter: &mut Counter) {
     counter.report_function("atan2", 16, vector, atan2, |(y, _)| y);
 }
 
-/// The axle filter of the problem.
+/// Axle filter of [`problem`].
 pub fn axle_filter() -> (ekf::AxleFilter, ekf::State) {
     let config = ekf::Config {
         period_s: T,
@@ -77,7 +77,7 @@ fn diagonal<const N: usize>(values: &[f32; N]) -> [[f32; N]; N] {
     m
 }
 
-/// The measurements of step `k` in the filter's form.
+/// Measurements of step `k` as input of the filter.
 pub fn measurements(k: u32) -> Measurements {
     let [left, right, gyro, acceleration] = problem::measurement(k);
     Measurements {
@@ -99,7 +99,7 @@ fn filter(counter: &mut Counter) {
 }
 
 /// Curvatures (1/m) at the default gauges of strips bent by end loads up to 9 EI/L², computed in
-/// double precision: what a healthy sensor sees.
+/// double precision: readings of a sound sensor.
 const BENDS: [[f32; 5]; 8] = [
     [2.7027, 2.7027, 2.7027, 2.7027, 2.7027],
     [-1.2091, -1.7379, -2.6053, -3.5831, -4.2837],
@@ -172,7 +172,7 @@ fn fusion(counter: &mut Counter) {
     });
 }
 
-/// The joint filter as both axles drive a bend, with gyros, and the beam measures.
+/// Joint filter with gyros and beam while both axles drive a bend.
 #[inline(never)]
 fn joint(counter: &mut Counter) {
     let filter = joint::Config::default().build(0.01);
@@ -223,7 +223,7 @@ fn control(counter: &mut Counter) {
     );
 }
 
-/// From the posture of the midpoint to the references of both axles, as the robot sets off.
+/// From the posture of the midpoint to the references of both axles, at the start of a drive.
 fn midpoint(counter: &mut Counter, law: &Law, governor: &Governor, cascade: &Cascade) {
     let goal = black_box(Reference::default());
     let postures = |k: u32| black_box(Posture::new(-1.3 + 0.001 * k as f32, -1.2, 0.4));
@@ -242,13 +242,13 @@ fn midpoint(counter: &mut Counter, law: &Law, governor: &Governor, cascade: &Cas
     total.print("kinematic_governor_cascade");
 }
 
-/// A board of the default robot. Not inlined: building needs as much stack as is painted.
+/// Board of the default robot. Not inlined: building needs as much stack as is painted.
 #[inline(never)]
 fn ready(role: Role) -> Ready {
     Ready::new(&RobotConfig::default(), role).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Whole ticks of each board: plain ones, those that begin an epoch, those of the lead node.
+/// Whole ticks of each board: plain ticks, first ticks of an epoch, ticks of the lead node.
 #[inline(never)]
 fn boards(counter: &mut Counter) {
     for role in Role::PAIR {

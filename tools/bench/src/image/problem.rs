@@ -12,14 +12,14 @@ pub const SLIP: f32 = 1e-3;
 pub const JERK: f32 = 1.0;
 /// Yaw jerk, rad/s³/√Hz.
 pub const YAW_JERK: f32 = 6.0;
-/// First state.
+/// Initial state.
 pub const X0: [f32; 7] = [0.1, -0.2, 0.3, 0.2, 0.1, 0.0, 0.0];
-/// Its covariance, diagonal.
+/// Diagonal of the initial covariance.
 pub const P0: [f32; 7] = [1e-4, 1e-4, 1e-4, 1e-3, 1e-3, 1e-2, 1e-2];
 /// Steps of a run.
 pub const STEPS: u32 = 100;
 
-/// What the sensors say at step `k`.
+/// Measurements at step `k`: left wheel, right wheel, m/s; gyro, rad/s; accelerometer, m/s².
 pub fn measurement(k: u32) -> [f32; 4] {
     let wave = 0.01 * ((k * 37 % 64) as f32 - 32.0) / 32.0;
     let (v, omega) = (0.2 + wave, 0.1 - wave);

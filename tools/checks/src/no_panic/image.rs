@@ -1,4 +1,4 @@
-//! The image.
+//! Image with one tick of a board and of its periphery.
 
 use core::hint::black_box;
 use core_algos::acquisition::analog::{Supply, Thermistor};
@@ -26,7 +26,7 @@ fn panic(_: &core::panic::PanicInfo) -> ! {
     a_node_step_can_panic()
 }
 
-/// A tick of a board with samples and frames that the compiler knows nothing of.
+/// Tick of a board with samples and frames unknown to the compiler.
 #[inline(never)]
 fn tick(board: &mut Board, outbox: &mut Outbox) {
     let now = black_box(0);
@@ -52,7 +52,7 @@ fn tick(board: &mut Board, outbox: &mut Outbox) {
     }
 }
 
-/// What stands between a board's peripherals and its nodes.
+/// Algorithms between a board's peripherals and its nodes.
 struct Periphery {
     sync: TickSync,
     current_loop: (CurrentLoop, current::State),
@@ -66,7 +66,7 @@ struct Periphery {
     calibration: calibration::Config,
 }
 
-/// A tick of the periphery, again with values that the compiler knows nothing of.
+/// Tick of the periphery with values unknown to the compiler.
 #[inline(never)]
 fn peripheral_tick(p: &mut Periphery) {
     if let Ok(message) = bus::decode(&black_box(CanFrame {

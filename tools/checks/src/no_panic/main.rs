@@ -1,6 +1,6 @@
-//! Links every step of every node, and the codec of the bus, against a panic handler that has no
-//! body: the image links only if the compiler has proved that none of them can panic. It is never
-//! run. With the feature `panic` one step can, and the image must not link.
+//! Links every step of every node and the bus codec against a panic handler without a body: the image links
+//! only if the compiler has proved that none of these functions can panic. The image is never run. With the
+//! feature `panic` one step can panic, and the image must not link.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(target_os = "none")]

@@ -1,10 +1,9 @@
-//! Zeros and gains of the strain gauges from postures in which the strip is held: straight, and laid
-//! on formers of known curvature.
+//! Zeros and gains of the strain gauges, from counts with the strip held straight and on formers of known curvature.
 
 use core_algos::beam::MAX_GAUGES;
 use host_sim::base::statistics::square;
 
-/// Mean counts of the gauges while the strip was held at a known strain.
+/// Mean counts of the gauges at a known strain.
 #[derive(Clone, Copy, Debug)]
 pub struct Held {
     /// Strain of the outer fibre.
@@ -13,8 +12,8 @@ pub struct Held {
     pub counts: [f64; MAX_GAUGES],
 }
 
-/// A gauge's zero (counts) and gain (true strain over the one read), by least squares over the
-/// postures; none if they do not differ.
+/// Zero (counts) and gain (true strain over measured strain) of a gauge, by least squares; `None` if all strains are
+/// equal.
 pub fn fit(held: &[Held], gauge: usize, strain_per_count: f64) -> Option<(f64, f64)> {
     let count = held.len() as f64;
     let mean = |value: &dyn Fn(&Held) -> f64| held.iter().map(value).sum::<f64>() / count;
@@ -33,7 +32,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn zero_and_gain_of_a_line_are_found_and_one_posture_is_too_few() {
+    fn zero_and_gain_need_two_strains() {
         let (zero, gain, unit) = (8123.4, 0.97, 5e-7);
         let held = |strain: f64| Held {
             strain,

@@ -1,5 +1,5 @@
-//! Calibration of wheels, strain gauges and gyros, and the simulated robot on which it is tried: the
-//! same one throughout, with errors that are its own and that only the report is told.
+//! Calibration of wheels, strain gauges and gyros. All procedures calibrate one simulated robot. Only the report reads
+//! the robot's true errors.
 
 pub mod gauges;
 pub mod procedures;
@@ -35,43 +35,43 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use turns::{Sum, Turn};
 use wheels::{Lap, Return};
 
-/// Standard deviation with which an end is measured along each axis, m: a tape and marks on the floor.
+/// Standard deviation of a measured end along each axis, m: tape and marks on the floor.
 pub const TAPE_SIGMA_M: f64 = 1e-3;
 /// Relative standard deviation of a former's curvature.
 pub const FORMER_SIGMA: f64 = 1e-3;
-/// Standard deviation with which a turn is stopped at a mark, rad.
+/// Standard deviation of the angle at which a turn by hand stops, rad.
 pub const MARK_SIGMA_RAD: f64 = 2e-3;
 
-/// Half of the square's side, and radius of its corners, m.
+/// Half side of the square, m; next constant: radius of the corners, m.
 const HALF_SIDE_M: f64 = 1.0;
 const CORNER_M: f64 = 0.6;
 
-/// The robot, or boards of one.
+/// Simulated robot under calibration, with its boards.
 pub struct Bench {
     robot: Drawn,
     seed: u64,
     /// True if the boards are outside of this process.
     remote: bool,
     boards: Option<Vec<Box<dyn Target>>>,
-    /// Ends the next drive with an error.
+    /// Ends a drive with an error if true.
     pub interrupt: Arc<AtomicBool>,
 }
 
 /// Result of a run on a path.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Run {
-    /// Odometry of the axles and their true ends, front first.
+    /// Odometry and measured end of each axle, front first.
     pub axles: Vec<Return>,
-    /// True turn of each axle less that of its odometry, rad.
+    /// True turn less odometric turn of each axle, rad.
     pub heading: Vec<f64>,
-    /// The robot's own estimate of where it came to, against the truth.
+    /// Measured end of the robot less its estimate, m.
     pub robot: [f64; 2],
-    /// Root mean square error of the first frame's measured end: m, m, rad.
+    /// Root mean square error of the relative posture measured by the first frame: m, m, rad.
     pub beam: [f64; 3],
 }
 
 impl Bench {
-    /// The robot of a seed; its boards are in this process, or the given ones.
+    /// Robot drawn with `seed`; its boards are `boards`, or in this process.
     pub fn new(scenario: &Scenario, seed: u64, boards: Option<Vec<Box<dyn Target>>>) -> Self {
         Self {
             robot: scenario.world.draw(scenario.robot.topology(), seed, 0),
@@ -87,7 +87,7 @@ impl Bench {
         &self.robot
     }
 
-    /// Drives a path; noise and placement are those of `run`, which is not 0.
+    /// Drives a path with the noise and placement of draw `run`; draw 0 is the robot.
     pub fn drive(&mut self, scenario: &Scenario, path: &Path, run: u64) -> Result<Run, Error> {
         let mut scenario = scenario.clone();
         let route = Route::new(path, 1, &scenario);
@@ -133,7 +133,7 @@ impl Bench {
             heading.push(wrap(phi - seen.laps[i].end()[2]));
             Return {
                 lap: seen.laps[i].clone(),
-                // Marks at both wheels.
+                // The heading is measured by marks at both wheels.
                 end: [
                     x + tape(),
                     y + tape(),
@@ -159,14 +159,13 @@ impl Bench {
         })
     }
 
-    /// Mean counts of the gauges while the strip is held straight and then on formers of these
-    /// curvatures, 1/m.
+    /// Mean counts of the gauges with the strip straight, then on formers of the given curvatures, 1/m.
     pub fn hold(&self, scenario: &Scenario, curvatures: &[f64]) -> Result<Vec<Held>, Error> {
         const SAMPLES: usize = 3000;
         let bridge = &scenario.world.sensors.bridge;
         let believed = f64::from(scenario.robot.geometry.half_thickness_m);
         let mut random = generator(self.seed, 1, Stream::Other(78));
-        // What all bridges share after zeroing comes from the edge, and there has been no drift yet.
+        // The common offset after zeroing is from the straight edge; the drift since zeroing is 0.
         let edge = normal(&mut random, bridge.common_sigma_strain);
         let mut robot = self.robot.clone();
         robot.frames[0].bridge_drift = [0.0; MAX_GAUGES];
@@ -194,8 +193,8 @@ impl Bench {
         Ok(held)
     }
 
-    /// Readings of the axles' gyros while the robot is turned by hand on the spot: three times around to the
-    /// left, then to the right, with rests.
+    /// Gyro readings of each axle while the robot is turned by hand on the spot: three turns to the left, then three to
+    /// the right, each between two rests.
     pub fn turn(&self, scenario: &Scenario) -> Result<Vec<Vec<Turn>>, Error> {
         const REST: usize = 3000;
         const TURNING: usize = 18_000;
@@ -213,7 +212,7 @@ impl Bench {
             let mut sums = vec![[Sum::default(); 3]; all.len()];
             for k in 0..REST + TURNING + REST {
                 let part = usize::from(k >= REST) + usize::from(k >= REST + TURNING);
-                // Begun and ended smoothly, so that no reading of the turn falls into a rest.
+                // The turn starts and ends smoothly, within its own part of the readings.
                 let share = (k as f64 - REST as f64) / TURNING as f64;
                 let rate = match (part, (0.01..0.99).contains(&share)) {
                     (1, true) => {
@@ -242,18 +241,17 @@ impl Bench {
     }
 }
 
-/// Samples after a change that are not used: filters and delays have settled then.
+/// Samples discarded after a change, while filters and delays settle.
 const SETTLE: usize = 500;
 
-/// A square with round corners, from the middle of a side along x; `way` is 1 to the left, −1 to the
-/// right.
+/// Square with round corners, from the middle of a side along x; `way` is 1 for a left turn, −1 for a right turn.
 pub fn square(way: f64) -> Result<Path, Error> {
     let (side, inner) = (2.0 * HALF_SIDE_M, HALF_SIDE_M - CORNER_M);
     let mut points = Vec::new();
     for quarter in 0..4 {
         let (s, c) = libm::sincos(f64::from(quarter) * TAU / 4.0);
         let mut add = |x: f64, y: f64| {
-            // Turned about the middle of the square.
+            // Rotated about the middle of the square.
             let y = y - HALF_SIDE_M;
             let at = (c * x - s * y, way * (s * x + c * y + HALF_SIDE_M));
             points.push(Waypoint::from(at));
@@ -271,12 +269,12 @@ pub fn square(way: f64) -> Result<Path, Error> {
     Path::through(&points).map_err(|error| Error::Failure(error.to_string()))
 }
 
-/// Odometry of the boards from the bus, and the start posture.
+/// Odometry and beam postures from the bus, and start postures.
 struct Seen {
     axles: Vec<[f64; 3]>,
     midpoint: [f64; 3],
     laps: Vec<Lap>,
-    /// Believed by each axle, m.
+    /// Track configured in each axle's board, m.
     track_m: Vec<f64>,
     relative_heading: f64,
     beam: Vec<[f64; 3]>,
@@ -321,7 +319,7 @@ impl Seen {
                 let place = [posture.x, posture.y, posture.phi].map(|v| f64::from(v) + bad);
                 self.beam.push(place);
             }
-            // The commanded steering is known without the sensor, and without its errors.
+            // The commanded steering has no sensor errors.
             Ok(Message::LeadStatus { steering_rad, .. }) => {
                 self.relative_heading = f64::from(Steering(steering_rad).relative_heading().0)
             }
@@ -329,7 +327,7 @@ impl Seen {
         }
     }
 
-    /// Root mean square of what the beam board said less the truth.
+    /// Root mean square error of the beam board's postures: m, m, rad.
     fn beam_error(&self, truth: &[[f64; 3]], first: usize) -> [f64; 3] {
         let pairs = self.beam.iter().skip(first).zip(truth);
         let (mut sums, mut count) = ([0.0; 3], 0.0);
@@ -343,7 +341,7 @@ impl Seen {
     }
 }
 
-/// The constants of an axle as its board has them.
+/// Constants of an axle as configured in its board.
 pub fn believed(scenario: &Scenario, role: Role) -> Result<wheels::Axle, Error> {
     let mut settings = Settings::new(scenario.robot);
     scenario.boards.apply(role, &mut settings)?;
@@ -355,7 +353,7 @@ pub fn believed(scenario: &Scenario, role: Role) -> Result<wheels::Axle, Error> 
     })
 }
 
-/// A posture seen from another one.
+/// Posture `to` in the frame of posture `from`.
 fn between(from: [f64; 3], to: [f64; 3]) -> [f64; 3] {
     let (s, c) = libm::sincos(from[2]);
     let (x, y) = (to[0] - from[0], to[1] - from[1]);

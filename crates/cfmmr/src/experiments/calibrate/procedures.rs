@@ -1,4 +1,4 @@
-//! Procedures of a calibration: runs, and constants found from them.
+//! Procedures of a calibration: runs, and the constants computed from them.
 
 use crate::experiments::calibrate::wheels;
 use crate::experiments::calibrate::wheels::{Errors, systematic};
@@ -13,16 +13,16 @@ use host_sim::world::sensors::SAMPLE_PERIOD_S;
 use output::table::Table;
 use serde::Serialize;
 
-/// Speeds at which the squares are driven, m/s: creep goes with the time.
+/// Speeds of the squares, m/s. Two speeds separate creep, which grows with time, from a wrong track.
 pub(super) const SPEEDS_M_S: [f32; 2] = [0.2, 0.1];
-/// Way to the left and to the right.
+/// Directions of the squares: 1 left, −1 right.
 pub(super) const WAYS: [f64; 2] = [1.0, -1.0];
-/// Length of the straight way, m.
+/// Length of the straight line, m.
 pub(super) const STRAIGHT_M: f64 = 4.0;
 /// Curvatures of the formers, 1/m.
 pub(super) const FORMERS: [f64; 4] = [1.0, -1.0, 2.0, -2.0];
 
-/// One parameter that was calibrated.
+/// Calibrated parameter.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Row {
     pub(super) board: &'static str,
@@ -30,11 +30,11 @@ pub(super) struct Row {
     pub(super) unit: &'static str,
     pub(super) before: f64,
     pub(super) after: f64,
-    /// As the simulator knows it.
+    /// Value of the simulated robot.
     pub(super) truth: f64,
 }
 
-/// Something that shows what the calibration did to the robot.
+/// Error of the robot before and after the calibration.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Effect {
     pub(super) what: String,
@@ -65,7 +65,7 @@ pub(super) fn parameter(name: &str) -> Result<&'static Parameter, Error> {
 }
 
 impl Report {
-    /// The report of a robot before its calibration.
+    /// Empty report.
     fn of(scenario: &Scenario) -> Self {
         Self {
             found: Overlays::new(scenario.robot.topology()),
@@ -73,7 +73,7 @@ impl Report {
         }
     }
 
-    /// Adds a parameter; what is found must be in its range.
+    /// Adds a calibrated parameter; fails if `after` is out of its range.
     pub(super) fn find(
         &mut self,
         role: Role,
@@ -149,7 +149,7 @@ impl Report {
     }
 }
 
-/// Squares both ways at both speeds, the nominal one first.
+/// Squares in both directions at both speeds, nominal speed first: speed, direction, run.
 pub(super) struct Squares(Vec<(f32, f64, Run)>);
 
 impl Squares {
@@ -169,7 +169,7 @@ impl Squares {
         Ok(Self(runs))
     }
 
-    /// UMBmark's measure at the nominal speed of some return errors.
+    /// UMBmark's systematic error at the nominal speed, from the return error of each run.
     pub(super) fn systematic(&self, error: impl Fn(&Run) -> [f64; 2]) -> f64 {
         let of = |wanted: f64| -> Vec<[f64; 2]> {
             let runs = self.0.iter();
@@ -181,7 +181,7 @@ impl Squares {
     }
 }
 
-/// Wheel radius, wheel ratio and track of each axle, by a straight way and squares.
+/// Wheel radius, wheel ratio and track of each axle, from a straight line and squares.
 pub fn calibrate_wheels(
     scenario: &Scenario,
     bench: &mut Bench,
@@ -253,13 +253,13 @@ pub fn calibrate_wheels(
         .collect();
     report.notes.push(format!(
         "creep under the frame's moment: {} rad/s per rad of relative heading; \
-         the joint filter estimates it, no parameter corrects it",
+         the joint filter estimates the creep, no parameter corrects it",
         creep.join(" and ")
     ));
     Ok(report)
 }
 
-/// Zeros and gains of the strain gauges, by a straight strip and formers.
+/// Zeros and gains of the strain gauges, from a straight strip and formers.
 pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Error> {
     let mut report = Report::of(scenario);
     let bridge = &scenario.world.sensors.bridge;
@@ -289,8 +289,7 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
         let truth = 1.0 / (1.0 + frame.bridge_gain_error[i]);
         report.find(Role::beam(0), &name, 1.0, *gain, truth)?;
     }
-    // A lap, with the zeros of the straight edge but the converter's gains first: without any zeros
-    // the robot would not find its way.
+    // The first lap has calibrated zeros and nominal gains: without zeros the robot cannot follow the path.
     let mut zeroed = Overlays::new(scenario.robot.topology());
     zeroed.put(Role::beam(0), &report.found.values(Role::beam(0))?);
     for i in 0..count {
@@ -317,7 +316,7 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
             [0, 1].map(|i| 1e3 * errors[i][k]),
         );
     }
-    // What the zeros do is known without driving: the mean strain they leave turns the frame's end.
+    // The effect of the zeros is computed: the remaining mean strain turns the frame's end.
     let geometry = &scenario.robot.geometry;
     let [length, half] = [geometry.frame_length_m, geometry.half_thickness_m].map(f64::from);
     let unzeroed = frame.bridge_offset[..count].iter().sum::<f64>() / count as f64;
@@ -337,7 +336,7 @@ pub fn calibrate_gauges(scenario: &Scenario, bench: &mut Bench) -> Result<Report
     Ok(report)
 }
 
-/// Gains of the gyros, by turns.
+/// Gains of the gyros, from turns by known angles.
 pub fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report, Error> {
     let mut report = Report::of(scenario);
     let turned = bench.turn(scenario)?;
@@ -354,7 +353,7 @@ pub fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report,
         report.find(role, "inertial.gyro_gain", before, gain, truth)?;
         let bias = turned[i].iter().map(turns::Turn::bias).sum::<f64>() / turned[i].len() as f64;
         report.notes.push(format!(
-            "{name} gyro: bias {:+.3} mrad/s at rest (true {:+.3}); not stored, each board estimates it at rest",
+            "{name} gyro: bias {:+.3} mrad/s at rest (true {:+.3}); not stored: each board estimates the bias at rest",
             1e3 * bias,
             1e3 * bench.robot().gyro_bias[i]
         ));
@@ -374,7 +373,7 @@ pub fn calibrate_gyros(scenario: &Scenario, bench: &mut Bench) -> Result<Report,
     Ok(report)
 }
 
-/// The scenario with what was found laid over it.
+/// Scenario with the calibrated parameters.
 fn with(scenario: &Scenario, found: &Overlays) -> Result<Scenario, Error> {
     let mut scenario = scenario.clone();
     for role in found.topology.boards() {

@@ -1,5 +1,5 @@
-//! Strain gauges of a real robot, by the procedure of its beam board. The request passes the front board's port and the
-//! bus.
+//! Calibration of a real robot's strain gauges by its beam board. The request passes through the front board's port and
+//! the bus.
 
 use crate::experiments::result::{Json, Provenance};
 use crate::experiments::run::links::Links;
@@ -15,9 +15,9 @@ use serde::Serialize;
 use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
-/// Longest time of the procedure: the average takes three seconds.
+/// Timeout of the procedure; averaging takes 3 s.
 const PATIENCE: Duration = Duration::from_secs(15);
-/// Longest wait for bytes.
+/// Timeout of one read.
 const WAIT: Duration = Duration::from_millis(10);
 
 /// Result.
@@ -25,12 +25,12 @@ const WAIT: Duration = Duration::from_millis(10);
 struct Report {
     calibrate: Calibrate,
     result: CalibrationResult,
-    /// Gauge to blame, counted from 1 at the root.
+    /// Gauge that caused the failure, counted from 1 at the root.
     gauge: Option<u8>,
 }
 
-/// Runs the procedure, with a former of this curvature (1/m) or with a straight strip, after a confirmation of the user if
-/// that is wanted.
+/// Calibrates gains on a former of this curvature (1/m), or zeros on a straight strip. Asks the user first if `confirm`
+/// is true.
 pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Result<(), Error> {
     let (calibrate, hold) = match former {
         None => (Calibrate::Zero(0.0), "straight, against an edge".to_owned()),
@@ -39,12 +39,13 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
             format!("on the former of {curvature} per metre"),
         ),
     };
-    if former.is_some_and(|curvature| curvature.abs() < 0.1) {
-        return Err(Error::input(
-            "--former: must be at least 0.1 per metre: a flatter former shows no gain",
-        ));
+    if let Some(flat) = former.filter(|curvature| curvature.abs() < 0.1) {
+        return Err(Error::input(format!(
+            "--former {flat}: must be at least 0.1 per metre in magnitude: a flatter former does not determine \
+             the gains"
+        )));
     }
-    // Answers to earlier requests have other numbers.
+    // Tells the answer from answers to earlier processes.
     let sequence = (std::process::id() % 256) as u8;
     let message = Message::BeamCalibration {
         frame: FrameId(0),
@@ -56,7 +57,7 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
     let log = BoardLog::new(links.robot.name(Role::LEAD));
     let Some(port) = links.open(Role::LEAD, &log)? else {
         return Err(Error::input(
-            "--on serial: must be serial:front=PORT: the request passes the front board",
+            "--on serial: must be serial:front=PORT: the request passes through the front board",
         ));
     };
     if confirm {
@@ -80,14 +81,14 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
     }
 }
 
-/// Asks the user to hold the strip.
+/// Waits until the user confirms that the strip is held.
 fn wait(hold: &str) -> Result<(), Error> {
     if !io::stdin().is_terminal() {
         return Err(Error::input(
-            "no terminal for a confirmation that the strip is held: use --yes",
+            "standard input is not a terminal, so the held strip cannot be confirmed: use --yes",
         ));
     }
-    // Standard output may be that of the JSON.
+    // Standard output may carry the JSON result.
     let _ = write!(io::stderr(), "hold the strip {hold}, then press Enter ");
     match io::stdin().read_line(&mut String::new())? {
         0 => Err(Error::input("not confirmed: nothing was calibrated")),
@@ -126,6 +127,6 @@ fn request(
         }
     }
     Err(Error::Failure(format!(
-        "beam board: no answer in {PATIENCE:?}: check that it is on the bus"
+        "beam board: no answer in {PATIENCE:?}: check that the beam board is on the bus"
     )))
 }

@@ -1,8 +1,8 @@
-//! Scale and bias of a gyro from turns by known angles, with a rest before and after each.
+//! Gain and bias of a gyro from turns by known angles, each between two rests.
 
 use host_sim::base::statistics::square;
 
-/// Readings of a gyro, rad/s, at a fixed interval.
+/// Sum of gyro readings, rad/s, at a fixed interval.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sum {
     total: f64,
@@ -10,7 +10,7 @@ pub struct Sum {
 }
 
 impl Sum {
-    /// Takes in a reading.
+    /// Adds a reading, rad/s.
     pub fn add(&mut self, reading: f64) {
         self.total += reading;
         self.count += 1.0;
@@ -22,25 +22,25 @@ impl Sum {
     }
 }
 
-/// One turn.
+/// Readings of one turn.
 #[derive(Clone, Copy, Debug)]
 pub struct Turn {
-    /// At rest before and after.
+    /// Readings at rest before and after the turn.
     pub rests: [Sum; 2],
-    /// While it turned.
+    /// Readings during the turn.
     pub turning: Sum,
-    /// The angle, rad.
+    /// Known angle of the turn, rad.
     pub angle: f64,
 }
 
 impl Turn {
-    /// Bias as the rests show it, rad/s.
+    /// Bias, mean of both rests, rad/s.
     pub fn bias(&self) -> f64 {
         0.5 * (self.rests[0].mean() + self.rests[1].mean())
     }
 }
 
-/// True rate over the one read, by least squares over the turns; none without a turn.
+/// Gain, true over measured rate, by least squares over the turns; `None` without a turn.
 pub fn gain(turns: &[Turn], interval_s: f64) -> Option<f64> {
     let read = |turn: &Turn| (turn.turning.total - turn.bias() * turn.turning.count) * interval_s;
     let squares: f64 = turns.iter().map(|turn| square(read(turn))).sum();
@@ -53,7 +53,7 @@ pub fn gain(turns: &[Turn], interval_s: f64) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// Readings of a gyro of this scale whose bias grows evenly.
+    /// Readings of a gyro with a scale and a linearly growing bias.
     fn turn(scale: f64, angle: f64, bias: f64, growth: f64) -> Turn {
         let mut sums = [Sum::default(); 3];
         for k in 0..12_000u32 {
@@ -69,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn gain_is_found_whatever_the_bias_and_its_even_growth() {
+    fn gain_is_independent_of_bias_and_linear_drift() {
         for scale in [0.99, 1.007] {
             let turns = [
                 turn(scale, 18.0, 0.02, 1e-4),

@@ -1,31 +1,29 @@
-//! Wheels of one axle from where it came back to: UMBmark, of Borenstein and Feng ("Measurement and
-//! correction of systematic odometry errors in mobile robots", 1996).
+//! Wheel ratio and track of one axle from return errors: UMBmark, of Borenstein and Feng ("Measurement and correction
+//! of systematic odometry errors in mobile robots", 1996).
 //!
-//! A square is driven both ways, and the end of the odometry is compared with where the axle really
-//! is. An unequal pair of wheels bends every side, a wrong track turns every corner too far; the first
-//! adds up on one way and cancels on the other. The method's formulas are for corners turned on the
-//! spot. This robot drives around its corners, so what each error does to the end is summed along
-//! the path that was driven; on a square with sharp corners that is the same to first order.
+//! The robot drives a square in both directions, and the final odometric posture is compared with the true one. Unequal
+//! wheels bend every side, a wrong track turns every corner too far: the errors add in one direction and cancel in the
+//! other. UMBmark's formulas are for corners turned on the spot. This robot drives around its corners, so the effect of
+//! each error is summed along the driven path. For sharp corners both methods agree to first order.
 //!
-//! The frame pushes the axles against each other in a bend, and tyres creep. That looks like a wrong
-//! track, but goes with the time spent in the bend and not with the angle turned: squares at two
-//! speeds tell the two apart.
+//! In a bend the frame's moment makes the tyres creep. Creep looks like a wrong track, but grows with the time in the
+//! bend, not with the angle: squares at two speeds separate the two errors.
 
 use core_algos::bus::field::POSITION_SPAN_M;
 use host_sim::run::final_error::wrap;
 use plant::elastica::solve;
 
-/// Standard deviation of the ends of the axle as measured, m; it weighs heading against position.
+/// Standard deviation of a measured end of the axle, m; weighs heading against position.
 const MARK_M: f64 = 1e-3;
 
-/// The odometry of one run, step by step.
+/// Odometry of one run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Lap {
     place: Option<[f64; 3]>,
     steps: Vec<Step>,
 }
 
-/// Way ahead and aside (m) and turn (rad) by odometry, and what the unit of each error turns besides.
+/// Odometric motion ahead and aside, m, and turn, rad; additional turn per unit of each error, rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Step {
     way: [f64; 2],
@@ -34,9 +32,8 @@ struct Step {
 }
 
 impl Lap {
-    /// Takes in the next odometric posture (m, m, rad) of the axle whose track is believed to be
-    /// `track_m`, as sent, modulo the span of the bus; the relative heading was `heading_rad` in the
-    /// `dt_s` before it.
+    /// Adds the next odometric posture (m, m, rad) of an axle with configured track `track_m`. The position wraps at
+    /// the range of the bus format. During the preceding `dt_s`, the relative heading was `heading_rad`.
     pub fn add(&mut self, posture: [f64; 3], track_m: f64, heading_rad: f64, dt_s: f64) {
         let [mut x, mut y, phi] = posture;
         if let Some([x0, y0, phi0]) = self.place {
@@ -61,7 +58,7 @@ impl Lap {
         self.place.unwrap_or_default()
     }
 
-    /// Final posture of the axle for these odometry errors, and its derivatives by the errors.
+    /// Final posture of the axle with the given odometry errors, and its derivatives by the errors.
     fn predict(&self, errors: &[f64; 3]) -> ([f64; 3], [[f64; 3]; 3]) {
         let [mut x, mut y, mut phi] = [0.0f64; 3];
         let (mut turned, mut moment) = ([0.0; 3], [[0.0; 2]; 3]);
@@ -89,23 +86,23 @@ impl Lap {
     }
 }
 
-/// A run and where it really ended, in the frame in which the axle began: m, m, rad.
+/// Odometry and true end of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Return {
-    /// The odometry.
+    /// Odometry.
     pub lap: Lap,
-    /// The true end.
+    /// True end in the frame of the start: m, m, rad.
     pub end: [f64; 3],
 }
 
 impl Return {
-    /// True end less the odometry's, m.
+    /// True end less odometric end, m.
     pub fn error(&self) -> [f64; 2] {
         let [x, y, _] = self.lap.end();
         [self.end[0] - x, self.end[1] - y]
     }
 
-    /// The same of an odometry that knows of this creep, m.
+    /// True end less the end of odometry corrected for creep (1/s), m.
     pub fn without_creep(&self, creep: f64) -> [f64; 2] {
         let ([x, y, _], _) = self.lap.predict(&[0.0, 0.0, creep]);
         [self.end[0] - x, self.end[1] - y]
@@ -115,16 +112,16 @@ impl Return {
 /// Errors of an axle's constants.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Errors {
-    /// Share by which the right wheel is larger and the left one smaller than believed.
+    /// Relative excess of the right radius and deficit of the left radius over the configured values.
     pub ratio: f64,
-    /// Share by which a true turn is larger than the odometry's.
+    /// Relative excess of a true turn over the odometric turn.
     pub turn: f64,
-    /// True yaw rate beyond that of the wheels over the relative heading, 1/s.
+    /// Yaw rate by creep per relative heading, 1/s.
     pub creep: f64,
 }
 
-/// The errors that explain the ends best (least squares, Gauss–Newton), headings alone first, since
-/// they are linear in them; none if the runs do not tell the errors apart.
+/// Least-squares estimate of the errors (Gauss–Newton). The first round uses headings only, which are linear in the
+/// errors. `None` if the runs do not determine the errors.
 pub fn fit(returns: &[Return], track_m: f64) -> Option<Errors> {
     let heading = track_m / (2f64.sqrt() * MARK_M);
     let weights = [[0.0, 0.0, heading], [1.0 / MARK_M, 1.0 / MARK_M, heading]];
@@ -183,20 +180,18 @@ pub struct Axle {
 }
 
 impl Axle {
-    /// The constants without these errors, `scale` being the true length of a straight way over the
-    /// odometry's.
+    /// Corrected constants; `scale` is the true over the odometric length of a straight line.
     pub fn corrected(&self, scale: f64, errors: &Errors) -> Self {
         Self {
             radius_m: self.radius_m * scale,
             ratio: self.ratio * (1.0 + errors.ratio) / (1.0 - errors.ratio),
-            // The turn is measured with the wheels as they are believed to be.
+            // Turns are measured with the configured radii, hence the factor.
             half_track_m: self.half_track_m * scale / (1.0 + errors.turn),
         }
     }
 }
 
-/// UMBmark's measure of systematic error, m: the larger distance of the mean end from the odometry's
-/// of the two ways.
+/// UMBmark's systematic error, m: length of the mean return error, the larger of both directions.
 pub fn systematic(ways: [&[[f64; 2]]; 2]) -> f64 {
     let distance = |errors: &[[f64; 2]]| {
         let count = errors.len().max(1) as f64;
@@ -225,16 +220,15 @@ mod tests {
         half_track_m: 0.162,
     };
 
-    /// A square of side `side` with corners of `radius` (0: on the spot) in which the believed axle
-    /// drives exactly; the wheels turn as that needs, and the true axle does what its wheels and the
-    /// creep make of it.
+    /// Square of side `side` with corners of `radius` (0: on the spot). The wheels turn so that the configured axle
+    /// would drive the square exactly; the true axle moves by its own radii, track and creep.
     fn square(truth: &Axle, side: f64, radius: f64, way: f64, speed: f64, creep: f64) -> Return {
         let (mut lap, mut place) = (Lap::default(), [0.0f64; 3]);
         let mut odometry = [0.0f64; 3];
         let track = 2.0 * BELIEVED.half_track_m;
         lap.add(odometry, track, 0.0, 0.0);
         let mut step = |ds: f64, turn: f64, dt: f64, heading: f64| {
-            // Advances of the wheels as believed, and as they are.
+            // Advance of the wheels with configured and with true radii.
             let wheel = [ds - 0.5 * turn * track, ds + 0.5 * turn * track];
             let believed = radii(&BELIEVED);
             let real = radii(truth);
@@ -284,7 +278,7 @@ mod tests {
     };
 
     #[test]
-    fn constants_are_found_from_rounded_squares_in_spite_of_creep() {
+    fn rounded_squares_with_creep_give_the_true_constants() {
         for truth in [
             TRUTH,
             Axle {
@@ -301,7 +295,7 @@ mod tests {
             }
             let errors = fit(&returns, 0.324).unwrap();
             let found = BELIEVED.corrected(1.0, &errors);
-            // What is left is of second order: products of errors of a hundredth.
+            // Remaining errors are of second order.
             assert!((found.ratio - truth.ratio).abs() < 3e-5, "{found:?}");
             let track = found.half_track_m / truth.half_track_m;
             assert!((track - 1.0).abs() < 3e-4, "{found:?}");
@@ -309,7 +303,7 @@ mod tests {
         }
     }
 
-    /// The formulas of the paper, for corners on the spot.
+    /// UMBmark's formulas, for corners turned on the spot: wheel ratio, track factor.
     fn umbmark(ccw: [f64; 2], cw: [f64; 2], side: f64) -> (f64, f64) {
         let alpha = (cw[0] + ccw[0]) / (-4.0 * side);
         let beta = (cw[0] - ccw[0]) / (-4.0 * side);
@@ -322,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn sharp_corners_give_what_the_formulas_of_umbmark_give() {
+    fn sharp_corners_agree_with_the_formulas_of_umbmark() {
         let ccw = square(&TRUTH, 2.0, 0.0, 1.0, 0.2, 0.0);
         let cw = square(&TRUTH, 2.0, 0.0, -1.0, 0.2, 0.0);
         let (ratio, track) = umbmark(ccw.error(), cw.error(), 2.0);
@@ -331,7 +325,7 @@ mod tests {
             (track * BELIEVED.half_track_m / TRUTH.half_track_m - 1.0).abs() < 1e-3,
             "{track}"
         );
-        // Creep is told apart by time, of which sharp corners take none: here it is known to be none.
+        // Sharp corners take no time, so they do not determine creep; here creep is 0.
         let both = [ccw, cw];
         assert_eq!(fit(&both, 0.324), None);
         let errors = [0.5 * (ratio - 1.0), 1.0 / track - 1.0, 0.0];
@@ -344,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn the_measure_is_the_worse_of_both_ways_means() {
+    fn systematic_error_is_the_larger_mean_of_both_directions() {
         let one = [[0.03, 0.0], [0.05, 0.0]];
         let two = [[0.0, 0.02], [0.0, -0.02]];
         assert!((systematic([&one, &two]) - 0.04).abs() < 1e-15);

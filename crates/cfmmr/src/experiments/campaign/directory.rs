@@ -1,7 +1,7 @@
-//! The directory of a study: the study itself and one file for each block of runs.
+//! Directory of a campaign: a copy of the study and one file per block of runs.
 //!
-//! A block is the same whoever runs it, so shards of any number fill one directory, and what a killed
-//! shard had finished stays. A file is complete or not there.
+//! A block's content depends on the study only, so any number of shards can fill one directory. A killed shard keeps
+//! its finished blocks: a file is written completely or not at all.
 
 use super::rows::{Noted, Row};
 use super::study::Study;
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 /// Name of the copy of the study.
 const COPY: &str = "study.toml";
 
-/// A study's directory.
+/// Directory of a campaign.
 #[derive(Clone, Debug)]
 pub struct Directory {
     path: PathBuf,
@@ -26,16 +26,16 @@ pub struct Directory {
 /// State of a block.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Block {
-    /// Its runs.
+    /// Runs of the block.
     Complete(Vec<Row>),
-    /// Nothing.
+    /// No file.
     Missing,
-    /// A file that cannot be used, and why.
+    /// Unusable file, with the reason.
     Spoiled(String),
 }
 
 impl Directory {
-    /// The directory for the runs of `study`. One that is there must be of the same study.
+    /// Opens or creates the directory of `study`; fails if the directory belongs to a different study.
     pub fn open_for(study: Study, path: &Path) -> Result<Self, Error> {
         let canonical = study.canonical()?;
         let copy = path.join(COPY);
@@ -61,7 +61,7 @@ impl Directory {
         })
     }
 
-    /// A directory that shards have written to.
+    /// Opens an existing directory.
     pub fn open(path: &Path) -> Result<Self, Error> {
         let copy = path.join(COPY);
         let study = Study::load(&copy).map_err(|error| match copy.exists() {
@@ -108,7 +108,7 @@ impl Directory {
             return spoiled("belongs to a different study".to_owned());
         }
         if read.made_by != BUILD {
-            return spoiled(format!("was not written by {BUILD}"));
+            return spoiled(format!("was written by another build than {BUILD}"));
         }
         let runs = read.rows.iter().map(|row| row.run);
         if !runs.eq(self.study.block_runs(block)) {
@@ -130,7 +130,7 @@ impl Directory {
         };
         let file = self.file(block);
         let lines = noted.to_lines()?;
-        // JSON has no word for what is not a number.
+        // JSON cannot represent NaN; fail before such a block is written.
         Noted::from_lines(lines.as_bytes())
             .map_err(|why| Error::Failure(format!("{}: {why}", file.display())))?;
         Ok(files::write_file(&file, lines)?)

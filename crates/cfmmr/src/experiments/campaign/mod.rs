@@ -1,9 +1,8 @@
-//! Campaigns: seeded Monte Carlo studies over variations of a scenario, in parts that need not know
-//! of each other.
+//! Campaigns: seeded Monte Carlo studies over variations of a scenario, computed in independent parts (shards).
 //!
-//! [`study`] says what each run is; [`parts`] computes and merges them; [`directory`] keeps the runs in blocks, each a file of JSON lines;
-//! [`rows`] are the results in it; [`report`] tells what came out. A run is a function of the study and
-//! its number alone, and so is a block, so any number of shards gives the same files.
+//! [`study`] defines each run; [`parts`] computes and merges runs; [`directory`] stores runs in blocks, one file of
+//! JSON lines each; [`rows`] holds results; [`report`] summarises. Runs and blocks are functions of the study and their
+//! number alone, so any number of shards gives the same files.
 
 pub mod directory;
 pub mod parts;

@@ -17,12 +17,12 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::path::Path;
 
-/// Numbers of runs of a part, all complete.
+/// Numbers of runs of a finished part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Computed {
-    /// Runs that were computed.
+    /// Computed runs.
     pub runs: u64,
-    /// Runs that were complete before.
+    /// Runs already complete at the start.
     pub before: u64,
 }
 
@@ -55,7 +55,7 @@ pub fn compute(directory: &Directory, shard: &Shard, workers: &Workers) -> Resul
     })
 }
 
-/// The merge if every block has a file; else the missing blocks.
+/// Next step for the user: merge if every block has a file, else the missing blocks.
 pub fn next_step(directory: &Directory, out: &Path) -> String {
     let (absent, out) = (directory.absent(), out.display());
     match absent.is_empty() {
@@ -88,11 +88,11 @@ pub fn ranges(numbers: &[u64]) -> String {
 
 fn interrupted(done: u64, all: u64) -> Error {
     Error::Interrupted(format!(
-        "interrupted after {done} of {all} runs; the same command computes the others"
+        "interrupted after {done} of {all} runs; repeat the command to compute the other runs"
     ))
 }
 
-/// Blocks that are not there, or damaged.
+/// Missing and damaged blocks; a note is printed for each damaged one.
 fn missing(directory: &Directory, blocks: &[u64]) -> Result<Vec<u64>, Error> {
     let mut missing = Vec::new();
     for &block in blocks {
@@ -100,7 +100,7 @@ fn missing(directory: &Directory, blocks: &[u64]) -> Result<Vec<u64>, Error> {
             Block::Complete(_) => {}
             Block::Missing => missing.push(block),
             Block::Spoiled(why) => {
-                note(format!("{why}: recomputed"));
+                note(format!("{why}: the block is recomputed"));
                 missing.push(block);
             }
         }
@@ -131,7 +131,7 @@ pub struct Status {
     pub spoiled: Vec<String>,
 }
 
-/// Looks at every block; gives what is there.
+/// Reads every block: status, and the runs of complete blocks.
 pub fn look(directory: &Directory) -> Result<(Status, Vec<Row>), Error> {
     let study = directory.study();
     let mut status = Status {
@@ -152,7 +152,7 @@ pub fn look(directory: &Directory) -> Result<(Status, Vec<Row>), Error> {
     Ok((status, all))
 }
 
-/// All runs of a campaign in one table.
+/// Merged runs of a campaign.
 pub struct Merged {
     /// Result.
     pub report: Report,
@@ -190,7 +190,9 @@ pub fn merge(
                 from.display()
             )));
         }
-        note(format!("cfmmr: {left_out}: the others are left out"));
+        note(format!(
+            "cfmmr: {left_out}: missing and damaged blocks are left out"
+        ));
     }
     let study = directory.study();
     let content = rows::csv(study, &runs).into_bytes();

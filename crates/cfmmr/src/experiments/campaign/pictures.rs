@@ -1,7 +1,7 @@
 //! Pictures of a campaign: distributions, end postures and influences.
 //!
-//! Each is split by every listed quantity that is not a number: into panels, or into series where no
-//! listed number needs their colours.
+//! Each picture is split by every listed quantity that is not a number: into panels, or into coloured series if no
+//! listed number uses the colours.
 
 use super::report::{Influence, listed, numbers, short};
 use super::rows::Row;
@@ -14,22 +14,22 @@ use view::figures::StartMark;
 use view::plot::{Figure, Height, Panel};
 use view::style::{BAND, INK, Mark, Shape, Stroke, mark_of, series, series_by};
 
-/// Least error that has a place on a logarithmic axis, cm and degrees.
+/// Smallest error on a logarithmic axis, cm and degrees.
 const LEAST: f64 = 0.01;
-/// Shapes of the marks of series, for grayscale.
+/// Marks of the series, distinct in grayscale.
 const SHAPES: [Shape; 4] = [Shape::Disc, Shape::Ring, Shape::Cross, Shape::Target];
-/// Maps beside each other.
+/// Largest number of maps in a row.
 const MAPS: usize = 2;
 
-/// An error on a logarithmic axis.
+/// Limits an error to at least [`LEAST`], for a logarithmic axis.
 fn on_decades(error: f64) -> f64 {
     error.max(LEAST)
 }
 
-/// A listed quantity with its values, in the order of the file.
+/// Listed quantity with the values that occur in the runs, in the order of the study's file.
 struct Listed<'a> {
     vary: &'a Vary,
-    /// Place among the varied quantities.
+    /// Index among the varied quantities.
     place: usize,
     values: Vec<&'a toml::Value>,
 }
@@ -54,7 +54,7 @@ impl<'a> Listed<'a> {
     }
 }
 
-/// Runs that agree in some listed quantities.
+/// Runs with equal values of the quantities in the label.
 struct Group<'a> {
     label: String,
     rows: Vec<&'a Row>,
@@ -68,7 +68,7 @@ fn all(rows: &[Row]) -> Group<'_> {
     }
 }
 
-/// The runs of a group by each combination of the values of some lists.
+/// Splits a group by every combination of values of the given lists.
 fn split<'a>(group: Group<'a>, lists: &[&Listed]) -> Vec<Group<'a>> {
     lists.iter().fold(vec![group], |groups, list| {
         let part = |group: &Group<'a>, value: usize| {
@@ -89,7 +89,7 @@ fn split<'a>(group: Group<'a>, lists: &[&Listed]) -> Vec<Group<'a>> {
     })
 }
 
-/// The lists that are not numbers, or else the first list if it has few values.
+/// Lists that are not numbers; without any, the first list if it has at most four values.
 fn splitting<'a>(lists: &'a [Listed<'a>]) -> Vec<&'a Listed<'a>> {
     let words = lists.iter().filter(|list| !list.vary.is_numeric());
     let words: Vec<&Listed> = words.collect();
@@ -100,9 +100,9 @@ fn splitting<'a>(lists: &'a [Listed<'a>]) -> Vec<&'a Listed<'a>> {
     }
 }
 
-/// Share of the runs below an error, one line for each combination of listed numbers: the last by
-/// colour, the others by pattern. A row of panels for each combination of the other lists, the last of
-/// which takes the colours if no number is listed.
+/// Distribution functions of the final errors, one line per combination of listed numbers: the last number by colour,
+/// the others by pattern. Each combination of the other lists has a row of panels; without listed numbers, the last of
+/// these lists is shown by colour.
 pub fn distributions(study: &Study, rows: &[Row]) -> Figure {
     let lists = Listed::all(study, rows);
     let (numbers, mut words): (Vec<&Listed>, Vec<&Listed>) =
@@ -130,7 +130,7 @@ pub fn distributions(study: &Study, rows: &[Row]) -> Figure {
         let colors = split(Group { label, ..group }, by_color.as_slice());
         for (c, color) in colors.into_iter().enumerate() {
             for (d, line) in split(color, by_dash).into_iter().enumerate() {
-                // Without a second number the pattern differs too, for grayscale.
+                // Without a second number, pattern and colour change together, for grayscale.
                 let stroke = series_by(c, if by_dash.is_empty() { c } else { d }).stroke;
                 for (panel, (_, error)) in panels.iter_mut().zip(errors) {
                     let errors = line.rows.iter().map(|row| error(row));
@@ -142,7 +142,7 @@ pub fn distributions(study: &Study, rows: &[Row]) -> Figure {
     })
 }
 
-/// Whole decades around errors, so that the axis has numbers.
+/// Whole decades around the errors, so that the axis has labels.
 fn decades(errors: impl Iterator<Item = f64>) -> [f64; 2] {
     let finite = errors.filter(|e| e.is_finite()).map(libm::log10);
     let [low, high] = finite.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], e| {
@@ -151,7 +151,7 @@ fn decades(errors: impl Iterator<Item = f64>) -> [f64; 2] {
     [low, high.max(low + 1.0)].map(|decade| libm::pow(10f64, decade))
 }
 
-/// Steps of the share of values up to each value.
+/// Empirical distribution function as steps.
 fn shares(mut values: Vec<f64>) -> Vec<[f64; 2]> {
     values.sort_by(f64::total_cmp);
     let count = values.len() as f64;
@@ -160,8 +160,8 @@ fn shares(mut values: Vec<f64>) -> Vec<[f64; 2]> {
     std::iter::once([LEAST, 0.0]).chain(steps).collect()
 }
 
-/// Starts of the runs by their ends, or the ends if all runs have one start; a map
-/// for each combination of the lists that are not numbers.
+/// Map of random starts, marked by end, or of final positions if all runs have one start; one map per combination of
+/// `splitting` lists.
 pub fn map(study: &Study, rows: &[Row]) -> Figure {
     let lists = Listed::all(study, rows);
     let maps = split(all(rows), &splitting(&lists));
@@ -174,12 +174,12 @@ pub fn map(study: &Study, rows: &[Row]) -> Figure {
     }
 }
 
-/// Verdict on a run: within 3 cm and 3°.
+/// Verdict on a run, with the limits 3 cm and 3°.
 fn end(row: &Row) -> Verdict {
     Verdict::of(row.end, row.within)
 }
 
-/// Each start with the largest error, and the worst end, of any combination of the rest.
+/// Each start with the largest error and the worst end over all combinations in the group.
 fn map_of_starts(study: &Study, maps: &[Group], goal: [f64; 3]) -> Figure {
     let starts = maps.iter().map(|group| {
         let mut starts: Vec<Option<StartMark>> = vec![None; study.trials as usize];
@@ -224,9 +224,8 @@ fn map_of_ends(study: &Study, maps: &[Group], goal: [f64; 3]) -> Figure {
     )
 }
 
-/// Error over each quantity: its median and 5th to 95th percentile at each listed
-/// number, or every run over a drawn one; a series for each combination of the lists that are not
-/// numbers. `None` if no quantity is a number.
+/// Position error over each numeric quantity: median and 5th to 95th percentile at each listed number, or every run
+/// over a drawn number; one series per combination of `splitting` lists. `None` if no quantity is a number.
 pub fn sensitivity(study: &Study, rows: &[Row]) -> Option<Figure> {
     let limits = decades(rows.iter().map(e_cm));
     let lists = Listed::all(study, rows);
@@ -250,8 +249,8 @@ fn e_cm(row: &Row) -> f64 {
     on_decades(100.0 * row.e_m)
 }
 
-/// Rank correlation of each drawn quantity with the final errors in each combination: over the last listed number, or
-/// else over the index of the combination; a series for each combination of the other lists. `None` without a
+/// Rank correlation of each drawn quantity with the final errors, over the last listed number. If no number is listed,
+/// the axis is the index of the combination. One series per combination of the other lists; `None` without a
 /// correlation.
 pub fn correlations(study: &Study, rows: &[Row], influences: &[Influence]) -> Option<Figure> {
     let of_keys = influences.chunk_by(|a, b| a.key == b.key);
@@ -309,10 +308,10 @@ pub fn correlations(study: &Study, rows: &[Row], influences: &[Influence]) -> Op
     Some(figure.rows_of(2, Height::Fixed(220.0), &panels.collect::<Vec<_>>()))
 }
 
-/// Limits of the axis of a quantity with these values, and true for a logarithmic axis.
+/// Limits of the axis for these values; true for a logarithmic axis, never if `even`.
 fn axis(all: &[f64], even: bool) -> ([f64; 2], bool) {
     let [low, high] = [f64::min, f64::max].map(|pick| all.iter().copied().fold(all[0], pick));
-    // What lies at the ends is not cut by the axes.
+    // Margin, so that marks at the ends are not cut.
     if !even && low > 0.0 && high >= 10.0 * low {
         let room = libm::pow(high / low, 0.04);
         return ([low / room, high * room], true);
@@ -321,7 +320,7 @@ fn axis(all: &[f64], even: bool) -> ([f64; 2], bool) {
     ([low - room, high + room], false)
 }
 
-/// Error over one quantity, which has these values in all runs.
+/// Position error over one quantity; `all`: values of the quantity in all runs.
 fn influence(vary: &Vary, place: usize, all: &[f64], groups: &[Group]) -> Panel {
     let even = vary.uniform.is_some() || vary.normal.is_some();
     let (limits, logarithmic) = axis(all, even);

@@ -16,15 +16,15 @@ pub struct Cell {
     pub trials: usize,
     /// Distance of O from the goal, m.
     pub e_m: Summary,
-    /// Median of it, m.
+    /// Median distance, m.
     pub e_median_m: f64,
-    /// 95th percentile of it, m.
+    /// 95th percentile of the distance, m.
     pub e_p95_m: f64,
     /// Heading error of O, rad.
     pub heading_rad: Summary,
     /// Share within 3 cm and 3°.
     pub within_3cm_3deg: f64,
-    /// Wilson's interval of that share at 95 %.
+    /// Wilson's 95 % interval of the share.
     pub within_interval: [f64; 2],
     /// Numbers of trials by end.
     pub ends: Ends,
@@ -34,7 +34,7 @@ pub struct Cell {
     pub duration_s: Summary,
 }
 
-/// Correlation of a drawn quantity with the final errors in one combination.
+/// Rank correlation of a drawn quantity with the final errors in one combination.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Influence {
     /// Drawn key.
@@ -49,18 +49,18 @@ pub struct Influence {
     pub rank_correlation_e: Option<f64>,
     /// Spearman's rank correlation with the magnitude of the heading error.
     pub rank_correlation_heading: Option<f64>,
-    /// Magnitude that chance alone exceeds in one of twenty studies, if there is a correlation.
+    /// 5 % significance bound of the magnitude; `None` without a correlation.
     pub significance: Option<f64>,
-    /// Reason of a missing correlation.
+    /// Reason for a missing correlation.
     pub note: Option<String>,
 }
 
-/// All that came out.
+/// Result of a campaign.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// Name of the study.
     pub name: String,
-    /// World of its first run.
+    /// World of the first run.
     pub world: String,
     /// Seed.
     pub seed: u64,
@@ -72,7 +72,7 @@ pub struct Report {
     pub influences: Vec<Influence>,
 }
 
-/// Wilson's interval of a share at 95 %.
+/// Wilson's 95 % interval of a share.
 pub fn wilson(successes: usize, trials: usize) -> [f64; 2] {
     if trials == 0 {
         return [0.0, 1.0];
@@ -84,7 +84,7 @@ pub fn wilson(successes: usize, trials: usize) -> [f64; 2] {
     [(middle - half).max(0.0), (middle + half).min(1.0)]
 }
 
-/// Ranks from 1; equal values share the mean of theirs.
+/// Ranks from 1; equal values have their mean rank.
 fn ranks(values: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
@@ -101,7 +101,7 @@ fn ranks(values: &[f64]) -> Vec<f64> {
     ranks
 }
 
-/// Spearman's rank correlation; `None` if one of the two does not vary.
+/// Spearman's rank correlation; `None` if `a` or `b` is constant.
 pub fn rank_correlation(a: &[f64], b: &[f64]) -> Option<f64> {
     let (a, b) = (ranks(a), ranks(b));
     let middle = 0.5 * (a.len() as f64 + 1.0);
@@ -115,19 +115,19 @@ pub fn rank_correlation(a: &[f64], b: &[f64]) -> Option<f64> {
     (scale > 0.0).then(|| product(&a, &b) / scale)
 }
 
-/// The listed quantities and their places among the varied ones.
+/// Listed quantities with their index among the varied quantities.
 pub(super) fn listed(study: &Study) -> impl Iterator<Item = (usize, &Vary)> {
     let vary = study.vary.iter().enumerate();
     vary.filter(|(_, vary)| vary.values.is_some())
 }
 
-/// Values of a varied quantity of numbers.
+/// Values of a numeric quantity; NaN for a value that is no number.
 pub(super) fn numbers(place: usize, rows: &[Row]) -> Vec<f64> {
     let values = rows.iter().map(|row| number(&row.values[place]));
     values.map(|value| value.unwrap_or(f64::NAN)).collect()
 }
 
-/// The last part of an entry's name, with what it is a part of.
+/// Last two parts of a key.
 pub(super) fn short(key: &str) -> &str {
     let cut = key
         .rmatch_indices('.')
@@ -137,7 +137,7 @@ pub(super) fn short(key: &str) -> &str {
 }
 
 impl Report {
-    /// Of all runs of a study, in their order.
+    /// Report on the runs of a study, in the order of their numbers.
     pub fn of(study: &Study, rows: &[Row]) -> Self {
         let cells = rows.chunk_by(|a, b| a.cell == b.cell);
         let idle = |rows: &[Row]| study.idle(rows[0].cell).unwrap_or_default();
@@ -161,7 +161,7 @@ impl Report {
         }
     }
 
-    /// The tables.
+    /// Report as tables.
     pub fn text(&self) -> String {
         let names = self.cells.iter().take(1).flat_map(|cell| &cell.values);
         let names = names.map(|(key, _)| short(key)).collect::<Vec<_>>();
@@ -261,7 +261,7 @@ fn influence(study: &Study, place: usize, rows: &[Row], idle: Option<String>) ->
     let (e, heading) = (with(|row| row.e_m), with(|row| row.heading_rad.abs()));
     let constant = e.is_none() || heading.is_none();
     let constant = constant.then(|| "the error is the same in all runs".to_owned());
-    // Of few runs the normal approximation exceeds the greatest correlation.
+    // With few runs the normal approximation exceeds 1.
     let bound = (1.96 / (rows.len() as f64 - 1.0).sqrt()).min(1.0);
     Influence {
         key: study.vary[place].key.clone(),

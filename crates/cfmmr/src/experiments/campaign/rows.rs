@@ -1,4 +1,4 @@
-//! Results of runs, and their forms as files. The same results give the same bytes.
+//! Results of runs and their file formats. Equal results give equal bytes.
 
 use super::study::{Run, Study, Vary, number};
 use core_algos::link::framing::crc32c;
@@ -11,18 +11,18 @@ use output::files::{Cell, Csv};
 use recording::csv;
 use serde::{Deserialize, Serialize};
 
-/// One run: what was varied, and how it ended.
+/// Varied values and result of one run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// Number of the run in the study.
     pub run: u64,
-    /// Index of the combination; it, the trial and the values follow from the study and the number.
+    /// Index of the combination. Combination, trial and values are not stored: the study and the number determine them.
     #[serde(skip)]
     pub cell: u64,
     /// Index of the trial.
     #[serde(skip)]
     pub trial: u32,
-    /// The value of each varied quantity, in the order of the study.
+    /// Value of each varied quantity, in the order of the study.
     #[serde(skip)]
     pub values: Vec<toml::Value>,
     /// Posture at the start: m, m, rad.
@@ -47,7 +47,7 @@ pub struct Row {
     pub error_95_m: Option<f64>,
     /// Distance of the estimate from the true position at the end, m, if the robot has an estimate.
     pub estimate_error_m: Option<f64>,
-    /// Error of the estimated position of one axle from the other at the end, m.
+    /// Error of the estimated relative position of the axles at the end, m.
     pub drift_m: f64,
     /// Root mean square of the frame's force, N.
     pub force_rms_n: f64,
@@ -121,7 +121,7 @@ impl Row {
 }
 
 impl Vary {
-    /// Cell of a value: a number where every value is one.
+    /// Table cell of a value: a number if every value of the quantity is a number.
     pub fn cell(&self, value: &toml::Value) -> Cell {
         match number(value) {
             Some(number) if self.is_numeric() => number.into(),
@@ -135,10 +135,10 @@ pub fn csv(study: &Study, rows: &[Row]) -> Csv {
     csv::Row::table(rows.iter().map(|row| row.cells(&study.vary)))
 }
 
-/// Runs with what they are of: a file of two lines of JSON, of which the second has the checksum of the first.
+/// Content of a block's file: two lines of JSON, the second with the checksum of the first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Noted {
-    /// Build that made it.
+    /// Build that wrote the file.
     pub made_by: String,
     /// Canonical text of the study.
     pub study: String,
@@ -147,7 +147,7 @@ pub struct Noted {
 }
 
 impl Noted {
-    /// The file.
+    /// Text of the file.
     pub fn to_lines(&self) -> Result<String, Error> {
         let line = serde_json::to_string(self);
         let line =
@@ -156,7 +156,7 @@ impl Noted {
         Ok(format!("{line}\n{{\"crc32c\":\"{sum:08x}\"}}\n"))
     }
 
-    /// Reads a file that [`Self::to_lines`] made, or says why it is none.
+    /// Parses a file that [`Self::to_lines`] wrote; an error is the reason for a rejection.
     pub fn from_lines(content: &[u8]) -> Result<Self, String> {
         let first = content
             .split(|&byte| byte == b'\n')
@@ -195,7 +195,7 @@ mod tests {
 
     properties! { cases 1024;
         #[test]
-        fn rows_come_back_with_their_bits(
+        fn rows_are_read_as_written(
             results in prop::collection::vec((prop::num::f64::NORMAL, any::<u8>(), 0..EndKind::ALL.len()), 0..60),
         ) {
             let block = noted(&results);
@@ -204,7 +204,7 @@ mod tests {
         }
 
         #[test]
-        fn a_damaged_file_is_refused(place in 0usize..2000, to: u8, cut in 0usize..2000) {
+        fn damaged_file_is_refused(place in 0usize..2000, to: u8, cut in 0usize..2000) {
             let results = [1.5, 2.5].map(|e_m| (e_m, 0, 0));
             let mut file = noted(&results).to_lines().unwrap().into_bytes();
             let n = file.len();

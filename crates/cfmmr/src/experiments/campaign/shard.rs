@@ -6,17 +6,17 @@ use std::ffi::OsString;
 /// Part `index` of `count`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
-    /// From 0.
+    /// Number of the part, from 0.
     pub index: u64,
     /// Number of parts.
     pub count: u64,
 }
 
-/// Most parts that can be asked for.
+/// Largest number of parts.
 const MOST: u64 = 1_000_000;
 
 impl Shard {
-    /// All of it.
+    /// The only part.
     pub const WHOLE: Self = Self { index: 0, count: 1 };
 
     fn new(name: &str, index: u64, count: u64) -> Result<Self, Error> {
@@ -69,7 +69,7 @@ impl Shard {
 /// Reader of a variable.
 type Read<'a> = &'a dyn Fn(&str) -> Result<Option<u64>, Error>;
 
-/// Way out of a refused environment.
+/// Remedy in errors of the environment.
 const ADVICE: &str = "give --shard I/N, which has precedence";
 
 fn number(name: &str, text: &str) -> Result<u64, Error> {
@@ -82,7 +82,7 @@ fn number(name: &str, text: &str) -> Result<u64, Error> {
     })
 }
 
-/// Value of each name; `None` if none of them nor of `optional` is set, refused if only some are.
+/// Values of `names`; `None` if no variable, `optional` included, is set. Fails if only some of `names` are set.
 fn together<const N: usize>(
     read: Read<'_>,
     names: [&str; N],
@@ -140,7 +140,7 @@ fn slurm(read: Read<'_>) -> Result<Option<Shard>, Error> {
             names[3], names[1], names[2]
         )));
     };
-    // An array such as 0,1,5 has no parts of equal distance.
+    // An array such as 0,1,5 has tasks at unequal steps and is refused.
     let array = format!("{min} to {max} in steps of {step}");
     if let Some(given) = read(MAX)? {
         within(
@@ -192,8 +192,8 @@ fn kubernetes(read: Read<'_>) -> Result<Option<Shard>, Error> {
 mod tests {
     use super::*;
 
-    /// Part in the environment `id=7 count=5`: Slurm's variables by the ends of their names, `index` and `shards` of
-    /// Kubernetes; `_` is a space.
+    /// Part from an environment such as `id=7 count=5`: Slurm's variables by the ends of their names, `index` and
+    /// `shards` for Kubernetes; `_` is a space.
     fn shard(text: &str) -> Result<Shard, Error> {
         Shard::from_environment(|asked| {
             let pairs = text
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_are_disjoint_and_leave_nothing_out() {
+    fn every_block_belongs_to_one_part() {
         for count in 1..9 {
             for block in 0..40 {
                 let owners = (0..count).filter(|&index| Shard { index, count }.has(block));
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn every_task_of_an_array_has_another_part() {
+    fn every_task_of_an_array_has_its_own_part() {
         for (min, step, count) in [(0, 1, 6), (3, 1, 6), (2, 5, 6)] {
             let part = |n| {
                 let (id, max) = (min + n * step, min + (count - 1) * step);
@@ -449,7 +449,7 @@ mod tests {
     }
 
     #[test]
-    fn variable_that_is_no_text_is_refused() {
+    fn variable_without_unicode_is_refused() {
         use std::os::unix::ffi::OsStringExt;
         let bytes = |name: &str| (name == "CFMMR_SHARDS").then(|| OsString::from_vec(vec![0xff]));
         let error = Shard::from_environment(bytes).unwrap_err();
@@ -462,7 +462,7 @@ mod tests {
     }
 
     #[test]
-    fn option_that_is_no_part_is_refused_by_name() {
+    fn malformed_shard_option_is_refused_by_name() {
         for text in ["", "3", "4/4", "0/0", "-1/4", "1/x", "0/1000001"] {
             let error = Shard::parse(text).unwrap_err();
             assert!(error.to_string().contains("--shard"), "{text}");

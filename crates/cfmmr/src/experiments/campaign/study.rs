@@ -1,4 +1,4 @@
-//! The file of a study, and what each of its runs is.
+//! File of a study, and the definition of each of its runs.
 
 use host_sim::base::error::Error;
 use host_sim::base::input;
@@ -13,29 +13,29 @@ use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Runs a study may have: indices stay exact in every format they are written to.
+/// Largest number of runs of a study: run numbers stay exact in every file format.
 pub const MAX_RUNS: u64 = 10_000_000;
-/// Quantities a study may vary.
+/// Largest number of varied quantities.
 pub const MAX_VARIED: usize = 16;
 
-/// Drawn quantities up to which every combination of their bounds is checked.
+/// Largest number of drawn quantities for which every combination of bounds is checked.
 const MAX_CORNERED: usize = 4;
 
-/// Marks the stream of a study's draws: the sensors' and starts' are others.
+/// Random stream of a study's draws, separate from the streams of sensors and starts.
 const DRAWS: u128 = 1 << 100;
 
-/// A seeded Monte Carlo study: every combination of the listed values, each with the same trials.
+/// Seeded Monte Carlo study: every combination of the listed values with the same trials.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Study {
-    /// Name, in titles.
+    /// Name, used in titles.
     pub name: String,
     /// Seed of all draws.
     #[serde(default = "one")]
     pub seed: u64,
-    /// Trials of each combination. Trial k draws the same noise and the same values in every one.
+    /// Trials of each combination. Trial k draws the same noise and the same values in every combination.
     pub trials: u32,
-    /// Runs in one file: what is lost at most when a shard is killed.
+    /// Runs per file: a killed shard loses at most this many.
     #[serde(default = "fifty")]
     pub block: u32,
     /// Start postures.
@@ -44,7 +44,7 @@ pub struct Study {
     /// Varied keys.
     #[serde(default)]
     pub vary: Vec<Vary>,
-    /// Entries of the scenario that differ from the defaults in every run.
+    /// Scenario keys that every run changes from the defaults.
     #[serde(default)]
     pub scenario: toml::Table,
 }
@@ -61,29 +61,29 @@ const fn fifty() -> u32 {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Starts {
-    /// As the scenario's mission says.
+    /// Start of the scenario's mission.
     #[default]
     Scenario,
-    /// Anew in each trial: within ±2 m of the goal, any heading.
+    /// Drawn in each trial: x and y within ±2 m of the goal, any heading.
     Random,
 }
 
-/// One quantity that is varied; exactly one of the lists and distributions is given.
+/// Varied quantity; exactly one of `values`, `uniform`, `log_uniform` and `normal` is given.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Vary {
-    /// Entry of the scenario, as in `--set`.
+    /// Scenario key, as in `--set`.
     pub key: String,
-    /// Each of these, combined with those of the others.
+    /// Grid values.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub values: Option<Vec<toml::Value>>,
-    /// Drawn in each trial between these.
+    /// Bounds of a uniform distribution.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uniform: Option<[f64; 2]>,
-    /// Drawn in each trial between these, evenly over the logarithm.
+    /// Bounds of a distribution whose logarithm is uniform.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub log_uniform: Option<[f64; 2]>,
-    /// Drawn in each trial with this mean and standard deviation, within five of them.
+    /// Mean and standard deviation of a normal distribution, cut at five standard deviations.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub normal: Option<[f64; 2]>,
 }
@@ -91,36 +91,36 @@ pub struct Vary {
 /// Variation of a quantity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind<'a> {
-    /// A list.
+    /// Grid values.
     Values(&'a [toml::Value]),
-    /// A draw.
+    /// Drawn in each trial.
     Drawn(Draw),
 }
 
-/// A distribution.
+/// Distribution of a drawn quantity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Draw {
-    /// Between two numbers.
+    /// Uniform between two numbers.
     Uniform([f64; 2]),
-    /// Between two positive numbers, evenly over the logarithm.
+    /// Log-uniform between two positive numbers.
     LogUniform([f64; 2]),
-    /// Mean and standard deviation; limited to [`BOUND`] of them.
+    /// Normal: mean and standard deviation; cut at [`BOUND`] standard deviations.
     Normal([f64; 2]),
 }
 
 impl Vary {
-    /// Number of listed values; a draw counts as one.
+    /// Number of grid values; 1 for a drawn quantity.
     fn count(&self) -> u64 {
         self.values.as_ref().map_or(1, |values| values.len().max(1)) as u64
     }
 
-    /// True if every value is a number, or a list of equal numbers.
+    /// True if every value is a number or a list of equal numbers.
     pub fn is_numeric(&self) -> bool {
         let values = self.values.as_ref();
         values.is_none_or(|values| values.iter().all(|value| number(value).is_some()))
     }
 
-    /// Its variation; the error names the entry.
+    /// Kind of the variation; an error names the key.
     pub fn kind(&self) -> Result<Kind<'_>, Error> {
         let wrong = |what: String| Err(Error::input(format!("vary {}: {what}", self.key)));
         let ordered = |name: &str, [low, high]: [f64; 2], least: f64, draw: Draw| {
@@ -157,7 +157,7 @@ impl Vary {
     }
 }
 
-/// Number of a value: of a list, for example one entry a wheel, the number that all entries share.
+/// Number of a value; of a list, for example one entry per wheel, the common number of all entries.
 pub fn number(value: &toml::Value) -> Option<f64> {
     match value {
         toml::Value::Float(value) => Some(*value),
@@ -179,14 +179,14 @@ pub struct Run {
     pub cell: u64,
     /// Index of the trial.
     pub trial: u32,
-    /// The value of each varied quantity, in the order of the file.
+    /// Value of each varied quantity, in the order of the file.
     pub values: Vec<toml::Value>,
-    /// Robot and world.
+    /// Mission, robot and world.
     pub scenario: Scenario,
 }
 
 impl Study {
-    /// Reads a study; what is refused is named.
+    /// Reads a study; an error names the file and the key.
     pub fn load(path: &Path) -> Result<Self, Error> {
         let name = path.display();
         let text = input::text(path).map_err(|error| {
@@ -197,7 +197,7 @@ impl Study {
         Self::parse(&text, &name.to_string())
     }
 
-    /// Reads the text of a study; `name` stands in errors.
+    /// Parses the text of a study; errors begin with `name`.
     pub fn parse(text: &str, name: &str) -> Result<Self, Error> {
         let refuse = |error: String| Error::input(format!("{name}: {error}"));
         let study: Self =
@@ -226,11 +226,12 @@ impl Study {
             for other in &self.vary[..i] {
                 let (key, other) = (&vary.key, &other.key);
                 if key == other {
-                    return Err(Error::input(format!("vary {key}: stands twice")));
+                    return Err(Error::input(format!("vary {key}: is listed twice")));
                 }
                 if is_part(key, other) || is_part(other, key) {
-                    let text =
-                        format!("vary {key}: sets a part of what vary {other} sets, or the whole");
+                    let text = format!(
+                        "vary {key}: contains or is part of vary {other}: must be separate keys"
+                    );
                     return Err(Error::input(text));
                 }
             }
@@ -241,7 +242,7 @@ impl Study {
         self.check_cells(cells)
     }
 
-    /// Checks that every combination makes a robot, and that each varied key has an effect in one of them.
+    /// Checks that every combination is a valid scenario, and that each varied key has an effect in a combination.
     fn check_cells(&self, cells: u64) -> Result<(), Error> {
         let mut idle: Vec<Option<String>> = vec![Some(String::new()); self.vary.len()];
         for cell in 0..cells {
@@ -256,8 +257,8 @@ impl Study {
         }
     }
 
-    /// Checks that a combination makes a robot at the bounds of its draws: at every corner of a few drawn
-    /// quantities, else at each bound with the other quantities as in the first trial.
+    /// Checks that a combination is a valid scenario at the bounds of its draws: at every corner for at most
+    /// `MAX_CORNERED` drawn quantities, else at each bound with the other quantities as in the first trial.
     fn check_bounds(&self, cell: u64) -> Result<(), Error> {
         let first = self.values(cell, 0)?;
         let mut bounds = Vec::new();
@@ -290,7 +291,7 @@ impl Study {
             self.scenario(0, &values).map_err(|error| {
                 let error = error.to_string();
                 let keys = corner.iter().map(|(i, value)| (&self.vary[*i].key, value));
-                // An error of one key names its value.
+                // An error about one key contains its value.
                 if keys
                     .clone()
                     .any(|(key, _)| error.starts_with(&format!("{key} = ")))
@@ -305,7 +306,7 @@ impl Study {
         Ok(())
     }
 
-    /// Of each varied key without effect in a combination: key and reason.
+    /// Key and reason of each varied key without effect in a combination; `None` for a key with an effect.
     pub(super) fn idle(&self, cell: u64) -> Result<Vec<Option<String>>, Error> {
         let taken: effect::Taken = match self.starts {
             Starts::Scenario => &[],
@@ -317,7 +318,7 @@ impl Study {
         Ok(keys.map(|key| effect::text(key, taken, &runs)).collect())
     }
 
-    /// Number of combinations; `None` if it is beyond counting.
+    /// Number of combinations; `None` if it exceeds 64 bits.
     fn cells(&self) -> Option<u64> {
         let mut counts = self.vary.iter().map(Vary::count);
         counts.try_fold(1, u64::checked_mul)
@@ -328,7 +329,7 @@ impl Study {
         self.cells().unwrap_or(0) * u64::from(self.trials)
     }
 
-    /// Number of files the runs are written to.
+    /// Number of blocks, one file each.
     pub fn blocks(&self) -> u64 {
         self.runs().div_ceil(self.block.into())
     }
@@ -340,7 +341,7 @@ impl Study {
         start..(start + size).min(self.runs())
     }
 
-    /// The study as text, the same for every file that says the same.
+    /// Canonical text: equal studies give equal texts.
     pub fn canonical(&self) -> Result<String, Error> {
         toml::to_string(self).map_err(|error| Error::Failure(error.to_string()))
     }
@@ -363,14 +364,14 @@ impl Study {
         })
     }
 
-    /// Number of combinations that follow until a listed quantity has its next value.
+    /// Number of successive combinations with the same value of a listed quantity.
     fn stride(&self, varied: usize) -> u64 {
         self.vary.iter().skip(varied + 1).map(Vary::count).product()
     }
 
     /// Value of each varied quantity.
     pub fn values(&self, cell: u64, trial: u32) -> Result<Vec<toml::Value>, Error> {
-        // Of a trial, so that every combination meets the same luck.
+        // Seeded by trial only: common random numbers across combinations.
         let mut random = Pcg64::new(self.seed.into(), DRAWS | u128::from(trial) << 1);
         let values = self.vary.iter().enumerate().map(|(i, vary)| {
             let place = cell / self.stride(i) % vary.count();
@@ -400,8 +401,7 @@ impl Study {
     }
 }
 
-/// Random start `index`: uniform in ±2 m and all headings, a function of `seed` and `index`
-/// alone.
+/// Random start `index`: uniform in ±2 m and in heading; a function of `seed` and `index` alone.
 pub fn random_start(seed: u64, index: u64) -> [f64; 3] {
     let mut random = Pcg64::new(u128::from(seed), u128::from(index) << 1);
     [
@@ -412,7 +412,7 @@ pub fn random_start(seed: u64, index: u64) -> [f64; 3] {
 }
 
 impl Draw {
-    /// Least and largest value.
+    /// Smallest and largest value.
     fn bounds(self) -> [f64; 2] {
         match self {
             Self::Uniform(range) | Self::LogUniform(range) => range,
@@ -430,7 +430,7 @@ impl Draw {
             Self::Normal([mean, sigma]) => mean + bounded(random, sigma),
         };
         let [low, high] = self.bounds();
-        // Rounding must not leave the bounds either.
+        // Rounding could leave the bounds.
         value.clamp(low, high)
     }
 }

@@ -53,7 +53,7 @@ fn every_combination_has_the_same_trials() {
         assert_eq!(run.scenario.world.plant.tyre, tyre);
         assert_eq!(f64::from(u8::from(run.scenario.mission.rps)), rps);
         assert_eq!(run.scenario.mission.start[0], -0.5);
-        // What is drawn belongs to the trial.
+        // Drawn values depend on the trial only.
         assert!((0.0..0.002).contains(&drawn(run)));
         assert_eq!(drawn(run), drawn(&runs[i % 4]));
     }
@@ -62,7 +62,7 @@ fn every_combination_has_the_same_trials() {
 }
 
 #[test]
-fn a_study_is_refused_by_the_name_of_what_is_wrong() {
+fn error_of_a_study_names_file_and_key() {
     let changes = r#"
         trials = 4 => trials = 0 => trials
         block = 3 => block = 0 => block
@@ -78,7 +78,7 @@ fn a_study_is_refused_by_the_name_of_what_is_wrong() {
         values = [true, false] => values = [true, 3] => mission.rps
         mission.rps => mission.rsp => rsp
         mission.rps => plant.tyre.creep.velocity_m_s => twice
-        mission.rps => plant.tyre => vary plant.tyre: sets a part of what vary plant.tyre.creep.velocity_m_s
+        mission.rps => plant.tyre => vary plant.tyre: contains or is part of vary plant.tyre.creep.velocity_m_s
         [-0.5, 0.1, 0.0] => [-0.5, 0.1] => start
         seed = 3 => sede = 3 => sede"#;
     for change in changes.trim().lines() {
@@ -112,7 +112,7 @@ pub(super) fn finished(study: &Study, block: u64) -> Vec<Row> {
 }
 
 #[test]
-fn blocks_are_kept_and_spoiled_ones_noticed() {
+fn blocks_are_stored_and_spoiled_files_detected() {
     let folder = tempfile::tempdir().unwrap();
     let directory = Directory::open_for(study(), folder.path()).unwrap();
     assert_eq!(directory.block(2).unwrap(), Block::Missing);
@@ -126,20 +126,20 @@ fn blocks_are_kept_and_spoiled_ones_noticed() {
     let found: Vec<_> = rows.iter().map(of).collect();
     let wanted = [(6, 0.006, false), (7, 0.007, false), (8, 0.008, true)];
     assert_eq!(found, wanted);
-    // JSON has no word for what is not a number.
+    // JSON cannot represent NaN.
     let mut bad = finished(&study(), 1);
     bad[0].path_m = f64::NAN;
     let error = directory.write(1, bad).unwrap_err().to_string();
     assert!(error.contains("block-000001.jsonl"), "{error}");
     assert_eq!(directory.block(1).unwrap(), Block::Missing);
-    // Under another number it is not that block, and cut short it is none.
+    // A file under another number and a truncated file are spoiled.
     let path = folder.path().join("block-000002.jsonl");
     std::fs::copy(&path, folder.path().join("block-000003.jsonl")).unwrap();
     assert!(matches!(directory.block(3).unwrap(), Block::Spoiled(_)));
     let content = std::fs::read(&path).unwrap();
     std::fs::write(&path, &content[..content.len() / 2]).unwrap();
     assert!(matches!(directory.block(2).unwrap(), Block::Spoiled(_)));
-    // Another study does not mix with it.
+    // The folder of a different study is refused.
     let other = Study::parse(&TEXT.replace("seed = 3", "seed = 4"), "other").unwrap();
     let error = Directory::open_for(other, folder.path()).unwrap_err();
     assert!(error.exit_code() == 2 && error.to_string().contains("a different study"));
@@ -155,7 +155,7 @@ fn all_runs(study: &Study) -> Vec<Row> {
 }
 
 #[test]
-fn the_report_counts_what_is_there() {
+fn report_of_some_runs_counts_them() {
     let study = study();
     let all = all_runs(&study);
     let report = Report::of(&study, &all);
@@ -173,14 +173,14 @@ fn the_report_counts_what_is_there() {
         ("mission.rps".to_owned(), "false".to_owned())
     );
     assert_eq!(report.influences.len(), 4);
-    // Of a part of the runs, each combination has its own.
+    // With some runs missing, each combination counts its own.
     let part = Report::of(&study, &all[2..]);
     let trials: Vec<_> = part.cells.iter().map(|cell| cell.trials).collect();
     assert_eq!(trials, [2, 4, 4, 4]);
 }
 
 #[test]
-fn pictures_are_whole_whatever_a_study_varies() {
+fn pictures_are_complete_for_any_varied_keys() {
     let lists = |count: usize| {
         let blocks: Vec<&str> = TEXT.split("[[vary]]").collect();
         let kept: Vec<&str> = [&blocks[..1], &blocks[3 - count..]].concat();
@@ -204,17 +204,17 @@ fn pictures_are_whole_whatever_a_study_varies() {
             let correlations = correlations(&study, &runs, &of);
             assert_eq!(correlations.is_some(), study.trials > 1);
             correlations.iter().for_each(check_figure);
-            // Errors of 0 to 15 mm: an axis has the numbers of its ends.
+            // The axis of errors from 0 to 15 mm has a label.
             assert!(influences.svg().contains(">0.01<"));
             lines.push(shares.svg().matches("stroke-width=\"1.8\"").count());
         }
     }
-    // More combinations, more lines.
+    // One line per combination.
     assert!(lines[0] < lines[3] && lines[3] < lines[6], "{lines:?}");
 }
 
 #[test]
-fn pictures_are_split_by_every_key_that_is_no_number() {
+fn pictures_are_split_by_every_key_without_numbers() {
     let more = r#"[[vary]]
 key = "sensors.gyro.fitted"
 values = [true, false]
@@ -245,7 +245,7 @@ key = "mission.rps""#;
 }
 
 #[test]
-fn intervals_and_correlations_are_the_textbook_ones() {
+fn intervals_and_correlations_match_textbook_values() {
     // Wilson's interval of 8 of 10, as tabulated.
     let interval = wilson(8, 10).map(|share| (1e4 * share).round());
     assert_eq!(interval, [4902.0, 9433.0]);
@@ -283,7 +283,7 @@ fn one_armed(text: &str) -> Report {
 }
 
 #[test]
-fn drawn_quantity_acting_in_one_arm_correlates_there_alone() {
+fn drawn_quantity_with_effect_in_one_arm_correlates_there_only() {
     let mut blocks: Vec<&str> = TEXT.split("\n\n").collect();
     let report = one_armed(TEXT);
     // The drawn quantity first, then the lists in the other order with their values reversed.
@@ -353,10 +353,10 @@ fn tables_of_the_report_fit_80_columns_with_whole_figures() {
 }
 
 #[test]
-fn table_of_the_report_lists_each_end_in_its_line() {
+fn table_of_the_report_has_a_line_per_end() {
     let study = study();
     let mut rows = all_runs(&study);
-    // In the second combination, 3 of 4 trials end otherwise.
+    // In the second combination, 3 of 4 trials end as `long`.
     let long = "uncertain, wheels inconsistent";
     rows[5..8]
         .iter_mut()
@@ -374,7 +374,7 @@ fn table_of_the_report_lists_each_end_in_its_line() {
 }
 
 #[test]
-fn table_of_the_report_in_80_columns_divides_no_number() {
+fn numbers_in_report_of_80_columns_are_not_wrapped() {
     for keys in 0..=3 {
         let more = [
             "plant.friction",
@@ -457,7 +457,7 @@ fn ranges_of_numbers_are_short() {
 }
 
 #[test]
-fn a_varied_key_that_the_tyre_ignores_is_refused() {
+fn varied_key_of_another_tyre_is_refused() {
     let text = TEXT.replace(
         "key = \"mission.rps\"\nvalues = [true, false]",
         "key = \"plant.tyre.brush.rest_velocity_m_s\"\nvalues = [1e-4]",

@@ -1,7 +1,7 @@
-//! `eval bus`: messages to frames and back, by the boards' own codec.
+//! `eval bus`: messages to frames and back, by the boards' codec.
 //!
 //! Input: `{"encode":MESSAGE}` or `{"decode":{"id":512,"data":"0a00…"}}` (two hexadecimal digits a
-//! byte). Output: the other of the two, `{"id","data"}` or `{"message":MESSAGE}`.
+//! byte). Output: `{"id","data"}` or `{"message":MESSAGE}`.
 //!
 //! `MESSAGE` is one of, with postures as `[x,y,phi]`, covariances as 3×3, axles `"front"|"rear"`,
 //! boards with `"beam"` too, modes `"idle"|"active"|"hold"|"clear"`,
@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_message_goes_to_bytes_and_back() {
+    fn message_is_encoded_and_decoded() {
         let line = r#"{"encode":{"LeadStatus":
             {"sequence":3,"mode":"hold","steering_rad":-0.0001,"velocity_m_s":0.25}}}"#;
         let encoded = Bus.line(line).unwrap();
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_lines_say_what_is_wrong() {
+    fn errors_of_bad_lines_name_the_fault() {
         for (line, word) in [
             (r#"{"decode":{"id":112,"data":"03"}}"#, "must have 6"),
             (r#"{"decode":{"id":291,"data":"03"}}"#, "0x123"),

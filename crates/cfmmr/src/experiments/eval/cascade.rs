@@ -69,9 +69,9 @@ impl Kernel for Cascade {
 mod tests {
     use super::*;
 
-    /// A straight frame bends at κ̇ L/2, which turns its axles apart.
+    /// A straight frame bends at the rate ψ̇ = κ̇ L/2; the axles turn in opposite directions.
     #[test]
-    fn motions_of_the_axles_stand_under_their_names() {
+    fn output_fields_have_the_axle_motions() {
         for form in ["exact", "printed"] {
             let text = json!({
                 "v": 0.2, "kappa": 0.0, "kappa_dot": -4.0, "length": 0.5, "form": form,
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_input_names_field_and_range() {
+    fn error_names_field_and_range() {
         let error = |text: &str| Cascade.line(text).unwrap_err();
         let case = |kappa: &str, length: &str, form: &str| {
             format!(

@@ -1,17 +1,16 @@
-//! Checks of numbers and covariances from outside; each error names the field, the value and what is
-//! allowed.
+//! Checks of numbers and covariances from input lines; each error names the field, the value and the allowed range.
 
 use core_algos::math::Posture;
 use std::f64::consts::{PI, TAU};
 
-/// A pivot of a covariance scaled to unit variances must exceed this.
+/// Lower limit of the pivots of a covariance scaled to unit variances.
 const LEAST_PIVOT: f64 = 1e-12;
-/// Largest difference of two entries that ought to be equal, in units of the standard deviations.
+/// Largest difference of two mirrored entries, in units of the standard deviations.
 const ASYMMETRY: f64 = 1e-6;
-/// Largest heading, rad: a double of it errs by 0.1 µrad.
+/// Largest heading, rad: f64 resolves 0.1 µrad there.
 const FARTHEST: f64 = 1e9;
 
-/// `value` as `f32`, if it is one.
+/// `value` as `f32`; fails if it is not finite in `f32`.
 pub fn number(field: &str, value: f64) -> Result<f32, String> {
     let narrow = value as f32;
     if narrow.is_finite() {
@@ -25,7 +24,7 @@ pub fn number(field: &str, value: f64) -> Result<f32, String> {
     }
 }
 
-/// [`number`], greater than zero.
+/// [`number`] greater than zero.
 pub fn positive(field: &str, value: f64) -> Result<f32, String> {
     let narrow = number(field, value)?;
     if narrow > 0.0 {
@@ -35,7 +34,7 @@ pub fn positive(field: &str, value: f64) -> Result<f32, String> {
     }
 }
 
-/// [`number`], not less than zero.
+/// [`number`] of at least zero.
 pub fn non_negative(field: &str, value: f64) -> Result<f32, String> {
     let narrow = number(field, value)?;
     if narrow >= 0.0 {
@@ -54,7 +53,7 @@ pub fn vector<const N: usize>(field: &str, values: &[f64; N]) -> Result<[f32; N]
     Ok(out)
 }
 
-/// A posture, whose heading is reduced to ±π before it is narrowed: a single of 1000 rad errs by 60 µrad.
+/// Posture with the heading wrapped to ±π in f64: at 1000 rad, f32 resolves only 60 µrad.
 pub fn posture(field: &str, values: &[f64; 3]) -> Result<[f64; 3], String> {
     vector(field, values)?;
     let [x, y, phi] = *values;
@@ -86,7 +85,7 @@ pub enum Definite {
     Semi,
 }
 
-/// A covariance: made exactly symmetric, or refused.
+/// Checks a covariance and makes it exactly symmetric.
 pub fn covariance<const N: usize>(
     field: &str,
     matrix: &[[f64; N]; N],
@@ -123,7 +122,7 @@ pub fn covariance<const N: usize>(
             }
             if scale == 0.0 && m[i][j] != 0.0 {
                 return Err(format!(
-                    "{field}[{i}][{j}] = {}: must be 0 beside a variance of 0",
+                    "{field}[{i}][{j}] = {}: must be 0 if a variance is 0",
                     m[i][j]
                 ));
             }
@@ -178,7 +177,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn headings_are_reduced_in_double_precision() {
+    fn headings_are_wrapped_in_double_precision() {
         for turns in [0.0, 1.0, -160.0, 1.6e6] {
             for phi in [-3.1, 0.1, 2.0] {
                 let reduced = posture("a", &[1.0, 2.0, phi + TAU * turns]).unwrap();
@@ -190,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn matrices_are_judged() {
+    fn covariances_are_checked() {
         let good = [[2.0, 1.0], [1.0, 2.0]];
         assert_eq!(covariance("A", &good, Definite::Positive), Ok(good));
         let singular = [[1.0, 1.0], [1.0, 1.0]];
@@ -211,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_judged() {
+    fn numbers_are_checked() {
         assert!(number("dt", 1e39).unwrap_err().starts_with("dt = 1e39"));
         assert!(number("dt", f64::NAN).is_err());
         assert!(positive("dt", 0.0).is_err());

@@ -2,8 +2,8 @@
 //!
 //! Input: `{"a":[x,y,phi],"A":[[3×3]],"b":[x,y,phi],"B":[[3×3]],"criterion":"det"|"trace"}`;
 //! `criterion` may be left out (det). Output: `{"omega","x":[3],"P":[[3×3]]}` with
-//! P⁻¹ = ω A⁻¹ + (1 − ω) B⁻¹; the third component is an angle, wrapped to [−π, π]. The trace is that
-//! of diag(1, 1, 0.2²) P.
+//! P⁻¹ = ω A⁻¹ + (1 − ω) B⁻¹; the third component is an angle, wrapped to [−π, π]. The criterion `trace` minimises the
+//! trace of diag(1, 1, 0.2²) P.
 
 use super::check::{self, Definite};
 use super::{Kernel, parse};
@@ -75,7 +75,7 @@ impl Kernel for Ci {
         .map_err(|error| error.to_string())?;
         let fused = intersection
             .fuse_extended(&a, &b)
-            .ok_or("A, B: too nearly singular, or too different in size, for single precision")?;
+            .ok_or("A, B: nearly singular, or too different in size, for single precision")?;
         let x: [f32; 3] = fused.estimate.posture.into();
         Ok(json!({ "omega": fused.omega, "x": x, "P": fused.estimate.covariance }))
     }
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn equal_and_opposite_ellipses_meet_halfway() {
+    fn mirrored_ellipses_give_equal_weights() {
         let line = r#"{"a":[0,0,3.0],"A":[[0.04,0,0],[0,0.01,0],[0,0,0.01]],
             "b":[0.1,0.2,-3.0],"B":[[0.01,0,0],[0,0.04,0],[0,0,0.01]],"criterion":"det"}"#;
         let result = Ci.line(line).unwrap();
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_cases_name_the_field() {
+    fn error_names_the_field() {
         let good = r#"{"a":[0,0,0],"A":[[1,0,0],[0,1,0],[0,0,1]],"b":[0,0,0],"B":[[1,0,0],[0,1,0],[0,0,1]]}"#;
         assert!(Ci.line(good).is_ok());
         for (from, to, name) in [

@@ -3,13 +3,13 @@
 //! First line: `{"dt","track","Q":[[7×7]],"R":[4],"R_pose":[[3×3]],"x0":[7],"P0":[[7×7]]}`: period
 //! (s), distance between the wheels (m), process noise, variances of left wheel, right wheel, gyro
 //! and accelerometer, covariance of the posture fix (may be left out if no fix comes), initial state
-//! x, y, phi, v, phidot, vdot, phiddot and its covariance. It gives no output line unless it is
-//! refused; then every later line is refused too.
+//! x, y, phi, v, phidot, vdot, phiddot and its covariance. An accepted first line gives no output; a refused first line
+//! gives an error, and every later line is refused too.
 //!
 //! Each further line is one step: `{"left","right","gyro","accel","pose":[3]}` (m/s, m/s, rad/s,
-//! m/s², (m, m, rad)), any of them null or absent. Output: `{"x":[7],"P":[[7×7]]}` after the
-//! prediction and the update by what is there; the heading is wrapped to [−π, π]. Innovation gates
-//! are off. A bad line is refused and the filter stays as it was.
+//! m/s², (m, m, rad)); each may be null or absent. Output: `{"x":[7],"P":[[7×7]]}` after the prediction and the update
+//! by the given measurements; the heading is wrapped to [−π, π]. Innovation gates are off. A bad line is refused and
+//! leaves the filter unchanged.
 
 use super::check::{self, Definite};
 use super::{Kernel, Stage};
@@ -17,7 +17,7 @@ use core_algos::fusion::ekf::{AxleFilter, Config, Fix, Measurements, ProcessNois
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-/// Runs [`core_algos::fusion::ekf`]: a configuration line, then one line a step.
+/// Runs [`core_algos::fusion::ekf`]: a configuration line, then one line per step.
 #[derive(Clone, Debug, Default)]
 pub struct Ekf {
     stage: Stage<Box<Run>>,
@@ -127,7 +127,7 @@ impl Run {
         if let Some((posture, fix)) = pose {
             self.filter.update_fix(&mut state, &posture, &fix);
         }
-        // A covariance is kept as its factors, whose product can be out of range while they are not.
+        // The covariance is stored as factors; their product can overflow though the factors are finite.
         let covariance = state.covariance().wide_matrix();
         if !state.is_finite() || !covariance.iter().flatten().all(|entry| entry.is_finite()) {
             return Err("the state exceeds the range of single precision".to_owned());
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn measurements_pull_the_way_their_signs_say() {
+    fn estimates_move_in_the_direction_of_the_measurements() {
         let base = configured().line("{}").unwrap();
         let mut right = configured();
         let result = right.line(r#"{"right":0.3,"left":null}"#).unwrap();
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_steps_change_nothing_and_the_rest_goes_on() {
+    fn bad_step_leaves_the_filter_unchanged() {
         let (mut clean, mut dirty) = (configured(), configured());
         for bad in [
             r#"{"left":1e300}"#,
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_first_line_names_the_field_and_spoils_the_rest() {
+    fn bad_first_line_names_the_field_and_later_lines_fail() {
         for (entry, value, field) in [
             ("/Q/0/1", json!(1e-8), "Q[1][0]"),
             ("/P0/3/3", json!(0.0), "P0[3][3]"),

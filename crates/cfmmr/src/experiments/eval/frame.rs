@@ -1,21 +1,21 @@
-//! `frame`: the equilibrium of the plant's strip (`f64`) for a given posture of its end.
+//! `eval frame`: equilibrium of the plant's strip (`f64`) for a given posture of its end.
 //!
 //! Input: `{"length", "ei", "ea", "pose": [x, y, angle], "seed_curvature": [5]}`: m, N m², N; pose
 //! of the end in the root frame (m, m, rad, the whole turn of the strip); curvature (1/m) at 0.1,
-//! 0.3, 0.5, 0.7 and 0.9 of the length, which selects the branch where there are several.
+//! 0.3, 0.5, 0.7 and 0.9 of the length, which selects one of several branches.
 //!
 //! Output: `{"wrench_end": [Fx, Fy, M], "root_moment", "curvature": [5], "stable"}`: the wrench
 //! (N, N, N m) that the environment exerts on the end, in the root frame; the bending moment at
-//! the root, M + x·Fy − y·Fx, positive where the strip bends left, which is what the strip exerts
-//! on its root support; the curvature (1/m) at the five places; whether the equilibrium is stable
-//! while the end is held.
+//! the root, M + x·Fy − y·Fx, positive where the strip bends left, which the strip exerts
+//! on its root support; the curvature (1/m) at the five places; true if the equilibrium is stable
+//! with the end held.
 
 use super::{Kernel, parse};
 use plant::frame::Strip;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// Places of the seed and of the answer, in parts of the length.
+/// Places of seed and output curvatures, as fractions of the length.
 const PLACES: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
 
 /// The `frame` algorithm.
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arc_needs_a_moment_and_no_force() {
+    fn arc_needs_a_moment_and_no_force() {
         for turn in [-2.0, -0.3, 0.7, 3.0] {
             let answer = ask(arc(turn)).unwrap();
             let expected = 0.5 * turn / 0.4;
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn error_names_the_field() {
         let cases = [
             ("length", json!(0.0)),
             ("length", json!(null)),

@@ -1,14 +1,14 @@
-//! `eval ipec`: internal posture error correction, the interval algorithm in full each step.
+//! `eval ipec`: internal posture error correction; each line runs the whole interval algorithm.
 //!
 //! First line: `{"track","axle1":[x,y,phi],"axle2":[x,y,phi],"sigma":{"wheel","r_y","r_phi"}}`:
 //! distance between the wheels (m), start postures of front and rear axle, standard deviations of a
-//! wheel's advance in an interval (m) and of the relative posture (m, rad). It gives no output line
-//! unless it is refused; then every later line is refused too.
+//! wheel's advance in an interval (m) and of the relative posture (m, rad). An accepted first line gives
+//! no output; a refused first line gives an error, and every later line is refused too.
 //!
 //! Each further line is one interval: `{"d":[left1,right1,left2,right2],"r":[x,y,phi]}`: advance of
 //! the wheels (m), and axle 2 in axle 1's frame (m, m, rad), at least 1 mm away. Output:
 //! `{"axle1":[3],"axle2":[3],"var_beta"}`: postures, headings wrapped to [−π, π], and the variance
-//! σ_β² (rad²) gathered since the start.
+//! σ_β² (rad²) accumulated since the start.
 
 use super::{Kernel, Stage, check};
 use core_algos::fusion::ipec::{Config, Ipec as Algorithm, MIN_BASELINE_M, State};
@@ -16,7 +16,7 @@ use core_algos::math::Posture;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-/// Runs [`core_algos::fusion::ipec`]: a configuration line, then one line an interval.
+/// Runs [`core_algos::fusion::ipec`]: a configuration line, then one line per interval.
 #[derive(Clone, Debug, Default)]
 pub struct Ipec {
     stage: Stage<(Algorithm, State)>,
@@ -112,9 +112,9 @@ mod tests {
     }
 
     #[test]
-    fn straight_interval() {
+    fn bump_turns_both_axles_with_the_baseline() {
         let mut ipec = configured();
-        // Axle 1's left wheel runs over a bump; the line between the axles does not turn.
+        // Axle 1's left wheel runs over a bump; the measured relative posture stays straight.
         let result = ipec
             .line(r#"{"d":[0.012,0.01,0.01,0.01],"r":[-0.4,0,0]}"#)
             .unwrap();
@@ -126,7 +126,7 @@ mod tests {
         let distance = (front[0] - rear[0]).hypot(front[1] - rear[1]);
         assert!((distance - 0.4).abs() < 1e-7);
         assert!((front[0] + rear[0] - 0.4 - 0.021).abs() < 1e-6);
-        // Straight: only ds2² σ_rφ² and (ds1 − ds2)² σ_α² count.
+        // Straight: only ds2² σ_rφ² and (ds1 − ds2)² σ_α² are not zero.
         let alpha = 1e-4 / 0.4;
         let variance = ((0.01f64 * 1e-3).powi(2) + (0.001f64 * alpha).powi(2)) / 0.16;
         let said = result["var_beta"].as_f64().unwrap();
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_lines_name_the_field() {
+    fn error_names_the_field() {
         let mut ipec = configured();
         let good = r#"{"d":[0.01,0.01,0.01,0.01],"r":[-0.4,0,0]}"#;
         for (bad, field) in [

@@ -3,11 +3,11 @@
 //! Input: `{"posture":[x,y,phi],"reference":[x,y,phi],"v_r","kappa_r","r","epsilon","k1","k2",
 //! "form":"derived"|"printed"}`; `form` may be left out (derived). Output: `{"v","kappa","phi_dot"}`.
 //!
-//! No floor on the denominator: what acts is only what keeps the result finite, and none of it acts
-//! at an ordinary point: `1/e` is taken of at least 1e-6 m, the denominator has magnitude at least
-//! 1e-9 m and the divisor of κ at least 1e-6 m/s, their signs kept (+ at 0). So at v = 0, κ is
-//! 1e6 s/m times the yaw rate, and 0 if that is 0. At e = 0 the line of sight is taken along the
-//! reference heading. A result beyond `f32` is given as rest (all 0).
+//! The denominator has no floor. Three limits act near singular points only and keep the result finite:
+//! e is at least 1e-6 m in `1/e`, the denominator has magnitude at least 1e-9 m, and the divisor of κ
+//! has magnitude at least 1e-6 m/s; signs are kept (+ at 0). So at v = 0, κ is 1e6 s/m times the yaw
+//! rate, and 0 if the yaw rate is 0. At e = 0 the line of sight is along the reference heading. A result
+//! beyond `f32` is replaced by rest (all 0).
 
 use super::{Kernel, check, parse};
 use core_algos::control::kinematic::{Config, Form, PolarError};
@@ -76,7 +76,7 @@ mod tests {
     use proptest::prelude::*;
 
     /// Equation 4 in f64 and Cartesian terms: sines and cosines of θ and α from dot and cross
-    /// products, `ζ − cos 2θ` as it is printed.
+    /// products, `ζ − cos 2θ` as printed.
     fn reference_command(case: &Value) -> Option<[f64; 3]> {
         let number = |name: &str| f64::from(case[name].as_f64().unwrap() as f32);
         let vector = |name: &str, k: usize| f64::from(case[name][k].as_f64().unwrap() as f32);
@@ -136,9 +136,9 @@ mod tests {
             let out = Kinematic.line(&case.to_string()).unwrap();
             for (name, expected) in [("v", v), ("kappa", kappa), ("phi_dot", phi_dot)] {
                 let got = out[name].as_f64().unwrap();
-                // Sums of terms of order v/e may cancel: the scale is theirs.
+                // Terms of order v/e may cancel: the tolerance scales with the terms.
                 let scale = expected.abs() + 1.0 + v.abs();
-                // A quotient: a small v multiplies the errors of both.
+                // κ is a quotient: a small v amplifies the errors.
                 let scale = if name == "kappa" { scale / v.abs().min(1.0) } else { scale };
                 prop_assert!((got - expected).abs() < 2e-5 * scale, "{name}: {got} {expected}");
             }
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_name_the_field_as_it_stands_in_the_line() {
+    fn error_has_the_field_name_of_the_input() {
         let case = |r: f64, form: &str| {
             json!({
                 "posture": [0, 0, 0], "reference": [1, 0, 0], "v_r": 0, "kappa_r": 0, "r": r,

@@ -1,5 +1,5 @@
-//! Single on-board algorithms on cases from standard input: one JSON object a line in, one result
-//! a line out, so that anyone can check this code against their own.
+//! Single on-board algorithms on cases from standard input: one JSON object per line in, one result per line out, for
+//! comparison with other implementations.
 
 pub mod bus;
 pub mod cascade;
@@ -18,10 +18,10 @@ use std::io::{self, BufRead, ErrorKind, Read, Write};
 /// Longest line, bytes.
 const LONGEST_LINE: u64 = 8 << 20;
 
-/// An algorithm fed one line at a time.
+/// Algorithm that evaluates one line at a time.
 pub trait Kernel {
-    /// The result of one input line, or an error that names the field that is wrong. A line that
-    /// only configures has none: [`Value::Null`], for which nothing is written.
+    /// Result of one input line, or an error that names the wrong field. A configuration line gives
+    /// [`Value::Null`], for which nothing is written.
     fn line(&mut self, text: &str) -> Result<Value, String>;
 }
 
@@ -31,14 +31,14 @@ pub enum Stage<T> {
     /// No line was read.
     #[default]
     Unconfigured,
-    /// The first line was refused, and so is every other.
+    /// The first line was refused; every later line is refused too.
     Refused,
     /// Configured.
     Running(T),
 }
 
 impl<T> Stage<T> {
-    /// The result of a line: `start` configures by the first one, `step` computes by the others.
+    /// Result of a line: `start` evaluates the first line, `step` every later line.
     fn line<Setup: DeserializeOwned, Step: DeserializeOwned>(
         &mut self,
         text: &str,
@@ -46,7 +46,9 @@ impl<T> Stage<T> {
         step: impl FnOnce(&mut T, &Step) -> Result<Value, String>,
     ) -> Result<Value, String> {
         match self {
-            Self::Refused => Err("the first line was rejected".to_owned()),
+            Self::Refused => {
+                Err("the first line was rejected, so the algorithm is not configured".to_owned())
+            }
             Self::Running(run) => step(run, &parse(text)?),
             Self::Unconfigured => {
                 *self = Self::Refused;
@@ -71,9 +73,8 @@ pub fn parse<T: DeserializeOwned>(text: &str) -> Result<T, String> {
     Ok(value)
 }
 
-/// Feeds each line of `input` to `kernel` and writes one line of JSON for each; a line that fails
-/// gives `{"error": …}` and the rest goes on. Empty lines are skipped. Returns whether every line
-/// was good.
+/// Evaluates each line of `input` by `kernel` and writes one line of JSON. A refused line gives `{"error": …}` and does
+/// not stop the run. Empty lines are skipped. Returns true if no line was refused.
 pub fn run(
     kernel: &mut dyn Kernel,
     mut input: impl BufRead,
@@ -136,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bad_line_names_the_field_and_the_rest_goes_on() {
+    fn error_names_the_field_and_later_lines_run() {
         let input =
             b"{\"length\": \"a\"}\n\n{\"length\": 0}\n{\"length\": 2}\n{\"width\": 1}\n\xff\n"
                 as &[u8];

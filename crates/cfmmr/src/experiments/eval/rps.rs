@@ -1,4 +1,4 @@
-//! `eval rps`: one posture from the strains of one instant, by the code the beam board runs.
+//! `eval rps`: posture from the strains of one instant, by the code of the beam board.
 //!
 //! In: `{"length", "half_thickness", "rigid_root", "rigid_tip", "gauges": […], "strain": […],
 //! "method": "piecewise" | "quadrature" | "elastica", "segments": 100}`. Metres; `length` is the
@@ -18,7 +18,7 @@ use core_algos::config::ConfigError;
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-/// The kernel; it keeps nothing between lines.
+/// Runs [`core_algos::beam::sensor::PostureSolver`] on each line.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Rps;
 
@@ -43,7 +43,7 @@ fn default_segments() -> u64 {
     100
 }
 
-/// The name a field has in the input.
+/// Error text with the field's name in the input.
 fn input_name(error: &ConfigError) -> String {
     let name = match error.field {
         "length_m" => "length",
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_circle_with_rigid_ends_by_every_method() {
+    fn every_method_solves_a_circle_with_rigid_ends() {
         let phi = 2.0f64 * 0.36;
         let x = 0.01 + phi.sin() / 2.0 + 0.02 * phi.cos();
         let y = (1.0 - phi.cos()) / 2.0 + 0.02 * phi.sin();
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn what_may_be_left_out_has_its_default() {
+    fn omitted_fields_have_their_defaults() {
         let short =
             ask(r#"{"length":0.3,"half_thickness":1e-3,"gauges":[0.1,0.2],"strain":[1e-3,1e-3]}"#)
                 .unwrap();
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_input_is_named_with_value_and_range() {
+    fn error_names_field_value_and_range() {
         for (entry, value, expected) in [
             ("/length", json!(0), "length = 0: must be a number from"),
             ("/length", json!(1e300), "length = inf"),

@@ -1,4 +1,4 @@
-//! Posture regulation with and without the relative position sensor, as the paper's experiment has it.
+//! Posture regulation with and without the relative position sensor, as in the paper's experiment.
 
 pub mod pictures;
 mod publish;
@@ -15,15 +15,15 @@ pub use report::{CHI_SQUARE_99, Report, Row, summarize, table, trials_csv};
 pub use trials::Trial;
 pub use variant::{ROWS, Variant};
 
-/// Runs trials of each variant, records and shows the first one as asked for, and publishes the result. A run that is
-/// shown is the only one.
+/// Runs trials of each variant, records the first trial if requested, and publishes the result. A live run has one
+/// trial of one variant.
 pub fn run(
     context: &Context,
     watch: &Watch,
     variants: &[Variant],
     seeds: Seeds,
 ) -> Result<(), Error> {
-    // Refused before the trials rather than after them.
+    // An impossible recording is refused before the trials.
     watch.check()?;
     let (blocks, recorded) = match watch.is_live() {
         true => {

@@ -18,7 +18,7 @@ pub fn median_trial(trials: &[Trial], goal: [f64; 3]) -> usize {
     order[trials.len().saturating_sub(1) / 2]
 }
 
-/// Trials of one configuration, and the one that is shown in full.
+/// Trials of one configuration, with the index of the trial shown in full.
 pub struct Picture<'a> {
     variant: &'a Variant,
     scenario: &'a Scenario,
@@ -46,7 +46,7 @@ impl<'a> Picture<'a> {
         self.scenario.mission.goal
     }
 
-    /// The configuration and, of several, the trial that is shown.
+    /// Configuration, and number of the shown trial if there are several.
     fn title(&self) -> String {
         let label = self.variant.label();
         match self.trials.len() {

@@ -11,7 +11,7 @@ use recording::csv;
 use std::path::PathBuf;
 use view::{animation, figures, page};
 
-/// Writes and prints the result of trials: a block of each variant.
+/// Writes and prints the result of trials, one block per variant.
 pub fn trials(
     context: &Context,
     variants: &[Variant],
@@ -24,7 +24,7 @@ pub fn trials(
     context.finish(&text, &report, files, recorded, failed)
 }
 
-/// Result and files of trials: a block of each variant. The variants in `shown` get pictures and logs.
+/// Result and files of trials, one block per variant. The variants in `shown` have pictures and logs.
 pub fn publish(
     context: &Context,
     variants: &[Variant],
@@ -62,7 +62,7 @@ pub fn publish(
     Ok((Report { trials, rows }, files))
 }
 
-/// A row of each variant; refused if an interrupt left one without a trial.
+/// Row of each variant; fails if an interrupt left a variant without a trial.
 pub fn summaries<'a>(
     blocks: impl Iterator<Item = (&'a Variant, &'a Vec<Trial>)>,
     goal: [f64; 3],

@@ -13,10 +13,10 @@ use output::terminal::wrapped;
 use recording::csv;
 use serde::Serialize;
 
-/// Of three degrees of freedom, 99 %.
+/// 99 % quantile of χ² with three degrees of freedom.
 pub const CHI_SQUARE_99: f64 = 11.345;
 
-/// One row of the result.
+/// Row of the result.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     /// True if the relative position sensor was fitted.
@@ -31,19 +31,19 @@ pub struct Row {
     pub e_95_m: f64,
     /// Heading error of O.
     pub heading_rad: Summary,
-    /// θ of the paper.
+    /// θ of the paper: direction to the goal less heading of the goal.
     pub theta_rad: Summary,
-    /// α of the paper.
+    /// α of the paper: direction to the goal less heading of the robot.
     pub alpha_rad: Summary,
     /// Share of trials within the tolerance of the goal.
     pub within_tolerance: f64,
-    /// Share of trials whose task was carried out.
+    /// Share of trials that ended as commanded.
     pub done: f64,
-    /// Mean of the squared error of the estimate of O over its covariance; 3 if the covariance is right.
+    /// Mean NEES of the estimate of O; 3 if the covariance is right.
     pub nees: f64,
     /// True if the 95 % error of the estimate is an upper bound.
     pub error_95_is_bound: bool,
-    /// Share of trials whose error of the estimate of O lies in the claimed 99 % ellipsoid.
+    /// Share of trials with the error of the estimate of O in the estimated 99 % ellipsoid.
     pub inside_share: f64,
     /// Numbers of trials by end.
     pub ends: Ends,
@@ -51,11 +51,11 @@ pub struct Row {
     pub runs: Vec<RunEnd>,
     /// Trials reported as reached that were not within the tolerance of the goal.
     pub false_successes: u32,
-    /// Half axis of the ellipse in which the robot claims to be with 95 %.
+    /// 95 % error of the estimated position.
     pub error_95_m: Summary,
-    /// Half the interval in which it claims its heading to be with 95 %.
+    /// 95 % error of the estimated heading.
     pub error_95_rad: Summary,
-    /// Error of the estimated position of the front axle as seen from the rear axle.
+    /// Error of the estimated position of the front axle in the frame of the rear axle.
     pub drift_m: Summary,
     /// Root mean square of the frame's force in a trial.
     pub force_rms_n: Summary,
@@ -63,7 +63,7 @@ pub struct Row {
     pub duration_s: Summary,
 }
 
-/// The result of the command.
+/// Result of the command.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// Trials in each row.
@@ -237,7 +237,7 @@ mod tests {
     use core_algos::math::Posture;
 
     #[test]
-    fn errors_agree_with_the_controllers_own() {
+    fn final_errors_agree_with_the_polar_error_of_the_controller() {
         // The on-board polar error in f32 is another implementation of the same definitions.
         for (posture, goal) in [
             ([-1.3, -1.3, 0.2], [0.0, 0.0, 0.0]),

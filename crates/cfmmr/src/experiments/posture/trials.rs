@@ -1,4 +1,4 @@
-//! Trials of each row, and the one that is recorded or shown.
+//! Trials of each row, and the recorded or live trial.
 
 use super::{Variant, pictures};
 use crate::experiments::run::plan::Plan;
@@ -11,8 +11,7 @@ use host_sim::run::robot::Record;
 use host_sim::scenario::Scenario;
 use std::path::PathBuf;
 
-/// Trials of a row whose paths are kept for the picture, which shows no more: so the memory does not
-/// grow with their number, but for the outcome of each.
+/// Trials per row whose paths are kept; bounds memory.
 const PICTURED: usize = 200;
 
 /// Data of a trial.
@@ -22,12 +21,12 @@ pub struct Trial {
     pub outcome: Outcome,
     /// The midpoint's path, at 10 Hz.
     pub path: Vec<[f64; 2]>,
-    /// Every epoch.
+    /// State at every epoch, if kept.
     pub records: Vec<Record>,
 }
 
 impl Trial {
-    /// Takes in the state after one more epoch; `all` keeps it.
+    /// Adds the state after an epoch to the path; `all` also keeps the record.
     pub fn see(&mut self, record: &Record, all: bool) {
         if self.path.len() * 10 <= records_seen(record) {
             self.path.push([record.midpoint[0], record.midpoint[1]]);
@@ -38,8 +37,8 @@ impl Trial {
     }
 }
 
-/// Trials of each scenario; an interrupted command has fewer. Rows for which `is_shown` is true keep the paths of
-/// their trials, and every epoch of the median trial.
+/// Runs the trials of each scenario; an interrupted command has fewer. Rows with `is_shown` keep paths of their trials
+/// and every epoch of the median trial.
 pub fn run(
     workers: &Workers,
     rows: &[Scenario],
@@ -57,7 +56,7 @@ pub fn run(
         Ok(kept)
     })?;
     for (row, (scenario, block)) in rows.iter().zip(&mut blocks).enumerate() {
-        // The median trial is drawn in full, and is known only now.
+        // The median trial is known only after all trials, so that trial is repeated to record every epoch.
         if is_shown(row) && !block.is_empty() {
             let median = pictures::median_trial(block, scenario.mission.goal);
             if block[median].records.is_empty() {
@@ -69,7 +68,7 @@ pub fn run(
     Ok(blocks)
 }
 
-/// The first trial of the last variant in the pictures, recorded and shown as asked for, and the files.
+/// First trial of the last pictured variant, recorded and shown as requested, with the recorded files.
 pub fn first(
     context: &Context,
     watch: &Watch,
@@ -89,8 +88,8 @@ pub fn first(
     Ok((trial, driven.recorded))
 }
 
-/// Rows in the pictures: encoders alone and the joint filter, with the inertial sensors that the rows have; else the
-/// first row.
+/// Variants in the pictures: encoders alone and the joint filter, both with or both without inertial sensors; without
+/// either, the first variant.
 pub fn pictured(variants: &[Variant]) -> Vec<Variant> {
     let pair = |imu| Variant::PAIR.map(|row| Variant { imu, ..row });
     let pair = [true, false].map(pair).into_iter();

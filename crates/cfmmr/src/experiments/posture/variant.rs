@@ -4,7 +4,7 @@ use core_algos::fusion::robot::Mode;
 use host_sim::scenario::Scenario;
 use host_sim::scenario::effect::Taken;
 
-/// A configuration of sensors and fusion: one row of the table.
+/// Configuration of sensors and fusion, one row of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Variant {
     /// True if the relative position sensor is fitted.
@@ -34,12 +34,12 @@ impl Variant {
 
     /// Encoders alone, the paper's fusion, the joint filter.
     pub const MAIN: [Self; 3] = [Self::ALL[0], Self::ALL[2], Self::ALL[3]];
-    /// Only with and without the relative position sensor.
+    /// Encoders alone and the joint filter, without inertial sensors.
     pub const PAIR: [Self; 2] = [Self::ALL[0], Self::ALL[3]];
     /// The joint filter, without and with inertial sensors.
     pub const JOINT: [Self; 2] = [Self::ALL[3], Self::ALL[7]];
 
-    /// The configuration that a scenario has.
+    /// Configuration of a scenario.
     pub fn of(scenario: &Scenario) -> Self {
         Self {
             rps: scenario.mission.rps,
@@ -48,7 +48,7 @@ impl Variant {
         }
     }
 
-    /// The scenario with this configuration. An accelerometer comes and goes with the gyro.
+    /// Scenario with this configuration. The accelerometer is fitted or removed with the gyro.
     pub fn apply(&self, scenario: &Scenario) -> Scenario {
         let mut scenario = scenario.clone();
         scenario.mission.rps = self.rps;
@@ -71,7 +71,7 @@ impl Variant {
         }
     }
 
-    /// Sensors beside the encoders, or those.
+    /// Sensors in addition to the encoders; "encoders" if there are none.
     pub fn sensors(&self) -> &'static str {
         match (self.rps, self.imu) {
             (false, false) => "encoders",
@@ -92,7 +92,7 @@ impl Variant {
     }
 }
 
-/// Reason why a key has no effect that each row sets.
+/// Reason why a key that each row sets has no effect.
 const SET: &str = "here: each row sets it, see --rows";
 
 /// Keys that each row sets.

@@ -1,4 +1,5 @@
-//! Boards behind links, virtual or real, each with its samples from this program; boards without a link run in this program.
+//! Boards in the loop: this program simulates the sensors of virtual or real boards behind links, and runs the nodes of
+//! boards without a link.
 
 use super::links::{DEFAULT_FLASH, Links};
 use super::mission::Outcome;
@@ -22,25 +23,25 @@ use remote::board_log::BoardLog;
 use serde::Serialize;
 use std::path::PathBuf;
 
-/// Use of the stores of the boards.
+/// Use of the parameters in the boards' flash.
 #[derive(Clone, Debug, Default)]
 pub struct BoardUse {
-    /// True if the parameters in the boards' flash are laid over those of the scenario.
+    /// True if the parameters in the boards' flash replace the scenario's parameters.
     pub stored: bool,
-    /// Folder of the files with the stores of virtual boards.
+    /// Folder of the flash files of virtual boards.
     pub flash: Option<PathBuf>,
 }
 
-/// What is known of the boards after the run.
+/// Result of the boards after the run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct Values {
-    /// True if every bit equals the run in process; `None` without a comparison.
+    /// True if every output equals that of the in-process run; `None` without a comparison.
     identical: Option<bool>,
     /// First difference.
     difference: Option<String>,
     /// Ticks of the run.
     ticks: usize,
-    /// Time the run took, s: from the first tick to the last.
+    /// Wall-clock time from the first tick to the last, s.
     wall_s: f64,
     /// The boards.
     boards: Vec<BoardReport>,
@@ -48,11 +49,11 @@ pub(super) struct Values {
     events: Vec<Event>,
     /// Heartbeats: the first of each node, and every change of state.
     nodes: Vec<Status>,
-    /// Ticks that began more than a tick late, when pace was to be kept.
+    /// Number of ticks that began more than one tick late, in a run in real time.
     late_ticks: Option<u32>,
 }
 
-/// Carries out a task with the boards of a place, and publishes the result.
+/// Drives the mission with the given boards and publishes the result.
 pub fn run(
     run: &Run,
     targets: Vec<Box<dyn Target>>,
@@ -65,8 +66,8 @@ pub fn run(
     run.publish(driven, boards)
 }
 
-/// The boards of a place, of which those without a link run in this program. What boards keep is laid over the scenario,
-/// if that is wanted.
+/// Connects to the boards of a place; boards without a link run in this program. With `stored`, the boards' own
+/// parameters are written into the scenario.
 pub fn connect(
     (place, baud): (&Place, u32),
     boards: &BoardUse,
@@ -98,7 +99,7 @@ pub fn connect(
     Ok(targets)
 }
 
-/// Carries out a task on these boards, and again in this program if that is to be compared.
+/// Drives the mission on the boards; with `compare`, repeats the run in this program and compares.
 fn drive(
     run: &Run,
     targets: Vec<Box<dyn Target>>,
@@ -179,7 +180,7 @@ fn values(
 fn summary(values: &Values) -> String {
     let mut table = Table::new([
         "board",
-        "where",
+        "place",
         "image",
         "frames",
         "lost",
@@ -217,8 +218,8 @@ fn summary(values: &Values) -> String {
     let table = table.transposed();
     let simulated = values.ticks as f64 * 1e-3;
     let mut text = format!(
-        "{table}\nlost: requests repeated; bytes: sent + received; times: from a tick to its answer, other\n\
-         boards' included; stack: most used since the latest start, of its budget\n\n\
+        "{table}\nlost: repeated requests; bytes: sent + received; times: from tick to answer, including other\n\
+         boards; stack: largest use since the latest start, of the budget\n\n\
          {} ticks ({simulated:.1} s) in {:.1} s\n",
         values.ticks, values.wall_s
     );

@@ -14,19 +14,19 @@ use std::path::{Path, PathBuf};
 /// Folder of the flash files of boards that are not real.
 pub const DEFAULT_FLASH: &str = "out/flash";
 
-/// The file with the flash of a board of this name.
+/// Flash file of a board.
 pub fn flash_of(directory: &Path, board: &str) -> PathBuf {
     directory.join(format!("{board}.flash"))
 }
 
-/// The serial port of a board of this name.
+/// Opens the serial port of a board.
 pub fn open_port(board: &str, port: &Path, baud: u32) -> Result<Box<dyn Link>, Error> {
     let named = |error| Error::input(format!("--on serial:{board}={error}"));
     let port = Serial::open(port, baud).map_err(named)?;
     Ok(Box::new(port))
 }
 
-/// Opens links.
+/// Opens links to the boards of a place.
 pub struct Links<'a> {
     /// Axles of the robot.
     pub robot: Topology,
@@ -37,7 +37,7 @@ pub struct Links<'a> {
 }
 
 impl<'a> Links<'a> {
-    /// Builds the images of virtual boards, if there are to be any; their store is in this directory.
+    /// Builds the images if the boards are virtual; `flash` is the folder of their flash files.
     pub fn new(
         robot: Topology,
         place: &'a Place,
@@ -57,14 +57,14 @@ impl<'a> Links<'a> {
         })
     }
 
-    /// The board at whose port a board is reached; none without ports.
+    /// Board through whose port a board is reached; `None` if no board has a port.
     pub fn port_of(&self, role: Role) -> Option<Role> {
         let has_port = |role: &Role| self.place.port(*role).is_some();
         let any = self.robot.boards().find(has_port);
         Some(role).filter(has_port).or(any)
     }
 
-    /// The link to a board, by the port of another board if it has none itself; none if it is in this process.
+    /// Link to a board, through another board if the board has no port; `None` if the board runs in this process.
     pub fn reach(&self, role: Role, log: &BoardLog) -> Result<Option<Box<dyn Link>>, Error> {
         let relay = self.port_of(role).filter(|port| *port != role);
         match relay {
@@ -76,7 +76,7 @@ impl<'a> Links<'a> {
         }
     }
 
-    /// The link to a board; none if it is in this process.
+    /// Link to a board; `None` if the board runs in this process.
     pub fn open(&self, role: Role, log: &BoardLog) -> Result<Option<Box<dyn Link>>, Error> {
         let name = self.robot.name(role);
         Ok(match (&self.images, self.place.port(role)) {

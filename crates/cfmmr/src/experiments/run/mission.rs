@@ -1,4 +1,4 @@
-//! Task of a robot and what came of it: regulation to a posture, a path, or the steps of a script.
+//! Mission of a robot and its outcome: regulation to a posture, a path, or the steps of a script.
 
 use super::steps;
 use super::steps::Steps;
@@ -21,33 +21,33 @@ use host_sim::scenario::Scenario;
 use output::files::OutputDir;
 use serde_json::Value;
 
-/// The task.
+/// Mission.
 pub enum Mission {
     /// Regulation to the goal of the scenario.
     Posture(Variant),
-    /// A path, or a trajectory along it.
+    /// Path following, or trajectory tracking along a path.
     Path(Box<Course>, PathMode),
     /// Steps of a script.
     Script {
         /// The steps.
         lines: Vec<Line>,
-        /// True if a real robot is told where it starts.
+        /// True if the start posture is sent to a real robot.
         placed: bool,
     },
 }
 
-/// Result.
+/// Outcome of a mission.
 pub enum Outcome {
-    /// Of a regulation.
+    /// Outcome of a posture regulation.
     Posture(Box<Trial>),
-    /// Along a path.
+    /// Outcome of path following or trajectory tracking.
     Path(Box<path_run::Outcome>, Vec<Moment>),
-    /// Of a script.
+    /// Outcome of a script.
     Script(Steps),
 }
 
 impl Ended for Outcome {
-    /// End of the task; of a script, of the first step that was not carried out or of the last.
+    /// End of the mission; in a script, the end of the first failed step, else of the last step.
     fn end(&self) -> RunEnd {
         match self {
             Self::Posture(trial) => trial.outcome.end.clone(),
@@ -58,7 +58,7 @@ impl Ended for Outcome {
 }
 
 impl Outcome {
-    /// Reason for a failure of the command, if there is one.
+    /// Reason for a failure of the mission.
     pub fn failure(&self) -> Option<String> {
         match self {
             Self::Script(steps) => steps.failure(),
@@ -66,7 +66,7 @@ impl Outcome {
         }
     }
 
-    /// Time from the beginning of the task to its end, s.
+    /// Duration of the mission, s.
     pub fn duration_s(&self) -> f64 {
         match self {
             Self::Script(steps) => steps.ends.iter().map(|step| step.end.duration_s).sum(),
@@ -74,7 +74,7 @@ impl Outcome {
         }
     }
 
-    /// State at each epoch that was kept.
+    /// State at each kept epoch.
     pub fn records(&self) -> Vec<Record> {
         match self {
             Self::Posture(trial) => trial.records.clone(),
@@ -85,7 +85,7 @@ impl Outcome {
 }
 
 impl Mission {
-    /// The keyboard: that of the script if it drives by hand, else one that watches.
+    /// Keyboard of a script that drives by keyboard, else a keyboard without drive commands.
     pub fn keyboard(&self) -> Keyboard {
         match self {
             Self::Script { lines, .. } => match lines.first().map(|line| &line.step) {
@@ -96,7 +96,7 @@ impl Mission {
         }
     }
 
-    /// True if a real robot is told where it starts.
+    /// True if the start posture is sent to a real robot.
     pub fn is_placed(&self) -> bool {
         !matches!(self, Self::Script { placed: false, .. })
     }
@@ -113,7 +113,7 @@ impl Mission {
         }
     }
 
-    /// Longest time of the run, s.
+    /// Time limit of the run, s.
     pub fn limit_s(&self, scenario: &Scenario) -> f64 {
         let limit_s = match self {
             Self::Posture(_) => scenario.mission.time_limit_s,
@@ -125,7 +125,7 @@ impl Mission {
         scenario.mission.settle_s + limit_s
     }
 
-    /// Has a robot carry it out.
+    /// Drives the mission with a robot.
     pub fn drive(&self, robot: &mut impl Robot, scenario: &Scenario) -> Result<Outcome, Error> {
         Ok(match self {
             Self::Posture(_) => {
@@ -144,7 +144,7 @@ impl Mission {
         })
     }
 
-    /// Table, result and files of a run. Standard error names a goal that is reached without certainty.
+    /// Table, result and files of a run. Prints a warning on standard error if the end is uncertain.
     pub fn publish(
         &self,
         context: &Context,
@@ -168,7 +168,7 @@ impl Mission {
             (Self::Script { .. }, Outcome::Script(steps)) => {
                 return steps::publish(context, &steps);
             }
-            _ => return Err(Error::Failure("another task's outcome".to_owned())),
+            _ => return Err(Error::Failure("outcome of another mission".to_owned())),
         };
         let report = report.map_err(|error| Error::Failure(error.to_string()))?;
         Ok((text, report, files))

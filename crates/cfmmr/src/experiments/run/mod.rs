@@ -1,15 +1,15 @@
-//! A run of the robot: a task that is carried out somewhere, and what comes of it.
+//! Run of a robot: a mission, the boards that drive it, and the published result.
 //!
-//! [`Run`] is a task with its bounds and its recording. [`Run::at`] carries it out at a [`Place`], and
-//! [`in_the_loop::run`] with each board behind a link of its own. Table, files and JSON are the same
-//! everywhere; boards add what they have to say.
+//! [`Run`] is a mission with its time limits and recording. [`Run::at`] drives it at a [`Place`],
+//! [`in_the_loop::run`] with each board behind its own link. Table, files and JSON are equal everywhere;
+//! reports of the boards are added.
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`place`], [`links`] | where the boards are, and links to them |
-//! | [`mission`], [`plan`] | the task; bounds of the run and failures on the way |
+//! | [`place`], [`links`] | places of the boards, and links to them |
+//! | [`mission`], [`plan`] | the mission; time limits of the run, and failures of boards |
 //! | [`stage`] | recording and display |
-//! | [`in_the_loop`] | boards behind links, each with its samples from this program |
+//! | [`in_the_loop`] | boards behind links, with sensors simulated by this program |
 //! | [`virtual_boards`] | the whole robot on virtual boards |
 //! | [`real`] | a real robot, by the serial port of its front board |
 //! | [`steps`], [`picture`] | tables, files and pictures |
@@ -40,20 +40,20 @@ use serde::Serialize;
 use serde_json::Value;
 use stage::{Driven, Stage, Watch};
 
-/// A task that is about to be carried out.
+/// Run that has not begun.
 pub struct Run<'a> {
     /// Scenario, command and output folder.
     pub context: &'a Context,
-    /// The task.
+    /// Mission.
     pub mission: &'a Mission,
-    /// Bounds, and failures of boards on the way.
+    /// Time limits, and failures of boards during the run.
     pub plan: Plan,
     /// Recording and display.
     pub watch: &'a Watch,
 }
 
 impl Run<'_> {
-    /// Carries out the task at a place, and publishes the result.
+    /// Drives the mission at a place and publishes the result.
     pub fn at(&self, site: &Site) -> Result<(), Error> {
         check(&self.context.scenario, self.mission, &self.plan, self.watch)?;
         match &site.place {
@@ -66,7 +66,7 @@ impl Run<'_> {
         }
     }
 
-    /// Has a robot carry out the task. `open` makes the robot, ready for its task, once the recording has begun.
+    /// Begins the recording, makes the robot by `open`, and drives the mission.
     fn on<R: Robot>(
         &self,
         open: impl FnOnce(&Stage) -> Result<R, Error>,
@@ -103,7 +103,7 @@ impl Run<'_> {
     }
 }
 
-/// Refuses failures without effect, and a recording or a display that is not possible.
+/// Refuses board failures without effect, and an impossible recording or display.
 pub fn check(
     scenario: &Scenario,
     mission: &Mission,
@@ -114,7 +114,7 @@ pub fn check(
     watch.check()
 }
 
-/// What the boards of a simulated robot have to say after a run.
+/// Reports of the boards of a simulated robot after a run.
 #[derive(Debug, Default)]
 struct Boards {
     /// Values for the result.
@@ -123,7 +123,7 @@ struct Boards {
     text: String,
     /// Files by name.
     files: Vec<(String, String)>,
-    /// Problem that fails the run, if there is one.
+    /// Problem that fails the run.
     problem: Option<String>,
 }
 
@@ -131,16 +131,16 @@ struct Boards {
 #[derive(Debug, Default, Serialize)]
 #[serde(untagged)]
 enum BoardValues {
-    /// Of boards in this program.
+    /// None: the boards run in this program.
     #[default]
     None,
-    /// Of boards in the loop.
+    /// Values of boards in the loop.
     InTheLoop(in_the_loop::Values),
-    /// Of virtual boards.
+    /// Values of virtual boards.
     Virtual(virtual_boards::Values),
 }
 
-/// Result of a task and of the boards that carried it out.
+/// Result of a mission and of its boards.
 #[derive(Serialize)]
 struct Published {
     #[serde(flatten)]
@@ -149,8 +149,8 @@ struct Published {
     boards: BoardValues,
 }
 
-/// Why a run failed: its task was not carried out, the robot did not stop, or its boards have a problem. A run that the
-/// user ends early need not carry out its task.
+/// Reasons for a failed run: the mission failed, the robot did not stop, or a board has a problem. A mission that the
+/// user interrupted has not failed.
 fn failure(driven: &Driven<Outcome>, problem: Option<String>) -> Option<String> {
     let undone = driven.outcome.failure();
     let undone = undone.filter(|_| driven.outcome.end().kind != EndKind::Interrupted);
@@ -159,11 +159,11 @@ fn failure(driven: &Driven<Outcome>, problem: Option<String>) -> Option<String> 
     (!all.is_empty()).then(|| all.join("; "))
 }
 
-/// Lines on late ticks, boards lost and restarted, and nodes in a fault.
+/// Lines on late ticks, lost and restarted boards, and nodes in a fault state.
 fn happenings(late_ticks: Option<u32>, events: &[Event], nodes: &[Status]) -> String {
     let faults = nodes.iter();
     let faults = faults.filter(|status| status.state == OperatingState::Fault);
-    let late = late_ticks.map(|late| format!("{late} ticks began more than a tick late\n"));
+    let late = late_ticks.map(|late| format!("{late} ticks began more than one tick late\n"));
     let lines = events.iter().map(|event| format!("{event}\n"));
     let lines = late.into_iter().chain(lines);
     lines

@@ -10,8 +10,7 @@ use view::figures;
 use view::figures::PathsPanel;
 use view::page;
 
-/// Log, picture and report page of a run with its end and its goal, if there is one. Of a robot whose true posture is not
-/// known, the estimate is drawn.
+/// Adds log, picture and report page of a run with its end and goal. Draws the estimate if the true posture is unknown.
 pub fn draw(
     context: &Context,
     files: &mut OutputDir,

@@ -4,24 +4,24 @@ use core_algos::topology::{Role, Topology};
 use remote::virtual_robot::Options;
 use std::path::{Path, PathBuf};
 
-/// Robot of the command line, whose boards the options name.
+/// Robot whose boards the options of the command line name.
 pub const ROBOT: Topology = Topology::PAIR;
 
 /// Place of the boards.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Place {
-    /// Their nodes run in this program.
+    /// The boards' nodes run in this program.
     #[default]
     InProcess,
-    /// Their images run on virtual boards.
+    /// The boards' images run on virtual boards.
     Virtual,
-    /// Boards with their serial ports. A board without a port runs in this program (in the loop), or is reached over the bus
+    /// Serial ports by board. A board without a port runs in this program (in the loop), or is reached over the bus
     /// (real robot).
     Serial(Vec<(Role, PathBuf)>),
 }
 
 impl Place {
-    /// The place in `in-process`, `virtual` or `serial:front=PORT,rear=PORT,beam=PORT`.
+    /// Parses `in-process`, `virtual` or `serial:front=PORT,rear=PORT,beam=PORT`.
     pub fn parse(text: &str) -> Result<Self, String> {
         const ALLOWED: &str =
             "must be in-process, virtual or serial:front=PORT[,rear=PORT][,beam=PORT]";
@@ -42,7 +42,7 @@ impl Place {
         Ok(Self::Serial(found))
     }
 
-    /// The serial port of a board.
+    /// Serial port of a board.
     pub fn port(&self, role: Role) -> Option<&Path> {
         match self {
             Self::Serial(ports) => {
@@ -64,23 +64,23 @@ impl Place {
     }
 }
 
-/// The board of the robot with this name.
+/// Board of the given name.
 pub fn board_named(name: &str) -> Option<Role> {
     ROBOT.boards().find(|&role| ROBOT.name(role) == name)
 }
 
-/// A place, and how the boards are there.
+/// Place and settings of the boards.
 #[derive(Clone, Debug)]
 pub struct Site {
-    /// The place.
+    /// Place.
     pub place: Place,
     /// Baud rate of the serial ports.
     pub baud: u32,
-    /// Images of axle and beam board for virtual boards; without a file the ones of this checkout.
+    /// Images of axle and beam board for virtual boards; `None`: images built from this checkout.
     pub images: [Option<PathBuf>; 2],
-    /// True if the time of virtual boards is counted by function and interrupt.
+    /// True if virtual boards are profiled by function and interrupt.
     pub profile: bool,
-    /// Threads that virtual boards are spread over.
+    /// Number of threads for virtual boards.
     pub threads: usize,
 }
 

@@ -1,4 +1,4 @@
-//! Bounds of a run, and failures of boards on the way.
+//! Time limits of a run, and failures of boards during the run.
 
 use core_algos::time::Micros;
 use host_sim::base::error::Error;
@@ -6,12 +6,12 @@ use host_sim::run::robot::Span;
 use host_sim::scenario::Scenario;
 use host_sim::targets::Failure;
 
-/// Bounds of a run, and failures of boards on the way.
+/// Time limits of a run, and failures of boards during the run.
 #[derive(Clone, Debug, Default)]
 pub struct Plan {
-    /// Bounds of the time.
+    /// Shortest and longest time.
     pub span: Span,
-    /// True if no tick may begin before its time on the clock.
+    /// True if the run keeps real time: no tick begins early.
     pub real_time: bool,
     /// Boards that are switched off.
     pub failures: Vec<Failure>,
@@ -20,7 +20,8 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Refuses failures of boards that are not fitted, and those after the end of a run whose task takes at most `limit_s`.
+    /// Refuses failures of boards that are not fitted, and failures after the end of a run with the time limit
+    /// `limit_s`, s.
     pub fn check(&self, scenario: &Scenario, limit_s: f64) -> Result<(), Error> {
         let seconds = |micros: Micros| micros as f64 * 1e-6;
         let end = self.span.most.map_or(f64::MAX, seconds).min(limit_s);
@@ -30,7 +31,7 @@ impl Plan {
             let kill = format!("--kill {board}@{at}");
             if failure.role.is_beam() && !scenario.mission.rps {
                 return Err(Error::input(format!(
-                    "{kill}: must be front or rear: no beam board without the relative position sensor"
+                    "{kill}: must be front or rear: without the relative position sensor there is no beam board"
                 )));
             }
             if at >= end {
@@ -51,7 +52,7 @@ mod tests {
     use host_sim::targets::FailureMode;
 
     #[test]
-    fn failure_after_the_longest_time_of_a_task_is_refused_however_long_the_robot_is_watched() {
+    fn failure_after_the_time_limit_is_refused_for_any_duration() {
         let failure = |at| Failure {
             role: Role::LEAD,
             at,

@@ -1,5 +1,5 @@
-//! A real robot, which gets its task at the serial port of its front board. Its true posture is not known: errors are those
-//! of its own estimate.
+//! Real robot, commanded through the serial port of its front board. The true posture is unknown, so errors are
+//! computed from the robot's estimate.
 
 use super::links::open_port;
 use super::mission::Outcome;
@@ -28,21 +28,21 @@ struct Values {
     build: String,
     /// End of the run.
     end: RunEnd,
-    /// Why the robot did not confirm that it stopped, if so.
+    /// Reason if the robot did not confirm that it stopped.
     restless: Option<String>,
     /// Time of all steps, s.
     duration_s: f64,
     /// Distance of the estimated midpoint from the goal, m.
     e_estimated_m: f64,
-    /// Estimated heading less that of the goal, rad.
+    /// Estimated heading less goal heading, rad.
     heading_estimated_rad: f64,
     /// Largest distance of the estimated midpoint from the path, m.
     max_cross_track_m: Option<f64>,
-    /// Bus frames that the front board reported, and those that it had no room for.
+    /// Bus frames reported by the front board.
     frames: u64,
-    /// Lost frames.
+    /// Bus frames lost because the front board's buffer was full.
     lost: u16,
-    /// Times the port was opened again.
+    /// Number of times the port was reopened.
     reconnected: u32,
     /// Heartbeats: every change of state.
     nodes: Vec<Status>,
@@ -51,7 +51,7 @@ struct Values {
     steps: Vec<StepEnd>,
 }
 
-/// Carries out a task, and publishes the result.
+/// Drives the mission and publishes the result.
 pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
     let Run {
         context,
@@ -61,7 +61,7 @@ pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
     } = run;
     let scenario = &context.scenario;
     let robot = scenario.robot.topology();
-    // Opened before the recording: a port that is not there is bad input.
+    // Ports are opened before the recording begins: a missing port is an input error.
     let (connect, others) = open(robot, site, watch.records())?;
     let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
     let told = scenario.mission.told();
@@ -75,13 +75,13 @@ pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
     }
 }
 
-/// The port of the front board, and those of the boards that are recorded.
+/// Opens the port of the front board, and the ports of the other recorded boards.
 fn open(robot: Topology, site: &Site, records: bool) -> Result<(Connect, Vec<OtherBoard>), Error> {
     let (place, baud) = (&site.place, site.baud);
     let Some(front) = place.port(Role::LEAD) else {
         return Err(Error::input(
-            "--on serial: must be serial:front=PORT[,rear=PORT][,beam=PORT]: the front board's port is that of the \
-             robot; the other boards are recorded at theirs",
+            "--on serial: must be serial:front=PORT[,rear=PORT][,beam=PORT]: the front board's port commands the \
+             robot; the other ports only record",
         ));
     };
     let others = robot.boards().filter(|role| *role != Role::LEAD);
@@ -105,7 +105,7 @@ fn open(robot: Topology, site: &Site, records: bool) -> Result<(Connect, Vec<Oth
     Ok((connect, others.collect::<Result<_, Error>>()?))
 }
 
-/// Publishes what the robot estimates.
+/// Publishes the result, from the robot's estimates.
 fn publish(run: &Run, robot: &SerialRobot, driven: &Driven<Outcome>) -> Result<(), Error> {
     let Run {
         context, mission, ..
@@ -131,7 +131,7 @@ fn publish(run: &Run, robot: &SerialRobot, driven: &Driven<Outcome>) -> Result<(
     context.finish(&table(&values), &values, files, &driven.recorded, failed)
 }
 
-/// Publishes the end of a run whose robot never answered.
+/// Publishes the end of a run without any answer of the robot.
 fn no_answer(context: &Context, why: String) -> Result<(), Error> {
     #[derive(Serialize)]
     struct Values<'a> {
@@ -175,7 +175,7 @@ fn values(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> Valu
 }
 
 fn table(values: &Values) -> String {
-    let mut table = Table::new(["robot at its front board", ""]);
+    let mut table = Table::new(["real robot", ""]);
     let mut row = |name: &str, value: String| {
         table.row([name.to_owned(), value]);
     };
@@ -209,11 +209,14 @@ fn table(values: &Values) -> String {
         false => format!("{}\n{table}\n", steps::table(&values.steps)),
     };
     if values.lost > 0 {
-        text += &format!("the front board had no room for {} frames\n", values.lost);
+        text += &format!(
+            "the front board's buffer was full: {} frames are lost\n",
+            values.lost
+        );
     }
     if values.reconnected > 0 {
         text += &format!(
-            "its serial port was opened again, times: {}\n",
+            "the front board's port was reopened, times: {}\n",
             values.reconnected
         );
     }

@@ -19,17 +19,17 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Instant;
 
-/// Files, viewers and display that a run is for.
+/// Recording and display options of a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Watch {
-    /// Files and address that it is recorded to.
+    /// Files and address of the recording.
     pub destinations: Destinations,
-    /// True if it is shown on the terminal.
+    /// True if the run is shown on the terminal.
     pub dashboard: bool,
 }
 
 impl Watch {
-    /// Checks before a long computation that the run can be shown and recorded.
+    /// Fails if the run cannot be shown or recorded; called before a long computation.
     pub fn check(&self) -> Result<(), Error> {
         if self.dashboard {
             dashboard::check()?;
@@ -42,7 +42,7 @@ impl Watch {
         self.destinations.any()
     }
 
-    /// True if the run is shown or served, so that it runs in real time.
+    /// True if the run is shown or served, and so runs in real time.
     pub fn is_live(&self) -> bool {
         self.dashboard || self.destinations.live.is_some()
     }
@@ -58,20 +58,20 @@ pub struct Stage<'a> {
     keyboard: Keyboard,
 }
 
-/// A run that has ended.
+/// Run that has ended.
 pub struct Driven<T> {
-    /// Result of the task.
+    /// Outcome of the mission.
     pub outcome: T,
-    /// Files that were recorded.
+    /// Recorded files.
     pub recorded: Vec<PathBuf>,
     /// Time from the first tick to the last, s.
     pub wall_s: f64,
-    /// Why the robot did not stop after the run, if so.
+    /// Reason if the robot did not stop after the run.
     pub restless: Option<String>,
 }
 
 impl<'a> Stage<'a> {
-    /// Begins the recording of a run to a goal, along a path if it has points. A keyboard that drives is shown with the run.
+    /// Begins the recording of a run to a goal; `path` may be empty. Waits for the first viewer of a live run.
     pub fn begin(
         watch: &'a Watch,
         context: &'a Context,
@@ -104,7 +104,7 @@ impl<'a> Stage<'a> {
         })
     }
 
-    /// The boards, whose inputs and outputs are recorded.
+    /// Wraps the boards so that their inputs and outputs are recorded.
     pub fn tap(&self, targets: Vec<Box<dyn Target>>) -> Vec<Box<dyn Target>> {
         match &self.session {
             Some(session) => session.tap(targets, self.about.scenario),
@@ -112,7 +112,7 @@ impl<'a> Stage<'a> {
         }
     }
 
-    /// A robot with its boards in this process.
+    /// Simulated robot with in-process boards.
     pub fn simulation(&self) -> Result<Simulation, Error> {
         let About {
             scenario,
@@ -124,7 +124,7 @@ impl<'a> Stage<'a> {
         Simulation::on(self.tap(boards), scenario, seed, trial)
     }
 
-    /// Has a robot carry out its task, and ends the recording.
+    /// Drives the mission with a robot and ends the recording.
     pub fn run<R: Robot, T: Ended>(
         &self,
         plan: &Plan,
@@ -137,7 +137,7 @@ impl<'a> Stage<'a> {
         if let Some(shown) = self.dashboard()? {
             robot.observe(shown);
         }
-        // The time of a real robot is the computer's.
+        // A real robot already runs in real time.
         let is_simulated = robot.plant().is_some();
         let real_time = plan.real_time || self.watch.is_live() || self.keyboard.drives();
         let control = robot.control_mut();
@@ -149,7 +149,7 @@ impl<'a> Stage<'a> {
         let outcome = drive(robot)?;
         let wall_s = start.elapsed().as_secs_f64();
         let end = outcome.end();
-        // A simulated robot whose run is over is left where it is.
+        // A simulated robot is stopped after an interrupt only.
         let stops = self.interrupt.load(Relaxed) || !is_simulated;
         let stopped = if stops { robot.stop() } else { Ok(()) };
         let restless = stopped.err().map(|error| error.to_string());
@@ -170,7 +170,7 @@ impl<'a> Stage<'a> {
         })
     }
 
-    /// The dashboard, if it is asked for.
+    /// Opens the dashboard if `--dashboard` is given or the keyboard drives.
     fn dashboard(&self) -> Result<Option<Box<dyn Observer>>, Error> {
         if !self.watch.dashboard && !self.keyboard.drives() {
             return Ok(None);

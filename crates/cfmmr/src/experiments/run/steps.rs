@@ -1,4 +1,4 @@
-//! Steps of a script that were taken: table, picture, page and files.
+//! Executed steps of a script: table, picture, page and files.
 
 use super::picture::draw;
 use crate::experiments::Context;
@@ -17,30 +17,30 @@ use output::terminal::wrapped;
 use recording::csv;
 use serde::Serialize;
 
-/// The script's part of the result.
+/// Result of a script.
 #[derive(Debug, Serialize)]
 struct Values<'a> {
     /// Steps with their ends.
     steps: &'a [StepEnd],
 }
 
-/// Steps that were taken, and the state at each epoch.
+/// Executed steps, and the state at each kept epoch.
 #[derive(Clone, Debug, Default)]
 pub struct Steps {
     /// Steps with their ends.
     pub ends: Vec<StepEnd>,
     /// State at each epoch.
     pub records: Vec<Record>,
-    /// Number of steps that were to be taken.
+    /// Number of steps in the script.
     pub count: usize,
 }
 
 impl Steps {
-    /// Has a robot take the steps.
+    /// Executes the steps with a robot.
     pub fn taken(robot: &mut impl Robot, scenario: &Scenario, lines: &[Line]) -> Self {
         let (mut records, mut ends) = (Thinned::new(MOST_ROWS), Vec::new());
         let see = |record: &Record| records.push(record.clone());
-        // An error is the end of the last step.
+        // The end of the last step contains an error.
         let _ = script::carry_out(robot, scenario, lines, see, &mut ends);
         Self {
             ends,
@@ -49,13 +49,13 @@ impl Steps {
         }
     }
 
-    /// The step that ended the script: the first that was not carried out, or the last.
+    /// First failed step, else the last step.
     fn last(&self) -> Option<&StepEnd> {
         let failed = self.ends.iter().find(|step| !step.end.is_success());
         failed.or(self.ends.last())
     }
 
-    /// End of that step.
+    /// End of the script.
     pub fn end(&self) -> RunEnd {
         let end = self.last().map(|step| step.end.clone());
         let mut end = end.unwrap_or_default();
@@ -66,28 +66,29 @@ impl Steps {
         end
     }
 
-    /// Goal of the last step that has one; none after a new pose, from which on goals are not in the frame of the truth.
+    /// Goal of the last step with a goal; `None` after a `pose` step, because later goals are not in the frame of the
+    /// truth.
     pub fn goal(&self) -> Option<[f64; 3]> {
         let posed = self.ends.iter().any(|step| step.step.starts_with("pose"));
         let mut last = self.ends.iter().rev();
         last.find_map(|step| step.goal).filter(|_| !posed)
     }
 
-    /// Why the steps were not taken to the last, if so.
+    /// Reason if a step failed or was not executed.
     pub fn failure(&self) -> Option<String> {
         let step = self.last()?;
         match step.end.failure() {
             Some(why) => Some(format!("line {}: {}: {why}", step.line, step.step)),
             None if self.ends.len() < self.count || !step.end.is_success() => {
                 let (taken, count) = (self.ends.len(), self.count);
-                Some(format!("{taken} of {count} steps were taken"))
+                Some(format!("{taken} of {count} steps were executed"))
             }
             None => None,
         }
     }
 }
 
-/// Posture of the last `goto` of a script that ends there.
+/// Goal of the script's last step, if the step is a `goto`.
 pub fn goal(lines: &[Line]) -> Option<[f64; 3]> {
     match lines.last()?.step {
         Step::Goto(goal) => Some(goal),
@@ -102,7 +103,7 @@ pub fn publish(
 ) -> Result<(String, serde_json::Value, OutputDir), Error> {
     let mut files = context.output()?;
     let done = taken.ends.iter().filter(|step| step.end.is_success());
-    let title = format!("{} of {} steps carried out", done.count(), taken.count);
+    let title = format!("{} of {} steps succeeded", done.count(), taken.count);
     let end = taken.end();
     draw(
         context,
@@ -151,7 +152,7 @@ pub fn table(steps: &[StepEnd]) -> String {
         "x (m)",
         "y (m)",
         "φ (°)",
-        "off (cm)",
+        "error (cm)",
         "time (s)",
     ]);
     let mut notices = String::new();
@@ -182,7 +183,7 @@ pub fn table(steps: &[StepEnd]) -> String {
         }
     }
     format!(
-        "{table}\nPostures are the robot's estimates; off: distance of the true midpoint from the estimate.\n{notices}"
+        "{table}\nPostures are estimates; error: distance of the estimated from the true midpoint.\n{notices}"
     )
 }
 
@@ -192,7 +193,7 @@ mod tests {
     use host_sim::run::robot::Observer;
     use host_sim::run::simulation::Simulation;
 
-    /// A display that fails after a second.
+    /// Display that fails after 1 s.
     struct Failing;
 
     impl Observer for Failing {

@@ -1,5 +1,5 @@
-//! A robot on virtual boards: the images that users flash, with everything that is wired to them. It gets its task at the
-//! serial port of the front board.
+//! Robot on virtual boards, which run the images for real boards with simulated wiring. The robot is commanded through
+//! the serial port of the front board.
 
 use super::mission::Outcome;
 use super::place::Site;
@@ -21,18 +21,18 @@ use remote::virtual_robot::{BoardReport, Options, VirtualRobot};
 use serde::Serialize;
 use std::time::Instant;
 
-/// What is known of virtual boards after a run.
+/// Result of virtual boards after a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct Values {
     /// Distance of the midpoint from the goal at the end, m.
     e_m: f64,
-    /// Heading less that of the goal at the end, rad.
+    /// Heading less goal heading at the end, rad.
     heading_rad: f64,
     /// Time from power on until all nodes were ready, s.
     boot_s: f64,
     /// Simulated time, boot included, s.
     simulated_s: f64,
-    /// Time it took, s.
+    /// Wall-clock time, boot included, s.
     wall_s: f64,
     /// Frames on the bus.
     frames: u64,
@@ -42,11 +42,11 @@ pub(super) struct Values {
     nodes: Vec<Status>,
     /// Boards lost and restarted.
     events: Vec<Event>,
-    /// Ticks that began more than a tick late, when pace was to be kept.
+    /// Number of ticks that began more than one tick late, in a run in real time.
     late_ticks: Option<u32>,
 }
 
-/// Carries out a task, and publishes the result.
+/// Drives the mission and publishes the result.
 pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
     let context = run.context;
     let [axle, beam] = site.images.each_ref().map(|image| image.as_deref());
@@ -64,7 +64,7 @@ pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
     run.publish(driven, boards)
 }
 
-/// Carries out a task.
+/// Drives the mission.
 fn drive(
     run: &Run,
     images: &Images,
