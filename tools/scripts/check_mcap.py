@@ -284,12 +284,27 @@ def check_layout(log, layout):
     return len(paths)
 
 
+def plotjuggler(topic, value):
+    """Names under which PlotJuggler shows the numbers of a message."""
+    if isinstance(value, dict):
+        for key, part in value.items():
+            yield from plotjuggler(f"{topic}/{key}", part)
+    elif isinstance(value, list):
+        for n, part in enumerate(value):
+            yield from plotjuggler(f"{topic}[{n}]", part)
+    elif isinstance(value, (int, float)):
+        yield topic
+
+
 def check_viewers(log):
-    """Every path of Foxglove in docs/logs.md, section Viewers, is in the log."""
+    """Every path of Foxglove and name of PlotJuggler in docs/logs.md, section Viewers, is in the log."""
     section = (DOCS / "logs.md").read_text().split("\n## Viewers\n")[1].split("\n## ")[0]
-    paths = re.findall(r"`(/[^`]+)`", section)
-    wrong = [path for path in paths if not has_path(log, path)]
-    assert paths and not wrong, f"docs/logs.md names what is not in the log: {wrong}"
+    rows = re.findall(r"^\| `(/[^`]+)`", section, re.MULTILINE)
+    paths = [one for one in re.findall(r"`(/[^`]+)`", section) if one not in rows]
+    names = {name for topic, schema in log.schemas.items() if schema.encoding == "jsonschema"
+             for _, message in log.messages[topic][-1:] for name in plotjuggler(topic, message)}
+    wrong = [path for path in paths if not has_path(log, path)] + [row for row in rows if row not in names]
+    assert paths and len(rows) >= 5 and not wrong, f"docs/logs.md names what is not in the log: {wrong}"
 
 
 def virtual(call, folder, database):
