@@ -1,5 +1,11 @@
+<<<<<<< HEAD
 """Reads logs of cfmmr with the Python reader of MCAP and compares them with other outputs of these runs: CSV tables,
 every bus frame decoded by cantools, wheel speeds from encoder counts.
+=======
+"""Reads logs of cfmmr with the Python reader of MCAP and compares them with what the same runs say
+elsewhere: their own tables, cantools for every frame on the bus, wheel speeds from encoder counts. Looks up
+the names of docs/foxglove_layout.json and docs/logs.md.
+>>>>>>> p1
 
 Needs the Python packages mcap, mcap-protobuf-support, jsonschema and cantools.
 
@@ -30,6 +36,9 @@ EACH_TICK = ["/boards/front/tick", "/boards/rear/tick", "/boards/beam/tick"]
 EACH_EPOCH = ["/lead", "/truth", "/tf", "/truth/robot"]
 ONCE = ["/goal", "/boards/front/start", "/boards/rear/start", "/boards/beam/start"]
 COUNTS_PER_REVOLUTION = 8192
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+# A path of Foxglove: topic, then fields. An array of arrays cannot be indexed.
+FOXGLOVE = re.compile(r"((?:/\w+)+)((?:\.\w+(?:\[(?:\d+|:)\])?)+)")
 
 
 def crc32c(data):
@@ -241,6 +250,68 @@ def compare_tables(log, folder):
     assert frames == [frame["frame"] for _, m in log.messages["/bus"] for frame in m["frames"]]
 
 
+def has_path(log, path):
+    """True if Foxglove's path leads to a number or a text."""
+    match = FOXGLOVE.fullmatch(path)
+    if not match or match[1] not in log.schemas:
+        return False
+    topic, fields = match.groups()
+    for _, message in log.messages[topic]:
+        try:
+            value = at(message, fields.replace("[:]", "[0]"))
+        except (KeyError, IndexError, TypeError):
+            return False
+        # Null before the first measurement.
+        if value is not None:
+            return isinstance(value, (int, float, str))
+    return False
+
+
+def check_layout(log, layout):
+    """Every topic, path and coordinate frame of the layout is in the log; gives the number of paths."""
+    panels = layout["configById"]
+    transforms = log.standard["/tf"][0].transforms
+    frames = {frame for t in transforms for frame in (t.parent_frame_id, t.child_frame_id)}
+    paths, topics = [], []
+    for panel in panels.values():
+        paths += [series["value"] for series in panel.get("paths", [])]
+        topics += [*panel.get("topics", {}), *filter(None, [panel.get("topicToRender")])]
+        shown = {panel.get("followTf"), *(layer.get("frameId") for layer in panel.get("layers", {}).values())}
+        assert shown <= frames | {None}, f"the layout names frames that are not in the log: {shown - frames}"
+    wrong = [topic for topic in topics if not log.messages.get(topic)]
+    wrong += [path for path in paths if not has_path(log, path)]
+    assert not wrong, f"the layout names what is not in the log: {wrong}"
+
+    def placed(part):
+        return [part] if isinstance(part, str) else placed(part["first"]) + placed(part["second"])
+
+    assert sorted(placed(layout["layout"])) == sorted(panels), "a panel of the layout is placed twice or never"
+    return len(paths)
+
+
+def plotjuggler(topic, value):
+    """Names under which PlotJuggler shows the numbers of a message."""
+    if isinstance(value, dict):
+        for key, part in value.items():
+            yield from plotjuggler(f"{topic}/{key}", part)
+    elif isinstance(value, list):
+        for n, part in enumerate(value):
+            yield from plotjuggler(f"{topic}[{n}]", part)
+    elif isinstance(value, (int, float)):
+        yield topic
+
+
+def check_viewers(log):
+    """Every path of Foxglove and name of PlotJuggler in docs/logs.md, section Viewers, is in the log."""
+    section = (DOCS / "logs.md").read_text().split("\n## Viewers\n")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| `(/[^`]+)`", section, re.MULTILINE)
+    paths = [one for one in re.findall(r"`(/[^`]+)`", section) if one not in rows]
+    names = {name for topic, schema in log.schemas.items() if schema.encoding == "jsonschema"
+             for _, message in log.messages[topic][-1:] for name in plotjuggler(topic, message)}
+    wrong = [path for path in paths if not has_path(log, path)] + [row for row in rows if row not in names]
+    assert paths and len(rows) >= 5 and not wrong, f"docs/logs.md names what is not in the log: {wrong}"
+
+
 def virtual(call, folder, database):
     """Checks a run on virtual boards: reports of each board, and the truth."""
     path, tables, out = folder / "virtual.mcap", folder / "virtual-tables", folder / "virtual"
@@ -341,12 +412,15 @@ def main():
             compare_wheels(log)
             frames += compare_bus(log, database)
             assert "identical over" in call("replay", path)
+            if run == "follow":
+                paths = check_layout(log, json.loads((DOCS / "foxglove_layout.json").read_text()))
+                check_viewers(log)
         one = folder / "one.csv"
         call("track", "--path", "line", "--size", "1", "--csv", one, "--out", folder / "one")
         assert table(one) and not (folder / "one.mcap").exists()
         interrupted(program, folder)
         frames += virtual(call, folder, database)
-    print(f"{len(runs) + 1} runs: logs, tables and cantools ({frames} frames) agree")
+    print(f"{len(runs) + 1} runs: logs, tables and cantools ({frames} frames) agree; {paths} paths of the layout found")
 
 
 if __name__ == "__main__":
