@@ -1,11 +1,6 @@
-<<<<<<< HEAD
 """Reads logs of cfmmr with the Python reader of MCAP and compares them with other outputs of these runs: CSV tables,
-every bus frame decoded by cantools, wheel speeds from encoder counts.
-=======
-"""Reads logs of cfmmr with the Python reader of MCAP and compares them with what the same runs say
-elsewhere: their own tables, cantools for every frame on the bus, wheel speeds from encoder counts. Looks up
-the names of docs/foxglove_layout.json and docs/logs.md.
->>>>>>> p1
+every bus frame decoded by cantools, wheel speeds from encoder counts. Looks up the names of docs/foxglove_layout.json
+and docs/logs.md.
 
 Needs the Python packages mcap, mcap-protobuf-support, jsonschema and cantools.
 
