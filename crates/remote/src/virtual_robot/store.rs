@@ -55,9 +55,11 @@ fn wanted(scenario: &Scenario, role: Role) -> Result<Settings, Error> {
     {
         parameter.set(&mut settings, parameter.get(&asked))?;
     }
+    // Values of one board determine others of the same board.
+    let asked = asked.robot.completed();
     let mut left = settings.robot.completed();
-    left.beam.calibration = asked.robot.beam.calibration;
-    if left != asked.robot {
+    left.beam.calibration = asked.beam.calibration;
+    if left != asked {
         return Err(Error::input(
             "robot: the default images take only the parameters of `cfmmr params list`; settings without a \
              board parameter must keep their default",
@@ -105,6 +107,15 @@ fn calibrate(
 mod tests {
     use super::*;
     use core_algos::fusion::robot::Mode;
+
+    #[test]
+    fn wheel_and_track_of_one_board_are_stored_in_that_board() {
+        let file = "[boards.rear]\nrobot.geometry.wheel_radius_m = 0.07\nrobot.geometry.half_track_m = 0.16\n";
+        let scenario = Scenario::parse(None, file, "test", &[]).unwrap();
+        let radius = |role| wanted(&scenario, role).unwrap().robot.geometry.wheel_radius_m;
+        assert_eq!(radius(Role::axle(1)), 0.07);
+        assert_eq!(radius(Role::axle(0)), 0.073);
+    }
 
     #[test]
     fn robot_without_rps_stores_odometry_as_its_fusion() {
