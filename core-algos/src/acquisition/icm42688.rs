@@ -310,10 +310,10 @@ impl Icm42688 {
     /// Reads a register back. A wrong value is read again at the next step, so that one disturbed transfer does not
     /// lose the sensor.
     fn read_back(&mut self, transfer: &mut impl FnMut(&mut [u8]) -> bool) {
-        let (which, doubted) = self.check;
+        let (which, repeated) = self.check;
         let (address, bits, expected) = CHECKED[usize::from(which) % CHECKED.len()];
         let right = register(address, transfer).is_some_and(|value| value & bits == expected);
-        if !right && doubted {
+        if !right && repeated {
             self.lose();
         }
         if self.is_set_up() {
@@ -321,7 +321,7 @@ impl Icm42688 {
                 check_in: if right { CHECK_EVERY } else { 0 },
             };
         }
-        self.check = if right || doubted {
+        self.check = if right || repeated {
             ((which + 1) % CHECKED.len() as u8, false)
         } else {
             (which, true)

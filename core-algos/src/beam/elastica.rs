@@ -21,7 +21,7 @@ use crate::math::matrix::{Mat3, cholesky, cholesky_solve};
 use crate::math::trig::{ln, sin_cos, sinc};
 use descent::Descent;
 pub use fit::Fit;
-use minimum::{Minimum, is_exact, is_suspicious, lower, promise, told};
+use minimum::{Minimum, determines_load, is_exact, is_suspicious, lower, promise};
 use ray::{Leg, Parameters, Ray};
 pub use start::Start;
 pub use wrench::Wrench;
@@ -465,7 +465,7 @@ impl Solver {
         let [_, fx, fy] = best.parameters;
         let ambiguous = search.mask.count() <= 3;
         let won = fx.abs().max(fy.abs()) > self.large_load() && !ambiguous;
-        let known = won || told(&best.normal);
+        let known = won || determines_load(&best.normal);
         let weak = Readings {
             tail: REFINED_TAIL,
             ..readings
@@ -498,7 +498,9 @@ impl Solver {
         }
         let normal = self.normal(&minimum.shape, minimum.parameters, weak);
         promise(&normal).is_some_and(|promise| {
-            promise > NEGLIGIBLE && normal.chi_square - promise < NEARLY_EXACT && told(&normal)
+            promise > NEGLIGIBLE
+                && normal.chi_square - promise < NEARLY_EXACT
+                && determines_load(&normal)
         })
     }
 

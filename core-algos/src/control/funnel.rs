@@ -136,7 +136,7 @@ mod tests {
             let direction = if reverse { Direction::Reverse } else { Direction::Forward };
             let law = law();
             let seen = |q: [f64; 3]| {
-                PolarError::between(q.map(|c| c as f32).into(), Posture::ORIGIN).along(direction)
+                PolarError::between(q.map(|c| c as f32).into(), Posture::ORIGIN).in_direction(direction)
             };
             let mut q = [x, y, phi].map(f64::from);
             let start = seen(q);

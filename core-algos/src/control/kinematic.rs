@@ -119,7 +119,7 @@ impl PolarError {
     }
 
     /// The error as seen when driving in `direction`.
-    pub fn along(self, direction: Direction) -> Self {
+    pub fn in_direction(self, direction: Direction) -> Self {
         match direction {
             Direction::Forward => self,
             Direction::Reverse => self.reversed(),
@@ -348,11 +348,11 @@ impl Law {
         let denominator = if self.floored {
             greater(es * cos_alpha + turning, c.denominator_floor * es)
         } else {
-            let along = match c.form {
+            let linear = match c.form {
                 Form::Printed => es,
                 Form::Derived => es * cos_alpha,
             };
-            away_from_zero(along + turning, MIN_DENOMINATOR_M)
+            away_from_zero(linear + turning, MIN_DENOMINATOR_M)
         };
         let v = (approach + feedforward) / denominator;
         let phi_dot =
@@ -423,11 +423,11 @@ impl Law {
     /// `max(0, cos α)` is blended in, so that the robot stops abeam of the goal instead of circling it. The velocity
     /// never opposes `direction`. Input that is not finite gives [`Command::REST`].
     pub fn approach(&self, error: PolarError, direction: Direction) -> Command {
-        let seen = error.along(direction);
-        let sight = Sight::from(seen);
-        let kappa = direction.sign() * self.arc_curvature(seen, sight.sin_alpha);
+        let directed = error.in_direction(direction);
+        let sight = Sight::from(directed);
+        let kappa = direction.sign() * self.arc_curvature(directed, sight.sin_alpha);
         let soft = greater(self.config.softening_m, MIN_DISTANCE_M);
-        let far = clamp(0.5 * seen.distance_m / soft - 1.0, 0.0, 1.0);
+        let far = clamp(0.5 * directed.distance_m / soft - 1.0, 0.0, 1.0);
         let slow = far + (1.0 - far) * greater(sight.cos_alpha, 0.0);
         let v = self.demand(&sight, 0.0, 0.0).command.v;
         let v = direction.sign() * greater(v, 0.0) * slow;

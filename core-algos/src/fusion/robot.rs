@@ -363,8 +363,10 @@ impl RobotFusion {
     }
 
     /// The part of the robot that the other sensors contradict.
-    pub fn doubt(&self, state: &State) -> Option<joint::Doubt> {
-        state.joint().and_then(|joint| self.joint.doubt(joint))
+    pub fn inconsistent_sensor(&self, state: &State) -> Option<joint::InconsistentSensor> {
+        state
+            .joint()
+            .and_then(|joint| self.joint.inconsistent_sensor(joint))
     }
 
     /// True if the mode uses the beam.
@@ -425,10 +427,10 @@ impl RobotFusion {
                 row[track::SHARED + k] = by[k] * self.constants[k];
             }
         }
-        let [along, across, turning] = self.load;
+        let [forward, lateral, turning] = self.load;
         let first = track::LOAD + if axle == 0 { 0 } else { 3 };
-        error.constants[0][first] = along * step.dt;
-        error.constants[1][first + 1] = across * step.dt;
+        error.constants[0][first] = forward * step.dt;
+        error.constants[1][first + 1] = lateral * step.dt;
         error.constants[2][first + 2] = turning * step.by_wheels() * step.dt;
         // A posture and an increment compose like rear axle and relative posture.
         *track = track.through(&Chain::front_from_rear(track.posture, step.moved), &error);

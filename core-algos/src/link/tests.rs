@@ -1,13 +1,13 @@
-//! Tests of endpoint, protocol and framing together, from the host's side.
+//! Tests of simulation link, protocol and framing together, from the host's side.
 
-use super::endpoint::{Endpoint, Identity};
 use super::framing::{Decoder, MAX_FRAME, SerialFrame, crc32c};
 use super::lease::Stamp;
 use super::order::Order;
 use super::protocol::{
-    self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request, StackUse,
+    self, CONFIG_CHUNK, MAX_CONFIG, PROTOCOL, Packed, Placement, Refusal, Reply, Request, StackUse,
     Telemetry,
 };
+use super::sim_link::{Identity, SimLink};
 use crate::bus;
 use crate::fusion::Estimate;
 use crate::fusion::testing::Random;
@@ -35,9 +35,9 @@ pub(super) const STACK: StackUse = StackUse {
 /// Configuration of the nodes of driving boards.
 pub(super) static CONFIG: LazyLock<RobotConfig> = LazyLock::new(RobotConfig::default);
 
-/// Host on a lossless link to an endpoint.
+/// Host on a lossless link to a session board.
 pub(super) struct Host {
-    pub(super) board: Endpoint,
+    pub(super) board: SimLink,
     pub(super) number: u8,
     /// Contents of the board's store, and its number of writes; a broken store is not written.
     pub(super) store: Contents,
@@ -151,7 +151,7 @@ impl Host {
         crc32c(bytes)
     }
 
-    pub(super) fn started(role: Role, config: &RobotConfig, place: Option<Place>) -> Self {
+    pub(super) fn started(role: Role, config: &RobotConfig, place: Option<Placement>) -> Self {
         let mut host = Self::new(role);
         host.hello();
         let hash = host.configure(config);
@@ -160,15 +160,15 @@ impl Host {
     }
 }
 
-pub(super) fn board(role: Role, contents: &Contents) -> Endpoint {
+pub(super) fn board(role: Role, contents: &Contents) -> SimLink {
     let build = "test build";
-    let mut board = Endpoint::new(Identity { build, role }, || STACK);
+    let mut board = SimLink::new(Identity { build, role }, || STACK);
     board.load(contents);
     board
 }
 
-pub(super) fn place() -> Place {
-    Place {
+pub(super) fn place() -> Placement {
+    Placement {
         center: Estimate::with_sigmas(Posture::new(-1.0, -1.0, 0.2), [1e-3; 3]),
         relative: Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.0), [1e-3; 3]),
         floor_drift: 0.01,
@@ -197,7 +197,7 @@ pub(super) fn is_axle_reply(payload: &[u8]) -> bool {
     matches!(reply, Some((_, Reply::Axle { .. })))
 }
 
-pub(super) fn start(hash: u32, tick: u32, place: Option<Place>) -> Request<'static> {
+pub(super) fn start(hash: u32, tick: u32, place: Option<Placement>) -> Request<'static> {
     Request::Start { hash, tick, place }
 }
 
@@ -447,7 +447,7 @@ fn million_damaged_streams_pass_no_wrong_frame() {
                 last_byte += u32::from(crc32c(payload).to_le_bytes()[3] == *last);
             }
         }
-        // The endpoint receives the same bytes.
+        // The board receives the same bytes.
         if stream % 8 == 0 {
             host.send(&bytes);
         }
@@ -512,7 +512,7 @@ fn session_ends_only_when_the_host_leaves() {
     let mut host = Host::new(Role::axle(1));
     host.hello();
     host.expect(&Request::Rig, Reply::Done);
-    assert!(!host.board.has_left());
-    host.expect(&Request::Leave, Reply::Done);
-    assert!(host.board.has_left());
+    assert!(!host.board.has_ended());
+    host.expect(&Request::EndSession, Reply::Done);
+    assert!(host.board.has_ended());
 }

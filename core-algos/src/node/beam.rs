@@ -157,7 +157,7 @@ impl BeamNode {
             gauges: estimate.used.count() as u8,
         });
         if let Some(wrench) = estimate.wrench {
-            let wrench = wrench.vouched(relative.posture);
+            let wrench = wrench.significant(relative.posture);
             outbox.push(Message::BeamWrench {
                 frame,
                 sequence,

@@ -25,7 +25,7 @@ mod watch;
 
 pub use config::{Algorithms, Config, Limits};
 use pair::{Fused, Pair};
-pub use task::{Activity, Place, Task};
+pub use task::{Activity, Placement, Task};
 use track::AxleTrack;
 
 use super::Outbox;
@@ -217,12 +217,16 @@ impl LeadNode {
         self.state = State::default();
     }
 
-    /// Restarts with the robot at rest at `place`.
-    pub fn initialize(&mut self, place: &Place) {
+    /// Restarts with the robot at rest at `placement`.
+    pub fn initialize(&mut self, placement: &Placement) {
         self.restart();
-        let (center, relative) = (&place.center, &place.relative);
+        let (center, relative) = (&placement.center, &placement.relative);
         let [pair] = &mut self.state.pairs;
-        pair.fusion = Some(self.with.fusion.start(center, relative, place.floor_drift));
+        pair.fusion = Some(
+            self.with
+                .fusion
+                .start(center, relative, placement.floor_drift),
+        );
     }
 
     /// State of the second tier of fusion; `None` before the start.

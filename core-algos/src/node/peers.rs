@@ -96,7 +96,7 @@ pub fn heartbeat(node: Node, now: Micros, state: &mut supervisor::State) -> Mess
         sequence: sequence(now),
         state: state.operating(),
         reason: state.first().map_or(0, |condition| condition.code()),
-        notices: state.take_seen().soft(),
+        notices: state.take_occurred().soft(),
     }
 }
 

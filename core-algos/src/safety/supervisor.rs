@@ -102,8 +102,8 @@ pub struct State {
     holding: Conditions,
     /// Conditions that have held for their hold time.
     present: Conditions,
-    /// Conditions that were present since the last call of [`Self::take_seen`].
-    seen: Conditions,
+    /// Conditions that were present since the last call of [`Self::take_occurred`].
+    occurred: Conditions,
     latched: Conditions,
     first: Option<Condition>,
     degraded_for: Micros,
@@ -121,7 +121,7 @@ impl Default for State {
             held: [0; BITS],
             holding: Conditions::NONE,
             present: Conditions::NONE,
-            seen: Conditions::NONE,
+            occurred: Conditions::NONE,
             latched: Conditions::NONE,
             first: None,
             degraded_for: 0,
@@ -144,8 +144,8 @@ impl State {
     }
 
     /// Conditions that were present since the last call, or still are.
-    pub fn take_seen(&mut self) -> Conditions {
-        core::mem::replace(&mut self.seen, self.present)
+    pub fn take_occurred(&mut self) -> Conditions {
+        core::mem::replace(&mut self.occurred, self.present)
     }
 
     /// Number of times a condition of `class` has come up, saturating.
@@ -197,7 +197,7 @@ impl Supervisor {
 
         let conditions = self.allowance(state, dt, input);
         self.hold(state, dt, conditions);
-        state.seen = state.seen.union(state.present);
+        state.occurred = state.occurred.union(state.present);
         // Clearing drops conditions that are over; present ones are latched again below.
         if input.request == Some(StateRequest::Clear) && state.operating == OperatingState::Fault {
             state.latched = Conditions::NONE;

@@ -213,8 +213,8 @@ fn robot_stops_whenever_its_cable_is_pulled_and_its_host_comes_back() {
     link.open();
     let place = scenario
         .robot
-        .put_down(Posture::ORIGIN, &scenario.mission.told());
-    link.command(&HostCommand::Place(place));
+        .placement(Posture::ORIGIN, &scenario.mission.configured_placement());
+    link.command(&HostCommand::SetPose(place));
     let mut tick = |link: &mut BoardLink, plugged: bool| {
         let now = boot + robot.now();
         let sent = plugged.then(|| link.to_send(now).unwrap()).flatten();

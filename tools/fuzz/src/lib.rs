@@ -3,7 +3,7 @@
 //! Modules of the program and of the recording that read input are compiled here by their paths: the server of a run and
 //! the command line would take most of the time of a build.
 
-pub mod attendant_model;
+pub mod run_link_model;
 #[path = "../../../crates/recording/src/entry.rs"]
 pub mod entry;
 #[path = "../../../crates/cfmmr/src/experiments/eval/mod.rs"]

@@ -1,6 +1,6 @@
 //! Descents of the fit: damped Gauss–Newton steps, one shape each.
 
-use super::minimum::{Minimum, told};
+use super::minimum::{Minimum, determines_load};
 use super::ray::Parameters;
 use super::{CONVERGED, Readings, Solver, bounded};
 use crate::math::matrix::{cholesky, cholesky_solve};
@@ -96,7 +96,7 @@ impl Solver {
         // The refinement that follows repeats this step, so the predicted cost is enough for comparisons. With a
         // large load the step is computed.
         let modest = lowest.parameters[1].abs() <= self.large_load();
-        if *damping == 0.0 && modest && promise < CLOSE && told(&lowest.normal) {
+        if *damping == 0.0 && modest && promise < CLOSE && determines_load(&lowest.normal) {
             lowest.normal.cost -= promise;
             (lowest.converged, *done) = (true, true);
             return;

@@ -37,7 +37,7 @@ impl Minimum {
 }
 
 /// True if the strains alone determine the load.
-pub(super) fn told(normal: &Normal) -> bool {
+pub(super) fn determines_load(normal: &Normal) -> bool {
     inverse_spd(&normal.hessian)
         .is_some_and(|inverse| normal.prior * (inverse[1][1] + inverse[2][2]) < PRIOR_SHARE)
 }

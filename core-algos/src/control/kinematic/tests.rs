@@ -80,7 +80,7 @@ properties! {
         let posture = Posture::new(x, y, phi);
         let error = PolarError::between(posture, Posture::ORIGIN);
         prop_assume!(error.distance_m > 0.3 && error.arrival().abs() < 3.0);
-        let kappa = f64::from(direction.sign() * law.approach_curvature(error.along(direction)));
+        let kappa = f64::from(direction.sign() * law.approach_curvature(error.in_direction(direction)));
         let h = 1e-4;
         let eta = |ds: f64| {
             let signed = ds * f64::from(direction.sign());
@@ -300,7 +300,7 @@ properties! { cases 400;
         let law = config.build().unwrap();
         let direction = if reverse { Direction::Reverse } else { Direction::Forward };
         let seen = PolarError { distance_m: e, theta, alpha };
-        let found = law.approach(seen.along(direction), direction);
+        let found = law.approach(seen.in_direction(direction), direction);
         let [d, t, a] = [e, theta, alpha].map(f64::from);
         let [v, _] = equation_four(&config, [d, t, a], 0.0, 0.0);
         let far = (d / 0.06 - 1.0).clamp(0.0, 1.0);

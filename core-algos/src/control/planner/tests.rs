@@ -37,7 +37,7 @@ properties! { cases 100;
             }
         }
         let end = PolarError::between(q.map(|c| c as f32).into(), Posture::ORIGIN);
-        let end = end.along(plan.approach);
+        let end = end.in_direction(plan.approach);
         prop_assert!(funnel::contains(end, planner.curvature() * 1.001));
         prop_assert!(end.distance_m >= 0.149);
     }
@@ -119,10 +119,10 @@ fn drive([x, y, phi]: [f64; 3], forward: bool, curvature: f64, length: f64) -> [
     } else {
         ds * half.sin() / half
     };
-    let along = phi + half;
+    let chord_heading = phi + half;
     [
-        x + chord * along.cos(),
-        y + chord * along.sin(),
+        x + chord * chord_heading.cos(),
+        y + chord * chord_heading.sin(),
         phi + 2.0 * half,
     ]
 }

@@ -168,7 +168,7 @@ pub struct Refusals {
 
 impl Refusals {
     /// Verdict on a sample with the given NIS.
-    fn judge(&mut self, nis: impl FnOnce() -> f32, gate: Option<f32>, patience: u16) -> Verdict {
+    fn verdict(&mut self, nis: impl FnOnce() -> f32, gate: Option<f32>, patience: u16) -> Verdict {
         if let Some(gate) = gate
             && !(nis() <= gate)
             && self.in_a_row < patience
@@ -183,7 +183,7 @@ impl Refusals {
 
     /// Verdict on a scalar measurement. `noise` is the variance of its noise, `predicted` that of its prediction,
     /// computed only if the noise alone does not decide.
-    fn judge_scalar(
+    fn scalar_verdict(
         &mut self,
         innovation: f32,
         noise: f32,
@@ -200,7 +200,7 @@ impl Refusals {
                 _ => square / (predicted() + noise),
             }
         };
-        self.judge(nis, gate, patience)
+        self.verdict(nis, gate, patience)
     }
 
     /// Counts a sample that is not finite.

@@ -453,9 +453,9 @@ fn sample_not_finite_is_counted_and_changes_nothing() {
 #[test]
 fn nis_above_the_gate_or_nan_is_rejected_until_patience_ends() {
     let mut refusals = Refusals::default();
-    let nan = refusals.judge(|| f32::NAN, Some(20.0), 5);
+    let nan = refusals.verdict(|| f32::NAN, Some(20.0), 5);
     // An infinite square over an infinite variance.
-    let undefined = refusals.judge_scalar(1e30, 1.0, || f32::INFINITY, Some(20.0), 5);
+    let undefined = refusals.scalar_verdict(1e30, 1.0, || f32::INFINITY, Some(20.0), 5);
     assert_eq!([nan, undefined], [Verdict::Gated; 2]);
 
     let beyond = 20.0f32.next_up();
@@ -474,13 +474,13 @@ fn nis_above_the_gate_or_nan_is_rejected_until_patience_ends() {
         (beyond, Some(20.0), 2, gated),
         (beyond, Some(20.0), 2, used),
     ] {
-        assert_eq!(refusals.judge(|| nis, gate, patience), verdict);
+        assert_eq!(refusals.verdict(|| nis, gate, patience), verdict);
     }
     assert_eq!(refusals.gated, 5);
     // NIS of 9/(8 + 1) and 9/(3 + 1): squared innovation over the variances of prediction and noise.
     for (predicted, gate, verdict) in [(8.0, 1.0, used), (3.0, 2.25, used), (3.0, 2.24, gated)] {
         let mut refusals = Refusals::default();
-        let found = refusals.judge_scalar(-3.0, 1.0, || predicted, Some(gate), 5);
+        let found = refusals.scalar_verdict(-3.0, 1.0, || predicted, Some(gate), 5);
         assert_eq!(found, verdict, "{predicted} {gate}");
     }
 }

@@ -185,8 +185,9 @@ fn weigh_returns_the_mean_by_inverse_variance() {
         );
 
         let sigma_alpha = 1e-3 / baseline;
-        let along = [ds[0] * alpha.cos(), ds[1] * (r[2] - alpha).cos()];
-        let by_beam = (along[1] * 2e-3).powi(2) + ((along[0] - along[1]) * sigma_alpha).powi(2);
+        let projected = [ds[0] * alpha.cos(), ds[1] * (r[2] - alpha).cos()];
+        let by_beam =
+            (projected[1] * 2e-3).powi(2) + ((projected[0] - projected[1]) * sigma_alpha).powi(2);
         let driven = 0.5 * (ds[0].abs() + ds[1].abs());
         let of_line = by_beam / (baseline * baseline) + 4e-4 * driven;
         let noise = 2.0 * (sigma_alpha * sigma_alpha + 4e-6);

@@ -177,7 +177,7 @@ fn update_equals_the_batch_update_in_f64() {
         assert_eq!(outcome.verdict, Verdict::Used);
 
         // Each of the four wheels rolls further than its encoder by the backlash.
-        let play = f64::from(Config::default().play_sigma_m);
+        let backlash = f64::from(Config::default().play_sigma_m);
         let d = f64::from(Config::default().half_track_m);
         let relative = prior.relative;
         let (x, y) = (f64::from(relative.x), f64::from(relative.y));
@@ -191,7 +191,7 @@ fn update_equals_the_batch_update_in_f64() {
         });
         let by_play = |i: usize, j: usize| -> f64 {
             let wheels = wheels.as_flattened().iter();
-            wheels.map(|by| play * play * by[i] * by[j]).sum()
+            wheels.map(|by| backlash * backlash * by[i] * by[j]).sum()
         };
 
         let p = wide(&prior.covariance.matrix());
@@ -418,7 +418,7 @@ fn floor_drift_adds_the_covariance_of_a_displacement_per_metre() {
 
 /// Consistency of a robot on a circle whose front odometry has errors of scale and heading and whose beam has a zero
 /// error.
-fn doubt_of(scale: f32, turn_scale: f32, zero: f32) -> Option<Doubt> {
+fn inconsistent_sensor_of(scale: f32, turn_scale: f32, zero: f32) -> Option<InconsistentSensor> {
     let joint = Config::default().build(0.01).unwrap();
     let shape = Posture::new(0.36, 0.02, 0.2);
     let placed = Estimate::with_sigmas(Posture::ORIGIN, [2e-3; 3]);
@@ -433,7 +433,7 @@ fn doubt_of(scale: f32, turn_scale: f32, zero: f32) -> Option<Doubt> {
         let seen = Estimate::with_sigmas(seen, [1e-4, 1e-4, 5e-4]);
         joint.update(&mut state, &seen, |_| true);
     }
-    joint.doubt(&state)
+    joint.inconsistent_sensor(&state)
 }
 
 /// Constants in units of their limit; pairs count by sum and difference over √2.
@@ -441,19 +441,19 @@ fn doubt_of(scale: f32, turn_scale: f32, zero: f32) -> Option<Doubt> {
 fn constant_furthest_beyond_its_limit_names_the_part() {
     let (mut joint, mut state) = start();
     joint.per_limit = [0.25; constants::COUNT];
-    let mut doubt = |sizes: &[(usize, f32)]| {
+    let mut inconsistent_sensor = |sizes: &[(usize, f32)]| {
         state.constants = [0.0; constants::COUNT];
         for &(k, size) in sizes {
             state.constants[k] = 4.0 * size;
         }
-        joint.doubt(&state)
+        joint.inconsistent_sensor(&state)
     };
-    let wheels = [DRIFT, SCALE, TURN, SIDE, UNEVEN].map(|k| (k, true, Doubt::Wheels));
-    let gyros = [GYRO_BIAS, GYRO_SCALE].map(|k| (k, true, Doubt::Gyros));
+    let wheels = [DRIFT, SCALE, TURN, SIDE, UNEVEN].map(|k| (k, true, InconsistentSensor::Wheels));
+    let gyros = [GYRO_BIAS, GYRO_SCALE].map(|k| (k, true, InconsistentSensor::Gyros));
     let single = [
-        (COMPLIANCE, Doubt::Wheels),
-        (ZERO, Doubt::Gauges),
-        (GAIN, Doubt::Gauges),
+        (COMPLIANCE, InconsistentSensor::Wheels),
+        (ZERO, InconsistentSensor::Gauges),
+        (GAIN, InconsistentSensor::Gauges),
     ];
     let single = single.map(|(k, part)| (k, false, part));
     for (k, paired, part) in wheels.into_iter().chain(gyros).chain(single) {
@@ -465,16 +465,16 @@ fn constant_furthest_beyond_its_limit_names_the_part() {
             (0.9, 0.0, false),
         ] {
             assert_eq!(
-                doubt(&[(k, a), (k + 1, b)]),
+                inconsistent_sensor(&[(k, a), (k + 1, b)]),
                 beyond.then_some(part),
                 "{k} {a} {b}"
             );
         }
         let at = if paired { [1.0; 2] } else { [1.0, 0.0] };
         for (other, larger) in [
-            (DRIFT, Doubt::Wheels),
-            (ZERO, Doubt::Gauges),
-            (GYRO_BIAS, Doubt::Gyros),
+            (DRIFT, InconsistentSensor::Wheels),
+            (ZERO, InconsistentSensor::Gauges),
+            (GYRO_BIAS, InconsistentSensor::Gyros),
         ] {
             let sizes = [
                 (k, 2.0 * at[0]),
@@ -482,11 +482,14 @@ fn constant_furthest_beyond_its_limit_names_the_part() {
                 (other, 9.0),
                 (other + 1, 9.0),
             ];
-            assert_eq!(doubt(&sizes), Some(larger), "{k} {other}");
+            assert_eq!(inconsistent_sensor(&sizes), Some(larger), "{k} {other}");
         }
     }
-    assert_eq!(doubt(&[(ZERO, 1.0)]), None);
-    assert_eq!(doubt(&[(ZERO, 1.0f32.next_up())]), Some(Doubt::Gauges));
+    assert_eq!(inconsistent_sensor(&[(ZERO, 1.0)]), None);
+    assert_eq!(
+        inconsistent_sensor(&[(ZERO, 1.0f32.next_up())]),
+        Some(InconsistentSensor::Gauges)
+    );
 }
 
 /// Compares every number of the filter with its definition.
@@ -562,11 +565,20 @@ fn priors_walks_limits_and_tyres_follow_from_the_configuration() {
 
 #[test]
 fn inconsistent_sensor_is_named() {
-    assert_eq!(doubt_of(0.0, 0.0, 0.0), None);
-    assert_eq!(doubt_of(0.003, 0.004, 0.003), None);
-    assert_eq!(doubt_of(0.05, 0.0, 0.0), Some(Doubt::Wheels));
-    assert_eq!(doubt_of(0.0, 0.05, 0.0), Some(Doubt::Gyros));
-    assert_eq!(doubt_of(0.0, 0.0, 0.05), Some(Doubt::Gauges));
+    assert_eq!(inconsistent_sensor_of(0.0, 0.0, 0.0), None);
+    assert_eq!(inconsistent_sensor_of(0.003, 0.004, 0.003), None);
+    assert_eq!(
+        inconsistent_sensor_of(0.05, 0.0, 0.0),
+        Some(InconsistentSensor::Wheels)
+    );
+    assert_eq!(
+        inconsistent_sensor_of(0.0, 0.05, 0.0),
+        Some(InconsistentSensor::Gyros)
+    );
+    assert_eq!(
+        inconsistent_sensor_of(0.0, 0.0, 0.05),
+        Some(InconsistentSensor::Gauges)
+    );
 }
 
 impl State {

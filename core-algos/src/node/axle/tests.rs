@@ -469,7 +469,7 @@ fn reference_across_the_end_of_the_position_span_is_near() {
 fn backlash_counts_in_the_share_of_the_heading_by_the_wheels() {
     let variance = |gyro_samples, ticks| {
         let mut node = node(AxleId(0));
-        (0..ticks).for_each(|_| node.state.play[0].step(0.1));
+        (0..ticks).for_each(|_| node.state.backlash[0].step(0.1));
         node.state.gyro_samples = gyro_samples;
         let mut outbox = Outbox::new();
         node.report(0, &mut outbox);

@@ -57,7 +57,7 @@ fn lost_old_or_unusable_item_gives_default_and_notice() {
     save(&mut contents, &with(RADIUS, 0.09), &base);
     let notice = Conditions::only(Condition::ParameterDefault);
     let place = TABLE.iter().position(|p| p.name == RADIUS).unwrap();
-    let judge = |contents: &Contents, source: Source| {
+    let check_source = |contents: &Contents, source: Source| {
         let (settings, report) = contents.settle(&base, check);
         assert_eq!((settings, report.conditions()), (base, notice));
         assert_eq!(report.sources[place], source);
@@ -65,16 +65,16 @@ fn lost_old_or_unusable_item_gives_default_and_notice() {
     };
     let mut gone = contents;
     gone.items[place] = None;
-    judge(&gone, Source::Damaged);
+    check_source(&gone, Source::Damaged);
     let mut stale = contents;
     stale.items[place] = older.items[place];
-    judge(&stale, Source::Damaged);
+    check_source(&stale, Source::Damaged);
     let mut other = contents;
     other.items[place].as_mut().unwrap().version = 2;
-    judge(&other, Source::OtherVersion);
+    check_source(&other, Source::OtherVersion);
     let mut beyond = contents;
     beyond.items[place].as_mut().unwrap().value = f32::NAN;
-    judge(&beyond, Source::OutOfRange);
+    check_source(&beyond, Source::OutOfRange);
     // Power failure between item and manifest: the value is used, but other items may be missing.
     let mut newer = contents;
     newer.manifest = older.manifest;

@@ -291,12 +291,12 @@ fn condition_of_one_tick_is_reported_once() {
     bench.with(Condition::ClockStepped);
     bench.with(Condition::MessageLost);
     let lost = Conditions::only(Condition::MessageLost);
-    let seen = bench.state.take_seen();
+    let seen = bench.state.take_occurred();
     assert_eq!(seen, lost.with(Condition::ClockStepped, true));
-    assert_eq!(bench.state.take_seen(), lost, "still present");
+    assert_eq!(bench.state.take_occurred(), lost, "still present");
     bench.tick(NOTHING);
-    bench.state.take_seen();
-    assert_eq!(bench.state.take_seen(), Conditions::NONE);
+    bench.state.take_occurred();
+    assert_eq!(bench.state.take_occurred(), Conditions::NONE);
 }
 
 /// A stop ends with rest, or at the tick beyond 2 s. Each stop has its own 2 s.

@@ -55,9 +55,9 @@ impl World {
         let (before, lost, mut outbox) = (node.state.pairs[0].nis, node.state.lost, Outbox::new());
         let output = epoch_to(node, self.number, own, &mut outbox);
         let (nis, after) = (output.fused.beam.nis, node.state.pairs[0].nis);
-        let judged = matches!(output.fused.beam.verdict, Verdict::Used | Verdict::Gated);
+        let tested = matches!(output.fused.beam.verdict, Verdict::Used | Verdict::Gated);
         let mean = before + (nis.min(40.0) - before) / 256.0;
-        let expected = if judged { mean } else { before };
+        let expected = if tested { mean } else { before };
         assert!(
             (after - expected).abs() <= 1e-5 * expected,
             "{after} {expected}"
@@ -195,7 +195,7 @@ fn a_robot_whose_commander_is_lost_stops_and_is_not_done() {
         }
         assert!(world.node.state.governor.motion.v > 0.1);
         match lost {
-            true => world.node.lose_commander(),
+            true => world.node.on_host_lost(),
             false => world.node.command(Task::Stop),
         }
         let ends: Vec<Output> = (0..200).map(|_| world.step()).collect();

@@ -1,4 +1,4 @@
-use super::super::Place;
+use super::super::Placement;
 use super::*;
 use crate::fusion::constants::{GYRO_BIAS, SCALE, ZERO};
 use crate::fusion::ekf::Verdict;
@@ -90,7 +90,7 @@ fn with_mode(state: OperatingState, mode: Mode) -> Watched {
     let mut node = LeadNode::new(config.build_lead().unwrap());
     let relative = Posture::new(0.37, 0.0, 0.2);
     let sigmas = [1e-3; 3];
-    node.initialize(&Place {
+    node.initialize(&Placement {
         center: Estimate::with_sigmas(Posture::ORIGIN, sigmas),
         relative: Estimate::with_sigmas(relative, sigmas),
         floor_drift: 0.01,
@@ -388,18 +388,18 @@ fn bend_is_by_beam_or_estimate_and_wrench_counts_on_a_bent_frame() {
 /// Each of three causes alone, and only at the end of a task.
 #[test]
 fn end_with_inconsistency_or_wide_covariance_is_uncertain() {
-    let doubts: [fn(&mut Watched); 3] = [
+    let causes: [fn(&mut Watched); 3] = [
         |w| w.learnt(ZERO, 1.0),
         |w| w.pair().nis = 3.1,
         |w| w.fused().robot.covariance[0][0] = 0.01,
     ];
-    for doubt in doubts {
+    for apply in causes {
         for done in [false, true] {
             let mut watched = in_state(OperatingState::Active);
             watched.node.state.done = done;
             let uncertain = Condition::ReachedUncertain;
             assert!(!watched.conditions().contains(uncertain));
-            doubt(&mut watched);
+            apply(&mut watched);
             assert_eq!(watched.conditions().contains(uncertain), done);
         }
     }
@@ -538,7 +538,7 @@ fn a_lost_commander_stops_tasks_that_move_the_robot() {
         let mut watched = in_state(OperatingState::Active);
         watched.node.command(task);
         watched.node.state.done = over;
-        watched.node.lose_commander();
+        watched.node.on_host_lost();
         let state = &watched.node.state;
         assert_eq!(state.lost, lost, "{task:?} {over}");
         assert_eq!(state.task, if lost { Task::Stop } else { task });

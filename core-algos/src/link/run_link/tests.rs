@@ -25,9 +25,9 @@ fn crash() -> CrashRecord {
     }
 }
 
-/// Attendant with its board state and latest demand.
+/// Run link with its board state and latest demand.
 struct Driving {
-    attendant: Attendant,
+    run_link: RunLink,
     station: Station,
     demand: Option<Demand>,
 }
@@ -39,7 +39,7 @@ impl Driving {
             role,
         };
         Self {
-            attendant: Attendant::new(identity, &CONFIG, || STACK, crash),
+            run_link: RunLink::new(identity, &CONFIG, || STACK, crash),
             station: Station::default(),
             demand: None,
         }
@@ -68,7 +68,7 @@ impl Driving {
         let mut send = |answer: &[u8]| sent.extend_from_slice(answer);
         self.station.motors = motors;
         self.demand = self
-            .attendant
+            .run_link
             .receive(frame.bytes(), &mut self.station, &mut send);
         payloads(&sent)
     }
@@ -79,7 +79,7 @@ impl Driving {
 
     fn done(&mut self, done: Result<(), PathError>) -> Vec<Vec<u8>> {
         let mut sent = Vec::new();
-        self.attendant
+        self.run_link
             .done(done, &mut |answer| sent.extend_from_slice(answer));
         payloads(&sent)
     }
@@ -101,8 +101,8 @@ fn requests_behind_a_demand_in_the_same_bytes_get_no_answer() {
     }
     let mut sent = Vec::new();
     let mut send = |answer: &[u8]| sent.extend_from_slice(answer);
-    let attendant = &mut board.attendant;
-    let demand = attendant.receive(&bytes, &mut board.station, &mut send);
+    let run_link = &mut board.run_link;
+    let demand = run_link.receive(&bytes, &mut board.station, &mut send);
     assert_eq!(demand, Some(Demand::Record));
     assert_answered(&payloads(&sent), 1, Reply::Done);
 }
@@ -166,7 +166,7 @@ fn request_is_granted_or_refused_by_role_and_motor_state() {
     let (done, refused) = (Some(Reply::Done), |why| Some(Reply::Refused(why)));
     let [armed, malformed, none] =
         [Refusal::Armed, Refusal::Malformed, Refusal::NoSession].map(refused);
-    let (stand, stop) = (Order::Place(place()), Order::Task(Task::Stop));
+    let (stand, stop) = (Order::SetPose(place()), Order::Task(Task::Stop));
     let crash = Some(Reply::Crash {
         counts: [1, 2, 3, 4],
         message: "panicked at tick.rs:120",
@@ -222,7 +222,7 @@ fn request_is_granted_or_refused_by_role_and_motor_state() {
     ];
     rows.extend(
         [
-            Request::Leave,
+            Request::EndSession,
             Request::Configure {
                 total,
                 offset,
@@ -294,7 +294,7 @@ fn request_that_cannot_be_decoded_is_malformed() {
         let mut sent = Vec::new();
         let mut send = |answer: &[u8]| sent.extend_from_slice(answer);
         let demand = board
-            .attendant
+            .run_link
             .receive(frame.bytes(), &mut board.station, &mut send);
         assert_eq!(demand, None);
         let malformed = Reply::Refused(Refusal::Malformed);
@@ -317,7 +317,7 @@ fn hello_is_answered_in_every_state_and_version_and_clears_the_last_number() {
                 protocol: version,
                 nonce,
             };
-            let received = board.attendant.decoder.counters().received;
+            let received = board.run_link.decoder.counters().received;
             let reply = Reply::Hello {
                 protocol: PROTOCOL,
                 nonce,
@@ -380,17 +380,17 @@ fn requests_in_the_same_bytes_are_answered_in_order() {
     let lot = [stack.bytes(), hello.bytes(), watch.bytes()].concat();
     let mut sent = Vec::new();
     let mut send = |answer: &[u8]| sent.extend_from_slice(answer);
-    let demand = board.attendant.receive(&lot, &mut board.station, &mut send);
+    let demand = board.run_link.receive(&lot, &mut board.station, &mut send);
     assert_eq!(demand, Some(Demand::Watch));
     let answers = payloads(&sent);
     assert_answered(&answers[..1], 9, Reply::Stack(STACK));
     assert_answered(&answers[2..], 9, Reply::Done);
     // The answer to a repetition begins with a 0, in case the first one was cut short.
-    let answer = sent.split_off(sent.len() - board.attendant.answer.bytes().len());
+    let answer = sent.split_off(sent.len() - board.run_link.answer.bytes().len());
     let mut again = Vec::new();
     let mut send = |answer: &[u8]| again.extend_from_slice(answer);
     let demand = board
-        .attendant
+        .run_link
         .receive(watch.bytes(), &mut board.station, &mut send);
     assert_eq!((demand, again), (None, [&[0], &answer[..]].concat()));
 }
@@ -416,7 +416,7 @@ fn request_for_another_board_is_relayed_and_its_reply_returned() {
     let mut relayed = |from| {
         let mut sent = Vec::new();
         let mut send = |bytes: &[u8]| sent.extend_from_slice(bytes);
-        board.attendant.relayed(from, reply, &mut send);
+        board.run_link.relayed(from, reply, &mut send);
         payloads(&sent)
     };
     assert!(relayed(Role::axle(1)).is_empty());
@@ -510,7 +510,7 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     board.station.now = 2_000_001;
     let stand = Request::Order {
         stamp: stamp(2, 2),
-        order: Order::Place(place()),
+        order: Order::SetPose(place()),
     };
     board.expect(12, &stand, MotorState::Driven, refused(Refusal::Armed));
     let record = Request::Record(stamp(2, 3));
@@ -563,7 +563,7 @@ fn late_foreign_and_damaged_orders_do_not_reach_the_lead_node() {
             _ => {}
         }
         let demand = board
-            .attendant
+            .run_link
             .receive(&bytes, &mut board.station, &mut |_| {});
         if demand.is_none() {
             assert_ne!(kind, 0);

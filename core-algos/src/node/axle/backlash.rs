@@ -17,7 +17,7 @@ const CROSSED: f32 = TICK as f32 / 30e3;
 
 /// The gap of one gear.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Play {
+pub(super) struct Backlash {
     torque: f32,
     /// Position in the gap, from -0.5 (the flank that drives backward) to 0.5; 0 if unknown.
     flank: f32,
@@ -25,7 +25,7 @@ pub(super) struct Play {
     crossed: f32,
 }
 
-impl Play {
+impl Backlash {
     /// One tick with this torque, N m.
     pub(super) fn step(&mut self, torque_nm: f32) {
         self.torque += (torque_nm - self.torque) * LAG_GAIN;
@@ -65,10 +65,10 @@ mod tests {
 
     #[test]
     fn a_reversal_adds_the_variance_of_the_gap_and_a_push_to_the_same_side_none() {
-        let mut play = Play::default();
+        let mut backlash = Backlash::default();
         let mut run = |torque: f32, ticks: u32| {
-            (0..ticks).for_each(|_| play.step(torque));
-            play.take_variance() / (GAP_M * GAP_M)
+            (0..ticks).for_each(|_| backlash.step(torque));
+            backlash.take_variance() / (GAP_M * GAP_M)
         };
         // From the middle to a flank: the position is unknown at the start.
         assert!((run(0.1, 60) - 0.5).abs() < 1e-5);

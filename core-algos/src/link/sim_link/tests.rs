@@ -121,7 +121,7 @@ fn hello_closes_or_opens_the_session_and_discards_nodes_configuration_and_leave(
     let config = RobotConfig::default();
     for version in [PROTOCOL, PROTOCOL - 1, PROTOCOL + 1] {
         let mut host = Host::started(Role::axle(1), &config, None);
-        host.expect(&Request::Leave, Reply::Done);
+        host.expect(&Request::EndSession, Reply::Done);
         let received = host.board.counters().received;
         let hello = Request::Hello {
             protocol: version,
@@ -139,7 +139,7 @@ fn hello_closes_or_opens_the_session_and_discards_nodes_configuration_and_leave(
             session: true,
         };
         host.expect(&hello, reply);
-        assert!(!host.board.has_left() && host.board.board().is_none());
+        assert!(!host.board.has_ended() && host.board.board().is_none());
         if version != PROTOCOL {
             host.refused(&Request::Stack, Refusal::NoSession);
             host.hello();
@@ -207,7 +207,7 @@ fn repeated_answer_begins_with_a_0() {
 #[test]
 fn save_is_pending_once_and_other_requests_get_no_answer_meanwhile() {
     let mut board = board(Role::axle(1), &Contents::EMPTY);
-    let send = |board: &mut Endpoint, number, request: &Request| {
+    let send = |board: &mut SimLink, number, request: &Request| {
         let mut sent = Vec::new();
         let frame = protocol::encode(number, request).unwrap();
         board.receive(frame.bytes(), &mut |answer| sent.extend_from_slice(answer));

@@ -90,7 +90,7 @@ struct Port {
 }
 
 /// The model: one port, the bus, and what both share.
-pub struct Attendants {
+pub struct RunLinks {
     role: Role,
     configuration: Vec<u8>,
     commander: Commander,
@@ -110,7 +110,7 @@ enum Due {
     Later(Demand),
 }
 
-impl Attendants {
+impl RunLinks {
     pub fn new(role: Role, config: &RobotConfig) -> Self {
         let mut room = [0; protocol::MAX_CONFIG];
         Self {
@@ -276,7 +276,7 @@ impl Attendants {
                 Due::Reply(reply(Reply::Done))
             }
             Request::Order { order, .. } => match order {
-                Order::Place(_) if motors == MotorState::Driven => refused(Refusal::Armed),
+                Order::SetPose(_) if motors == MotorState::Driven => refused(Refusal::Armed),
                 order => Due::Later(Demand::Order(stamp.sequence, *order)),
             },
             _ => Due::Reply(reply(Reply::Done)),
