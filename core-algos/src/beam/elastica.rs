@@ -21,7 +21,7 @@ use crate::math::matrix::{Mat3, cholesky, cholesky_solve};
 use crate::math::trig::{ln, sin_cos, sinc};
 use descent::Descent;
 pub use fit::Fit;
-use minimum::{Minimum, determines_load, is_exact, is_suspicious, lower, promise};
+use minimum::{Minimum, determines_load, is_exact, is_suspicious, lower, predicted_decrease};
 use ray::{Leg, Parameters, Ray};
 pub use start::Start;
 pub use wrench::Wrench;
@@ -497,9 +497,9 @@ impl Solver {
             return false;
         }
         let normal = self.normal(&minimum.shape, minimum.parameters, weak);
-        promise(&normal).is_some_and(|promise| {
-            promise > NEGLIGIBLE
-                && normal.chi_square - promise < NEARLY_EXACT
+        predicted_decrease(&normal).is_some_and(|decrease| {
+            decrease > NEGLIGIBLE
+                && normal.chi_square - decrease < NEARLY_EXACT
                 && determines_load(&normal)
         })
     }
@@ -512,7 +512,7 @@ impl Solver {
         within(residual)
             || residual < NEARLY_EXACT && {
                 let normal = self.normal(&minimum.shape, minimum.parameters, weak);
-                promise(&normal).is_some_and(|promise| within(residual - promise))
+                predicted_decrease(&normal).is_some_and(|decrease| within(residual - decrease))
             }
     }
 
@@ -529,10 +529,10 @@ impl Solver {
         };
         let step = cholesky_solve(&factor, &normal.descent);
         let mut parameters = from.parameters;
-        let mut promise = 0.0;
+        let mut decrease = 0.0;
         for i in 0..3 {
             parameters[i] += step[i];
-            promise += step[i] * normal.descent[i];
+            decrease += step[i] * normal.descent[i];
         }
         let parameters = bounded(parameters);
         let shape = self.shape(parameters);
@@ -545,7 +545,7 @@ impl Solver {
                 normal: refined,
                 ..from
             };
-            (refined, promise < CONVERGED)
+            (refined, decrease < CONVERGED)
         } else {
             (from, true)
         }

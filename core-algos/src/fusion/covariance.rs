@@ -107,7 +107,8 @@ impl<const N: usize> Covariance<N> {
         Some((factor, root_gain))
     }
 
-    /// Measurement update by three measurements: P − (L⁻¹ H P)ᵀ (L⁻¹ H P), with the matrix from [`Self::innovation_factors`].
+    /// Measurement update by three measurements: P − (L⁻¹ H P)ᵀ (L⁻¹ H P), with the matrix from
+    /// [`Self::innovation_factors`].
     pub(super) fn subtract_update(&mut self, root_gain: &Mat<3, N>) {
         for i in 0..N {
             let [x, y, z] = root_gain;

@@ -35,8 +35,8 @@
 //! let step = Estimate::with_sigmas(Posture::new(2e-3, 0.0, 0.0), [5e-5, 2e-5, 1e-4]);
 //! filter.predict(&mut state, &step, &step, [0.0; 2], 1.0);
 //! // The beam measures a left turn of the front axle: a true turn, or the zeros of its gauges.
-//! let seen = Estimate::with_sigmas(Posture::new(0.37, 0.001, 0.006), [1e-4, 1e-4, 5e-4]);
-//! let update = filter.update(&mut state, &seen, |nis| nis < 40.0);
+//! let measured = Estimate::with_sigmas(Posture::new(0.37, 0.001, 0.006), [1e-4, 1e-4, 5e-4]);
+//! let update = filter.update(&mut state, &measured, |nis| nis < 40.0);
 //! assert!((update.innovation[2] - 0.006).abs() < 1e-6);
 //! let turned = state.relative().posture.phi;
 //! let zero = state.constants()[constants::ZERO];
@@ -53,7 +53,7 @@ pub use config::Config;
 pub use inconsistency::InconsistentSensor;
 use motion::{IncrementError, Motion, carried, turned};
 
-use super::constants::{self, GAIN, GYRO_BIAS, OF_BEAM, Step, Tyres, ZERO};
+use super::constants::{self, GAIN, GYRO_BIAS, IncrementInputs, OF_BEAM, Tyres, ZERO};
 use super::covariance::Covariance;
 use super::ekf::Verdict;
 use super::{Estimate, compound};
@@ -360,7 +360,7 @@ impl Joint {
     ) {
         let dt = ticks * self.t;
         let [front_share, rear_share] = gyro_shares;
-        let step = |axle: usize, moved: Posture, gyro_share: f32| Step {
+        let step = |axle: usize, moved: Posture, gyro_share: f32| IncrementInputs {
             axle,
             moved,
             relative_heading: state.loading,
@@ -378,14 +378,14 @@ impl Joint {
         for by in &mut state.by_considered {
             *by = matrix::apply(&by_rear, by);
         }
-        let way = step(1, rear.posture, rear_share).way(&self.tyres);
+        let distance = step(1, rear.posture, rear_share).mean_distance(&self.tyres);
         let [[east, minus_north, _], [north, ..], _] = state.world_from_rear();
         let (to_x, to_y) = (east * cos - north * sin, north * cos + east * sin);
         state.by_considered[2][2] += d2.x.abs();
         let floor = [[to_x, -to_y], [to_y, to_x]];
         for (by, direction) in state.by_considered.iter_mut().zip(floor) {
-            by[0] += way * direction[0];
-            by[1] += way * direction[1];
+            by[0] += distance * direction[0];
+            by[1] += distance * direction[1];
         }
         // Relative: ⊖ d2 ⊕ (r ⊕ d1).
         let r = state.relative;
@@ -468,7 +468,7 @@ impl Joint {
     }
 
     /// The increment corrected by the estimated constants, and the derivatives of its error.
-    fn correct(&self, step: &Step, state: &State) -> (Posture, IncrementError) {
+    fn correct(&self, step: &IncrementInputs, state: &State) -> (Posture, IncrementError) {
         let by_constants = step.by_constants(&self.tyres);
         let ([x, y, phi], by_heading) = step.error(&self.tyres, &by_constants, &state.constants);
         let p = step.moved;

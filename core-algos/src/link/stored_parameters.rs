@@ -12,7 +12,9 @@
 
 use super::protocol::{Refusal, Reply};
 use crate::config::ConfigError;
-use crate::params::{COUNT, Contents, Disarmed, Parameter, Report, Settings, TABLE, fingerprint};
+use crate::params::{
+    COUNT, Contents, Disarmed, Parameter, Settings, StoreReport, TABLE, fingerprint,
+};
 use crate::topology::Role;
 
 /// Contents to write to a store.
@@ -41,7 +43,7 @@ pub struct StoredParameters {
     role: Role,
     /// Values after a reset.
     stored: Settings,
-    report: Report,
+    report: StoreReport,
     /// Current values.
     settings: Settings,
 }

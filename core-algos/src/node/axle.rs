@@ -80,7 +80,7 @@ struct Stop {
 
 impl Stop {
     /// Bounds the torques during the release and keeps their ratio.
-    fn let_go(&mut self, torque_nm: &mut Wheels<f32>) {
+    fn bound_release(&mut self, torque_nm: &mut Wheels<f32>) {
         let largest = torque_nm.left.abs().max(torque_nm.right.abs());
         if self.hold >= 1.0 {
             self.held_nm = largest;
@@ -292,7 +292,7 @@ impl AxleNode {
             self.control(now, speeds, reference)
         });
         if let Some(stop) = &mut self.state.stop {
-            stop.let_go(&mut self.state.output.torque_nm);
+            stop.bound_release(&mut self.state.output.torque_nm);
         }
         self.state.output
     }

@@ -107,7 +107,7 @@ pub struct State {
     latched: Conditions,
     first: Option<Condition>,
     degraded_for: Micros,
-    degraded_way: f32,
+    degraded_moved_m: f32,
     stopping_for: Micros,
     /// Number of times a condition of each class has come up, saturating.
     counts: [u16; 4],
@@ -125,7 +125,7 @@ impl Default for State {
             latched: Conditions::NONE,
             first: None,
             degraded_for: 0,
-            degraded_way: 0.0,
+            degraded_moved_m: 0.0,
             stopping_for: 0,
             counts: [0; 4],
         }
@@ -235,13 +235,13 @@ impl Supervisor {
         let moving = matches!(state.operating, OperatingState::Active);
         if !degraded {
             state.degraded_for = 0;
-            state.degraded_way = 0.0;
+            state.degraded_moved_m = 0.0;
         } else if moving {
             state.degraded_for = state.degraded_for.saturating_add(dt);
-            state.degraded_way += input.moved_m.abs();
+            state.degraded_moved_m += input.moved_m.abs();
         }
         let within = state.degraded_for <= self.degraded_time
-            && state.degraded_way <= self.degraded_distance;
+            && state.degraded_moved_m <= self.degraded_distance;
         input
             .conditions
             .with(Condition::DegradedTooLong, degraded && moving && !within)

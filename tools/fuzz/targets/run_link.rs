@@ -2,18 +2,20 @@
 //! while time passes and the motors change, against a model of what the board may accept.
 #![no_main]
 
-use cfmmr_fuzz::run_link_model::{RunLinks, Frame, Outcome};
 use cfmmr_fuzz::numbers::Bytes;
+use cfmmr_fuzz::run_link_model::{Frame, Outcome, RunLinks};
 use core_algos::bus::field::Calibrate;
 use core_algos::bus::{self, Message};
 use core_algos::control::path::PathError;
-use core_algos::link::run_link::Station;
 use core_algos::link::framing::{Decoder, SerialFrame};
-use core_algos::link::protocol::{self, CrashRecord, PROTOCOL, Packed, Placement, Request, StackUse};
-use core_algos::link::{RunLink, Identity, MotorState, Order, Stamp};
+use core_algos::link::protocol::{
+    self, CrashRecord, PROTOCOL, Packed, Placement, Request, StackUse,
+};
+use core_algos::link::run_link::Station;
+use core_algos::link::{Identity, MotorState, Order, RunLink, Stamp};
 use core_algos::math::Posture;
 use core_algos::node::lead::Task;
-use core_algos::node::robot::{RobotConfig, ConfiguredPlacement};
+use core_algos::node::robot::{ConfiguredPlacement, RobotConfig};
 use core_algos::topology::{FrameId, Role};
 use libfuzzer_sys::fuzz_target;
 use std::sync::LazyLock;
@@ -49,8 +51,7 @@ impl Bench {
             build: "fuzz",
             role,
         };
-        let run_link =
-            || RunLink::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
+        let run_link = || RunLink::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
         Self {
             run_links: [run_link(), run_link()],
             station: Station::default(),

@@ -7,7 +7,7 @@ use core_algos::link::framing::{MAX_FRAME, SerialFrame, crc32c};
 use core_algos::link::protocol::{
     self, CONFIG_CHUNK, MAX_CONFIG, MAX_TELEMETRY, PROTOCOL, Reply, Request, StackUse,
 };
-use core_algos::link::{SimLink, Identity};
+use core_algos::link::{Identity, SimLink};
 use core_algos::node::robot::RobotConfig;
 use core_algos::topology::{Role, Wheels};
 use libfuzzer_sys::fuzz_target;

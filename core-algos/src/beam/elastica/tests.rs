@@ -456,13 +456,13 @@ fn descent_takes_damped_steps_and_keeps_the_lower_point() {
             }
             let right = from.normal.descent.map(f64::from);
             let step = solved(hessian, right);
-            let promise: f64 = (0..3).map(|i| step[i] * right[i]).sum();
+            let decrease: f64 = (0..3).map(|i| step[i] * right[i]).sum();
             let near_a_threshold = [1e-2, 4.0]
                 .iter()
-                .any(|at| (promise / at - 1.0).abs() < 0.02);
+                .any(|at| (decrease / at - 1.0).abs() < 0.02);
             let leaves = before.damping == 0.0
                 && from.parameters[1].abs() <= 12.0
-                && promise < 4.0
+                && decrease < 4.0
                 && determines_load(&from.normal);
             if near_a_threshold {
                 continue;
@@ -470,9 +470,9 @@ fn descent_takes_damped_steps_and_keeps_the_lower_point() {
             if leaves {
                 left += 1;
                 assert!(descent.done && descent.lowest.converged && evaluations == count);
-                let cost = f64::from(from.normal.cost) - promise;
+                let cost = f64::from(from.normal.cost) - decrease;
                 assert!(
-                    (f64::from(descent.lowest.normal.cost) - cost).abs() < 1e-2 * (1.0 + promise)
+                    (f64::from(descent.lowest.normal.cost) - cost).abs() < 1e-2 * (1.0 + decrease)
                 );
                 assert_eq!(descent.lowest.parameters, from.parameters);
                 continue;
@@ -483,17 +483,17 @@ fn descent_takes_damped_steps_and_keeps_the_lower_point() {
             } else {
                 rejected += 1;
             }
-            let small = promise < 1e-2;
+            let small = decrease < 1e-2;
             assert_eq!(
                 (descent.done, descent.lowest.converged),
                 (small, small),
-                "{promise}"
+                "{decrease}"
             );
             settled += usize::from(small);
         }
     }
-    let seen = [rejected, settled, left, damped];
-    assert!(seen.iter().all(|seen| *seen > 20), "{seen:?}");
+    let counts = [rejected, settled, left, damped];
+    assert!(counts.iter().all(|count| *count > 20), "{counts:?}");
 }
 
 #[test]
@@ -624,7 +624,7 @@ fn load_is_determined_if_the_prior_decides_less_than_a_tenth() {
     // The inverse has 0.5 and 0.25 on the diagonal for the forces.
     normal.hessian = [[8.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 4.0]];
     normal.descent = [4.0, -1.0, 8.0];
-    assert_eq!(promise(&normal), Some(2.0 + 0.5 + 16.0));
+    assert_eq!(predicted_decrease(&normal), Some(2.0 + 0.5 + 16.0));
     let limit = 0.1f32 / 0.75;
     for (prior, determined) in [(limit * 1.001, false), (limit * 0.999, true), (0.3, false)] {
         normal.prior = prior;
@@ -644,7 +644,7 @@ fn load_is_determined_if_the_prior_decides_less_than_a_tenth() {
         );
     }
     normal.hessian[1][1] = 0.0;
-    assert!(!super::minimum::determines_load(&normal) && promise(&normal).is_none());
+    assert!(!super::minimum::determines_load(&normal) && predicted_decrease(&normal).is_none());
 }
 
 /// The prior decides the axial force of a straight strip, both forces under large noise, and no force of a bent

@@ -79,11 +79,11 @@ properties! { cases 100;
     #[test]
     fn plan_moves_with_the_goal(phi in -3.0f32..3.0, gx in -5.0f32..5.0, turn in -3.0f32..3.0) {
         let planner = Config::default().build(2.0).unwrap();
-        let seen = Posture::new(-0.4, 0.3, phi);
+        let relative = Posture::new(-0.4, 0.3, phi);
         let goal = Posture::new(gx, 1.0, turn);
-        let mut moved = planner.start(goal.compose(seen), goal);
+        let mut moved = planner.start(goal.compose(relative), goal);
         let Progress::Found(a) = planner.step(&mut moved, 1_000_000) else { panic!() };
-        let mut plain = planner.start(seen, Posture::ORIGIN);
+        let mut plain = planner.start(relative, Posture::ORIGIN);
         let Progress::Found(b) = planner.step(&mut plain, 1_000_000) else { panic!() };
         prop_assert!((a.cost_m - b.cost_m).abs() < 0.02, "{} {}", a.cost_m, b.cost_m);
     }

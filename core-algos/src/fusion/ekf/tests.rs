@@ -248,13 +248,13 @@ fn compare(levels: &Levels, seed: u64, period: f32, fix_every: usize, loss: f64)
         reference.predict();
         reference.update(&as_wide(&z), None);
         if fix_every > 0 && step % fix_every == 0 {
-            let mut seen = [0.0f32; 3];
+            let mut measured = [0.0f32; 3];
             for k in 0..3 {
-                seen[k] = (reference.x[k] + levels.fix[k] as f64 * random.normal()) as f32;
+                measured[k] = (reference.x[k] + levels.fix[k] as f64 * random.normal()) as f32;
             }
-            let seen64 = seen.map(f64::from);
-            filter.update_fix(&mut state, &Posture::from(seen), &fix);
-            reference.update(&[None; 4], Some(seen64));
+            let measured64 = measured.map(f64::from);
+            filter.update_fix(&mut state, &Posture::from(measured), &fix);
+            reference.update(&[None; 4], Some(measured64));
         }
         let (p, c) = errors(&state, &reference);
         pose = pose.max(p);
@@ -422,10 +422,10 @@ fn heading_wraps_in_state_and_innovation() {
         let at = [0.0, 0.0, side * (pi - 0.01), 0.0, 0.0, 0.0, 0.0];
         let mut state = State::from_parts(at, &matrix::diagonal([1e-4; 7]));
         // Seen 0.02 rad further on, beyond the wrap: halfway is the wrap itself.
-        let seen = Posture::new(0.0, 0.0, -side * (pi - 0.01));
-        filter.update_fix(&mut state, &seen, &fix);
+        let measured = Posture::new(0.0, 0.0, -side * (pi - 0.01));
+        filter.update_fix(&mut state, &measured, &fix);
         assert!((state.posture().phi.abs() - pi).abs() < 1e-5);
-        filter.update_fix(&mut state, &seen, &fix);
+        filter.update_fix(&mut state, &measured, &fix);
         assert!(state.posture().phi * side < 0.0);
     }
 }
@@ -440,8 +440,11 @@ fn sample_not_finite_is_counted_and_changes_nothing() {
         assert_eq!(verdicts.left, Verdict::Invalid);
         assert_eq!(verdicts.gyro, Verdict::Invalid);
         let fix = Fix::new(&matrix::diagonal([1e-4; 3])).unwrap();
-        let seen = Posture::new(0.0, bad, 0.0);
-        assert_eq!(filter.update_fix(&mut state, &seen, &fix), Verdict::Invalid);
+        let measured = Posture::new(0.0, bad, 0.0);
+        assert_eq!(
+            filter.update_fix(&mut state, &measured, &fix),
+            Verdict::Invalid
+        );
         assert_eq!(state.counters.right.invalid, 1);
         assert_eq!(state.counters.accelerometer.invalid, 1);
         assert_eq!(state.counters.fix.invalid, 1);
@@ -548,7 +551,7 @@ fn fix_is_gated_by_the_nis_from_the_lower_triangle() {
         let mut noise = random_covariance(&mut random, [2e-3, 3e-3, 4e-3], 0.5);
         let prior = random_covariance(&mut random, [3e-3; 7], 0.3);
         let at = [0.3, -0.2, 3.1, 0.0, 0.0, 0.0, 0.0];
-        let seen = Posture::new(0.31, -0.205, -3.17);
+        let measured = Posture::new(0.31, -0.205, -3.17);
         let spread: Matrix<3, 3> = core::array::from_fn(|i| {
             core::array::from_fn(|j| f64::from(noise[i][j]) + f64::from(prior[i][j]))
         });
@@ -565,7 +568,10 @@ fn fix_is_gated_by_the_nis_from_the_lower_triangle() {
             };
             let before = State::from_parts(at, &prior);
             let mut state = before;
-            let found = config.build().unwrap().update_fix(&mut state, &seen, &fix);
+            let found = config
+                .build()
+                .unwrap()
+                .update_fix(&mut state, &measured, &fix);
             assert_eq!(found, verdict);
             assert_eq!(
                 state.posture() != before.posture(),

@@ -244,8 +244,8 @@ fn heading_at_the_gate_is_used_and_two_headings_gated_alike_give_none() {
     let weigh = |opinions: [f32; 2], own: [f32; 2]| {
         let front = Posture::new(0.0, 0.0, opinions[0]);
         let rear = Posture::new(0.5, 0.0, opinions[1]);
-        let seen = Posture::new(0.5, 0.0, 0.0);
-        let found = ipec.weigh([front, rear], [0.0; 2], own, &seen);
+        let relative = Posture::new(0.5, 0.0, 0.0);
+        let found = ipec.weigh([front, rear], [0.0; 2], own, &relative);
         found.map(|(_, correction)| correction.gated)
     };
     for (opinion, out) in [(0.5f32, false), (0.5f32.next_up(), true)] {
@@ -262,14 +262,14 @@ fn heading_at_the_gate_is_used_and_two_headings_gated_alike_give_none() {
 fn shortest_baseline_gives_a_direction() {
     let ipec = Config::default().build().unwrap();
     let shorter = MIN_BASELINE_M.next_down();
-    for (seen, line, given) in [
+    for (baseline, line, given) in [
         (MIN_BASELINE_M, 0.37, true),
         (shorter, 0.37, false),
         (0.37, MIN_BASELINE_M, true),
         (0.37, shorter, false),
     ] {
         let postures = [Posture::new(line, 0.0, 0.0), Posture::ORIGIN];
-        let r = Posture::new(-seen, 0.0, 0.0);
+        let r = Posture::new(-baseline, 0.0, 0.0);
         let mut state = State::new(postures[0], postures[1]);
         assert_eq!(ipec.step(&mut state, &[0.0; 4], &r).is_some(), given);
         let weighed = ipec.weigh(postures, [0.0; 2], [1e-6; 2], &r);

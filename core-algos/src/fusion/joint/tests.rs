@@ -27,7 +27,7 @@ fn start_returns_the_given_posture_and_covariance_of_o() {
 #[test]
 fn error_by_leaves_out_only_zero_derivatives() {
     for axle in 0..2 {
-        let by = Step {
+        let by = IncrementInputs {
             axle,
             moved: Posture::new(0.3, -0.2, 0.1),
             relative_heading: RelativeHeading(0.4),
@@ -167,13 +167,13 @@ fn update_equals_the_batch_update_in_f64() {
         state.constants = [1e-3; constants::COUNT];
         let by = constants::beam_by_constants(state.relative);
         let off = by.map(|row| 1e-3 * row.iter().sum::<f32>());
-        let seen = Posture::new(
+        let measured = Posture::new(
             state.relative.x + innovation[0] + off[0],
             state.relative.y + innovation[1] + off[1],
             state.relative.phi + innovation[2] + off[2],
         );
         let prior = state;
-        let outcome = joint.update(&mut state, &Estimate::new(seen, r), |_| true);
+        let outcome = joint.update(&mut state, &Estimate::new(measured, r), |_| true);
         assert_eq!(outcome.verdict, Verdict::Used);
 
         // Each of the four wheels rolls further than its encoder by the backlash.
@@ -183,13 +183,13 @@ fn update_equals_the_batch_update_in_f64() {
         let (x, y) = (f64::from(relative.x), f64::from(relative.y));
         let (sin, cos) = f64::from(relative.phi).sin_cos();
         let wheels = [-1.0, 1.0].map(|side| {
-            let (way, turn) = (0.5, side * 0.5 / d);
+            let (advance, turn) = (0.5, side * 0.5 / d);
             [
-                [way * cos, way * sin, turn],
-                [way - y * turn, x * turn, turn],
+                [advance * cos, advance * sin, turn],
+                [advance - y * turn, x * turn, turn],
             ]
         });
-        let by_play = |i: usize, j: usize| -> f64 {
+        let by_backlash = |i: usize, j: usize| -> f64 {
             let wheels = wheels.as_flattened().iter();
             wheels.map(|by| backlash * backlash * by[i] * by[j]).sum()
         };
@@ -209,7 +209,7 @@ fn update_equals_the_batch_update_in_f64() {
         let inverse = inverse(&core::array::from_fn(|i| {
             core::array::from_fn(|j| {
                 let states = (0..N).map(|k| rows[i][k] * ph[j][k]).sum::<f64>();
-                states + f64::from(r[i][j]) + by_play(i, j)
+                states + f64::from(r[i][j]) + by_backlash(i, j)
             })
         }));
         let exact = outcome.innovation.map(f64::from);
@@ -257,9 +257,9 @@ fn innovation_beyond_half_a_turn_wraps() {
     for (side, zero) in [(1.0, 0.05), (1.0, -0.05), (-1.0, 0.05), (-1.0, -0.05)] {
         let (joint, mut state) = start();
         state.constants[ZERO] = zero;
-        let mut seen = state.relative();
-        seen.posture.phi += side * (pi - 0.01);
-        let turn = joint.update(&mut state, &seen, |_| false).innovation[2];
+        let mut measured = state.relative();
+        measured.posture.phi += side * (pi - 0.01);
+        let turn = joint.update(&mut state, &measured, |_| false).innovation[2];
         let expected = side * (pi - 0.01) - zero;
         assert!(turn.abs() <= pi && (turn - expected).sin().abs() < 1e-5);
     }
@@ -313,8 +313,8 @@ fn forgetting_a_gyro_bias_resets_that_bias_alone() {
     for _ in 0..300 {
         joint.predict(&mut state, &moved, &moved, [1.0; 2], 1.0);
         let relative = state.relative();
-        let seen = Posture::new(relative.posture.x, 0.02, 0.2);
-        let beam = Estimate::with_sigmas(seen, [1e-4, 1e-4, 2e-4]);
+        let measured = Posture::new(relative.posture.x, 0.02, 0.2);
+        let beam = Estimate::with_sigmas(measured, [1e-4, 1e-4, 2e-4]);
         joint.update(&mut state, &beam, |_| true);
     }
     let before = state;
@@ -423,15 +423,15 @@ fn inconsistent_sensor_of(scale: f32, turn_scale: f32, zero: f32) -> Option<Inco
     let shape = Posture::new(0.36, 0.02, 0.2);
     let placed = Estimate::with_sigmas(Posture::ORIGIN, [2e-3; 3]);
     let mut state = joint.start(&placed, &Estimate::with_sigmas(shape, [1e-3; 3]), 0.0);
-    let seen = Posture::new(shape.x, shape.y + 0.5 * zero * shape.x, shape.phi + zero);
+    let measured = Posture::new(shape.x, shape.y + 0.5 * zero * shape.x, shape.phi + zero);
     for _ in 0..3000 {
         let rear = Posture::new(2e-3, 0.0, 1e-3);
         let mut front = shape.inverse().compose(rear.compose(shape));
         (front.x, front.phi) = (front.x * (1.0 + scale), front.phi * (1.0 + turn_scale));
         let [front, rear] = [front, rear].map(|d| Estimate::with_sigmas(d, [2e-5, 2e-5, 1e-5]));
         joint.predict(&mut state, &front, &rear, [1.0; 2], 1.0);
-        let seen = Estimate::with_sigmas(seen, [1e-4, 1e-4, 5e-4]);
-        joint.update(&mut state, &seen, |_| true);
+        let measured = Estimate::with_sigmas(measured, [1e-4, 1e-4, 5e-4]);
+        joint.update(&mut state, &measured, |_| true);
     }
     joint.inconsistent_sensor(&state)
 }

@@ -215,7 +215,7 @@ fn save_is_pending_once_and_other_requests_get_no_answer_meanwhile() {
     };
     let (protocol, nonce) = (PROTOCOL, 1);
     let hello = Request::Hello { protocol, nonce };
-    for (number, values, told) in [(1, 3, 3), (11, 255, 255), (21, 256, 255), (31, 300, 255)] {
+    for (number, values, reported) in [(1, 3, 3), (11, 255, 255), (21, 256, 255), (31, 300, 255)] {
         assert!(!send(&mut board, 0, &hello).is_empty());
         assert_eq!(board.save(), None);
         assert!(send(&mut board, number, &Request::SaveParameters).is_empty());
@@ -229,7 +229,7 @@ fn save_is_pending_once_and_other_requests_get_no_answer_meanwhile() {
         let mut take = |answer: &[u8]| sent.extend_from_slice(answer);
         board.saved(Some((values, &Contents::EMPTY)), &mut take);
         board.saved(None, &mut take);
-        let reply = Reply::Saved { values: told };
+        let reply = Reply::Saved { values: reported };
         let expected = protocol::encode(number, &reply).unwrap();
         assert_eq!(sent, expected.bytes());
         assert!(!send(&mut board, number + 1, &Request::Stack).is_empty());

@@ -82,11 +82,11 @@ mod tests {
     /// Reference: sum over both wheels of the effect of each wheel's error on advance and heading.
     #[test]
     fn added_covariance_is_that_of_independent_errors_of_both_wheels() {
-        let (half_track, share, ways) = (0.162, 0.7, [2e-4f32, 5e-4]);
+        let (half_track, share, travels) = (0.162, 0.7, [2e-4f32, 5e-4]);
         let mut sums = [0.0f32; 3];
-        for (k, way) in ways.into_iter().enumerate() {
+        for (k, travel) in travels.into_iter().enumerate() {
             // Errors of the two wheels are independent.
-            let (left, right) = if k == 0 { (way, 0.0) } else { (0.0, way) };
+            let (left, right) = if k == 0 { (travel, 0.0) } else { (0.0, travel) };
             let (ahead, turned) = (
                 0.5 * (left + right),
                 share * (right - left) / (2.0 * half_track),
@@ -95,7 +95,12 @@ mod tests {
             sums[1] += ahead * turned;
             sums[2] += turned * turned;
         }
-        let added = add([[0.0; 3]; 3], ways.map(|way| way * way), half_track, share);
+        let added = add(
+            [[0.0; 3]; 3],
+            travels.map(|travel| travel * travel),
+            half_track,
+            share,
+        );
         for (found, expected) in [
             (added[0][0], sums[0]),
             (added[0][2], sums[1]),

@@ -22,8 +22,8 @@ const FARTHEST_M: f32 = 1e5;
 const WIDEST: f32 = 1e3;
 
 impl Placement {
-    /// True if an estimate can start from this placement: every number is finite and within its range, and no variance is
-    /// negative.
+    /// True if an estimate can start from this placement: every number is finite and within its range, and no variance
+    /// is negative.
     pub fn is_sound(&self) -> bool {
         let near = |estimate: &Estimate| {
             let Posture { x, y, phi } = estimate.posture;

@@ -4,7 +4,7 @@
 
 use super::Store;
 use crate::accelerator;
-use core_algos::params::{Contents, Disarmed, Report, Settings};
+use core_algos::params::{Contents, Disarmed, Settings, StoreReport};
 use core_algos::topology::Role;
 use defmt::{info, warn};
 use embassy_embedded_hal::adapter::BlockingAsync;
@@ -76,7 +76,7 @@ pub struct Parameters {
     /// Settings in use.
     pub settings: Settings,
     /// State of the store at the start.
-    pub report: Report,
+    pub report: StoreReport,
 }
 
 impl Parameters {
@@ -101,7 +101,7 @@ impl Parameters {
                 store: open(flash),
                 base,
                 settings: base,
-                report: Report::default(),
+                report: StoreReport::default(),
             }
         })
     }
@@ -139,7 +139,7 @@ impl Parameters {
     }
 }
 
-fn log(report: &Report) {
+fn log(report: &StoreReport) {
     info!("{} parameters from the store", report.stored());
     if let Some(error) = report.unusable {
         warn!(

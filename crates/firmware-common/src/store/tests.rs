@@ -1,6 +1,6 @@
 use super::simulated::{Flash, Random, Torn, run};
 use super::*;
-use core_algos::params::{Parameter, Report, TABLE, find};
+use core_algos::params::{Parameter, StoreReport, TABLE, find};
 use core_algos::safety::OperatingState;
 
 /// Sectors smaller than the chip's, which fill up sooner.
@@ -16,7 +16,7 @@ fn store<const SECTOR: usize>(flash: Flash<SECTOR>) -> Store<Flash<SECTOR>> {
 }
 
 /// Loads the parameters as at a start: settings and report. Checks that the flash is unchanged.
-fn load<const SECTOR: usize>(flash: &Flash<SECTOR>) -> (Settings, Report) {
+fn load<const SECTOR: usize>(flash: &Flash<SECTOR>) -> (Settings, StoreReport) {
     let mut store = store(flash.clone());
     // The values are drawn at random within their ranges and need not fit together, so the check accepts all.
     let started = run(store.load()).settle(&Settings::default(), |_| Ok(()));

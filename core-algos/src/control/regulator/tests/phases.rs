@@ -162,12 +162,12 @@ fn approach_region_is_the_funnel_widened_by_its_slack() {
         for (share, within) in [(0.999, true), (1.001, false)] {
             // With the line of sight ahead, the funnel needs 3 |η| / e.
             let eta = share * bound * distance / 3.0;
-            let seen = PolarError {
+            let error = PolarError {
                 distance_m: distance,
                 theta: eta,
                 alpha: 0.0,
             };
-            assert_eq!(regulator.within_reach(seen), within, "{distance} {share}");
+            assert_eq!(regulator.within_reach(error), within, "{distance} {share}");
         }
     }
 }
@@ -590,7 +590,8 @@ fn robot_stuck_again_in_the_same_place_off_its_goal_is_blocked() {
     }
 }
 
-/// Equation 4 alone: posture beside the led goal (m, m, rad), phase, time without progress (s), speed (m/s); phase after.
+/// Equation 4 alone: posture beside the led goal (m, m, rad), phase, time without progress (s), speed (m/s);
+/// phase after.
 #[test]
 fn papers_law_stops_at_its_led_goal_and_gives_up_without_commanded_speed() {
     let regulator = regulator(Strategy::PaperLaw);
