@@ -247,7 +247,7 @@ impl Icm42688 {
         }
         if usize::from(next) == AFTER_RESET {
             if register(WHO_AM_I, transfer) != Some(IDENTITY) {
-                self.lose();
+                self.mark_lost();
                 return Phase::SetUp {
                     wait: RETRY,
                     next: 0,
@@ -290,7 +290,7 @@ impl Icm42688 {
         };
         self.last = samples;
         if status & RESET_DONE != 0 || self.repeats >= STUCK {
-            self.lose();
+            self.mark_lost();
         }
         if !done || !self.is_set_up() {
             return Reading::default();
@@ -314,7 +314,7 @@ impl Icm42688 {
         let (address, bits, expected) = CHECKED[usize::from(which) % CHECKED.len()];
         let right = register(address, transfer).is_some_and(|value| value & bits == expected);
         if !right && repeated {
-            self.lose();
+            self.mark_lost();
         }
         if self.is_set_up() {
             self.phase = Phase::Running {
@@ -329,7 +329,7 @@ impl Icm42688 {
     }
 
     /// Marks the sensor as lost: restarts the set-up and discards both biases.
-    fn lose(&mut self) {
+    fn mark_lost(&mut self) {
         self.lost = true;
         self.phase = BEGIN;
         self.repeats = 0;

@@ -372,9 +372,9 @@ impl Governor {
         let limit = self.config.max_steering_rad;
         let rate = motion.psi_rate;
         // The highest rate is at least zero, so that only the limit on the side of the wanted rate can apply.
-        let asked = rate + wanted;
+        let demanded = rate + wanted;
         let ahead = motion.psi.0 + rate * gains.half_dt;
-        let room = if asked < 0.0 {
+        let room = if demanded < 0.0 {
             limit + ahead
         } else {
             limit - ahead
@@ -386,7 +386,7 @@ impl Governor {
             let braking = gains.bending_square + self.twice_bending * greater(room, 0.0);
             lesser(sqrt(braking) - gains.bending, self.max_steering_rate)
         };
-        let mut next = bounded(asked, highest);
+        let mut next = bounded(demanded, highest);
         if !((next - rate).abs() <= gains.bending) {
             cold_path();
             next = rate + gains.bending.copysign(next - rate);

@@ -230,7 +230,7 @@ impl Ipec {
         }
         let beta = atan2(y, x);
         // Direction of the line by each axle's own heading, less β.
-        let opinion = [
+        let deviation = [
             wrap_angle(postures[0].phi + chord.alpha - beta),
             wrap_angle(postures[1].phi - r.phi + chord.alpha - beta),
         ];
@@ -242,17 +242,17 @@ impl Ipec {
         let (mut information, mut sum) = (1.0 / line_variance, 0.0);
         for i in 0..2 {
             let spread = own_variance[i] + line_variance + noise;
-            gated[i] = !(opinion[i] * opinion[i] <= self.gate * spread);
+            gated[i] = !(deviation[i] * deviation[i] <= self.gate * spread);
             if !gated[i] {
                 let weight = 1.0 / (own_variance[i] + 1e-12);
                 information += weight;
-                sum += weight * opinion[i];
+                sum += weight * deviation[i];
             }
         }
         if gated == [true; 2] {
-            let apart = opinion[0] - opinion[1];
+            let difference = deviation[0] - deviation[1];
             let spread = own_variance[0] + own_variance[1] + noise;
-            if !(apart * apart > self.gate * spread) {
+            if !(difference * difference > self.gate * spread) {
                 return None;
             }
         }

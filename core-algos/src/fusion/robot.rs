@@ -433,7 +433,7 @@ impl RobotFusion {
         error.constants[1][first + 1] = lateral * step.dt;
         error.constants[2][first + 2] = turning * step.by_wheels() * step.dt;
         // A posture and an increment compose like rear axle and relative posture.
-        *track = track.through(&Chain::front_from_rear(track.posture, step.moved), &error);
+        *track = track.propagated(&Chain::front_from_rear(track.posture, step.moved), &error);
         let drifted = floor_drift * step.mean_distance(self.joint.tyres());
         for k in 0..2 {
             track.constants[k][track::DRIFTED + k] += drifted;
@@ -517,9 +517,9 @@ impl RobotFusion {
             }
         }
         let link = Chain::front_from_rear(rear.posture, beam.posture);
-        let front_by_rear = rear.through(&link, &relative);
+        let front_by_rear = rear.propagated(&link, &relative);
         let link = Chain::rear_from_front(front.posture, beam.posture);
-        let rear_by_front = front.through(&link, &relative);
+        let rear_by_front = front.propagated(&link, &relative);
         let fused = [
             front.intersect(&front_by_rear, &self.intersection),
             rear.intersect(&rear_by_front, &self.intersection),
@@ -535,9 +535,9 @@ impl RobotFusion {
     fn middle(&self, front: &Track, rear: &Track, beam: &Estimate) -> Estimate {
         let relative = self.beam_track(beam);
         let link = Chain::midpoint_from_front(front.posture, beam.posture);
-        let by_front = front.through(&link, &relative);
+        let by_front = front.propagated(&link, &relative);
         let link = Chain::midpoint_from_rear(rear.posture, beam.posture);
-        let by_rear = rear.through(&link, &relative);
+        let by_rear = rear.propagated(&link, &relative);
         match by_front.intersect(&by_rear, &self.intersection) {
             Some((fused, _)) => fused.estimate(),
             None => self.middle_without_beam(front, rear),
@@ -547,7 +547,7 @@ impl RobotFusion {
     /// O halfway between the axles, without the beam.
     fn middle_without_beam(&self, front: &Track, rear: &Track) -> Estimate {
         let chain = Chain::midpoint(front.posture, rear.posture);
-        let mut middle = front.through(&chain, rear);
+        let mut middle = front.propagated(&chain, rear);
         if self.mode != Mode::Odometry {
             // Once joined, the random parts are correlated to an unknown degree.
             middle.random = matrix::scale(&middle.random, 2.0);

@@ -195,7 +195,7 @@ pub struct RunLink {
     /// Request number of an order that is being carried out.
     pending: Option<u8>,
     /// True after the first hello since the start.
-    greeted: bool,
+    hello_received: bool,
     /// Destination of a relayed request whose reply is awaited.
     relaying: Option<Role>,
     telemetry: Spread,
@@ -221,7 +221,7 @@ impl RunLink {
             last: None,
             answer: SerialFrame::default(),
             pending: None,
-            greeted: false,
+            hello_received: false,
             relaying: None,
             telemetry: Spread::default(),
             config,
@@ -281,7 +281,9 @@ impl RunLink {
                 request => {
                     let admitted = match request {
                         // The order was meant for the board before its restart.
-                        Some(Request::Order { .. }) if !self.greeted && role == Role::LEAD => {
+                        Some(Request::Order { .. })
+                            if !self.hello_received && role == Role::LEAD =>
+                        {
                             Err(Refusal::NoSession)
                         }
                         Some(request) => station.admit(role, &request),
@@ -306,7 +308,7 @@ impl RunLink {
             let again = matches!(reply, Reply::Hello { .. });
             self.respond(number, protocol::encode(number, &reply), send);
             if again {
-                (self.last, self.greeted) = (None, true);
+                (self.last, self.hello_received) = (None, true);
             }
         }
         demand

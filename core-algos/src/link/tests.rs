@@ -92,13 +92,13 @@ impl Host {
     }
 
     /// Payload of the answer to a request with the next number.
-    pub(super) fn ask(&mut self, request: &Request) -> Vec<u8> {
+    pub(super) fn request(&mut self, request: &Request) -> Vec<u8> {
         self.number = self.number.wrapping_add(1);
         self.send(protocol::encode(self.number, request).unwrap().bytes())
     }
 
     pub(super) fn expect(&mut self, request: &Request, reply: Reply) {
-        let payload = self.ask(request);
+        let payload = self.request(request);
         assert_eq!(protocol::decode(&payload), Some((self.number, reply)));
     }
 
@@ -107,12 +107,12 @@ impl Host {
     }
 
     /// Sends a hello of this protocol version; returns the role in the reply.
-    pub(super) fn greet(&mut self, version: u16) -> Role {
+    pub(super) fn send_hello(&mut self, version: u16) -> Role {
         let request = Request::Hello {
             protocol: version,
             nonce: 9,
         };
-        let payload = self.ask(&request);
+        let payload = self.request(&request);
         let Some((
             _,
             Reply::Hello {
@@ -131,7 +131,7 @@ impl Host {
     }
 
     pub(super) fn hello(&mut self) {
-        self.greet(PROTOCOL);
+        self.send_hello(PROTOCOL);
     }
 
     /// Sends the configuration; returns its checksum.
@@ -252,7 +252,7 @@ fn front_board_behind_link_matches_direct_nodes_bit_for_bit() {
         let output = board.step(now, &Samples::Axle(axle_samples(tick)), &mut outbox);
         let frames: Vec<_> = outbox.iter().map(|m| bus::encode(m).unwrap()).collect();
         waiting = echo(frames.iter().copied());
-        let payload = host.ask(&axle(tick, packed.bytes()));
+        let payload = host.request(&axle(tick, packed.bytes()));
         let Some((_, reply)) = protocol::decode(&payload) else {
             panic!("tick {tick}");
         };
@@ -297,7 +297,7 @@ fn a_repeated_request_is_answered_and_not_carried_out_again() {
     let mut host = Host::started(Role::axle(1), &RobotConfig::default(), None);
     for tick in 0..300 {
         let request = axle(tick, &[]);
-        let first = host.ask(&request);
+        let first = host.request(&request);
         let after = host.board.board().cloned();
         let frame = protocol::encode(host.number, &request).unwrap();
         for _ in 0..tick % 3 {
@@ -330,7 +330,7 @@ fn either_side_may_restart() {
     let config = RobotConfig::default();
     let mut host = Host::started(Role::axle(1), &config, None);
     for k in 0..20 {
-        host.ask(&axle(k, &[]));
+        host.request(&axle(k, &[]));
     }
     // A restarted board refuses requests until a hello.
     host.reset(Role::axle(1));
@@ -339,7 +339,7 @@ fn either_side_may_restart() {
     host.refused(&axle(20, &[]), Refusal::NotStarted);
     let hash = host.configure(&config);
     host.expect(&start(hash, 20, None), Reply::Done);
-    assert!(is_axle_reply(&host.ask(&axle(20, &[]))));
+    assert!(is_axle_reply(&host.request(&axle(20, &[]))));
     // A restarted host: after a hello, a used number is a new request.
     let last = host.number;
     host.number = last - 1;

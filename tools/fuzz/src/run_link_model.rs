@@ -81,7 +81,7 @@ impl Commander {
 /// What the board knows of one host.
 #[derive(Default)]
 struct Port {
-    greeted: bool,
+    hello_received: bool,
     pending: Option<u8>,
     /// Number and payload of the latest answer that a repetition gets.
     answered: Option<(u8, Vec<u8>)>,
@@ -155,7 +155,7 @@ impl RunLinks {
             let port = &mut self.ports[port];
             match due {
                 Due::Greeting(reply) => {
-                    (port.answered, port.greeted) = (None, true);
+                    (port.answered, port.hello_received) = (None, true);
                     sent.extend(framed(&reply, false));
                 }
                 Due::Repetition(reply) => sent.extend(framed(&reply, true)),
@@ -250,7 +250,9 @@ impl RunLinks {
             {
                 other()
             }
-            Some(Request::Order { .. }) if !self.ports[port].greeted => refused(Refusal::NoSession),
+            Some(Request::Order { .. }) if !self.ports[port].hello_received => {
+                refused(Refusal::NoSession)
+            }
             Some(request) => self.commanded(number, now, motors, &request),
         }
     }

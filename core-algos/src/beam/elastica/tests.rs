@@ -1060,12 +1060,12 @@ fn drifted_zeros_of_a_straight_strip_give_no_significant_force() {
     let solver = solver(&gauss(), |_| {});
     let all = solver.strip.gauges;
     let mut random = Random(7);
-    let (mut trusting, mut significant_forces) = (0, 0);
+    let (mut without_drift, mut significant_forces) = (0, 0);
     for _ in 0..400 {
         let zeros: [f32; MAX_GAUGES] =
             core::array::from_fn(|_| (4e-6 / 0.5e-3 * random.normal()) as f32);
         let large = |wrench: Wrench| usize::from(wrench.fx.hypot(wrench.fy) > 25.0);
-        trusting += large(solver.fit(&zeros, all).unwrap().wrench);
+        without_drift += large(solver.fit(&zeros, all).unwrap().wrench);
         let fit = solver
             .fit_within(&zeros, all, 16e-12, MAX_EVALUATIONS)
             .unwrap();
@@ -1075,8 +1075,8 @@ fn drifted_zeros_of_a_straight_strip_give_no_significant_force() {
         assert!(fit.relative.posture.phi.abs() < 0.02);
     }
     assert!(
-        trusting > 40 && significant_forces == 0,
-        "{trusting} {significant_forces}"
+        without_drift > 40 && significant_forces == 0,
+        "{without_drift} {significant_forces}"
     );
 }
 

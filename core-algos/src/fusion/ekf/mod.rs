@@ -119,7 +119,7 @@ pub struct AxleFilter {
     /// Inverse variances of left, right, gyro, accelerometer.
     information: [f32; 4],
     /// Bound of the sum of squared innovations over noise variances; up to this sum no gate can reject.
-    surely_accepted: f32,
+    always_accepted_nis: f32,
     gate: Option<f32>,
     fix_gate: Option<f32>,
     patience: u16,
@@ -462,12 +462,12 @@ impl AxleFilter {
         ];
         let acceleration = measurements.acceleration_m_s2? - v_dot;
         let [left, right, gyro, accelerometer] = self.information;
-        let surprise = rates[0] * rates[0] * left
+        let nis_bound = rates[0] * rates[0] * left
             + rates[1] * rates[1] * right
             + rates[2] * rates[2] * gyro
             + acceleration * acceleration * accelerometer;
         // No NIS exceeds this sum. The sum is NaN or infinite if a sample is.
-        if !(surprise <= self.surely_accepted) {
+        if !(nis_bound <= self.always_accepted_nis) {
             return None;
         }
         let all = &self.reductions[3];

@@ -241,16 +241,16 @@ fn heading_at_the_gate_is_used_and_two_headings_gated_alike_give_none() {
         ..Config::default()
     };
     let ipec = config.build().unwrap();
-    let weigh = |opinions: [f32; 2], own: [f32; 2]| {
-        let front = Posture::new(0.0, 0.0, opinions[0]);
-        let rear = Posture::new(0.5, 0.0, opinions[1]);
+    let weigh = |deviations: [f32; 2], own: [f32; 2]| {
+        let front = Posture::new(0.0, 0.0, deviations[0]);
+        let rear = Posture::new(0.5, 0.0, deviations[1]);
         let relative = Posture::new(0.5, 0.0, 0.0);
         let found = ipec.weigh([front, rear], [0.0; 2], own, &relative);
         found.map(|(_, correction)| correction.gated)
     };
-    for (opinion, out) in [(0.5f32, false), (0.5f32.next_up(), true)] {
-        assert_eq!(weigh([opinion, 0.0], [0.25; 2]), Some([out, false]));
-        assert_eq!(weigh([0.0, -opinion], [0.25; 2]), Some([false, out]));
+    for (deviation, out) in [(0.5f32, false), (0.5f32.next_up(), true)] {
+        assert_eq!(weigh([deviation, 0.0], [0.25; 2]), Some([out, false]));
+        assert_eq!(weigh([0.0, -deviation], [0.25; 2]), Some([false, out]));
     }
     for own in [[0.0625, 0.1875], [0.1875, 0.0625]] {
         assert_eq!(weigh([1.0, 0.5], own), None);

@@ -530,7 +530,7 @@ fn beam_nis_includes_constants_and_fusion_uses_values_before_the_update() {
             Chain::rear_from_front(before[0].posture, beam.posture),
         ];
         for axle in 0..2 {
-            let other = before[1 - axle].through(&chains[axle], &relative);
+            let other = before[1 - axle].propagated(&chains[axle], &relative);
             let (fused, omega) = before[axle]
                 .intersect(&other, &fusion.intersection)
                 .unwrap();

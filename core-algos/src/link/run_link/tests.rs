@@ -54,15 +54,15 @@ impl Driving {
     }
 
     /// Board after a hello.
-    fn greeted(role: Role) -> Self {
+    fn after_hello(role: Role) -> Self {
         let mut board = Self::new(role);
         let (protocol, nonce) = (PROTOCOL, 1);
-        board.ask(200, &Request::Hello { protocol, nonce }, MotorState::Driven);
+        board.request(200, &Request::Hello { protocol, nonce }, MotorState::Driven);
         board
     }
 
     /// Payloads of the answers to a request.
-    fn ask(&mut self, number: u8, request: &Request, motors: MotorState) -> Vec<Vec<u8>> {
+    fn request(&mut self, number: u8, request: &Request, motors: MotorState) -> Vec<Vec<u8>> {
         let frame = protocol::encode(number, request).unwrap();
         let mut sent = Vec::new();
         let mut send = |answer: &[u8]| sent.extend_from_slice(answer);
@@ -74,7 +74,7 @@ impl Driving {
     }
 
     fn expect(&mut self, number: u8, request: &Request, motors: MotorState, reply: Reply) {
-        assert_answered(&self.ask(number, request, motors), number, reply);
+        assert_answered(&self.request(number, request, motors), number, reply);
     }
 
     fn done(&mut self, done: Result<(), PathError>) -> Vec<Vec<u8>> {
@@ -92,7 +92,7 @@ fn assert_answered(answers: &[Vec<u8>], number: u8, reply: Reply) {
 
 #[test]
 fn requests_behind_a_demand_in_the_same_bytes_get_no_answer() {
-    let mut board = Driving::greeted(Role::axle(1));
+    let mut board = Driving::after_hello(Role::axle(1));
     board.station.motors = MotorState::Off;
     let requests = [Request::Record(stamp(7, 1)), Request::Watch, Request::Stack];
     let mut bytes = Vec::new();
@@ -113,7 +113,7 @@ fn configuration_of_driving_board_is_read_in_parts() {
     let mut read = Vec::new();
     for number in 1.. {
         let offset = read.len() as u16;
-        let answers = board.ask(
+        let answers = board.request(
             number,
             &Request::Configuration { offset },
             MotorState::Driven,
@@ -258,11 +258,11 @@ fn request_is_granted_or_refused_by_role_and_motor_state() {
         .flat_map(|row| Topology::PAIR.boards().map(move |role| (row, role)))
     {
         for (i, motors) in MOTORS.into_iter().enumerate() {
-            let mut board = Driving::greeted(role);
+            let mut board = Driving::after_hello(role);
             let other = refused(Refusal::OtherBoard { role });
             let foreign = *only_front && role != Role::LEAD;
             let expected = if foreign { other } else { replies[i] };
-            let answers = board.ask(1, request, motors);
+            let answers = board.request(1, request, motors);
             let granted = expected.is_none() || expected == done;
             let demanded = demand.clone().filter(|_| granted);
             assert_eq!(board.demand, demanded, "{request:?} {role:?} {motors:?}");
@@ -358,8 +358,8 @@ fn front_board_takes_orders_only_after_the_first_hello() {
         Reply::Done,
     );
     let (protocol, nonce) = (PROTOCOL + 1, 1);
-    board.ask(5, &Request::Hello { protocol, nonce }, MotorState::Off);
-    assert!(board.ask(6, &stop(1), MotorState::Off).is_empty());
+    board.request(5, &Request::Hello { protocol, nonce }, MotorState::Off);
+    assert!(board.request(6, &stop(1), MotorState::Off).is_empty());
     assert!(board.order().is_some());
     // The rear board refuses by role, also before a hello.
     let role = Role::axle(1);
@@ -369,7 +369,7 @@ fn front_board_takes_orders_only_after_the_first_hello() {
 
 #[test]
 fn requests_in_the_same_bytes_are_answered_in_order() {
-    let mut board = Driving::greeted(Role::LEAD);
+    let mut board = Driving::after_hello(Role::LEAD);
     let frames = [Request::Stack, Request::Watch].map(|it| protocol::encode(9, &it));
     let [stack, watch] = frames.map(Option::unwrap);
     let hello = Request::Hello {
@@ -408,7 +408,7 @@ fn request_for_another_board_is_relayed_and_its_reply_returned() {
         payload: inner,
     };
     for _ in 0..2 {
-        assert!(board.ask(9, &relay, MotorState::Driven).is_empty());
+        assert!(board.request(9, &relay, MotorState::Driven).is_empty());
         let frame = SerialFrame::new(inner).unwrap();
         assert_eq!(board.demand, Some(Demand::Relay(role, frame)));
     }
@@ -441,21 +441,21 @@ fn request_for_another_board_is_relayed_and_its_reply_returned() {
 
 #[test]
 fn repeated_order_is_carried_out_once_and_answered_when_done() {
-    let mut board = Driving::greeted(Role::LEAD);
+    let mut board = Driving::after_hello(Role::LEAD);
     let goal = Posture::new(1.0, -0.5, 0.25);
     let drive = Order::Task(Task::regulate(goal));
     let request = order(drive);
-    assert!(board.ask(1, &request, MotorState::Driven).is_empty());
+    assert!(board.request(1, &request, MotorState::Driven).is_empty());
     assert_eq!(board.order(), Some(drive));
     // The host repeats the order before it is done.
-    assert!(board.ask(1, &request, MotorState::Driven).is_empty());
+    assert!(board.request(1, &request, MotorState::Driven).is_empty());
     assert_eq!(board.demand, None);
     let hello = Request::Hello {
         protocol: PROTOCOL,
         nonce: 1,
     };
     for (number, other) in [(2, &request), (3, &Request::Watch), (4, &hello)] {
-        assert!(board.ask(number, other, MotorState::Off).is_empty());
+        assert!(board.request(number, other, MotorState::Off).is_empty());
         assert_eq!(board.demand, None);
     }
     assert_answered(&board.done(Ok(())), 1, Reply::Done);
@@ -465,7 +465,7 @@ fn repeated_order_is_carried_out_once_and_answered_when_done() {
 
     let points = [None; POINTS];
     let path = order(Order::Path { points, end: true });
-    assert!(board.ask(2, &path, MotorState::Driven).is_empty());
+    assert!(board.request(2, &path, MotorState::Driven).is_empty());
     let full = Reply::Refused(Refusal::Point(PathError::Full));
     assert_answered(&board.done(Err(PathError::Full)), 2, full);
     board.expect(2, &path, MotorState::Driven, full);
@@ -474,14 +474,14 @@ fn repeated_order_is_carried_out_once_and_answered_when_done() {
 /// An order of another host or a delayed order does not reach the lead node.
 #[test]
 fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
-    let mut board = Driving::greeted(Role::LEAD);
+    let mut board = Driving::after_hello(Role::LEAD);
     let stop = Order::Task(Task::Stop);
     let of = |owner, sequence| Request::Order {
         stamp: stamp(owner, sequence),
         order: stop,
     };
     let refused = Reply::Refused;
-    assert!(board.ask(1, &of(1, 10), MotorState::Driven).is_empty());
+    assert!(board.request(1, &of(1, 10), MotorState::Driven).is_empty());
     assert_eq!(board.order(), Some(stop));
     assert_answered(&board.done(Ok(())), 1, Reply::Done);
     for (number, request, refusal) in [
@@ -503,7 +503,7 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     board.station.now = 900_000;
     board.expect(8, &release, MotorState::Driven, Reply::Done);
     board.station.now = 1_000_001;
-    assert!(board.ask(9, &of(2, 1), MotorState::Driven).is_empty());
+    assert!(board.request(9, &of(2, 1), MotorState::Driven).is_empty());
     assert_eq!(board.order(), Some(stop));
     board.done(Ok(()));
     // A place order refused as armed renews the lease; a record refused as armed does not.
@@ -523,7 +523,7 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     board.station.now = 3_000_002;
     board.expect(16, &keep, MotorState::Driven, Reply::Done);
     // Boards without the lead node have no lease.
-    let mut board = Driving::greeted(Role::axle(1));
+    let mut board = Driving::after_hello(Role::axle(1));
     for owner in [1, 2] {
         let record = Request::Record(stamp(owner, 1));
         board.expect(owner as u8, &record, MotorState::Off, Reply::Done);
@@ -536,7 +536,7 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
 fn late_foreign_and_damaged_orders_do_not_reach_the_lead_node() {
     const FRAMES: u32 = 1_000_000;
     let mut random = Random::new(17);
-    let mut board = Driving::greeted(Role::LEAD);
+    let mut board = Driving::after_hello(Role::LEAD);
     let (mut sequence, mut sent, mut carried) = (0u16, 0, 0);
     for k in 0..FRAMES {
         board.station.now += TICK;

@@ -15,7 +15,7 @@ fn invalid_request_is_refused_with_its_reason() {
 
     let mut host = Host::new(Role::LEAD);
     host.refused(&axle(0, &[]), Refusal::NoSession);
-    assert_eq!(host.greet(PROTOCOL + 1), Role::LEAD);
+    assert_eq!(host.send_hello(PROTOCOL + 1), Role::LEAD);
     host.refused(&axle(0, &[]), Refusal::NoSession);
     host.hello();
     let unknown = [
@@ -47,7 +47,7 @@ fn invalid_request_is_refused_with_its_reason() {
     host.refused(&part(99, 0), Refusal::Part { received: 0 });
     let hash = host.configure(&config);
     host.refused(&start(hash ^ 1, 0, None), Refusal::Hash { found: hash });
-    host.ask(&configure(100, 0, &junk));
+    host.request(&configure(100, 0, &junk));
     host.refused(&start(crc32c(&junk), 0, None), Refusal::Undecodable);
     let mut wrong = config;
     wrong.geometry.wheel_radius_m = f32::NAN;
@@ -59,7 +59,7 @@ fn invalid_request_is_refused_with_its_reason() {
 
     let mut host = Host::started(Role::LEAD, &config, None);
     host.refused(&axle(1, &[]), Refusal::Tick { expected: 0 });
-    host.ask(&axle(0, &[]));
+    host.request(&axle(0, &[]));
     host.refused(&axle(0, &[]), Refusal::Tick { expected: 1 });
     let mut points = [None; protocol::POINTS];
     points[..2].fill(Some(PathPoint::default()));
@@ -71,7 +71,7 @@ fn invalid_request_is_refused_with_its_reason() {
         let mut host = Host::started(role, &config, None);
         host.refused(&request, Refusal::OtherBoard { role });
     }
-    let payload = Host::started(Role::beam(0), &config, None).ask(&beam);
+    let payload = Host::started(Role::beam(0), &config, None).request(&beam);
     let reply = protocol::decode::<Reply>(&payload);
     assert!(matches!(reply, Some((_, Reply::Beam { .. }))), "{reply:?}");
 }
@@ -93,7 +93,7 @@ fn board_resumes_at_the_given_tick() {
         outbox.clear();
         let samples = Samples::Axle(axle_samples(tick));
         let expected = board.step(u64::from(tick) * TICK, &samples, &mut outbox);
-        let payload = host.ask(&axle(tick, &[]));
+        let payload = host.request(&axle(tick, &[]));
         let Some((_, Reply::Axle { torque_nm, bus, .. })) = protocol::decode(&payload) else {
             panic!("tick {tick}");
         };
@@ -167,7 +167,7 @@ fn start_with_partial_configuration_is_refused_and_discards_the_nodes() {
     };
     let found = crc32c(&[1; 100]);
     host.expect(&part, Reply::Configured { hash: found });
-    assert!(is_axle_reply(&host.ask(&axle(0, &[]))));
+    assert!(is_axle_reply(&host.request(&axle(0, &[]))));
     host.refused(&start(found, 1, None), Refusal::Hash { found });
     host.refused(&axle(1, &[]), Refusal::NotStarted);
 }
@@ -182,13 +182,13 @@ fn restarted_nodes_send_no_output_of_the_previous_nodes() {
     };
     // Tick of the first output, which takes several replies.
     let mut tick = 0;
-    while part(&host.ask(&axle(tick, &[]))) == 0 {
+    while part(&host.request(&axle(tick, &[]))) == 0 {
         tick += 1;
         assert!(tick < 20);
     }
     let hash = host.configure(&config);
     host.expect(&start(hash, tick + 1, Some(place())), Reply::Done);
-    assert_eq!(part(&host.ask(&axle(tick + 1, &[]))), 0);
+    assert_eq!(part(&host.request(&axle(tick + 1, &[]))), 0);
 }
 
 #[test]
@@ -239,14 +239,14 @@ fn save_is_pending_once_and_other_requests_get_no_answer_meanwhile() {
 #[test]
 fn resume_takes_the_next_tick_or_a_later_one() {
     let mut host = Host::started(Role::axle(1), &RobotConfig::default(), None);
-    host.ask(&axle(0, &[]));
+    host.request(&axle(0, &[]));
     host.refused(&Request::Resume { tick: 0 }, Refusal::Tick { expected: 1 });
     for tick in [1, 1, 2, 70] {
         host.expect(&Request::Resume { tick }, Reply::Done);
     }
     host.refused(&axle(69, &[]), Refusal::Tick { expected: 70 });
     host.refused(&axle(71, &[]), Refusal::Tick { expected: 70 });
-    assert!(is_axle_reply(&host.ask(&axle(70, &[]))));
+    assert!(is_axle_reply(&host.request(&axle(70, &[]))));
 }
 
 #[test]
@@ -262,7 +262,7 @@ fn bus_frames_that_cannot_be_decoded_are_counted() {
         for _ in 0..count {
             assert!(packed.push(&unknown));
         }
-        let payload = host.ask(&axle(0, packed.bytes()));
+        let payload = host.request(&axle(0, packed.bytes()));
         let Some((_, Reply::Axle { refused, .. })) = protocol::decode(&payload) else {
             panic!("{payload:?}");
         };

@@ -97,7 +97,7 @@ fn value_out_of_range_or_without_valid_node_is_refused_by_name() {
     // In range, but beyond the next gauge.
     let gauge = index("robot.beam.strip.gauges_m[0]");
     host.expect(&set(gauge, 0.2), Reply::Done);
-    let payload = host.ask(&Request::SaveParameters);
+    let payload = host.request(&Request::SaveParameters);
     let Some((_, Reply::Refused(Refusal::Parameter { text }))) = protocol::decode(&payload) else {
         panic!("saved");
     };
@@ -121,7 +121,7 @@ fn parameters_are_neither_set_nor_saved_while_motors_may_be_on() {
         for frame in &waiting {
             packed.push(frame);
         }
-        let payload = host.ask(&axle(tick, packed.bytes()));
+        let payload = host.request(&axle(tick, packed.bytes()));
         let Some((_, Reply::Axle { active, bus, .. })) = protocol::decode(&payload) else {
             panic!("tick {tick}");
         };

@@ -21,7 +21,7 @@ impl LeadNode {
     ) -> Output {
         self.with.governor.stop(&mut self.state.governor);
         if let (Permit::Off, Some(fused)) = (supervision.permit, &fused) {
-            self.settle(fused);
+            self.restart_governor_if_relaxed(fused);
         }
         let motion = self.state.governor.motion;
         let mode = match self.state.task {
@@ -92,7 +92,7 @@ impl LeadNode {
     }
 
     /// Without power the frame leaves the commanded steering angle: the next drive begins with the estimated angle.
-    fn settle(&mut self, fused: &Fused) {
+    fn restart_governor_if_relaxed(&mut self, fused: &Fused) {
         let [pair] = &fused.pairs;
         let steering = pair.relative_heading().steering();
         if !((steering.0 - self.state.governor.motion.psi.0).abs() <= RELAXED_RAD) {

@@ -36,7 +36,7 @@ impl SupervisorBench {
         };
         bench.tick(NOTHING);
         for request in requests {
-            bench.ask(*request);
+            bench.request(*request);
         }
         assert_eq!(bench.state.operating(), state);
         bench
@@ -56,8 +56,8 @@ impl SupervisorBench {
         self.step(input)
     }
 
-    fn ask(&mut self, request: StateRequest) -> Output {
-        self.tick(asked(NOTHING, request))
+    fn request(&mut self, request: StateRequest) -> Output {
+        self.tick(with_request(NOTHING, request))
     }
 
     fn with(&mut self, condition: Condition) -> Output {
@@ -94,7 +94,7 @@ fn present(condition: Condition) -> Input {
     }
 }
 
-fn asked(input: Input, request: StateRequest) -> Input {
+fn with_request(input: Input, request: StateRequest) -> Input {
     Input {
         request: Some(request),
         ..input
@@ -233,13 +233,13 @@ fn first_condition_is_the_reason_until_it_is_cleared() {
     bench.with(Condition::NotANumber);
     assert_eq!(bench.state.first(), Some(CUT));
     // The first condition is gone and another holds: after clearing, the other is the reason.
-    let output = bench.tick(asked(
+    let output = bench.tick(with_request(
         present(Condition::EmergencyStop),
         StateRequest::Clear,
     ));
     assert_eq!(output.state, OperatingState::Fault);
     assert_eq!(output.reason, Some(Condition::EmergencyStop));
-    let output = bench.ask(StateRequest::Clear);
+    let output = bench.request(StateRequest::Clear);
     assert_eq!((output.state, output.reason), (OperatingState::Idle, None));
 }
 
@@ -249,12 +249,16 @@ fn clear_changes_nothing_outside_of_a_fault() {
     for state in OperatingState::ALL {
         let mut bench = SupervisorBench::in_state(state);
         let clears = state == OperatingState::Fault;
-        assert_eq!(bench.ask(StateRequest::Clear).changed, clears, "{state:?}");
+        assert_eq!(
+            bench.request(StateRequest::Clear).changed,
+            clears,
+            "{state:?}"
+        );
     }
     let mut bench = SupervisorBench::driving();
     bench.with(Condition::EmergencyStop);
     for _ in 0..100 {
-        let output = bench.ask(StateRequest::Clear);
+        let output = bench.request(StateRequest::Clear);
         assert_eq!(output.state, OperatingState::SafeStop);
         assert_eq!(output.reason, Some(Condition::EmergencyStop));
     }
@@ -274,14 +278,14 @@ fn stop_condition_that_is_over_needs_no_clearing_while_motors_are_off() {
         for _ in 0..=ticks_of(Condition::SupplyLow) {
             bench.with(Condition::SupplyLow);
         }
-        let output = bench.tick(asked(present(Condition::SupplyLow), request));
+        let output = bench.tick(with_request(present(Condition::SupplyLow), request));
         assert_eq!(
             (output.state, output.reason),
             (state, Some(Condition::SupplyLow))
         );
         let output = bench.tick(NOTHING);
         assert_eq!((output.state, output.reason), (state, None));
-        assert!(bench.ask(request).changed);
+        assert!(bench.request(request).changed);
     }
 }
 
@@ -306,21 +310,21 @@ fn a_stop_ends_with_rest_or_after_two_seconds() {
     for round in 0..3 {
         // A requested stop ends without a fault.
         assert_eq!(
-            bench.ask(StateRequest::Disarm).state,
+            bench.request(StateRequest::Disarm).state,
             OperatingState::SafeStop
         );
         assert_eq!(bench.ticks_until_change(NOTHING), 2001, "{round}");
         assert_eq!(bench.state.operating(), OperatingState::Idle);
         // The time of a stop that ends by rest does not count for the next stop.
         for request in [StateRequest::Arm, StateRequest::Start, StateRequest::Disarm] {
-            bench.ask(request);
+            bench.request(request);
         }
         for _ in 0..1500 {
             assert!(!bench.tick(NOTHING).changed);
         }
         assert_eq!(bench.tick(HALTED).state, OperatingState::Idle);
         for request in [StateRequest::Arm, StateRequest::Start] {
-            bench.ask(request);
+            bench.request(request);
         }
     }
     let mut bench = SupervisorBench::driving();
@@ -358,7 +362,7 @@ fn degraded_driving_ends_by_time_or_distance() {
             ..present(Condition::BeamLost)
         };
         assert_eq!(bench.tick(rest).state, OperatingState::Fault);
-        let cleared = bench.tick(asked(rest, StateRequest::Clear));
+        let cleared = bench.tick(with_request(rest, StateRequest::Clear));
         assert_eq!(cleared.state, OperatingState::Idle);
     }
 }
@@ -374,7 +378,7 @@ fn allowance_is_used_while_driving_and_restored_at_the_end() {
     for _ in 0..25_000 {
         assert!(!bench.tick(degraded(0.25)).changed);
     }
-    bench.tick(asked(degraded(0.0), StateRequest::Start));
+    bench.tick(with_request(degraded(0.0), StateRequest::Start));
     assert_eq!(bench.ticks_until_change(degraded(0.25)), 9);
 
     for (moved_m, most) in [(0.0, 51 + 19_999), (0.25, 51 + 8)] {

@@ -647,14 +647,17 @@ fn papers_law_stops_at_its_led_goal_and_gives_up_without_commanded_speed() {
             0.0
         };
         if expected == Approach {
-            let asked = command(posture);
+            let limited_command = command(posture);
             assert!(
-                (output.command.v - asked.v).abs() < 1e-6,
+                (output.command.v - limited_command.v).abs() < 1e-6,
                 "{row}: {output:?}"
             );
-            assert!((output.command.kappa - asked.kappa).abs() < 1e-5, "{row}");
+            assert!(
+                (output.command.kappa - limited_command.kappa).abs() < 1e-5,
+                "{row}"
+            );
             let forward = state.plan.approach == Direction::Forward;
-            assert_eq!(forward, asked.v > 0.0, "{row}");
+            assert_eq!(forward, limited_command.v > 0.0, "{row}");
         } else {
             assert_eq!(
                 (output.command.v, output.command.kappa),
