@@ -5,7 +5,7 @@
 //!
 //! | event | values | source and "saved" of a value | reason |
 //! |---|---|---|---|
-//! | start of a board | values of the store, by [`Contents::settle`]; all defaults if no node can be built with them | source by the store; saved | |
+//! | start of a board | values of the store, by [`Contents::resolve`]; all defaults if no node can be built with them | source by the store; saved | |
 //! | value set | the value, if in range; unchanged otherwise | source unchanged; saved if the bits equal those after a reset | |
 //! | parameters saved | unchanged | source by the store; saved if the store holds the value | the store is read back |
 //! | no such index | refused: index | | |
@@ -52,7 +52,7 @@ impl StoredParameters {
     /// Parameters of a board with an empty store.
     pub fn new(role: Role) -> Self {
         let base = Settings::of(role);
-        let (stored, report) = Contents::EMPTY.settle(&base, |_| Ok(()));
+        let (stored, report) = Contents::EMPTY.resolve(&base, |_| Ok(()));
         Self {
             role,
             stored,
@@ -71,7 +71,7 @@ impl StoredParameters {
     #[inline(never)]
     pub fn saved(&mut self, contents: &Contents) {
         let base = Settings::of(self.role);
-        (self.stored, self.report) = contents.settle(&base, |settings| settings.check(self.role));
+        (self.stored, self.report) = contents.resolve(&base, |settings| settings.check(self.role));
     }
 
     /// Role of the board.

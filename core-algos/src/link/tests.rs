@@ -167,7 +167,7 @@ pub(super) fn board(role: Role, contents: &Contents) -> SimLink {
     board
 }
 
-pub(super) fn place() -> Placement {
+pub(super) fn placement() -> Placement {
     Placement {
         center: Estimate::with_sigmas(Posture::new(-1.0, -1.0, 0.2), [1e-3; 3]),
         relative: Estimate::with_sigmas(Posture::new(0.37, 0.0, 0.0), [1e-3; 3]),
@@ -227,10 +227,10 @@ fn bits(sent: &impl serde::Serialize) -> Vec<u8> {
 #[test]
 fn front_board_behind_link_matches_direct_nodes_bit_for_bit() {
     let config = RobotConfig::default();
-    let mut host = Host::started(Role::LEAD, &config, Some(place()));
+    let mut host = Host::started(Role::LEAD, &config, Some(placement()));
     let mut board = Board::new(&config, Role::LEAD).unwrap();
     let lead = board.lead().unwrap();
-    lead.initialize(&place());
+    lead.initialize(&placement());
     let goal = Posture::ORIGIN;
     let command = Task::regulate(goal);
 
@@ -395,7 +395,7 @@ pub(super) fn damage(random: &mut Random, bytes: &mut Vec<u8>) {
 fn million_damaged_streams_pass_no_wrong_frame() {
     const STREAMS: u32 = 1_000_000;
     let mut random = Random::new(11);
-    let mut host = Host::started(Role::LEAD, &RobotConfig::default(), Some(place()));
+    let mut host = Host::started(Role::LEAD, &RobotConfig::default(), Some(placement()));
     let mut originals: Vec<Vec<u8>> = Vec::new();
     let frames: Vec<SerialFrame> = (0..16)
         .map(|k| {
@@ -472,7 +472,7 @@ fn million_damaged_streams_pass_no_wrong_frame() {
 fn random_request_is_always_answered() {
     let mut random = Random::new(12);
     for role in Topology::PAIR.boards() {
-        let mut host = Host::started(role, &RobotConfig::default(), Some(place()));
+        let mut host = Host::started(role, &RobotConfig::default(), Some(placement()));
         let mut answered = 0;
         for round in 0..60_000 {
             let length = 2 + below(&mut random, 60);
@@ -485,7 +485,7 @@ fn random_request_is_always_answered() {
             let answer = host.send(SerialFrame::new(&payload).unwrap().bytes());
             answered += u32::from(protocol::decode::<Reply>(&answer).is_some());
             if round % 500 == 0 {
-                host = Host::started(role, &RobotConfig::default(), Some(place()));
+                host = Host::started(role, &RobotConfig::default(), Some(placement()));
             }
         }
         assert_eq!(answered, 60_000);

@@ -248,7 +248,7 @@ impl Contents {
 
     /// Settings of a board after a start: `base` with the usable stored values. If `check` refuses the result, `base`
     /// is used unchanged.
-    pub fn settle(
+    pub fn resolve(
         &self,
         base: &Settings,
         check: impl Fn(&Settings) -> Result<(), ConfigError>,

@@ -244,7 +244,7 @@ impl Bench {
 
 fn order(bytes: &mut Bytes) -> Order {
     match bytes.byte() % 7 {
-        0 => Order::SetPose(place()),
+        0 => Order::SetPose(placement()),
         1 => Order::Task(Task::Stop),
         2 => Order::Task(Task::Clear),
         3 => Order::Task(Task::Drive {
@@ -260,7 +260,7 @@ fn order(bytes: &mut Bytes) -> Order {
     }
 }
 
-fn place() -> Placement {
+fn placement() -> Placement {
     CONFIG.placement(Posture::ORIGIN, &ConfiguredPlacement::default())
 }
 

@@ -6,7 +6,7 @@ use crate::bus::Message;
 use crate::fusion::testing::Random;
 use crate::link::framing::Counters;
 use crate::link::protocol::{POINTS, Packed};
-use crate::link::tests::{CONFIG, STACK, below, damage, order, payloads, place, stamp};
+use crate::link::tests::{CONFIG, STACK, below, damage, order, payloads, placement, stamp};
 use crate::math::Posture;
 use crate::node::lead::Task;
 use crate::node::{axle, beam};
@@ -166,7 +166,7 @@ fn request_is_granted_or_refused_by_role_and_motor_state() {
     let (done, refused) = (Some(Reply::Done), |why| Some(Reply::Refused(why)));
     let [armed, malformed, none] =
         [Refusal::Armed, Refusal::Malformed, Refusal::NoSession].map(refused);
-    let (stand, stop) = (Order::SetPose(place()), Order::Task(Task::Stop));
+    let (stand, stop) = (Order::SetPose(placement()), Order::Task(Task::Stop));
     let crash = Some(Reply::Crash {
         counts: [1, 2, 3, 4],
         message: "panicked at tick.rs:120",
@@ -510,7 +510,7 @@ fn order_without_the_lease_or_with_an_old_sequence_is_refused() {
     board.station.now = 2_000_001;
     let stand = Request::Order {
         stamp: stamp(2, 2),
-        order: Order::SetPose(place()),
+        order: Order::SetPose(placement()),
     };
     board.expect(12, &stand, MotorState::Driven, refused(Refusal::Armed));
     let record = Request::Record(stamp(2, 3));

@@ -2,7 +2,7 @@ use super::*;
 use crate::beam::MAX_GAUGES;
 use crate::control::path::{PathError, PathPoint};
 use crate::link::Order;
-use crate::link::tests::{Host, axle, axle_samples, board, is_axle_reply, order, place, start};
+use crate::link::tests::{Host, axle, axle_samples, board, is_axle_reply, order, placement, start};
 use crate::node::lead::Task;
 
 #[test]
@@ -175,7 +175,7 @@ fn start_with_partial_configuration_is_refused_and_discards_the_nodes() {
 #[test]
 fn restarted_nodes_send_no_output_of_the_previous_nodes() {
     let config = RobotConfig::default();
-    let mut host = Host::started(Role::LEAD, &config, Some(place()));
+    let mut host = Host::started(Role::LEAD, &config, Some(placement()));
     let part = |payload: &[u8]| match protocol::decode(payload) {
         Some((_, Reply::Axle { telemetry, .. })) => telemetry.len(),
         other => panic!("{other:?}"),
@@ -187,7 +187,7 @@ fn restarted_nodes_send_no_output_of_the_previous_nodes() {
         assert!(tick < 20);
     }
     let hash = host.configure(&config);
-    host.expect(&start(hash, tick + 1, Some(place())), Reply::Done);
+    host.expect(&start(hash, tick + 1, Some(placement())), Reply::Done);
     assert_eq!(part(&host.request(&axle(tick + 1, &[]))), 0);
 }
 

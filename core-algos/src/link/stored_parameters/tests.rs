@@ -2,7 +2,7 @@ use super::*;
 use crate::bus;
 use crate::link::order::Order;
 use crate::link::protocol::{self, Packed, Request};
-use crate::link::tests::{Host, axle, echo, order, place, start};
+use crate::link::tests::{Host, axle, echo, order, placement, start};
 use crate::math::Posture;
 use crate::node::lead::Task;
 use crate::node::robot::RobotConfig;
@@ -108,7 +108,7 @@ fn value_out_of_range_or_without_valid_node_is_refused_by_name() {
 #[test]
 fn parameters_are_neither_set_nor_saved_while_motors_may_be_on() {
     let set = set(0, 0.08);
-    let mut host = Host::started(Role::LEAD, &RobotConfig::default(), Some(place()));
+    let mut host = Host::started(Role::LEAD, &RobotConfig::default(), Some(placement()));
     host.expect(&set, Reply::Done);
     let mut waiting = Vec::<bus::CanFrame>::new();
     let mut drives = false;

@@ -115,7 +115,7 @@ impl Parameters {
     fn settle(&mut self, role: Role) {
         let contents = self.store.contents();
         let check = |settings: &Settings| settings.check(role);
-        (self.settings, self.report) = contents.settle(&self.base, check);
+        (self.settings, self.report) = contents.resolve(&self.base, check);
     }
 
     /// Saves the settings; true on success. The core itself writes the flash: only interrupts run meanwhile.

@@ -133,7 +133,7 @@ fn settled(bytes: &[u8], role: Role) -> (Settings, StoreReport) {
         return (base, StoreReport::default());
     };
     let check = |settings: &Settings| settings.check(role);
-    run(store.load()).settle(&base, check)
+    run(store.load()).resolve(&base, check)
 }
 
 /// Rail failures at random instants of a start, after one undisturbed start.
