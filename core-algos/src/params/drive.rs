@@ -147,12 +147,6 @@ impl Drive {
             "supply_minimum_v",
             self.supply_minimum_v,
             Allowed::Condition("less than supply_maximum_v"),
-        )?;
-        require(
-            self.supply_warning_v > self.supply_minimum_v,
-            "supply_warning_v",
-            self.supply_warning_v,
-            Allowed::Condition("greater than supply_minimum_v"),
         )
         .map(|_| ())
     }

@@ -11,7 +11,7 @@ mod terminal;
 
 use cfmmr::dashboard::Dashboard;
 use core_algos::link::protocol::StackUse;
-use core_algos::link::{Endpoint, Identity};
+use core_algos::link::{Identity, SimLink};
 use core_algos::topology::Role;
 use core_algos::topology::Topology;
 use program::{assert_refused, command};
@@ -315,13 +315,13 @@ fn front_board(damaged: usize) -> String {
     };
     let mut port = File::from(master);
     thread::spawn(move || {
-        let mut endpoint = Endpoint::new(identity, StackUse::unknown);
+        let mut sim_link = SimLink::new(identity, StackUse::unknown);
         let (mut room, mut answers) = ([0; 4096], 0);
         loop {
             match port.read(&mut room) {
                 Ok(count) => {
                     let mut answer = Vec::new();
-                    endpoint.receive(&room[..count], &mut |bytes| answer.extend_from_slice(bytes));
+                    sim_link.receive(&room[..count], &mut |bytes| answer.extend_from_slice(bytes));
                     answers += usize::from(!answer.is_empty());
                     if answers == damaged {
                         // Neither value is the end of a frame.

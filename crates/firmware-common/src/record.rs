@@ -5,8 +5,8 @@
 use core::sync::atomic::{AtomicBool, AtomicU16, AtomicU32, AtomicUsize, Ordering};
 
 use core_algos::bus::CanFrame;
-use core_algos::link::attendant::REPORT_ENTRIES;
 use core_algos::link::record::{Entry, MAX_ENTRY};
+use core_algos::link::run_link::REPORT_ENTRIES;
 
 /// Capacity in words: twice what all boards write in two epochs. A power of two.
 const ROOM: usize = 512;

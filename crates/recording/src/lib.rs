@@ -37,7 +37,7 @@ mod writer;
 
 use core_algos::bus::CanFrame;
 use core_algos::link::framing::crc32c;
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::node::board::Samples;
 use core_algos::node::lead::{self, Task};
 use core_algos::node::robot::RobotConfig;
@@ -328,7 +328,7 @@ impl Line {
 }
 
 impl Start {
-    fn new(tick: u32, config: &RobotConfig, place: Option<&Place>) -> Self {
+    fn new(tick: u32, config: &RobotConfig, place: Option<&Placement>) -> Self {
         let parameters = Hex::of(config);
         Self {
             tick,
@@ -360,7 +360,7 @@ fn in_words(command: &HostCommand) -> String {
             format!("regulate to {} m, {} m, {} rad", goal.x, goal.y, goal.phi)
         }
         HostCommand::Task(task) => format!("{task:?}").to_lowercase(),
-        HostCommand::Place(place) => {
+        HostCommand::SetPose(place) => {
             let at = place.center.posture;
             format!("posture {} m, {} m, {} rad", at.x, at.y, at.phi)
         }

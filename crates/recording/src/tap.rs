@@ -3,7 +3,7 @@
 use super::entry::{Can, HostCommandEntry, Off, Start};
 use super::{Line, Session};
 use core_algos::bus::{self, CanFrame, Message};
-use core_algos::link::protocol::{Place, StackUse};
+use core_algos::link::protocol::{Placement, StackUse};
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::Micros;
@@ -90,7 +90,7 @@ impl Target for Tap {
         &mut self,
         config: &RobotConfig,
         tick: u32,
-        place: Option<&Place>,
+        place: Option<&Placement>,
     ) -> Result<(), Fault> {
         self.target.start(config, tick, place)?;
         self.received.clear();

@@ -8,8 +8,8 @@ use core_algos::bus::{CanFrame, Message};
 use core_algos::link::Stamp;
 use core_algos::link::framing::{self, Decoder, MAX_FRAME};
 use core_algos::link::protocol::{
-    self, CONFIG_CHUNK, CrashRecord, MAX_CONFIG, PROTOCOL, Packed, Place, Refusal, Reply, Request,
-    StackUse, Telemetry,
+    self, CONFIG_CHUNK, CrashRecord, MAX_CONFIG, PROTOCOL, Packed, Placement, Refusal, Reply,
+    Request, StackUse, Telemetry,
 };
 use core_algos::node::board::Samples;
 use core_algos::node::path_task::{PATH_POINTS, TRAJECTORY_POINTS};
@@ -85,7 +85,7 @@ impl Remote {
 
     /// Ends a session that an earlier host has left open, because a board in a session does not relay.
     pub(super) fn attend(&mut self) -> Result<(), Fault> {
-        self.change_session("the end of its session", false, &Request::Leave)
+        self.change_session("the end of its session", false, &Request::EndSession)
     }
 
     /// Repeats the request until the board is in a session (`open`) or in none.
@@ -113,7 +113,7 @@ impl Remote {
     /// Ends the session and waits for the reply.
     pub fn leave(mut self) -> Result<(), Error> {
         let name = self.name;
-        let left = self.carry_out("the end of the session", &Request::Leave);
+        let left = self.carry_out("the end of the session", &Request::EndSession);
         self.build.clear();
         match left {
             // If the reply was lost, the board has already reset.
@@ -279,7 +279,7 @@ impl Drop for Remote {
     /// The board returns to driving; without a reply it does so after a timeout.
     fn drop(&mut self) {
         if !self.build.is_empty() {
-            let _ = self.conversation.ask(&Request::Leave);
+            let _ = self.conversation.ask(&Request::EndSession);
         }
     }
 }
@@ -289,7 +289,7 @@ impl Target for Remote {
         &mut self,
         config: &RobotConfig,
         tick: u32,
-        place: Option<&Place>,
+        place: Option<&Placement>,
     ) -> Result<(), Fault> {
         self.hello()?;
         let hash = self.configure(config)?;
@@ -318,7 +318,7 @@ impl Target for Remote {
             HostCommand::Trajectory { points, .. } => {
                 self.room.trajectory = self.room.trajectory.saturating_sub(points.len());
             }
-            HostCommand::Task(_) | HostCommand::Place(_) | HostCommand::Lost => {}
+            HostCommand::Task(_) | HostCommand::SetPose(_) | HostCommand::Lost => {}
         }
         Ok(())
     }

@@ -571,9 +571,9 @@ fn restarted(board: &str) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use core_algos::link::attendant::Station;
     use core_algos::link::protocol::{CrashRecord, StackUse};
-    use core_algos::link::{Attendant, Demand, Identity};
+    use core_algos::link::run_link::Station;
+    use core_algos::link::{Demand, Identity, RunLink};
     use core_algos::math::Posture;
     use core_algos::node::robot::RobotConfig;
     use host_sim::world::random::{Stream, generator};
@@ -588,7 +588,7 @@ mod tests {
         let mut random = generator(5, 0, Stream::Other(0));
         let (role, build) = (Role::LEAD, "test");
         let identity = Identity { build, role };
-        let mut board = Attendant::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
+        let mut board = RunLink::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
         let mut station = Station::default();
         let mut link = BoardLink::new(Topology::PAIR, role, 7);
         link.open();

@@ -1,7 +1,7 @@
 //! Byte links to boards: in this process, or through file descriptors.
 
 use core_algos::link::protocol::StackUse;
-use core_algos::link::{Endpoint, Identity};
+use core_algos::link::{Identity, SimLink};
 use firmware_common::store::Store;
 use firmware_common::store::simulated::{Flash, run};
 use host_sim::base::error::Error;
@@ -67,7 +67,7 @@ const SECTOR: usize = 16 * 1024;
 /// A board in this process behind encoded frames, with its store in a simulated flash.
 pub struct Loopback {
     identity: Identity,
-    endpoint: Option<Endpoint>,
+    sim_link: Option<SimLink>,
     halted: bool,
     waiting: VecDeque<u8>,
     store: Store<Flash<SECTOR>>,
@@ -94,7 +94,7 @@ impl Loopback {
         let range = flash.range();
         let mut board = Self {
             identity,
-            endpoint: None,
+            sim_link: None,
             halted: false,
             waiting: VecDeque::new(),
             store: Store::new(flash, range).expect("whole sectors"),
@@ -105,9 +105,9 @@ impl Loopback {
     }
 
     fn start(&mut self) {
-        let mut endpoint = Endpoint::new(self.identity, StackUse::unknown);
-        endpoint.load(run(self.store.load()));
-        self.endpoint = Some(endpoint);
+        let mut sim_link = SimLink::new(self.identity, StackUse::unknown);
+        sim_link.load(run(self.store.load()));
+        self.sim_link = Some(sim_link);
     }
 }
 
@@ -140,20 +140,20 @@ impl Link for Loopback {
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        let endpoint = self.endpoint.as_mut().ok_or(ErrorKind::BrokenPipe)?;
+        let sim_link = self.sim_link.as_mut().ok_or(ErrorKind::BrokenPipe)?;
         if self.halted {
             return Ok(());
         }
         let mut answer = |bytes: &[u8]| self.waiting.extend(bytes);
-        endpoint.receive(bytes, &mut answer);
-        if let Some(save) = endpoint.save() {
+        sim_link.receive(bytes, &mut answer);
+        if let Some(save) = sim_link.save() {
             let saved = run(self.store.save(&save.settings, &save.base, save.off));
             if let Some(file) = &self.file {
                 let written = files::write_file(file, &self.store.flash().bytes);
                 written.map_err(|error| io::Error::other(error.to_string()))?;
             }
             let done = saved.ok().map(|values| (values, self.store.contents()));
-            endpoint.saved(done, &mut answer);
+            sim_link.saved(done, &mut answer);
         }
         Ok(())
     }
@@ -163,7 +163,7 @@ impl Link for Loopback {
     }
 
     fn kill(&mut self) -> Result<(), Error> {
-        self.endpoint = None;
+        self.sim_link = None;
         self.waiting.clear();
         Ok(())
     }

@@ -10,7 +10,7 @@ use crate::link::Link;
 use crate::unanswered::Unanswered;
 use core_algos::bus::CanFrame;
 use core_algos::link::lease::TERM;
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::node::lead::{self, Task};
 use core_algos::safety::{Condition, OperatingState};
 use core_algos::time::{Micros, TICK};
@@ -133,7 +133,7 @@ impl SerialRobot {
     pub fn open(
         topology: Topology,
         mut connect: Connect,
-        place: Option<Place>,
+        place: Option<Placement>,
         record: Option<(&Scenario, Vec<OtherBoard>)>,
     ) -> Result<Self, Error> {
         let mut robot = Self {
@@ -188,11 +188,11 @@ impl SerialRobot {
     }
 
     /// Requests reports and sets the robot's place, if given; waits for both.
-    fn await_lead(&mut self, place: Option<Place>) -> Result<(), Error> {
+    fn await_lead(&mut self, place: Option<Placement>) -> Result<(), Error> {
         match place {
             Some(place) => {
                 self.link.open();
-                self.link.command(&HostCommand::Place(place));
+                self.link.command(&HostCommand::SetPose(place));
             }
             None => self.link.watch(),
         }
@@ -224,14 +224,14 @@ impl SerialRobot {
     /// Restarts the nodes, at `place` or at the robot's estimate, and waits until all boards are recorded.
     fn begin_record(
         &mut self,
-        place: Option<Place>,
+        place: Option<Placement>,
         scenario: &Scenario,
         others: Vec<OtherBoard>,
     ) -> Result<(), Error> {
         let fused = self.lead.fused;
         let known = fused.robot.covariance[0][0] > 0.0;
-        let told = scenario.mission.told();
-        let mut here = scenario.robot.put_down(fused.robot.posture, &told);
+        let configured = scenario.mission.configured_placement();
+        let mut here = scenario.robot.placement(fused.robot.posture, &configured);
         here.center = fused.robot;
         here.relative.posture = fused.front.posture.relative_to(fused.rear.posture);
         let place = place.or(known.then_some(here));
@@ -253,7 +253,7 @@ impl SerialRobot {
         self.await_record(|robot| robot.others.iter().all(|other| other.link.has_begun()))?;
         self.link.record();
         if let Some(place) = place {
-            self.link.command(&HostCommand::Place(place));
+            self.link.command(&HostCommand::SetPose(place));
         }
         self.settle()?;
         self.await_record(|robot| robot.link.has_begun() && robot.is_ready())

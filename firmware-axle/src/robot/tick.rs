@@ -9,7 +9,7 @@ use core_algos::drive::winding::{self, Winding};
 use core_algos::link::MotorState;
 use core_algos::link::record::Entry;
 use core_algos::node::board::{Board, Samples};
-use core_algos::node::tick_sync::Step;
+use core_algos::node::tick_sync::TickStep;
 use core_algos::node::{Outbox, axle};
 use core_algos::params::Drive;
 use core_algos::safety::{Condition, Conditions};
@@ -192,9 +192,9 @@ impl AxleTick {
         let step = common.sync.step(local);
         self.axle.motors.trim(common.sync.trim());
         let (now, begins) = match step {
-            Step::Wait => return None,
-            Step::Run(now) => (now, common.link.take_begin() && !self.driving && !on),
-            Step::Restart(now) => (now, true),
+            TickStep::Wait => return None,
+            TickStep::Run(now) => (now, common.link.take_begin() && !self.driving && !on),
+            TickStep::Restart(now) => (now, true),
         };
         if begins {
             // The restarted nodes do not know that they drove; `restarted` reports why the robot stopped.

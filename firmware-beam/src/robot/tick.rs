@@ -11,7 +11,7 @@ use core_algos::node::Outbox;
 use core_algos::node::beam::{self, BeamNode};
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
-use core_algos::node::tick_sync::Step;
+use core_algos::node::tick_sync::TickStep;
 use core_algos::params::Disarmed;
 use core_algos::safety::{Condition, Conditions};
 use core_algos::time::{Micros, TICK};
@@ -204,7 +204,7 @@ impl BeamTick {
     fn run_node(&mut self, block: &Block, common: &mut Common) {
         let step = common.sync.step(block.local);
         self.beam.bridges.trim(common.sync.trim());
-        let (Step::Run(now) | Step::Restart(now)) = step else {
+        let (TickStep::Run(now) | TickStep::Restart(now)) = step else {
             return;
         };
         let conditions = core::mem::take(&mut self.found)

@@ -69,7 +69,7 @@ impl Rig {
         let topology = scenario.robot.topology();
         let start = Posture::from(scenario.mission.start.map(|value| value as f32));
         let config = board_config(scenario, imperfections);
-        let place = config.put_down(start, &scenario.mission.told());
+        let place = config.placement(start, &scenario.mission.configured_placement());
         let believed = &settings[topology.place(Role::beam(0))].robot.beam;
         let gauges = believed.strip.gauges_m.count();
         let calibration = believed.calibration.build(gauges)?;

@@ -17,7 +17,7 @@ use crate::targets::HostCommand;
 use core_algos::bus::field::{Calibrate, CalibrationResult};
 use core_algos::bus::{self, LeadMode, Message};
 use core_algos::control::regulator::Phase;
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::math::Posture;
 use core_algos::node::lead::{DEAD_MAN, Task};
 use core_algos::safety::{Condition, OperatingState};
@@ -462,7 +462,7 @@ impl<R: Robot, F: FnMut(&Record)> Errand<R> for Taking<'_, F> {
             }
             (Step::Pose(pose), Some(_), _) if off && !self.asked => {
                 self.asked = true;
-                robot.command(&HostCommand::Place(place(robot, self.scenario, *pose)))
+                robot.command(&HostCommand::SetPose(place(robot, self.scenario, *pose)))
             }
             (Step::Zero, Some(_), _) if off && !self.asked => {
                 self.asked = true;
@@ -549,10 +549,12 @@ fn is_clear(robot: &impl Robot) -> bool {
 }
 
 /// Robot placed at a posture. Its frame is bent as the lead node estimates, or straight without an estimate.
-fn place(robot: &impl Robot, scenario: &Scenario, pose: [f64; 3]) -> Place {
+fn place(robot: &impl Robot, scenario: &Scenario, pose: [f64; 3]) -> Placement {
     let fused = robot.record().lead.fused;
     let at = Posture::from(pose.map(|value| value as f32));
-    let mut place = scenario.robot.put_down(at, &scenario.mission.told());
+    let mut place = scenario
+        .robot
+        .placement(at, &scenario.mission.configured_placement());
     let known = fused.robot.covariance[0][0] > 0.0;
     if known {
         place.relative.posture = fused.front.posture.relative_to(fused.rear.posture);

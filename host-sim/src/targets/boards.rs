@@ -16,7 +16,7 @@ use super::losses::{Event, Losses, What};
 use super::{BoardTraffic, Fault, HostCommand, Output, Posted, Report, Room, Target};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::time::{Micros, TICK};
@@ -94,7 +94,7 @@ impl Boards {
         topology: Topology,
         targets: Vec<Box<dyn Target>>,
         configs: Vec<RobotConfig>,
-        place: &Place,
+        place: &Placement,
         rps: bool,
     ) -> Result<Self, Error> {
         let slot = |(role, target): (Role, _)| Slot {

@@ -4,7 +4,7 @@ use super::{Fault, HostCommand, Output, Posted, Report, Room, Target};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
 use core_algos::control::controller::KinematicController;
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::node::Outbox;
 use core_algos::node::board::{Board, Samples};
 use core_algos::node::lead::LeadNode;
@@ -62,7 +62,7 @@ impl Target for InProcess {
         &mut self,
         config: &RobotConfig,
         _tick: u32,
-        place: Option<&Place>,
+        place: Option<&Placement>,
     ) -> Result<(), Fault> {
         self.board = Some(Board::new(config, self.role).map_err(Error::from)?);
         let controller = self.controller;
@@ -83,7 +83,7 @@ impl Target for InProcess {
         let mut orders = command.orders().into_iter();
         let refused = |error| Error::input(format!("{}: {error}", command.subject()));
         Ok(orders
-            .try_for_each(|order| order.carry_out(lead))
+            .try_for_each(|order| order.execute(lead))
             .map_err(refused)?)
     }
 

@@ -17,7 +17,7 @@ pub use losses::{Event, Losses, What};
 
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
-use core_algos::link::protocol::{Place, StackUse};
+use core_algos::link::protocol::{Placement, StackUse};
 use core_algos::node::board::Samples;
 use core_algos::node::lead;
 use core_algos::node::robot::RobotConfig;
@@ -166,7 +166,7 @@ pub trait Target: Send {
         &mut self,
         config: &RobotConfig,
         tick: u32,
-        place: Option<&Place>,
+        place: Option<&Placement>,
     ) -> Result<(), Fault>;
 
     /// Sends a command to the lead node; for the front board only.

@@ -82,7 +82,8 @@ pub struct World {
     /// The bus between the boards.
     pub bus: BusConfig,
     /// Standard deviations of start and floor drift, as configured in the boards.
-    pub told: ToldOfPlace,
+    #[serde(rename = "told")]
+    pub placement: PlacementAccuracy,
 }
 
 /// Keys of a world file.
@@ -91,7 +92,7 @@ pub const FIELDS: &[Field] = &[
     table("spread", "Spread from robot to robot.", Spread::KIND),
     table("sensors", "Sensors.", SensorConfig::KIND),
     table("bus", "The bus between the boards.", BusConfig::KIND),
-    table("told", "What the robot is told.", ToldOfPlace::KIND),
+    table("told", "What the robot is told.", PlacementAccuracy::KIND),
 ];
 
 /// The key of a table.
@@ -101,7 +102,7 @@ pub(crate) const fn table(name: &'static str, doc: &'static str, kind: Kind) -> 
 
 table! {
     /// Standard deviations of start posture and floor drift, as configured in the boards. A mission may give others.
-    pub struct ToldOfPlace {
+    pub struct PlacementAccuracy {
         /// Standard deviation of the start position along each axis.
         pub placement_m: f64 = 5e-3, "m": NonNegative;
         /// Standard deviation of the start heading.
@@ -121,7 +122,7 @@ impl Default for World {
             spread: Spread::default(),
             sensors: SensorConfig::default(),
             bus: BusConfig::default(),
-            told: ToldOfPlace::default(),
+            placement: PlacementAccuracy::default(),
         }
     }
 }
@@ -211,7 +212,7 @@ impl World {
                  plant.strip_length_m, which is {length}"
             )));
         }
-        within("told", self.told.check_ranges())?;
+        within("told", self.placement.check_ranges())?;
         within("bus", self.bus.check_ranges())?;
         let (late, boards) = (self.bus.late_ms.len(), ROBOT.board_count());
         match late == boards {

@@ -3,7 +3,7 @@
 use super::plan::{BusFault, Distorted, Plan};
 use super::watch::{AxleWatch, BeamWatch, LeadWatch, Violation};
 use core_algos::bus::{CanFrame, Message};
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::node::board::{Board, Samples};
 use core_algos::node::lead::{LeadNode, Task};
 use core_algos::node::robot::RobotConfig;
@@ -146,7 +146,12 @@ impl Watched {
 }
 
 impl Target for Watched {
-    fn start(&mut self, config: &RobotConfig, _: u32, place: Option<&Place>) -> Result<(), Fault> {
+    fn start(
+        &mut self,
+        config: &RobotConfig,
+        _: u32,
+        place: Option<&Placement>,
+    ) -> Result<(), Fault> {
         let board = Board::new(config, self.role).map_err(Error::from)?;
         let axle = |of| AxleWatch::new(of, config.axle.controller.max_torque_nm);
         let watch = match self.role {
@@ -164,7 +169,7 @@ impl Target for Watched {
     /// Refuses a posture while the motors are driven, as the link does.
     fn command(&mut self, command: &HostCommand) -> Result<(), Fault> {
         let driven = self.torque_nm != Wheels::both(0.0);
-        if driven && matches!(command, HostCommand::Place(_)) {
+        if driven && matches!(command, HostCommand::SetPose(_)) {
             return Ok(());
         }
         let Some((board, Watch::Front(_, watch))) = &mut self.nodes else {
@@ -174,11 +179,11 @@ impl Target for Watched {
             return Ok(());
         };
         let mut orders = command.orders().into_iter();
-        let done = orders.try_for_each(|order| order.carry_out(lead));
+        let done = orders.try_for_each(|order| order.execute(lead));
         match (command, done) {
             (HostCommand::Task(task), Ok(())) => watch.clears = *task == Task::Clear,
             // A new posture restarts the node.
-            (HostCommand::Place(_), Ok(())) => *watch = LeadWatch::new(),
+            (HostCommand::SetPose(_), Ok(())) => *watch = LeadWatch::new(),
             (HostCommand::Lost, Ok(())) | (_, Ok(())) => {}
             (_, Err(_)) => self.findings.lock().unwrap().refused += 1,
         }

@@ -5,7 +5,7 @@ use core_algos::control::regulator::Tolerance;
 use core_algos::fusion::Estimate;
 use core_algos::math::Posture;
 use core_algos::node::board::Samples;
-use core_algos::node::lead::{Place, Task};
+use core_algos::node::lead::{Placement, Task};
 use core_algos::safety::Condition;
 use core_algos::topology::{Role, Side, Topology};
 use host_sim::scenario::Scenario;
@@ -299,7 +299,7 @@ impl Draw {
     fn any_command(&mut self) -> HostCommand {
         match self.below(9) {
             0 => HostCommand::Lost,
-            1 => HostCommand::Place(self.place()),
+            1 => HostCommand::SetPose(self.place()),
             2 | 3 => self.path(),
             4 => HostCommand::Task(Task::Follow {
                 within: self.tolerance(),
@@ -321,7 +321,7 @@ impl Draw {
         }
     }
 
-    fn place(&mut self) -> Place {
+    fn place(&mut self) -> Placement {
         let (center, relative) = match self.happens(0.5) {
             true => (self.near(), Posture::new(0.37, 0.0, 0.0)),
             false => (self.odd_posture(), self.odd_posture()),
@@ -330,7 +330,7 @@ impl Draw {
             true => self.number(1.0),
             false => sigma,
         });
-        Place {
+        Placement {
             center: Estimate::with_sigmas(center, sigmas),
             relative: Estimate::with_sigmas(relative, sigmas),
             floor_drift: match self.happens(0.1) {

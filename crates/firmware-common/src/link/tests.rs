@@ -9,7 +9,7 @@ use core_algos::link::order::POINTS;
 use core_algos::link::protocol::{self, CrashRecord, PROTOCOL, Refusal, Reply, Request, StackUse};
 use core_algos::link::record::{Entry, entries};
 use core_algos::link::segment::{self, Direction};
-use core_algos::link::{Attendant, Identity, MotorState, Order, Stamp, lease};
+use core_algos::link::{Identity, MotorState, Order, RunLink, Stamp, lease};
 use core_algos::math::Posture;
 use core_algos::node::lead::{LeadNode, Output as LeadOutput, Task};
 use core_algos::node::robot::RobotConfig;
@@ -60,12 +60,11 @@ impl Bench {
             build: "test build",
             role: Role::LEAD,
         };
-        let attendant =
-            || Attendant::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
+        let run_link = || RunLink::new(identity, &CONFIG, StackUse::unknown, CrashRecord::default);
         let (tick, end) = Box::leak(Box::new(Channels::new())).split();
-        let attendants = Box::leak(Box::new([attendant(), attendant()]));
+        let run_links = Box::leak(Box::new([run_link(), run_link()]));
         let mut bench = Self {
-            driving: Driving::new(Role::LEAD, attendants, end),
+            driving: Driving::new(Role::LEAD, run_links, end),
             tick,
             lead: Box::new(LeadNode::new(CONFIG.build_lead().unwrap())),
             sent: Sent::default(),

@@ -1,6 +1,6 @@
 use super::simulated::{Flash, Random, Torn, run};
 use super::*;
-use core_algos::params::{Parameter, Report, TABLE, find};
+use core_algos::params::{Parameter, StoreReport, TABLE, find};
 use core_algos::safety::OperatingState;
 
 /// Sectors smaller than the chip's, which fill up sooner.
@@ -16,10 +16,10 @@ fn store<const SECTOR: usize>(flash: Flash<SECTOR>) -> Store<Flash<SECTOR>> {
 }
 
 /// Loads the parameters as at a start: settings and report. Checks that the flash is unchanged.
-fn load<const SECTOR: usize>(flash: &Flash<SECTOR>) -> (Settings, Report) {
+fn load<const SECTOR: usize>(flash: &Flash<SECTOR>) -> (Settings, StoreReport) {
     let mut store = store(flash.clone());
     // The values are drawn at random within their ranges and need not fit together, so the check accepts all.
-    let started = run(store.load()).settle(&Settings::default(), |_| Ok(()));
+    let started = run(store.load()).resolve(&Settings::default(), |_| Ok(()));
     assert_eq!(store.flash().bytes, flash.bytes);
     started
 }
@@ -69,7 +69,7 @@ fn save_is_allowed_only_while_the_motors_are_off() {
 fn blank_store_gives_defaults_and_a_save_writes_only_changed_values() {
     let base = Settings::default();
     let mut store = store(SmallFlash::new(2, 1));
-    let (settings, report) = run(store.load()).settle(&base, |_| Ok(()));
+    let (settings, report) = run(store.load()).resolve(&base, |_| Ok(()));
     assert_eq!((settings, report.conditions().is_empty()), (base, true));
     assert_eq!(run(store.save(&base, &base, disarmed())), Ok(0));
     let mut wanted = base;
@@ -104,12 +104,12 @@ fn store_written_with_95_identifiers_is_read_and_extended() {
     }
     let manifest = contents.manifest().unwrap().to_bytes();
     run(store.append(MANIFEST_KEY, &manifest[..5 + 95])).unwrap();
-    let (settings, report) = run(store.load()).settle(&base, |_| Ok(()));
+    let (settings, report) = run(store.load()).resolve(&base, |_| Ok(()));
     assert_eq!((settings, report.conditions().is_empty()), (wanted, true));
     assert_eq!(run(store.save(&wanted, &base, disarmed())), Ok(0));
     let wanted = with(wanted, "robot.lead.fusion.mode", 0.0);
     assert_eq!(run(store.save(&wanted, &base, disarmed())), Ok(1));
-    let (settings, report) = run(store.load()).settle(&base, |_| Ok(()));
+    let (settings, report) = run(store.load()).resolve(&base, |_| Ok(()));
     assert_eq!((settings, report.conditions().is_empty()), (wanted, true));
 }
 
@@ -135,12 +135,12 @@ fn item_without_bytes_is_skipped() {
     let flash = map.destroy().0;
     assert!(flash.steps > 0);
     let mut store = store(flash);
-    assert_eq!(run(store.load()).settle(&base, |_| Ok(())).0, base);
+    assert_eq!(run(store.load()).resolve(&base, |_| Ok(())).0, base);
     let mut wanted = base;
     let radius = find("robot.geometry.wheel_radius_m").unwrap();
     radius.set(&mut wanted, 0.0735).unwrap();
     assert_eq!(run(store.save(&wanted, &base, disarmed())), Ok(1));
-    assert_eq!(run(store.load()).settle(&base, |_| Ok(())).0, wanted);
+    assert_eq!(run(store.load()).resolve(&base, |_| Ok(())).0, wanted);
 }
 
 #[test]

@@ -170,7 +170,7 @@ impl<H: Hardware> Common<H> {
 
     /// Sends a message of a node; the LED shows the state in it.
     pub fn send_of_node(&mut self, message: &Message) -> Option<Message> {
-        self.led.see(message);
+        self.led.receive(message);
         self.hardware.send(message)
     }
 

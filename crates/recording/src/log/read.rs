@@ -12,7 +12,7 @@ use crate::entry::{
     Start, TruthEntry,
 };
 use core_algos::bus::CanFrame;
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::node::board::Samples;
 use core_algos::node::robot::RobotConfig;
 use core_algos::node::{axle, beam, lead};
@@ -40,7 +40,7 @@ pub enum Event {
         /// Parameters.
         config: Box<RobotConfig>,
         /// Initial estimate of the lead node.
-        place: Option<Box<Place>>,
+        place: Option<Box<Placement>>,
     },
     /// The board was switched off or lost, or its record ended: tick (ms) and reason.
     Off(u32, String),

@@ -30,7 +30,7 @@ use beam::{BeamBoard, BridgeParts};
 use clock::Clock;
 use core_algos::beam::MAX_GAUGES;
 use core_algos::bus::{self, CanFrame, Message};
-use core_algos::link::protocol::Place;
+use core_algos::link::protocol::Placement;
 use core_algos::math::Posture;
 use core_algos::node::lead::{self, Task};
 use core_algos::safety::{Condition, OperatingState};
@@ -105,8 +105,8 @@ pub struct VirtualRobot {
     /// True if this program is the host at the front board's serial port.
     hosted: bool,
     clock: Clock,
-    /// Place of the robot that the lead node is configured with.
-    place: Place,
+    /// Placement of the robot that the lead node is configured with.
+    place: Placement,
     /// Latest output of the lead node received over the link.
     lead: lead::Output,
     /// Time of validity of the estimates in `lead`, µs since power-on.
@@ -221,7 +221,9 @@ impl VirtualRobot {
         let mut wire = Wire::new(boards.len() + options.others, QUANTUM, seed);
         wire.record();
         let at = posture(scenario.mission.start);
-        let place = scenario.robot.put_down(at, &scenario.mission.told());
+        let place = scenario
+            .robot
+            .placement(at, &scenario.mission.configured_placement());
         Ok(Self {
             topology,
             network: Network::new(boards, wire, QUANTUM, options.threads),

@@ -60,7 +60,7 @@ impl VirtualRobot {
             }
         }
         if role == Role::LEAD {
-            self.link.command(&HostCommand::Place(self.place));
+            self.link.command(&HostCommand::SetPose(self.place));
         }
     }
 

@@ -64,8 +64,10 @@ pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
     // Ports are opened before the recording begins: a missing port is an input error.
     let (connect, others) = open(robot, site, watch.records())?;
     let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
-    let told = scenario.mission.told();
-    let start = scenario.robot.put_down(Posture::new(x, y, phi), &told);
+    let configured = scenario.mission.configured_placement();
+    let start = scenario
+        .robot
+        .placement(Posture::new(x, y, phi), &configured);
     let start = mission.is_placed().then_some(start);
     let record = watch.records().then_some((scenario, others));
     match run.on(|_| SerialRobot::open(robot, connect, start, record)) {

@@ -6,7 +6,7 @@ use super::run::node;
 use crate::virtual_robot::{Options, store};
 use core_algos::bus::field::Calibrate;
 use core_algos::bus::{self, Message};
-use core_algos::params::stored::Report;
+use core_algos::params::stored::StoreReport;
 use core_algos::params::{Disarmed, Settings, TABLE};
 use core_algos::safety::Condition;
 use core_algos::topology::{FrameId, Node, Role};
@@ -124,16 +124,16 @@ impl Bench {
 }
 
 /// Settings and report that a board derives from its store.
-fn settled(bytes: &[u8], role: Role) -> (Settings, Report) {
+fn settled(bytes: &[u8], role: Role) -> (Settings, StoreReport) {
     let mut flash = Flash::<SECTOR>::new(3, 1);
     flash.bytes.copy_from_slice(bytes);
     let range = flash.range();
     let base = Settings::of(role);
     let Some(mut store) = Store::new(flash, range) else {
-        return (base, Report::default());
+        return (base, StoreReport::default());
     };
     let check = |settings: &Settings| settings.check(role);
-    run(store.load()).settle(&base, check)
+    run(store.load()).resolve(&base, check)
 }
 
 /// Rail failures at random instants of a start, after one undisturbed start.

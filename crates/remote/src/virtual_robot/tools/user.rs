@@ -20,7 +20,7 @@ impl VirtualRobot {
         };
         if act == What::Resumed && std::mem::take(&mut tools.moved) {
             self.put_back();
-            self.link.command(&HostCommand::Place(self.place));
+            self.link.command(&HostCommand::SetPose(self.place));
         }
         self.link.command(&HostCommand::Task(task));
         self.tools.cuts.losses.note(tick, act);
