@@ -75,7 +75,7 @@ impl Body {
 
     /// Load plus the centrifugal force at a yaw rate.
     #[inline(always)]
-    pub fn swung(&self, load: &Vec3, rate: f64) -> Vec3 {
+    pub fn with_centrifugal_force(&self, load: &Vec3, rate: f64) -> Vec3 {
         let square = rate * rate;
         [
             load[0] + square * self.moment[0],
@@ -86,7 +86,7 @@ impl Body {
 
     /// Load plus gravity along the floor (m/s², in the body's frame).
     #[inline(always)]
-    pub fn pulled(&self, load: &Vec3, gravity: [f64; 2]) -> Vec3 {
+    pub fn with_gravity(&self, load: &Vec3, gravity: [f64; 2]) -> Vec3 {
         add(load, 1.0, &self.momentum(&[gravity[0], gravity[1], 0.0]))
     }
 

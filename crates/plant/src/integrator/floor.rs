@@ -26,10 +26,10 @@ pub fn drift(
     let mut drift = [[0.0; 4]; 2];
     for (i, axle) in axles.iter().enumerate() {
         let ahead = rotate(&directions[i], small_turn(0.5 * h * axle.velocity[2]));
-        let seen = unrotate(&carpet, ahead);
+        let displacement = unrotate(&carpet, ahead);
         for n in 0..2 {
-            drift[n][2 * i] = seen[n];
-            drift[n][2 * i + 1] = seen[n];
+            drift[n][2 * i] = displacement[n];
+            drift[n][2 * i + 1] = displacement[n];
         }
     }
     drift
