@@ -15,7 +15,7 @@ use host_sim::run::robot::Robot;
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::targets;
-use host_sim::targets::{Failure, FailureMode, InProcess, Target, What};
+use host_sim::targets::{EventKind, Failure, FailureMode, InProcess, Target};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use remote::Remote;
@@ -25,7 +25,7 @@ use remote::link::{Link, Loopback};
 use remote::serial::Serial;
 use remote::virtual_link::VirtualLink;
 use remote::virtual_robot::faults;
-use remote::virtual_robot::faults::{Case, Course, End, catalogue, model};
+use remote::virtual_robot::faults::{End, FaultCase, RunKind, catalogue, model};
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::ops::RangeInclusive;
@@ -248,7 +248,7 @@ fn assert_torques_zero(simulation: &Simulation) {
 fn motors_off(simulation: &mut Simulation) -> Option<u32> {
     let events = simulation.boards().events().iter();
     let mut times = events.filter_map(|event| match event.what {
-        What::MotorsOff(after) => Some(after),
+        EventKind::MotorsOff(after) => Some(after),
         _ => None,
     });
     times.next()
@@ -289,7 +289,7 @@ fn a_rear_board_that_restarts_stops_the_robot_which_then_drives_on() {
         let (outcome, mut simulation) = with_failure(targets, Role::axle(1), Some(500), true);
         let off = motors_off(&mut simulation).unwrap();
         assert!(STOP_MS.contains(&off), "{off} ms");
-        let restarted = |event: &targets::Event| event.what == What::Restarted;
+        let restarted = |event: &targets::Event| event.what == EventKind::Restarted;
         assert!(simulation.boards().events().iter().any(restarted));
         assert!(outcome.end.is_success(), "the robot goes on to its goal");
         let [x, y, phi] = outcome.midpoint;
@@ -343,13 +343,13 @@ fn an_axle_lost_for_good_ends_the_run_with_motors_off_and_a_lost_beam_does_not()
 /// A run with a fault, recorded.
 fn faulty(
     targets: Vec<Box<dyn Target>>,
-    case: &Case,
+    case: &FaultCase,
     unannounced: Option<(Role, FailureMode)>,
 ) -> (faults::Outcome, Trace) {
     let scenario = Scenario::default();
     let mut simulation = Simulation::on(targets, &scenario, case.seed, 0).unwrap();
     let at = model::tick(&scenario, case);
-    let Course::Model(fault) = case.entry.course.clone() else {
+    let RunKind::Model(fault) = case.entry.kind.clone() else {
         panic!("{}", case.entry.name);
     };
     simulation.inject(fault, at);
@@ -378,7 +378,7 @@ fn faults_of_boards_and_bus_are_the_same_behind_frames() {
         let entry = all.iter().find(|entry| entry.name == name).unwrap();
         // Not at the beginning of an epoch.
         let (after_ms, seed) = (2_003, 3);
-        let case = Case {
+        let case = FaultCase {
             entry,
             after_ms,
             seed,

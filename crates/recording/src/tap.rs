@@ -9,7 +9,7 @@ use core_algos::node::robot::RobotConfig;
 use core_algos::time::Micros;
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
-use host_sim::targets::{Fault, HostCommand, Output, Posted, Report, Room, Target, Traffic};
+use host_sim::targets::{Fault, HostCommand, Output, Posted, Room, Target, TargetReport, Traffic};
 
 /// A recorded board.
 pub struct Tap {
@@ -179,7 +179,7 @@ impl Target for Tap {
         self.target.traffic()
     }
 
-    fn report(&self) -> Report {
+    fn report(&self) -> TargetReport {
         self.target.report()
     }
 }

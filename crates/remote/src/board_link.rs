@@ -5,7 +5,7 @@
 //! The link has no clock and no port: the caller passes received bytes to [`BoardLink::take`] and sends the bytes of
 //! [`BoardLink::to_send`].
 
-use crate::board::{complete, greeted, refused};
+use crate::board::{check_hello, complete, refused};
 use core_algos::bus::CanFrame;
 use core_algos::link::framing::{Decoder, SerialFrame};
 use core_algos::link::lease::TERM;
@@ -123,7 +123,7 @@ pub struct BoardLink {
     owner: u16,
     sequence: Sequence,
     /// `Some` while this host has the lease: time of the latest order or renewal sent, µs.
-    kept: Option<Option<Micros>>,
+    lease_renewed: Option<Option<Micros>>,
     leased: bool,
 }
 
@@ -151,7 +151,7 @@ impl BoardLink {
             lost: 0,
             build: String::new(),
             sequence: Sequence::default(),
-            kept: None,
+            lease_renewed: None,
             leased: false,
         }
     }
@@ -171,13 +171,13 @@ impl BoardLink {
     pub fn record(&mut self) {
         (self.config, self.record, self.denied) = (Vec::new(), None, false);
         for offset in (0..MAX_CONFIG as u16).step_by(CONFIG_CHUNK) {
-            self.ask(
+            self.queue_request(
                 Subject::Other("configuration"),
                 &Request::Configuration { offset },
             );
         }
         let stamp = self.sequence.next(self.owner);
-        self.ask(Subject::Record, &Request::Record(stamp));
+        self.queue_request(Subject::Record, &Request::Record(stamp));
     }
 
     /// Name of the board's role.
@@ -265,7 +265,7 @@ impl BoardLink {
     pub fn send(&mut self, frame: &CanFrame) {
         let mut bus = Packed::new();
         bus.push(frame);
-        self.ask(
+        self.queue_request(
             Subject::Other("bus frame"),
             &Request::Send { bus: bus.bytes() },
         );
@@ -277,8 +277,8 @@ impl BoardLink {
             protocol: PROTOCOL,
             nonce: self.number.into(),
         };
-        self.ask(Subject::Other("hello"), &hello);
-        self.ask(Subject::Other("watch"), &Request::Watch);
+        self.queue_request(Subject::Other("hello"), &hello);
+        self.queue_request(Subject::Other("watch"), &Request::Watch);
     }
 
     /// Continues after the port was reopened. A waiting order is sent first: the board recognises its number and
@@ -288,10 +288,10 @@ impl BoardLink {
         for pending in &mut self.waiting {
             (pending.sent, pending.since) = (None, None);
         }
-        if self.kept.is_some() && self.waiting.is_empty() {
+        if self.lease_renewed.is_some() && self.waiting.is_empty() {
             // Renews the lease before it lapses.
             let stamp = self.stamp();
-            self.ask(Subject::Lease, &Request::Keep(stamp));
+            self.queue_request(Subject::Lease, &Request::Keep(stamp));
         }
         self.watch();
     }
@@ -307,7 +307,7 @@ impl BoardLink {
             .pop_back_if(|late| (late.what, what) == (Subject::Speed, Subject::Speed));
         for order in command.orders() {
             let stamp = self.stamp();
-            self.ask(what, &Request::Order { stamp, order });
+            self.queue_request(what, &Request::Order { stamp, order });
             self.orders.push_back((stamp.sequence, order));
         }
         if let (Some(late), Some(latest)) = (late, self.waiting.back_mut()) {
@@ -327,19 +327,19 @@ impl BoardLink {
     /// Takes the lease before the first order.
     pub fn take_lease(&mut self) {
         let stamp = self.stamp();
-        self.ask(Subject::Other("command"), &Request::Keep(stamp));
+        self.queue_request(Subject::Other("command"), &Request::Keep(stamp));
     }
 
     /// Ends the lease.
     pub fn release(&mut self) {
         let stamp = self.stamp();
-        self.ask(Subject::Other("release"), &Request::Release(stamp));
-        self.kept = None;
+        self.queue_request(Subject::Other("release"), &Request::Release(stamp));
+        self.lease_renewed = None;
     }
 
     /// Stamp of the next order; the host holds the lease from then on.
     fn stamp(&mut self) -> Stamp {
-        self.kept.get_or_insert(None);
+        self.lease_renewed.get_or_insert(None);
         self.sequence.next(self.owner)
     }
 
@@ -354,7 +354,7 @@ impl BoardLink {
         }
     }
 
-    fn ask(&mut self, what: Subject, request: &Request) {
+    fn queue_request(&mut self, what: Subject, request: &Request) {
         // Number 0 is reserved for reports.
         self.number = self.number % u8::MAX + 1;
         self.waiting.push_back(Pending {
@@ -425,14 +425,14 @@ impl BoardLink {
 
     /// Bytes to send at `now`; an error if the board is silent.
     pub fn to_send(&mut self, now: Micros) -> Result<Option<&[u8]>, Error> {
-        if let Some(kept) = &mut self.kept {
-            let due = now.saturating_sub(*kept.get_or_insert(now)) >= RENEW;
+        if let Some(lease_renewed) = &mut self.lease_renewed {
+            let due = now.saturating_sub(*lease_renewed.get_or_insert(now)) >= RENEW;
             if !self.waiting.is_empty() {
-                *kept = Some(now);
+                *lease_renewed = Some(now);
             } else if due {
-                *kept = Some(now);
+                *lease_renewed = Some(now);
                 let stamp = self.stamp();
-                self.ask(Subject::Lease, &Request::Keep(stamp));
+                self.queue_request(Subject::Lease, &Request::Keep(stamp));
             }
         }
         let name = self.name();
@@ -474,7 +474,7 @@ impl BoardLink {
                     },
                 )) => {
                     self.reported((sequence, lost), entries);
-                    complete |= self.told((usize::from(offset), telemetry));
+                    complete |= self.take_output_part((usize::from(offset), telemetry));
                 }
                 Some((number, reply)) => self.replied(number, reply)?,
                 None => {}
@@ -484,7 +484,7 @@ impl BoardLink {
     }
 
     /// Takes a part of the lead node's output; true if the output is complete.
-    fn told(&mut self, part: (usize, &[u8])) -> bool {
+    fn take_output_part(&mut self, part: (usize, &[u8])) -> bool {
         let complete = Self::join(&mut self.parts, part, &mut self.latest);
         self.outputs += u32::from(complete);
         if let (true, Some(record), Some(latest)) = (complete, &mut self.record, &self.latest) {
@@ -513,7 +513,7 @@ impl BoardLink {
                 ..
             } => {
                 self.build = build.to_owned();
-                greeted(self.robot, protocol, (self.role, role), build)?;
+                check_hello(self.robot, protocol, (self.role, role), build)?;
                 let name = self.name();
                 if session {
                     return Err(Error::Failure(format!(

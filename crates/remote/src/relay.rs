@@ -24,7 +24,7 @@ impl Relay {
     /// Opens a link to the board `to` over the port of the board `of`, which must be driving.
     pub fn open(robot: Topology, of: Role, port: Box<dyn Link>, to: Role) -> Result<Self, Error> {
         let mut port = Remote::new(robot, of, port);
-        port.attend()
+        port.close_earlier_session()
             .map_err(|fault| fatal(robot.name(of), fault))?;
         Ok(Self {
             port,

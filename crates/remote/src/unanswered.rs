@@ -21,7 +21,7 @@ impl Unanswered {
     }
 
     /// Adds received bytes.
-    pub fn hear(&mut self, bytes: &[u8]) {
+    pub fn add(&mut self, bytes: &[u8]) {
         self.count += bytes.len();
         let bytes = match self.first.is_empty() {
             true => without_delimiters(bytes),

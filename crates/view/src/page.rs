@@ -201,7 +201,10 @@ impl Run<'_> {
 
     fn json(&self) -> serde_json::Value {
         let shown: Vec<usize> = self.shown().collect();
-        let seen: Vec<Record> = shown.iter().map(|&i| self.records[i].seen()).collect();
+        let seen: Vec<Record> = shown
+            .iter()
+            .map(|&i| self.records[i].with_estimate())
+            .collect();
         let list = |value: &dyn Fn(&Record) -> [f64; 3]| -> Vec<[Place; 3]> {
             let values = seen.iter().map(value);
             values.map(places).collect()

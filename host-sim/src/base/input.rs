@@ -97,19 +97,22 @@ mod tests {
     fn file_that_is_irregular_or_too_large_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("text");
-        let said = |read: io::Result<Vec<u8>>| read.unwrap_err().to_string();
+        let error_text = |read: io::Result<Vec<u8>>| read.unwrap_err().to_string();
         assert_eq!(bytes(&path, DATA).unwrap_err().kind(), ErrorKind::NotFound);
         for other in [folder.path(), Path::new("/dev/zero")] {
-            assert_eq!(said(bytes(other, DATA)), "must be a regular file");
+            assert_eq!(error_text(bytes(other, DATA)), "must be a regular file");
         }
         fs::write(&path, "\u{feff}1234").unwrap();
         assert_eq!(text(&path).unwrap(), "1234");
         assert_eq!(read(&path, 7).unwrap().len(), 7);
-        assert_eq!(said(read(&path, 6)), "7 bytes: must be at most 6 bytes");
+        assert_eq!(
+            error_text(read(&path, 6)),
+            "7 bytes: must be at most 6 bytes"
+        );
         // Sparse file: refused by its size, without reading the content.
         let large = fs::File::create(folder.path().join("large")).unwrap();
         large.set_len(3 << 30).unwrap();
-        let refused = said(bytes(&folder.path().join("large"), WAYPOINTS));
+        let refused = error_text(bytes(&folder.path().join("large"), WAYPOINTS));
         assert_eq!(refused, "3072.0 MiB: must be at most 32.0 MiB");
         fs::write(&path, b"ab\xff").unwrap();
         let error = text(&path).unwrap_err().to_string();

@@ -16,9 +16,9 @@ mod trajectory;
 #[cfg(test)]
 mod tests;
 pub use curve::{Path, Sample};
-pub use limits::{Bounds, PathError, Place, StartFault};
+pub use limits::{Bounds, PathError, PathPosition, StartFault};
 pub use spline::{Waypoint, waypoints};
-pub use trajectory::{TimeLimits, Timed, Trajectory};
+pub use trajectory::{TimeLimits, TimedSample, Trajectory};
 
 /// Distance between samples, m.
 pub const SPACING_M: f64 = 0.01;

@@ -164,7 +164,7 @@ impl Rig {
             let Some(frame) = frame else {
                 return;
             };
-            monitor.see(tick, &frame);
+            monitor.receive(tick, &frame);
             if let Some(trace) = trace.as_mut() {
                 trace.frame(tick, frame);
             }
@@ -203,7 +203,7 @@ impl Rig {
             self.boards.hold(role, frozen, behind)?;
         }
         match injector.fault() {
-            (Fault::Bus(config), at) if at == tick => self.bus.turn_into(config),
+            (Fault::Bus(config), at) if at == tick => self.bus.set_config(config),
             _ => {}
         }
         Ok(())

@@ -90,21 +90,21 @@ impl Record {
     }
 
     /// Copy of the record; estimated postures and frames replace an unknown true state.
-    pub fn seen(&self) -> Self {
-        let mut seen = self.clone();
+    pub fn with_estimate(&self) -> Self {
+        let mut record = self.clone();
         if !self.midpoint[0].is_nan() {
-            return seen;
+            return record;
         }
         let fused = &self.lead.fused;
         let posture = |at: &Estimate| [at.posture.x, at.posture.y, at.posture.phi].map(f64::from);
-        seen.midpoint = posture(&fused.robot);
-        for (axle, at) in seen.axles.iter_mut().zip([&fused.front, &fused.rear]) {
+        record.midpoint = posture(&fused.robot);
+        for (axle, at) in record.axles.iter_mut().zip([&fused.front, &fused.rear]) {
             axle.posture = posture(at);
         }
-        for (frame, axles) in seen.frames.iter_mut().zip(seen.axles.windows(2)) {
+        for (frame, axles) in record.frames.iter_mut().zip(record.axles.windows(2)) {
             frame.points = strip([axles[0].posture, axles[1].posture]);
         }
-        seen
+        record
     }
 
     /// State of the plant at `now`, with the lead node's latest output and the strains of each frame.
@@ -284,7 +284,7 @@ pub trait Robot {
     }
 
     /// Passes the state to the observers at the end of an epoch.
-    fn show(&mut self) -> Result<(), Error>
+    fn notify_observers(&mut self) -> Result<(), Error>
     where
         Self: Sized,
     {
@@ -293,15 +293,15 @@ pub trait Robot {
         }
         let record = self.record();
         let mut observers = std::mem::take(&mut self.control_mut().observers);
-        let shown = observers
+        let result = observers
             .iter_mut()
             .try_for_each(|observer| observer.epoch(self, &record));
         self.control_mut().observers = observers;
-        shown
+        result
     }
 
     /// True if the earliest end of the run has passed.
-    fn watched_enough(&self) -> bool {
+    fn may_end(&self) -> bool {
         self.now() >= self.control().span.least
     }
 

@@ -12,8 +12,8 @@
 //!   estimate. The run ends with the motors off.
 //! - **An axle lost for good**: the run ends, at rest.
 
-use super::losses::{Event, Losses, What};
-use super::{BoardTraffic, Fault, HostCommand, Output, Posted, Report, Room, Target};
+use super::losses::{Event, EventKind, Losses};
+use super::{BoardTraffic, Fault, HostCommand, Output, Posted, Room, Target, TargetReport};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
 use core_algos::link::protocol::Place;
@@ -158,7 +158,7 @@ impl Boards {
     }
 
     /// Records an action of the host.
-    pub fn note(&mut self, tick: u32, what: What) {
+    pub fn note(&mut self, tick: u32, what: EventKind) {
         self.losses.note(tick, what);
     }
 
@@ -168,13 +168,13 @@ impl Boards {
     }
 
     /// Report of each fitted board; running boards report their stack.
-    pub fn reports(&mut self) -> Vec<Report> {
+    pub fn reports(&mut self) -> Vec<TargetReport> {
         let mut reports = Vec::new();
         for slot in &mut self.slots {
             let lost = self.losses.has(slot.role);
             if slot.on || slot.revival.is_some() || lost {
                 let stack = slot.on.then(|| slot.target.stack()).flatten();
-                reports.push(Report {
+                reports.push(TargetReport {
                     stack,
                     ..slot.target.report()
                 });
@@ -240,7 +240,7 @@ impl Boards {
             let slot = &mut self.slots[i];
             if slot.on && !slot.held {
                 let begun = slot.begin(tick, &samples);
-                self.judge(i, tick, begun)?;
+                self.value_or_loss(i, tick, begun)?;
             }
         }
         self.outputs.clear();
@@ -254,12 +254,12 @@ impl Boards {
                 };
             } else if slot.on {
                 let finished = slot.target.finish(post);
-                output = self.judge(i, tick, finished)?.unwrap_or_default();
+                output = self.value_or_loss(i, tick, finished)?.unwrap_or_default();
                 self.slots[i].last = output;
             }
             self.outputs.push(output);
         }
-        self.watch(tick);
+        self.record_motors_off(tick);
         Ok(&self.outputs)
     }
 
@@ -289,7 +289,7 @@ impl Boards {
     }
 
     /// Value of a board's answer. Without an answer the board is lost: `None`, or an error if the run cannot continue.
-    fn judge<T>(
+    fn value_or_loss<T>(
         &mut self,
         i: usize,
         tick: u32,
@@ -335,11 +335,11 @@ impl Boards {
     }
 
     /// Records when all motors are off after the loss of a board.
-    fn watch(&mut self, tick: u32) {
+    fn record_motors_off(&mut self, tick: u32) {
         // The output of a lost board is zero torque.
         let mut outputs = self.outputs.iter();
         let off = outputs.all(|output| output.torque_nm == Wheels::both(0.0));
-        self.losses.watch(tick, off);
+        self.losses.record_motors_off(tick, off);
     }
 }
 

@@ -1,6 +1,6 @@
 //! Board whose nodes are called directly.
 
-use super::{Fault, HostCommand, Output, Posted, Report, Room, Target};
+use super::{Fault, HostCommand, Output, Posted, Room, Target, TargetReport};
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
 use core_algos::control::controller::KinematicController;
@@ -130,8 +130,8 @@ impl Target for InProcess {
         Ok(())
     }
 
-    fn report(&self) -> Report {
-        Report {
+    fn report(&self) -> TargetReport {
+        TargetReport {
             role: self.name,
             target: "in process",
             build: env!("CARGO_PKG_VERSION").to_owned(),

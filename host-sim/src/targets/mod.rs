@@ -13,7 +13,7 @@ pub mod losses;
 pub use boards::{Boards, Failure, FailureMode};
 pub use host_command::HostCommand;
 pub use in_process::InProcess;
-pub use losses::{Event, Losses, What};
+pub use losses::{Event, EventKind, Losses};
 
 use crate::base::error::Error;
 use core_algos::bus::{CanFrame, Message};
@@ -93,7 +93,7 @@ pub struct BoardTraffic {
 
 /// Report of a board after a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct TargetReport {
     /// Board.
     pub role: &'static str,
     /// Place where the nodes run.
@@ -116,7 +116,7 @@ pub struct Report {
     pub stack: Option<StackUse>,
 }
 
-impl Report {
+impl TargetReport {
     /// Violation of the stack budget, if any.
     pub fn stack_excess(&self) -> Option<String> {
         let stack = self.stack.filter(StackUse::is_beyond)?;
@@ -216,7 +216,7 @@ pub trait Target: Send {
     }
 
     /// Report of the board, without a request to the board.
-    fn report(&self) -> Report;
+    fn report(&self) -> TargetReport;
 }
 
 /// All boards of a robot, in this process.

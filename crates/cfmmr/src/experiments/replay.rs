@@ -265,7 +265,7 @@ fn changes(text: &str, file: &str) -> Result<Toml, Error> {
 fn apply(recorded: &RobotConfig, changes: &Toml, file: &str) -> Result<RobotConfig, Error> {
     let failed = |error: &dyn std::fmt::Display| Error::input(format!("{file}: robot: {error}"));
     let mut table = Toml::try_from(recorded).map_err(|error| failed(&error))?;
-    toml_file::lay_over(&mut table, changes.clone());
+    toml_file::merge_config(&mut table, changes.clone());
     let config: RobotConfig = Value::Table(table)
         .try_into()
         .map_err(|error| failed(&error))?;

@@ -11,7 +11,9 @@ use core_algos::node::{Outbox, axle};
 use core_algos::time::{Micros, TICK};
 use core_algos::topology::{AxleId, Role, Topology, Wheels};
 use host_sim::base::error::Error;
-use host_sim::targets::{Fault, HostCommand, InProcess, Output, Posted, Report, Room, Target};
+use host_sim::targets::{
+    Fault, HostCommand, InProcess, Output, Posted, Room, Target, TargetReport,
+};
 use std::sync::{Arc, Mutex};
 
 /// Findings of the boards at a tick.
@@ -249,7 +251,7 @@ impl Target for Watched {
         Ok(())
     }
 
-    fn report(&self) -> Report {
+    fn report(&self) -> TargetReport {
         InProcess::new(Topology::PAIR, self.role).report()
     }
 }

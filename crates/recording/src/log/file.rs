@@ -22,7 +22,7 @@ use host_sim::bus::virtual_bus::name_of;
 use host_sim::run::end::{EndKind, RunEnd};
 use host_sim::run::recovery::Status;
 use host_sim::run::robot::Record;
-use host_sim::targets::Report;
+use host_sim::targets::TargetReport;
 use host_sim::world::body::Body;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -299,7 +299,7 @@ impl Mcap {
     }
 
     /// Records target and build of a started board; the lead board's parameter hash goes into the metadata.
-    fn started(&mut self, role: Role, parameters: &str, report: Option<&Report>) {
+    fn started(&mut self, role: Role, parameters: &str, report: Option<&TargetReport>) {
         let board = &mut self.boards[self.robot.place(role)];
         if let (true, Some(report)) = (board.is_empty(), report) {
             *board = format!("{}, {}", report.target, report.build);

@@ -47,7 +47,7 @@ use host_sim::world::random::{Stream, generator};
 use host_sim::world::sensors::Sensors;
 use plant::{Outline, Plant, Station};
 use rand::RngExt;
-use report::Watch;
+use report::BoardObservations;
 use tools::Tools;
 use virtual_board::Time;
 use virtual_board::board::Board;
@@ -67,7 +67,7 @@ const PRESS: Time = Time::from_micros(150_000);
 /// Largest frequency error of the crystals, parts in 10⁹.
 const CRYSTAL_PPB: i64 = 20_000;
 /// Ticks that a run continues after the lead node's fault, to show its effects.
-const GRACE: u64 = 1000;
+const TICKS_AFTER_FAULT: u64 = 1000;
 /// Friction of a blocked wheel, N m s/rad: the most that is stable with steps of a millisecond.
 const BLOCKED_NM_S: f64 = 2.0;
 /// Standard gravity, m/s².
@@ -81,7 +81,7 @@ pub struct VirtualRobot {
     roles: Vec<Role>,
     images: Images,
     readers: Vec<Reader>,
-    watches: Vec<Watch>,
+    observations: Vec<BoardObservations>,
     plant: Plant,
     /// Posture of the midpoint at the start.
     start: [f64; 3],
@@ -229,7 +229,7 @@ impl VirtualRobot {
                 .iter()
                 .map(|&role| Reader::new(images.of(role), &logs[topology.place(role)]))
                 .collect(),
-            watches: roles.iter().map(|_| Watch::default()).collect(),
+            observations: roles.iter().map(|_| BoardObservations::default()).collect(),
             half_thickness: scenario.world.sensors.bridge.half_thickness_m,
             strains: vec![[0.0; MAX_GAUGES]; topology.frame_count()],
             outlines: outlines(&plant),
@@ -286,7 +286,7 @@ impl VirtualRobot {
                 role,
                 self.images.of(role),
                 board,
-                &self.watches[place],
+                &self.observations[place],
                 &can,
             ));
         }
@@ -356,10 +356,10 @@ impl VirtualRobot {
             self.open_links(options.record)?;
         }
         self.booted = self.network.now();
-        for (place, watch) in self.watches.iter_mut().enumerate() {
+        for (place, observed) in self.observations.iter_mut().enumerate() {
             let lost = self.network.wire().statistics(place).given_up;
             if let Some(board) = self.network.board(place) {
-                watch.booted(board, lost);
+                observed.booted(board, lost);
             }
         }
         Ok(())
@@ -394,7 +394,7 @@ impl VirtualRobot {
     /// Advances boards, bus and plant by one millisecond.
     fn advance(&mut self) {
         let from = self.network.now();
-        self.show_motion(from);
+        self.update_sensors(from);
         self.network.run_until(from + TICK);
         self.follow();
     }
@@ -414,14 +414,14 @@ impl VirtualRobot {
             torque[axle][side] = -BLOCKED_NM_S * speed;
         }
         self.plant.step(&torque);
-        self.hear();
+        self.read_bus();
         for (reader, board) in self.readers.iter_mut().zip(self.network.boards()) {
             reader.read(board);
         }
     }
 
     /// Passes the plant's motion and strains to the boards' sensors.
-    fn show_motion(&mut self, at: Time) {
+    fn update_sensors(&mut self, at: Time) {
         let axles = self.plant.axles().to_vec();
         if self.booted > Time(0) {
             self.biases.clear();
@@ -466,13 +466,13 @@ impl VirtualRobot {
     }
 
     /// Records health and identity messages of a board.
-    fn watch(&mut self, message: &Message) {
+    fn observe_board(&mut self, message: &Message) {
         let (Message::BoardHealth { board, .. } | Message::BoardIdentity { board, .. }) = *message
         else {
             return;
         };
         let place = self.place(board);
-        let Some(watch) = place.and_then(|place| self.watches.get_mut(place)) else {
+        let Some(observed) = place.and_then(|place| self.observations.get_mut(place)) else {
             return;
         };
         match *message {
@@ -482,18 +482,18 @@ impl VirtualRobot {
                 tick_jitter_us,
                 ..
             } => {
-                watch.health(missed_ticks, tick_worst_us, tick_jitter_us);
+                observed.health(missed_ticks, tick_worst_us, tick_jitter_us);
             }
-            Message::BoardIdentity { build, schema, .. } => watch.identify(build, schema),
+            Message::BoardIdentity { build, schema, .. } => observed.identify(build, schema),
             _ => {}
         }
     }
 
     /// Reads the bus frames of the latest step.
-    fn hear(&mut self) {
+    fn read_bus(&mut self) {
         for record in self.network.wire().take_records() {
             let sender = self.roles.get(record.node).copied();
-            if !self.tools.heard(sender, &record) {
+            if !self.tools.count_transmission(sender, &record) {
                 continue;
             }
             self.frames += 1;
@@ -509,12 +509,12 @@ impl VirtualRobot {
                 data,
             };
             let at = record.end - self.booted;
-            self.monitor.see((at.micros() / 1000) as u32, &frame);
+            self.monitor.receive((at.micros() / 1000) as u32, &frame);
             let Ok(message) = bus::decode(&frame) else {
                 continue;
             };
-            self.clock.hear(record.end.micros(), &message);
-            self.watch(&message);
+            self.clock.receive(record.end.micros(), &message);
+            self.observe_board(&message);
         }
     }
 }
@@ -550,7 +550,7 @@ impl Robot for VirtualRobot {
             return self.failure.clone();
         }
         let fault = self.monitor.fault_since(Node::Lead)?;
-        let lasts = self.tick.saturating_sub(fault) >= GRACE;
+        let lasts = self.tick.saturating_sub(fault) >= TICKS_AFTER_FAULT;
         (lasts && !self.restart_pending())
             .then(|| self.monitor.why_stopped())
             .flatten()
@@ -558,9 +558,9 @@ impl Robot for VirtualRobot {
 
     fn step(&mut self) -> Result<(), Error> {
         self.begin_tick();
-        self.ask()?;
+        self.send_due_bytes()?;
         self.advance();
-        self.answer()?;
+        self.read_sent_bytes()?;
         self.tick += 1;
         self.end_tick()
     }
@@ -601,7 +601,7 @@ impl Robot for VirtualRobot {
     }
 
     fn traffic(&self) -> Vec<BoardTraffic> {
-        self.heard_of_boards()
+        self.board_traffic()
     }
 
     fn bus(&self) -> BusStatistics {

@@ -36,9 +36,9 @@ impl VirtualRobot {
 
     /// Advances the boards by one millisecond before the experiment.
     fn exchange(&mut self) -> Result<(), Error> {
-        self.ask()?;
+        self.send_due_bytes()?;
         self.advance();
-        self.answer()?;
+        self.read_sent_bytes()?;
         match self.network.now() >= BOOT {
             true => Err(Error::Failure("the boards do not record".to_owned())),
             false => Ok(()),
@@ -65,7 +65,7 @@ impl VirtualRobot {
     }
 
     /// Sends due bytes to the serial ports.
-    pub(super) fn ask(&mut self) -> Result<(), Error> {
+    pub(super) fn send_due_bytes(&mut self) -> Result<(), Error> {
         let now = self.network.now();
         for link in std::iter::once(&mut self.link).chain(&mut self.others) {
             let role = link.role();
@@ -107,7 +107,7 @@ impl VirtualRobot {
     }
 
     /// Reads the bytes that the boards sent at their serial ports.
-    pub(super) fn answer(&mut self) -> Result<(), Error> {
+    pub(super) fn read_sent_bytes(&mut self) -> Result<(), Error> {
         if !self.hosted {
             return Ok(());
         }

@@ -19,7 +19,7 @@ fn heading_error(with_remedy: bool, config: InertialConfig) -> f64 {
     let mut sensor = Icm42688::new(config, 1);
     let mut driver = Driver::new(1.0, 1.0).unwrap();
     let mut at = Time(2 * MS);
-    let (mut truth, mut found) = (0.0, 0.0);
+    let (mut truth, mut measured) = (0.0, 0.0);
     let mut step = |rate: f64, slope: f64, still: bool| {
         let mut motion = Motion::default();
         motion.rate[2] = rate.to_radians();
@@ -40,7 +40,7 @@ fn heading_error(with_remedy: bool, config: InertialConfig) -> f64 {
             true
         });
         truth += 1e-3 * (rate + 0.5e-3 * slope);
-        found += 1e-3 * f64::from(reading.gyro_rad_s.unwrap_or(0.0)).to_degrees();
+        measured += 1e-3 * f64::from(reading.gyro_rad_s.unwrap_or(0.0)).to_degrees();
         still || reading.gyro_rad_s.is_some()
     };
     (0..1500).for_each(|_| assert!(step(0.0, 0.0, true)));
@@ -54,7 +54,7 @@ fn heading_error(with_remedy: bool, config: InertialConfig) -> f64 {
         }
         assert!(rate.abs() < 1e-6 && RATE == 1e-3 * BEGIN * 15.0);
     }
-    found - truth
+    measured - truth
 }
 
 #[test]

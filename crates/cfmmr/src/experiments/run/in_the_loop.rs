@@ -14,7 +14,7 @@ use host_sim::run::robot::Robot;
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::targets;
-use host_sim::targets::{Event, InProcess, Report as BoardReport, Target, What};
+use host_sim::targets::{Event, EventKind, InProcess, Target, TargetReport as BoardReport};
 use output::table::Table;
 use remote::Remote;
 use remote::board_log;
@@ -87,7 +87,7 @@ pub fn connect(
         };
         let mut remote = Remote::new(robot, role, link);
         if boards.stored {
-            remote.greet()?;
+            remote.start_session()?;
             scenario.boards.put(role, &remote.own_parameters()?);
         }
         Ok(Box::new(remote))
@@ -226,7 +226,7 @@ fn summary(values: &Values) -> String {
     if values
         .events
         .iter()
-        .any(|event| event.what == What::Cleared)
+        .any(|event| event.what == EventKind::Cleared)
     {
         let pause = f64::from(PAUSE) * 1e-3;
         text += &format!(

@@ -9,7 +9,7 @@ use host_sim::base::error::Error;
 use host_sim::run::end::{EndKind, RunEnd};
 use host_sim::run::robot::{Record, Robot};
 use host_sim::run::script;
-use host_sim::run::script::{Line, Step, StepEnd};
+use host_sim::run::script::{Line, ScriptStep, StepEnd};
 use host_sim::scenario::Scenario;
 use output::files::{Csv, OutputDir};
 use output::table::Table;
@@ -41,7 +41,7 @@ impl Steps {
         let (mut records, mut ends) = (Thinned::new(MOST_ROWS), Vec::new());
         let see = |record: &Record| records.push(record.clone());
         // An error is the end of the last step.
-        let _ = script::carry_out(robot, scenario, lines, see, &mut ends);
+        let _ = script::execute(robot, scenario, lines, see, &mut ends);
         Self {
             ends,
             records: records.into_values(),
@@ -90,7 +90,7 @@ impl Steps {
 /// Posture of the last `goto` of a script that ends there.
 pub fn goal(lines: &[Line]) -> Option<[f64; 3]> {
     match lines.last()?.step {
-        Step::Goto(goal) => Some(goal),
+        ScriptStep::Goto(goal) => Some(goal),
         _ => None,
     }
 }

@@ -6,7 +6,7 @@ use serde::{Serialize, Serializer};
 
 /// One case of the campaign: a fault, its time and a seed.
 #[derive(Clone, Copy, Debug)]
-pub struct Case<'a> {
+pub struct FaultCase<'a> {
     /// The fault.
     pub entry: &'a Entry,
     /// Time of the fault after the button was pressed or the task was given, ms.

@@ -71,7 +71,7 @@ impl VirtualRobot {
                 cuts.losses.restarted(tick, role);
                 restarted.push(role);
                 if role == Role::LEAD {
-                    self.tools.moved = true;
+                    self.tools.lost_place = true;
                     let path = self.task.is_on_path();
                     self.failure = path.then(|| {
                         "the front board was restarted: its path and its posture are lost"
@@ -92,7 +92,7 @@ impl VirtualRobot {
     }
 
     /// Checks whether the motors are off, and whether the run must end.
-    pub(super) fn watch_power(&mut self) {
+    pub(super) fn check_motors_off(&mut self) {
         if self.tools.cuts.losses.events().is_empty() {
             return;
         }
@@ -104,7 +104,7 @@ impl VirtualRobot {
             !on || self.axle(role).is_none_or(|axle| !axle.is_driven(now))
         });
         let cuts = &mut self.tools.cuts;
-        cuts.losses.watch(tick, off);
+        cuts.losses.record_motors_off(tick, off);
         if let Some(why) = cuts.losses.end(tick) {
             self.failure.get_or_insert_with(|| why.to_owned());
         }

@@ -4,7 +4,7 @@
 use crate::virtual_robot::{PRESS, VirtualRobot};
 use core_algos::node::lead::Task;
 use core_algos::topology::Role;
-use host_sim::targets::{HostCommand, What};
+use host_sim::targets::{EventKind, HostCommand};
 
 impl VirtualRobot {
     /// Performs the host's action of this tick after a restart.
@@ -15,11 +15,11 @@ impl VirtualRobot {
             return;
         };
         let task = match act {
-            What::Cleared => Task::Clear,
+            EventKind::Cleared => Task::Clear,
             _ => self.task,
         };
-        if act == What::Resumed && std::mem::take(&mut tools.moved) {
-            self.put_back();
+        if act == EventKind::Resumed && std::mem::take(&mut tools.lost_place) {
+            self.return_to_start();
             self.link.command(&HostCommand::Place(self.place));
         }
         self.link.command(&HostCommand::Task(task));
@@ -27,7 +27,7 @@ impl VirtualRobot {
     }
 
     /// Puts the robot back on its start posture.
-    fn put_back(&mut self) {
+    fn return_to_start(&mut self) {
         for (turned, axle) in self.turned.iter_mut().zip(self.plant.axles()) {
             let [left, right] = axle.motor_angle;
             *turned = [turned[0] + left, turned[1] + right];
