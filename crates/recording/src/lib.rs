@@ -79,7 +79,7 @@ impl Destinations {
     pub fn check(&self) -> Result<(), Error> {
         log::check(self)?;
         if let Some(path) = &self.csv {
-            tables::Place::new(path)?;
+            tables::TableDestination::new(path)?;
         }
         Ok(())
     }

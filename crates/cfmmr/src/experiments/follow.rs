@@ -309,9 +309,9 @@ fn snapshots(records: &[Record]) -> Vec<Snapshot> {
 
 /// Errors over time as a table.
 fn errors(moments: &[PathEpoch]) -> Csv {
-    csv::Row::table(moments.iter().map(|moment| {
+    csv::CsvRow::table(moments.iter().map(|moment| {
         let (target, truth, estimate) = (&moment.target, &moment.truth, &moment.estimate);
-        let mut row = csv::Row::default();
+        let mut row = csv::CsvRow::default();
         row.put("time_s target_s_m", &[moment.record.time_s, target.s]);
         let at = [target.x, target.y, target.phi, target.kappa];
         let names = "target_x_m target_y_m target_phi_rad target_kappa_per_m";

@@ -293,7 +293,7 @@ impl Mcap {
                 self.off[self.robot.place(*role)].write(&mut self.room, time, entry);
                 let name = self.robot.name(*role);
                 let text = format!("{name} board off: {}", entry.reason);
-                self.say(entry.tick, Level::Error, name, text);
+                self.write_message(entry.tick, Level::Error, name, text);
             }
         }
     }
@@ -311,7 +311,7 @@ impl Mcap {
     }
 
     fn frames(&mut self, role: Role, tick: u32, frames: &[CanFrame]) {
-        let said = frames.iter().map(|frame| LoggedFrame {
+        let logged = frames.iter().map(|frame| LoggedFrame {
             name: name_of(self.robot, frame.id).unwrap_or("unknown"),
             frame: Can(*frame),
             message: bus::decode(frame).ok(),
@@ -319,12 +319,15 @@ impl Mcap {
         let entry = BusEntry {
             tick,
             board: role,
-            frames: said.collect(),
+            frames: logged.collect(),
         };
         let time = self.nanos(tick);
         self.bus.write(&mut self.room, time, &entry);
         let robot = self.robot;
-        let messages = entry.frames.iter().filter_map(|said| said.message.as_ref());
+        let messages = entry
+            .frames
+            .iter()
+            .filter_map(|logged| logged.message.as_ref());
         for status in messages.filter_map(|message| Status::of(robot, tick, message)) {
             self.status(tick, status);
         }
@@ -346,10 +349,10 @@ impl Mcap {
             (OperatingState::SafeStop, _) | (_, Some(_)) => Level::Warning,
             _ => Level::Info,
         };
-        self.say(tick, level, status.name, status.to_string());
+        self.write_message(tick, level, status.name, status.to_string());
     }
 
-    fn say(&self, tick: u32, level: Level, name: &str, message: String) {
+    fn write_message(&self, tick: u32, level: Level, name: &str, message: String) {
         let time = self.nanos(tick);
         let log = Log {
             timestamp: Some(standard::stamp(time)),
@@ -362,7 +365,7 @@ impl Mcap {
     }
 
     /// Writes the estimate and the true state at the end of an epoch.
-    pub fn see(&mut self, record: &Record) {
+    pub fn write_epoch(&mut self, record: &Record) {
         let tick = (record.time_s * 1e3).round() as u32;
         let time = nanos(tick);
         self.serve(time);
@@ -384,13 +387,13 @@ impl Mcap {
         let transforms = standard::transforms(time, &frames);
         self.transforms.log_with_meta(&transforms, at(time));
         if known {
-            self.see_truth(record, time);
+            self.write_truth(record, time);
         }
         self.epochs += 1;
     }
 
     /// Writes the true state of a simulated robot.
-    fn see_truth(&mut self, record: &Record, time: u64) {
+    fn write_truth(&mut self, record: &Record, time: u64) {
         let robot = Pose::from(record.midpoint);
         let pose = standard::in_world(time, &robot);
         self.truth_robot.log_with_meta(&pose, at(time));

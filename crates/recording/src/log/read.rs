@@ -47,7 +47,7 @@ pub enum Event {
     /// The lead node received a command before this tick, ms.
     Command(u32, HostCommand),
     /// A tick of the board.
-    Tick(Box<Step>),
+    Tick(Box<RecordedTick>),
 }
 
 impl Event {
@@ -70,7 +70,7 @@ impl Event {
 
 /// One tick of a board.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Step {
+pub struct RecordedTick {
     /// Time, ms.
     pub tick: u32,
     /// Samples.
@@ -312,7 +312,7 @@ impl<'a> Reader<'a> {
                 let frames = entry.frames.into_iter();
                 let board = &mut self.boards[self.robot.place(entry.board)];
                 if board.on {
-                    let frames = frames.map(|said| (entry.tick, said.frame.0));
+                    let frames = frames.map(|logged| (entry.tick, logged.frame.0));
                     board.sent.extend(frames);
                 }
             }
@@ -370,7 +370,7 @@ impl<'a> Reader<'a> {
             }
             ("tick", Role::Beam(_)) => {
                 let entry: BeamTick = parse(data)?;
-                Event::Tick(Box::new(Step {
+                Event::Tick(Box::new(RecordedTick {
                     tick: entry.tick,
                     samples: Samples::Beam(beam::Samples {
                         counts: entry.counts,
@@ -384,7 +384,7 @@ impl<'a> Reader<'a> {
             }
             ("tick", _) => {
                 let entry: AxleTick = parse(data)?;
-                Event::Tick(Box::new(Step {
+                Event::Tick(Box::new(RecordedTick {
                     tick: entry.tick,
                     samples: Samples::Axle(axle::Samples {
                         encoder: entry.encoder.into(),

@@ -6,7 +6,7 @@
 //! frame is replaced by the replayed frame of its sender and tick. A lost frame stays lost, and a frame that was
 //! never sent does not arrive. The motion is the recorded motion: the robot does not drive by the new estimates.
 
-use super::read::{Event, Events, Run, Step};
+use super::read::{Event, Events, RecordedTick, Run};
 use crate::entry::{Exact, Pose, TruthEntry, epoch_of};
 use core_algos::bus::{self, CanFrame};
 use core_algos::fusion::ekf::Verdict;
@@ -118,7 +118,7 @@ impl ReplayedBoard {
     }
 
     /// Replays a tick, with these frames arriving before it.
-    fn step(&mut self, step: &Step, received: &[CanFrame]) -> Result<TickResult, Error> {
+    fn step(&mut self, step: &RecordedTick, received: &[CanFrame]) -> Result<TickResult, Error> {
         let failed = |again: &Self, fault| again.failed(step.tick, fault);
         let now = Micros::from(step.tick) * TICK;
         for frame in received {
@@ -146,7 +146,7 @@ impl ReplayedBoard {
     }
 
     /// First difference from the recorded tick.
-    fn divergence(&self, step: &Step, done: &TickResult) -> Option<Divergence> {
+    fn divergence(&self, step: &RecordedTick, done: &TickResult) -> Option<Divergence> {
         let part = |signal: String, recorded: String, replayed: String| {
             Some(Divergence {
                 tick: step.tick,
@@ -307,11 +307,11 @@ pub fn estimate_again(
         let (mut sent, mut sent_now) = (Vec::new(), Vec::new());
         for (again, rest) in replayed.iter_mut().zip(&mut rest) {
             while let Some(event) = rest.next_if(|event| event.tick() <= tick) {
-                let heard = again.event(event, change);
+                let result = again.event(event, change);
                 // With other estimates the robot is at another point of its path, so further path points may find no
                 // room. That affects steering, not estimation.
                 if !matches!(event, Event::Command(..)) {
-                    heard?;
+                    result?;
                 }
                 let Event::Tick(step) = event else {
                     continue;
@@ -438,10 +438,10 @@ struct Errors {
 
 impl Errors {
     fn add(&mut self, fused: &robot::Output, (robot, apart): (Pose, Pose)) {
-        let seen = Pose::from(fused.robot.posture);
-        let distance = libm::hypot(seen.x_m - robot.x_m, seen.y_m - robot.y_m);
+        let estimated = Pose::from(fused.robot.posture);
+        let distance = libm::hypot(estimated.x_m - robot.x_m, estimated.y_m - robot.y_m);
         let turn = std::f64::consts::TAU;
-        let heading = seen.phi_rad - robot.phi_rad;
+        let heading = estimated.phi_rad - robot.phi_rad;
         let heading = heading - turn * (heading / turn).round();
         let relative = Pose::from(fused.front.posture.relative_to(fused.rear.posture));
         let apart = [relative.x_m - apart.x_m, relative.y_m - apart.y_m];
@@ -541,7 +541,7 @@ pub(super) mod tests {
         comparison.first()
     }
 
-    fn step(recording: &mut read::Recording, role: Role, tick: u32) -> &mut Step {
+    fn step(recording: &mut read::Recording, role: Role, tick: u32) -> &mut RecordedTick {
         let events = recording.boards[read::ROBOT.place(role)].iter_mut();
         let mut steps = events.filter_map(|event| match event {
             Event::Tick(step) => Some(step),

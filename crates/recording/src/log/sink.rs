@@ -94,7 +94,7 @@ impl Sink {
     }
 
     /// A log without a file, for live viewers.
-    pub fn nowhere() -> Self {
+    pub fn without_file() -> Self {
         Self {
             context: Context::new(),
             handle: None,
@@ -123,7 +123,7 @@ impl Sink {
     }
 
     fn open(file: BufWriter<File>) -> io::Result<Self> {
-        let mut sink = Self::nowhere();
+        let mut sink = Self::without_file();
         let watched = Watched {
             file,
             error: sink.error.clone(),

@@ -123,8 +123,8 @@ pub fn publish(
 
 /// Ends of the steps as CSV.
 pub fn csv_of(steps: &[StepEnd]) -> Csv {
-    csv::Row::table(steps.iter().map(|step| {
-        let mut row = csv::Row::default();
+    csv::CsvRow::table(steps.iter().map(|step| {
+        let mut row = csv::CsvRow::default();
         row.put("line", &[step.line]);
         row.put("step", &[step.step.as_str()]);
         let goal = step.goal.unwrap_or([f64::NAN; 3]);
