@@ -173,12 +173,12 @@ impl Link for Unreliable {
         Ok(bytes.len())
     }
 
-    fn kill(&mut self) -> Result<(), Error> {
-        self.link.kill()
+    fn switch_off(&mut self) -> Result<(), Error> {
+        self.link.switch_off()
     }
 
-    fn revive(&mut self) -> Result<(), Error> {
-        self.link.revive()
+    fn switch_on(&mut self) -> Result<(), Error> {
+        self.link.switch_on()
     }
 }
 

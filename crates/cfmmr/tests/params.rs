@@ -51,8 +51,8 @@ fn set_save_and_reset(link: Box<dyn Link>, role: Role) {
     // A save checks the values, which takes stack; boards in this process do not measure theirs.
     let stack = board.stack();
     assert!(!stack.is_some_and(|stack| stack.is_beyond()), "{stack:?}");
-    board.kill().unwrap();
-    board.revive().unwrap();
+    board.switch_off().unwrap();
+    board.switch_on().unwrap();
     board.start_session().unwrap();
     let after = kept(&mut board, RADIUS);
     assert_eq!(

@@ -19,7 +19,7 @@ use core_algos::topology::{Role, Topology, Wheels};
 use host_sim::base::error::Error;
 use host_sim::targets::boards::fatal;
 use host_sim::targets::{
-    Fault, HostCommand, Latency, Output, Posted, Room, Target, TargetReport, Traffic,
+    Fault, HostCommand, Latency, Outgoing, Output, Room, Target, TargetReport, Traffic,
 };
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::time::{Duration, Instant};
@@ -31,7 +31,7 @@ const ATTEMPTS: u32 = 40;
 /// Attempts where a user waits: 1.5 s in total.
 const INTERACTIVE_ATTEMPTS: u32 = 6;
 /// Number of late replies to earlier requests that are skipped.
-const STALE: u32 = 4;
+const MAX_STALE_REPLIES: u32 = 4;
 /// Ticks per epoch, and the tick of an epoch in which the lead node runs.
 const EPOCH_TICKS: u32 = (EPOCH / TICK) as u32;
 const LEAD_TICK: u32 = (LEAD_PHASE / TICK) as u32;
@@ -90,7 +90,7 @@ impl Remote {
 
     /// Repeats the request until the board is in a session (`open`) or in none.
     fn change_session(&mut self, what: &str, open: bool, request: &Request) -> Result<(), Fault> {
-        for _ in 0..STALE {
+        for _ in 0..MAX_STALE_REPLIES {
             if self.exchange_hello()? == open {
                 return Ok(());
             }
@@ -156,7 +156,7 @@ impl Remote {
             nonce: sent,
         };
         // A reply to an earlier request may still arrive.
-        for _ in 0..STALE {
+        for _ in 0..MAX_STALE_REPLIES {
             self.channel.send_request(&request)?;
             let Reply::Hello {
                 protocol,
@@ -181,8 +181,8 @@ impl Remote {
 
     /// Sends the parameters; returns their checksum as the board computed it.
     fn configure(&mut self, config: &RobotConfig) -> Result<u32, Fault> {
-        let mut room = [0; MAX_CONFIG];
-        let bytes = postcard::to_slice(config, &mut room)
+        let mut buffer = [0; MAX_CONFIG];
+        let bytes = postcard::to_slice(config, &mut buffer)
             .map_err(|error| Error::Failure(format!("parameters: {error}")))?;
         let mut found = 0;
         for (k, part) in bytes.chunks(CONFIG_CHUNK).enumerate() {
@@ -356,7 +356,7 @@ impl Target for Remote {
         Ok(())
     }
 
-    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
+    fn finish(&mut self, send: &mut dyn FnMut(Outgoing)) -> Result<Output, Fault> {
         let reply = self.channel.receive_reply()?;
         let (torque_nm, bus, telemetry) = match reply {
             Reply::Axle {
@@ -369,7 +369,7 @@ impl Target for Remote {
             other => return Err(refused(self.name, "tick", other)),
         };
         for frame in protocol::unpack(bus) {
-            post(Posted::Frame(&frame));
+            send(Outgoing::Frame(&frame));
         }
         if self.tick % EPOCH_TICKS == LEAD_TICK {
             self.telemetry.clear();
@@ -410,12 +410,12 @@ impl Target for Remote {
         }
     }
 
-    fn kill(&mut self) -> Result<(), Error> {
-        self.channel.link.kill()
+    fn switch_off(&mut self) -> Result<(), Error> {
+        self.channel.link.switch_off()
     }
 
-    fn revive(&mut self) -> Result<(), Error> {
-        self.channel.link.revive()
+    fn switch_on(&mut self) -> Result<(), Error> {
+        self.channel.link.switch_on()
     }
 
     fn traffic(&self) -> Option<Traffic> {
@@ -540,13 +540,13 @@ impl RequestChannel {
 
     /// Waits for the reply; false if the deadline passed.
     fn await_reply(&mut self, deadline: Instant) -> Result<bool, Fault> {
-        let mut room = [0; 2 * MAX_FRAME];
+        let mut buffer = [0; 2 * MAX_FRAME];
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
-            let count = self.link.receive(&mut room, left).map_err(link_fault)?;
-            self.unmatched.add(room.get(..count).unwrap_or_default());
+            let count = self.link.receive(&mut buffer, left).map_err(link_fault)?;
+            self.unmatched.add(buffer.get(..count).unwrap_or_default());
             let mut found = false;
-            for &byte in room.get(..count).unwrap_or_default() {
+            for &byte in buffer.get(..count).unwrap_or_default() {
                 if let Some(payload) = self.decoder.take_byte(byte)
                     && payload.first() == Some(&self.number)
                 {
@@ -591,9 +591,9 @@ mod tests {
             Ok(())
         }
 
-        fn receive(&mut self, room: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+        fn receive(&mut self, buffer: &mut [u8], _timeout: Duration) -> io::Result<usize> {
             let bytes = self.0.pop_front().into_iter();
-            Ok(room
+            Ok(buffer
                 .iter_mut()
                 .zip(bytes)
                 .map(|(to, from)| *to = from)
@@ -614,8 +614,8 @@ mod tests {
             Ok(())
         }
 
-        fn receive(&mut self, room: &mut [u8], _timeout: Duration) -> io::Result<usize> {
-            io::Read::read(&mut self.0, room)
+        fn receive(&mut self, buffer: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+            io::Read::read(&mut self.0, buffer)
         }
     }
 

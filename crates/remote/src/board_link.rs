@@ -25,14 +25,14 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU16, Ordering::Relaxed};
 
 /// Time after which a request is repeated, µs.
-const REPEAT: Micros = 250_000;
+const REPEAT_AFTER_US: Micros = 250_000;
 /// Time without a reply to a request after which the board counts as silent, µs.
-const SILENCE: Micros = 5_000_000;
+const REPLY_TIMEOUT_US: Micros = 5_000_000;
 /// Time between renewals of the lease, µs.
-const RENEW: Micros = TERM / 8;
+const RENEW_INTERVAL_US: Micros = TERM / 8;
 /// Outputs of the lead node after which their free room is current: two older outputs may arrive after an order is
 /// executed.
-const FRESH: u32 = 3;
+const FRESH_OUTPUTS: u32 = 3;
 
 /// Subject of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -376,13 +376,13 @@ impl BoardLink {
 
     /// True if the latest output of the lead node is newer than all orders.
     pub fn is_fresh(&self) -> bool {
-        self.latest.is_some() && self.outputs >= FRESH
+        self.latest.is_some() && self.outputs >= FRESH_OUTPUTS
     }
 
     /// Free room of the lead node, points; zero until a current output has arrived.
     pub fn room(&self) -> Room {
         match &self.latest {
-            Some(latest) if self.is_settled() && self.outputs >= FRESH => Room {
+            Some(latest) if self.is_settled() && self.outputs >= FRESH_OUTPUTS => Room {
                 path: latest.path_room.into(),
                 trajectory: latest.trajectory_room.into(),
             },
@@ -426,7 +426,7 @@ impl BoardLink {
     /// Bytes to send at `now`; an error if the board is silent.
     pub fn to_send(&mut self, now: Micros) -> Result<Option<&[u8]>, Error> {
         if let Some(lease_renewed) = &mut self.lease_renewed {
-            let due = now.saturating_sub(*lease_renewed.get_or_insert(now)) >= RENEW;
+            let due = now.saturating_sub(*lease_renewed.get_or_insert(now)) >= RENEW_INTERVAL_US;
             if !self.waiting.is_empty() {
                 *lease_renewed = Some(now);
             } else if due {
@@ -440,15 +440,15 @@ impl BoardLink {
             return Ok(None);
         };
         if let Some(sent) = pending.sent
-            && now.saturating_sub(sent) < REPEAT
+            && now.saturating_sub(sent) < REPEAT_AFTER_US
         {
             return Ok(None);
         }
-        if now - *pending.since.get_or_insert(now) >= SILENCE {
+        if now - *pending.since.get_or_insert(now) >= REPLY_TIMEOUT_US {
             return Err(Error::Failure(format!(
                 "{name} board: {}: no answer at its serial port in {} s",
                 pending.what.name(),
-                SILENCE / 1_000_000
+                REPLY_TIMEOUT_US / 1_000_000
             )));
         }
         pending.sent = Some(now);
@@ -615,7 +615,7 @@ mod tests {
         }
         let expected: Vec<_> = (0..500).map(|k| Order::Task(goal(k))).collect();
         assert_eq!(carried, expected);
-        assert!(station.now > 20 * REPEAT, "some were lost");
+        assert!(station.now > 20 * REPEAT_AFTER_US, "some were lost");
     }
     /// The board's reports arrive, but no request reaches the board, and speed commands are repeated.
     #[test]

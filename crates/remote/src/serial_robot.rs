@@ -35,7 +35,7 @@ const REPORT_TIMEOUT_US: Micros = 10_000_000;
 /// Delay of the program beyond which missed ticks are skipped.
 const SKIP_TICKS_AFTER: Duration = Duration::from_millis(50);
 /// Time after which the lease of another program has lapsed.
-const LEASE: Duration = Duration::from_micros(TERM + 100_000);
+const LEASE_LAPSE: Duration = Duration::from_micros(TERM + 100_000);
 
 /// Longest time for a reporting board to fulfil a request, ms.
 const WAIT_MS: u64 = 11_000;
@@ -74,12 +74,12 @@ impl OtherBoard {
             // A failed request is repeated.
             let _ = port.send(bytes);
         }
-        let mut room = [0; 512];
+        let mut buffer = [0; 512];
         loop {
-            match port.receive(&mut room, Duration::ZERO) {
+            match port.receive(&mut buffer, Duration::ZERO) {
                 Ok(0) => break,
                 Ok(count) => {
-                    self.link.take(&room[..count])?;
+                    self.link.take(&buffer[..count])?;
                     self.link.take_frames();
                 }
                 Err(_) => {
@@ -160,7 +160,7 @@ impl SerialRobot {
         let mut ready = robot.await_lead(place);
         if robot.link.is_leased() {
             // A program that crashed leaves its lease behind.
-            thread::sleep(LEASE);
+            thread::sleep(LEASE_LAPSE);
             ready = robot.await_lead(place);
         }
         ready?;
@@ -397,17 +397,17 @@ impl SerialRobot {
                 return Ok(());
             }
         }
-        let mut room = [0; 512];
+        let mut buffer = [0; 512];
         loop {
             let left = until.saturating_duration_since(Instant::now());
-            let Ok(count) = port.receive(&mut room, left) else {
+            let Ok(count) = port.receive(&mut buffer, left) else {
                 self.port = None;
                 break;
             };
             if count > 0 {
                 let before = self.link.reports();
-                self.unanswered.add(&room[..count]);
-                if self.link.take(&room[..count])?
+                self.unanswered.add(&buffer[..count]);
+                if self.link.take(&buffer[..count])?
                     && let Some(latest) = self.link.latest()
                 {
                     self.lead = latest.output;

@@ -27,8 +27,8 @@ impl Unanswered {
             true => without_delimiters(bytes),
             false => bytes,
         };
-        let room = (self.request.len().max(1)).saturating_sub(self.first.len());
-        self.first.extend(bytes.iter().take(room));
+        let missing = (self.request.len().max(1)).saturating_sub(self.first.len());
+        self.first.extend(bytes.iter().take(missing));
     }
 
     /// True before the first byte.

@@ -236,16 +236,16 @@ impl Link for VirtualLink {
         self.command(ThreadCommand::Send(bytes.to_vec()))
     }
 
-    fn receive(&mut self, room: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+    fn receive(&mut self, buffer: &mut [u8], _timeout: Duration) -> io::Result<usize> {
         if self.rest.is_empty() && self.waiting > 0 {
             self.waiting -= 1;
             let reply = self.replies.recv().map_err(|_| ErrorKind::BrokenPipe)?;
             self.rest.extend(reply?);
         }
-        self.rest.read(room)
+        self.rest.read(buffer)
     }
 
-    fn kill(&mut self) -> Result<(), Error> {
+    fn switch_off(&mut self) -> Result<(), Error> {
         self.power(false)
     }
 
@@ -253,7 +253,7 @@ impl Link for VirtualLink {
         Ok(self.command(ThreadCommand::Hold(halted))?)
     }
 
-    fn revive(&mut self) -> Result<(), Error> {
+    fn switch_on(&mut self) -> Result<(), Error> {
         self.power(true)
     }
 }

@@ -20,10 +20,10 @@ pub enum Progress {
 }
 
 /// Time after the start of a task from which a failure reported by the lead node belongs to that task, µs.
-const FRESH: Micros = 5 * EPOCH;
+const FAILURE_VALID_AFTER_US: Micros = 5 * EPOCH;
 
 /// Time at rest after which all notices of the end have arrived, µs.
-const CONFIRMED: Micros = 10 * EPOCH;
+const NOTICE_DELAY_US: Micros = 10 * EPOCH;
 
 /// Task that the host gives and observes.
 pub trait DriveTask<R: Robot> {
@@ -62,7 +62,7 @@ pub fn drive<R: Robot>(
     // A robot past its settling time gets the task at the next epoch.
     let settle = settle.max(robot.now().next_multiple_of(EPOCH));
     let limit = settle.saturating_add(micros(limit_s));
-    let rest = micros(scenario.mission.rest_s).max(CONFIRMED);
+    let rest = micros(scenario.mission.rest_s).max(NOTICE_DELAY_US);
     robot.monitor_mut().begin_task();
     // Failures end the run only if the run loop gave the task. A drive task handles the failures of tasks that it
     // gives.
@@ -70,7 +70,7 @@ pub fn drive<R: Robot>(
     let (mut began, mut done_at): (Option<Micros>, Option<Micros>) = (None, None);
     let mut cause = None;
     // A task that is done at the time limit runs on until the notices of its end have arrived.
-    while robot.now() < limit || done_at.is_some_and(|at| robot.now() < at + CONFIRMED) {
+    while robot.now() < limit || done_at.is_some_and(|at| robot.now() < at + NOTICE_DELAY_US) {
         let now = robot.now();
         if now.is_multiple_of(EPOCH) {
             drive_task.feed(robot)?;
@@ -111,7 +111,7 @@ pub fn drive<R: Robot>(
                 }
             }
         }
-        let failed = given && record.lead.failed.is_some() && since >= Some(FRESH);
+        let failed = given && record.lead.failed.is_some() && since >= Some(FAILURE_VALID_AFTER_US);
         if failed || drive_task.must_end(robot) {
             break;
         }

@@ -223,9 +223,9 @@ fn is_stopped(state: OperatingState) -> bool {
 }
 
 /// Time from a restart to the host's first check of the nodes, ticks.
-pub const PAUSE: u32 = 1000;
+pub const CHECK_DELAY_TICKS: u32 = 1000;
 /// Time in which the nodes must become idle after an attempt to clear the faults, ticks.
-const CLEARING: u32 = 500;
+const CLEARING_TICKS: u32 = 500;
 /// Attempts before the host gives up.
 const ATTEMPTS: u32 = 3;
 
@@ -254,7 +254,7 @@ impl Recovery {
     ) -> Option<EventKind> {
         if self.restart != restart {
             self.restart = restart;
-            self.next = restart.map(|at| (at + PAUSE, 0));
+            self.next = restart.map(|at| (at + CHECK_DELAY_TICKS, 0));
         }
         let (_, attempts) = self.next.filter(|(at, _)| *at == tick)?;
         let axles = monitor.topology.axles().map(Node::Axle);
@@ -262,7 +262,8 @@ impl Recovery {
             let status = monitor.latest(node);
             status.is_some_and(|it| it.state == OperatingState::Idle && it.reason.is_none())
         });
-        self.next = (!ready && attempts < ATTEMPTS).then_some((tick + CLEARING, attempts + 1));
+        self.next =
+            (!ready && attempts < ATTEMPTS).then_some((tick + CLEARING_TICKS, attempts + 1));
         match ready {
             true => Some(EventKind::Resumed),
             false => self.next.map(|_| EventKind::Cleared),

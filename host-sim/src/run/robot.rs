@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
 /// Timeout for the robot to stop, and again to switch its motors off, µs.
-const STOP: Micros = 5_000_000;
+const STOP_TIMEOUT_US: Micros = 5_000_000;
 /// Commanded speed below which the robot counts as at rest, m/s.
 const REST_M_S: f32 = 1e-3;
 
@@ -337,10 +337,10 @@ pub trait Robot {
     {
         for task in [Task::Stop, Task::Idle] {
             self.command(&HostCommand::Task(task))?;
-            let end = self.now() + STOP;
+            let end = self.now() + STOP_TIMEOUT_US;
             while !(self.is_settled() && has_stopped(self, task)) {
                 if self.now() >= end {
-                    let seconds = STOP / 1_000_000;
+                    let seconds = STOP_TIMEOUT_US / 1_000_000;
                     return Err(Error::Failure(format!("not at rest after {seconds} s")));
                 }
                 self.step()?;

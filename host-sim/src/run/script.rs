@@ -26,7 +26,7 @@ use core_algos::topology::{FrameId, Node};
 use serde::Serialize;
 
 /// Interval of speed commands, µs: a quarter of the timeout after which the robot stops.
-const SPEED_EVERY: Micros = DEAD_MAN / 4;
+const SPEED_INTERVAL_US: Micros = DEAD_MAN / 4;
 /// Longest duration of a stop, of clearing the faults or of setting a posture, s.
 const SHORT_S: f64 = 10.0;
 /// Shortest duration of a speed step, s: the interval of its commands.
@@ -451,7 +451,7 @@ impl<R: Robot, F: FnMut(&Record)> DriveTask<R> for StepTask<'_, F> {
     fn feed(&mut self, robot: &mut R) -> Result<(), Error> {
         let now = robot.now();
         if let (ScriptStep::Hand(keyboard), Some(commanded_at)) = (self.step, self.commanded_at) {
-            if now - commanded_at < SPEED_EVERY {
+            if now - commanded_at < SPEED_INTERVAL_US {
                 return Ok(());
             }
             self.commanded_at = Some(now);
@@ -461,7 +461,7 @@ impl<R: Robot, F: FnMut(&Record)> DriveTask<R> for StepTask<'_, F> {
         let off = robot.record().lead.supervision.state == OperatingState::Idle;
         match (self.step, self.commanded_at, DriveTask::<R>::task(self)) {
             (ScriptStep::Speed { .. }, Some(commanded_at), Some(task))
-                if now - commanded_at >= SPEED_EVERY =>
+                if now - commanded_at >= SPEED_INTERVAL_US =>
             {
                 self.commanded_at = Some(now);
                 robot.command(&HostCommand::Task(task))

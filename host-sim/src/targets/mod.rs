@@ -36,7 +36,7 @@ pub struct Output {
 
 /// Frame or message that a board sends.
 #[derive(Clone, Copy, Debug)]
-pub enum Posted<'a> {
+pub enum Outgoing<'a> {
     /// Message that the host encodes.
     Message(&'a Message),
     /// Frame that the board encoded.
@@ -181,8 +181,8 @@ pub trait Target: Send {
     /// Hands over the samples of a tick, ms.
     fn begin(&mut self, tick: u32, samples: &Samples) -> Result<(), Fault>;
 
-    /// Takes the board's output of the tick; its messages go to `post` in order.
-    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault>;
+    /// Takes the board's output of the tick; its messages go to `send` in order.
+    fn finish(&mut self, send: &mut dyn FnMut(Outgoing)) -> Result<Output, Fault>;
 
     /// Sets the next tick of a board after a gap in its ticks, ms.
     fn resume(&mut self, _tick: u32) -> Result<(), Fault> {
@@ -196,14 +196,14 @@ pub trait Target: Send {
 
     /// Ends the board as if by its own failure.
     fn crash(&mut self) -> Result<(), Error> {
-        self.kill()
+        self.switch_off()
     }
 
     /// Switches the board off.
-    fn kill(&mut self) -> Result<(), Error>;
+    fn switch_off(&mut self) -> Result<(), Error>;
 
     /// Switches the board on again; [`Self::start`] must follow.
-    fn revive(&mut self) -> Result<(), Error>;
+    fn switch_on(&mut self) -> Result<(), Error>;
 
     /// Largest stack use since the start; `None` if not measured or without an answer.
     fn stack(&mut self) -> Option<StackUse> {

@@ -142,7 +142,7 @@ pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
             // Every start has the same parameters, so what can be changed once always can.
             let first = first.copied().unwrap_or_default();
             let changed = apply(&first, &changes, &file)?;
-            let estimates = replay::estimate_again(robot, &events, &|_| changed)?;
+            let estimates = replay::replay_estimates(robot, &events, &|_| changed)?;
             report.with = Some(Quality::of(&estimates, &run));
         }
     }

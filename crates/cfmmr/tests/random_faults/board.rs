@@ -12,7 +12,7 @@ use core_algos::time::{Micros, TICK};
 use core_algos::topology::{AxleId, Role, Topology, Wheels};
 use host_sim::base::error::Error;
 use host_sim::targets::{
-    Fault, HostCommand, InProcess, Output, Posted, Room, Target, TargetReport,
+    Fault, HostCommand, InProcess, Outgoing, Output, Room, Target, TargetReport,
 };
 use std::sync::{Arc, Mutex};
 
@@ -214,7 +214,7 @@ impl Target for Watched {
         Ok(())
     }
 
-    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
+    fn finish(&mut self, post: &mut dyn FnMut(Outgoing)) -> Result<Output, Fault> {
         let Some((tick, samples)) = self.begun.take() else {
             return Ok(Output::default());
         };
@@ -227,7 +227,7 @@ impl Target for Watched {
             .any(|fault| matches!(fault, BusFault::Mute));
         if !mute {
             for message in outbox.iter() {
-                post(Posted::Message(message));
+                post(Outgoing::Message(message));
             }
         }
         let mut findings = self.findings.lock().unwrap();
@@ -241,13 +241,13 @@ impl Target for Watched {
         Ok(output)
     }
 
-    fn kill(&mut self) -> Result<(), Error> {
+    fn switch_off(&mut self) -> Result<(), Error> {
         self.nodes = None;
         self.late.clear();
         Ok(())
     }
 
-    fn revive(&mut self) -> Result<(), Error> {
+    fn switch_on(&mut self) -> Result<(), Error> {
         Ok(())
     }
 

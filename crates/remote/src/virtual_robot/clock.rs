@@ -8,7 +8,7 @@ use core_algos::time::{EPOCH, Micros, TICK};
 pub struct Clock {
     epoch: Option<Epoch>,
     /// Time of validity of the lead node's latest estimates, µs.
-    held: Option<Micros>,
+    estimate_time: Option<Micros>,
 }
 
 /// The latest epoch.
@@ -23,8 +23,8 @@ struct Epoch {
 
 impl Clock {
     /// Time of validity of the lead node's latest estimates, µs: the start of their epoch.
-    pub fn held(&self) -> Option<Micros> {
-        self.held
+    pub fn estimate_time(&self) -> Option<Micros> {
+        self.estimate_time
     }
 
     /// Common time at `at`, µs.
@@ -54,7 +54,9 @@ impl Clock {
                     received_at: at,
                 });
             }
-            Message::LeadStatus { .. } => self.held = self.epoch.map(|epoch| epoch.began_at),
+            Message::LeadStatus { .. } => {
+                self.estimate_time = self.epoch.map(|epoch| epoch.began_at)
+            }
             _ => {}
         }
     }

@@ -60,10 +60,10 @@ const TICK: Time = Time::from_micros(1_000);
 /// Time that the boards run independently of each other.
 const QUANTUM: Time = Time::from_micros(40);
 /// Time after power-on within which all nodes must be ready, and ticks for which they must stay ready.
-const BOOT: Time = Time::from_micros(5_000_000);
+const BOOT_TIMEOUT: Time = Time::from_micros(5_000_000);
 const READY_TICKS: u32 = 100;
 /// Duration of a press of the button.
-const PRESS: Time = Time::from_micros(150_000);
+const PRESS_DURATION: Time = Time::from_micros(150_000);
 /// Largest frequency error of the crystals, parts in 10⁹.
 const CRYSTAL_PPB: i64 = 20_000;
 /// Ticks that a run continues after the lead node's fault, to show its effects.
@@ -86,7 +86,7 @@ pub struct VirtualRobot {
     /// Posture of the midpoint at the start.
     start: [f64; 3],
     /// Angles of the motors at the latest placement on the start, rad.
-    turned: Vec<[f64; 2]>,
+    start_angles: Vec<[f64; 2]>,
     gauges: Vec<Vec<Station>>,
     outlines: Vec<Outline>,
     half_thickness: f64,
@@ -110,7 +110,7 @@ pub struct VirtualRobot {
     /// Latest output of the lead node received over the link.
     lead: lead::Output,
     /// Time of validity of the estimates in `lead`, µs since power-on.
-    held: Option<Micros>,
+    estimate_time: Option<Micros>,
     task: Task,
     frames: u64,
     /// Time from power-on to the start of the experiment.
@@ -244,14 +244,14 @@ impl VirtualRobot {
             clock: Clock::default(),
             place,
             lead: lead::Output::default(),
-            held: None,
+            estimate_time: None,
             task: Task::Idle,
             images: images.clone(),
             roles,
             gauges,
             plant,
             start,
-            turned: topology.axles().map(|_| [0.0; 2]).collect(),
+            start_angles: topology.axles().map(|_| [0.0; 2]).collect(),
             frames: 0,
             booted: Time(0),
             tick: 0,
@@ -343,11 +343,11 @@ impl VirtualRobot {
             } else {
                 0
             };
-            if now >= BOOT {
+            if now >= BOOT_TIMEOUT {
                 let why = self.waits_for().unwrap_or_default();
                 return Err(Error::Failure(format!(
                     "the boards were not ready {} s after power on: {why}",
-                    BOOT.seconds()
+                    BOOT_TIMEOUT.seconds()
                 )));
             }
         }
@@ -429,9 +429,9 @@ impl VirtualRobot {
         }
         for (number, axle) in self.topology.axles().zip(&axles) {
             let [rate, force] = self.biases[number.index()];
-            let turned = self.turned[number.index()];
+            let start_angles = self.start_angles[number.index()];
             let wheel = |k: usize| WheelMotion {
-                angle_rad: turned[k] + axle.motor_angle[k],
+                angle_rad: start_angles[k] + axle.motor_angle[k],
                 speed_rad_s: axle.motor_speed[k],
             };
             let motion = AxleMotion {
@@ -592,7 +592,8 @@ impl Robot for VirtualRobot {
 
     fn estimate_age(&self) -> Micros {
         let now = self.network.now().micros();
-        self.held.map_or(EPOCH, |held| now.saturating_sub(held))
+        self.estimate_time
+            .map_or(EPOCH, |estimate_time| now.saturating_sub(estimate_time))
     }
 
     fn builds(&self) -> Vec<(Role, String)> {

@@ -2,7 +2,7 @@
 
 use super::axle::AxleBoard;
 use super::beam::BeamBoard;
-use super::{BOOT, VirtualRobot};
+use super::{BOOT_TIMEOUT, VirtualRobot};
 use crate::board_link::BoardLink;
 use crate::serial_line::SerialLine;
 use core_algos::bus::CanFrame;
@@ -39,7 +39,7 @@ impl VirtualRobot {
         self.send_due_bytes()?;
         self.advance();
         self.read_sent_bytes()?;
-        match self.network.now() >= BOOT {
+        match self.network.now() >= BOOT_TIMEOUT {
             true => Err(Error::Failure("the boards do not record".to_owned())),
             false => Ok(()),
         }
@@ -123,7 +123,7 @@ impl VirtualRobot {
             && let Some(latest) = self.link.latest()
         {
             self.lead = latest.output;
-            self.held = self.clock.held();
+            self.estimate_time = self.clock.estimate_time();
         }
         self.reported = self.link.take_frames();
         Ok(())

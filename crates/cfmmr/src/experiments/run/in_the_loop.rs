@@ -9,7 +9,7 @@ use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::run::bit_compare::{Difference, Trace};
 use host_sim::run::real_time::RealTimeLimiter;
-use host_sim::run::recovery::{PAUSE, Status};
+use host_sim::run::recovery::{CHECK_DELAY_TICKS, Status};
 use host_sim::run::robot::Robot;
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
@@ -228,7 +228,7 @@ fn summary(values: &Values) -> String {
         .iter()
         .any(|event| event.what == EventKind::Cleared)
     {
-        let pause = f64::from(PAUSE) * 1e-3;
+        let pause = f64::from(CHECK_DELAY_TICKS) * 1e-3;
         text += &format!(
             "after a restart the host waited {pause} s, cleared the faults and repeated the task;\n\
              without the host the robot stays at rest\n"
