@@ -303,10 +303,10 @@ impl Plant {
             for f in 1..F {
                 geometry[f] = frames[f].geometry;
             }
-            let along: [[f64; 2]; N] = downhill(gravity, &geometry);
+            let local_gravity: [[f64; 2]; N] = downhill(gravity, &geometry);
             for i in 0..N {
-                axles[i].acceleration[0] -= along[i][0];
-                axles[i].acceleration[1] -= along[i][1];
+                axles[i].acceleration[0] -= local_gravity[i][0];
+                axles[i].acceleration[1] -= local_gravity[i][1];
             }
         }
         self.health.steps += 1;

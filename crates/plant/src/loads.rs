@@ -6,15 +6,18 @@ use super::state::AxleState;
 use declare::{Allowed, Checked, ConfigError};
 
 /// Standard gravity, m/s².
-const GRAVITY: f64 = 9.806_65;
+const GRAVITY_M_S2: f64 = 9.806_65;
 
 /// Gravity into the floor (m/s²) and along the floor, in the global frame (m/s²).
 pub fn gravity(config: &PlantConfig) -> (f64, [f64; 2]) {
     let (slope, downhill) = (config.slope_rad, config.downhill_rad);
-    let along = GRAVITY * libm::sin(slope);
+    let downslope = GRAVITY_M_S2 * libm::sin(slope);
     (
-        GRAVITY * libm::cos(slope),
-        [along * libm::cos(downhill), along * libm::sin(downhill)],
+        GRAVITY_M_S2 * libm::cos(slope),
+        [
+            downslope * libm::cos(downhill),
+            downslope * libm::sin(downhill),
+        ],
     )
 }
 

@@ -28,7 +28,7 @@ use super::lanes::Lanes;
 use super::state::AxleState;
 
 /// Wheel speed below which rolling resistance and the drift of the ground fade, rad/s.
-const ROLLING_FADE: f64 = 0.05;
+const ROLLING_FADE_RAD_S: f64 = 0.05;
 
 /// Constants of the four wheels of two neighbouring axles: left and right ahead, then left and right behind. The last
 /// axle of an odd number has no neighbour: two wheels without friction fill the four.
@@ -218,7 +218,7 @@ impl Wheels {
         let (mut sx, mut sy) = (hub.forward - rolled, hub.left);
         // Motion free of force beside a unit ahead. The linearisation leaves out its slope.
         let (mut ahead, mut aside) = (none, none);
-        let (fade, mut faded) = (V::splat(ROLLING_FADE), none);
+        let (fade, mut faded) = (V::splat(ROLLING_FADE_RAD_S), none);
         if self.has_drift || self.rolling > 0.0 {
             faded = V::splat(1.0) / (speed.abs() + fade);
         }

@@ -594,7 +594,7 @@ mod tests {
         link.open();
         let goal = |k: u16| Task::regulate(Posture::new(k.into(), 0.0, 0.0));
         (0..500).for_each(|k| link.command(&HostCommand::Task(goal(k))));
-        let mut carried = Vec::new();
+        let mut executed = Vec::new();
         while !link.is_settled() {
             station.now += 1000;
             let sent = link.to_send(station.now).unwrap().map(<[u8]>::to_vec);
@@ -604,7 +604,7 @@ mod tests {
             let mut answers = Vec::new();
             let mut answer = |bytes: &[u8]| answers.push(bytes.to_vec());
             if let Some(Demand::Order(_, order)) = board.receive(&sent, &mut station, &mut answer) {
-                carried.push(order);
+                executed.push(order);
                 board.done(Ok(()), &mut answer);
             }
             for answer in answers {
@@ -614,7 +614,7 @@ mod tests {
             }
         }
         let expected: Vec<_> = (0..500).map(|k| Order::Task(goal(k))).collect();
-        assert_eq!(carried, expected);
+        assert_eq!(executed, expected);
         assert!(station.now > 20 * REPEAT_AFTER_US, "some were lost");
     }
     /// The board's reports arrive, but no request reaches the board, and speed commands are repeated.

@@ -121,7 +121,7 @@ impl BoardLog {
 
 /// Returns the result of a run. On an error, writes the logs to the output folder first, where they may show the
 /// reason.
-pub fn kept<T>(
+pub fn keep_logs_on_error<T>(
     result: Result<T, Error>,
     logs: &[BoardLog],
     output: impl FnOnce() -> Result<OutputDir, Error>,

@@ -109,7 +109,8 @@ impl Images {
         let given = |(file, package): (&Path, &str)| {
             let name = file.display().to_string();
             let refuse = |what: &dyn Display| Error::input(format!("{name}: {what}"));
-            let bytes = input::bytes(file, input::DATA).map_err(|error| refuse(&error))?;
+            let bytes =
+                input::bytes(file, input::MAX_DATA_BYTES).map_err(|error| refuse(&error))?;
             let intact = is_intact(&bytes);
             let image = Image::parse(&name, bytes);
             let image = image.map_err(|error| Error::input(error.to_string()))?;

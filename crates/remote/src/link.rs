@@ -114,7 +114,7 @@ impl Loopback {
 /// Flash of a board from a file; `None` if the file does not exist.
 pub fn flash_file(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     let wrong = |why: String| Error::input(format!("{}: {why}", path.display()));
-    match input::bytes(path, input::DATA) {
+    match input::bytes(path, input::MAX_DATA_BYTES) {
         Ok(bytes) if bytes.len() == SECTORS * SECTOR => Ok(Some(bytes)),
         Ok(bytes) => Err(wrong(format!(
             "{} bytes: the flash of a board must have {}",

@@ -46,9 +46,9 @@ impl Remote {
 
     /// Parameters whose values are the board's own.
     pub fn own_parameters(&mut self) -> Result<Values, Error> {
-        let kept = self.parameters()?;
-        let own = kept.iter().filter(|kept| kept.is_own());
-        Ok(own.map(|kept| (kept.parameter, kept.value)).collect())
+        let parameters = self.parameters()?;
+        let own = parameters.iter().filter(|parameter| parameter.is_own());
+        Ok(own.map(|own| (own.parameter, own.value)).collect())
     }
 
     /// Sets a parameter until the board is reset or its parameters are saved.

@@ -28,7 +28,7 @@ pub const FILE: &str = "report.html";
 /// Largest number of samples per run.
 const MOST_SAMPLES: usize = 3_000;
 /// Samples per second, unless that exceeds [`MOST_SAMPLES`].
-const RATE: f64 = 50.0;
+const SAMPLES_PER_S: f64 = 50.0;
 
 /// A number rounded to this many decimal places.
 #[derive(Clone, Copy, Debug)]
@@ -106,7 +106,7 @@ impl Run<'_> {
         let count = self.records.len();
         let time = |record: &&Record| record.time_s;
         let span = self.records.last().map_or(0.0, time) - self.records.first().map_or(0.0, time);
-        let wanted = ((span * RATE) as usize).clamp(1, MOST_SAMPLES);
+        let wanted = ((span * SAMPLES_PER_S) as usize).clamp(1, MOST_SAMPLES);
         let stride = count.saturating_sub(1).div_ceil(wanted).max(1);
         // The last epoch is always included.
         let last = count.checked_sub(1).filter(|last| last % stride != 0);

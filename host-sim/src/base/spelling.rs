@@ -36,8 +36,8 @@ fn similarity(word: &str, name: &str) -> f64 {
 
 /// `; did you mean NAME?` if a known name is similar to `word`, else an empty text.
 pub fn hint<'a>(word: &str, known: impl IntoIterator<Item = &'a str>) -> String {
-    let meant = nearest(word, known);
-    meant.map_or_else(String::new, |name| format!("; {DID_YOU_MEAN}{name}?"))
+    let suggestion = nearest(word, known);
+    suggestion.map_or_else(String::new, |name| format!("; {DID_YOU_MEAN}{name}?"))
 }
 
 /// Replaces the list of expected keys in a TOML error by a suggestion, if one resembles the unknown key.
@@ -211,11 +211,17 @@ mod tests {
 
     #[test]
     fn unknown_key_gets_similar_or_nearest_keys_as_suggestion() {
-        let meant = |key| unknown_key(key, &defaults());
-        assert_eq!(meant("plant.frictoin"), "; did you mean plant.friction?");
-        assert_eq!(meant("los"), "; did you mean bus.loss?");
-        assert_eq!(meant("plant.axle.mass"), "; nearest keys: plant.mass_kg");
-        assert_eq!(meant("plant.gravity"), "");
+        let suggestion = |key| unknown_key(key, &defaults());
+        assert_eq!(
+            suggestion("plant.frictoin"),
+            "; did you mean plant.friction?"
+        );
+        assert_eq!(suggestion("los"), "; did you mean bus.loss?");
+        assert_eq!(
+            suggestion("plant.axle.mass"),
+            "; nearest keys: plant.mass_kg"
+        );
+        assert_eq!(suggestion("plant.gravity"), "");
         let text = advice("scenario: plant.gravity: unknown key");
         assert!(
             !text.contains("mean") && text.contains("cfmmr keys"),

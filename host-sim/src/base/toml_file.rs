@@ -71,9 +71,9 @@ where
         match message.starts_with("unknown field") {
             true => {
                 let key = whole_key(path, &written);
-                let meant = known_keys(below).map(|known| spelling::unknown_key(&key, &known));
-                let meant = meant.unwrap_or_default();
-                Error::input(format!("{name}: {line}{key}{UNKNOWN}{meant}"))
+                let suggestion = known_keys(below).map(|known| spelling::unknown_key(&key, &known));
+                let suggestion = suggestion.unwrap_or_default();
+                Error::input(format!("{name}: {line}{key}{UNKNOWN}{suggestion}"))
             }
             false => shown(spelling::in_plain_words(&format!(
                 "{name}: {line}{path}: {message}"

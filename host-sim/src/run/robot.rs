@@ -156,11 +156,11 @@ fn strip([front, rear]: [[f64; 3]; 2]) -> [[f32; 2]; FRAME_POINTS] {
         let (t2, t3) = (t * t, t * t * t);
         let (start, end) = (2.0 * t3 - 3.0 * t2 + 1.0, 3.0 * t2 - 2.0 * t3);
         let (out, into) = (t3 - 2.0 * t2 + t, t3 - t2);
-        let along = |k: usize, direction: fn(f64) -> f64| {
+        let coordinate = |k: usize, direction: fn(f64) -> f64| {
             let slopes = out * direction(rear[2]) + into * direction(front[2]);
             (start * rear[k] + end * front[k] + length * slopes) as f32
         };
-        [along(0, libm::cos), along(1, libm::sin)]
+        [coordinate(0, libm::cos), coordinate(1, libm::sin)]
     })
 }
 

@@ -267,8 +267,8 @@ impl World {
     /// True positions of one robot's gauges on the strip of each frame.
     pub fn gauges_of(&self, robot: &Drawn, plant: &Plant) -> Vec<Vec<Station>> {
         let on_frame = |(frame, errors): (usize, &FrameErrors)| {
-            let meant = self.sensors.bridge.gauges_m.iter();
-            meant
+            let nominal = self.sensors.bridge.gauges_m.iter();
+            nominal
                 .zip(errors.gauge_shift_m)
                 .map(|(place, shift)| plant.gauge(frame, place + shift))
                 .collect()

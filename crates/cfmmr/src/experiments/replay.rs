@@ -183,13 +183,13 @@ fn read_log(wanted: &Wanted, name: &str, to: &mut dyn FnMut(Role, Event)) -> Res
             .out
             .clone()
             .unwrap_or_else(|| recovered_name(&wanted.log));
-        let bytes = input::bytes(&wanted.log, input::LOG).map_err(refuse)?;
+        let bytes = input::bytes(&wanted.log, input::MAX_LOG_BYTES).map_err(refuse)?;
         recover(&bytes, name, &copy)?;
         drop(bytes);
-        let file = input::open(&copy, input::LOG)?;
+        let file = input::open(&copy, input::MAX_LOG_BYTES)?;
         return read::stream(BufReader::new(file), &copy.display().to_string(), to);
     }
-    let file = input::open(&wanted.log, input::LOG).map_err(refuse)?;
+    let file = input::open(&wanted.log, input::MAX_LOG_BYTES).map_err(refuse)?;
     read::stream(BufReader::new(file), name, to).map_err(|error| {
         Error::input(format!(
             "{error}; `cfmmr replay --recover {name}` writes what is whole"

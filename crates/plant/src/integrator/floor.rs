@@ -41,9 +41,9 @@ pub fn downhill<const N: usize, const F: usize>(
     gravity: [f64; 2],
     geometry: &[Geometry; F],
 ) -> [[f64; 2]; N] {
-    let mut along = directions_of(geometry);
-    for along in &mut along {
-        *along = unrotate(&gravity, *along);
+    let mut local = directions_of(geometry);
+    for local in &mut local {
+        *local = unrotate(&gravity, *local);
     }
-    along
+    local
 }

@@ -71,7 +71,7 @@ const TICKS_AFTER_FAULT: u64 = 1000;
 /// Friction of a blocked wheel, N m s/rad: the most that is stable with steps of a millisecond.
 const BLOCKED_NM_S: f64 = 2.0;
 /// Standard gravity, m/s².
-const GRAVITY: f64 = 9.806_65;
+const GRAVITY_M_S2: f64 = 9.806_65;
 
 /// Robot of virtual boards.
 #[derive(Clone)]
@@ -99,7 +99,7 @@ pub struct VirtualRobot {
     biases: Vec<[f64; 2]>,
     /// Links to the front board and to the other recorded boards.
     link: BoardLink,
-    others: Vec<BoardLink>,
+    other_links: Vec<BoardLink>,
     recorded: bool,
     reported: Vec<bus::CanFrame>,
     /// True if this program is the host at the front board's serial port.
@@ -168,9 +168,9 @@ fn boards(
         board.chip().set_variation(variation);
         board.flash(images.of(role));
         board.core_mut().set_profiling(options.profile);
-        let kept = store::sectors(scenario, role, parts)?;
+        let stored = store::sectors(scenario, role, parts)?;
         let flash = board.chip().flash();
-        flash[store::FIRST..store::FIRST + kept.len()].copy_from_slice(&kept);
+        flash[store::FIRST..store::FIRST + stored.len()].copy_from_slice(&stored);
         boards.push(board);
     }
     Ok(boards)
@@ -218,7 +218,7 @@ impl VirtualRobot {
         let roles: Vec<Role> = topology.boards().filter(fitted).collect();
         let parts = (drawn, bridges);
         let boards = boards(scenario, images, (seed, trial), options, &roles, &parts)?;
-        let mut wire = Wire::new(boards.len() + options.others, QUANTUM, seed);
+        let mut wire = Wire::new(boards.len() + options.extra_nodes, QUANTUM, seed);
         wire.record();
         let at = posture(scenario.mission.start);
         let place = scenario.robot.put_down(at, &scenario.mission.told());
@@ -237,7 +237,7 @@ impl VirtualRobot {
             inertial: scenario.world.sensors.gyro.fitted,
             biases: vec![[0.0; 2]; topology.axle_count()],
             link: BoardLink::new(topology, Role::LEAD, 0),
-            others: Vec::new(),
+            other_links: Vec::new(),
             recorded: false,
             reported: Vec::new(),
             hosted: false,
@@ -439,7 +439,11 @@ impl VirtualRobot {
                 inertial: Motion {
                     rate: [0.0, 0.0, axle.velocity[2] + rate],
                     rate_slope: [0.0, 0.0, axle.acceleration[2]],
-                    force: [axle.acceleration[0] + force, axle.acceleration[1], GRAVITY],
+                    force: [
+                        axle.acceleration[0] + force,
+                        axle.acceleration[1],
+                        GRAVITY_M_S2,
+                    ],
                     force_slope: [0.0; 3],
                 },
             };

@@ -60,7 +60,8 @@ pub fn run(
     compare: bool,
 ) -> Result<(), Error> {
     let output = || run.context.output();
-    let (driven, mut boards) = board_log::kept(drive(run, targets, compare), logs, output)?;
+    let (driven, mut boards) =
+        board_log::keep_logs_on_error(drive(run, targets, compare), logs, output)?;
     boards.files.extend(board_log::files(logs));
     run.publish(driven, boards)
 }

@@ -23,7 +23,7 @@ pub struct FaultBench {
     /// Affected board.
     pub affected: Option<Role>,
     /// Failure observed by an act.
-    pub wrong: Option<String>,
+    pub violation: Option<String>,
 }
 
 impl FaultBench {
@@ -36,7 +36,7 @@ impl FaultBench {
     pub fn new(campaign: &Campaign, options: Options, seed: u64) -> Result<Self, Error> {
         use host_sim::world::random::{Stream, generator};
         let options = Options {
-            others: 1,
+            extra_nodes: 1,
             ..options
         };
         let (scenario, images) = (&campaign.scenario, campaign.images()?);
@@ -50,17 +50,17 @@ impl FaultBench {
             random: generator(seed, 0, Stream::Other(0x300)),
             seed,
             affected: None,
-            wrong: None,
+            violation: None,
         };
         bench.wire(Fault::Piece {
-            node: bench.other(),
+            node: bench.extra_node(),
             piece: 1,
         });
         Ok(bench)
     }
 
     /// Index of the bus node that is no board.
-    fn other(&self) -> usize {
+    fn extra_node(&self) -> usize {
         self.robot.roles.len()
     }
 
@@ -156,7 +156,7 @@ impl FaultBench {
     pub fn intruder(&mut self, act: impl FnOnce(&mut VirtualNode, Time)) {
         let now = self.now();
         self.wire(Fault::Piece {
-            node: self.other(),
+            node: self.extra_node(),
             piece: 0,
         });
         if let Some(node) = self.robot.network.others().first_mut() {

@@ -156,13 +156,13 @@ pub fn brown_outs(campaign: &Campaign, seed: u64) -> TrialResult {
         bench.robot.monitor = Monitor::new(bench.robot.topology);
         bench.await_status(Role::LEAD);
         let started = bench.robot.monitor().latest(Node::axle(0)).is_some();
-        let kept = bench.read_store(Role::LEAD) == before;
+        let unchanged = bench.read_store(Role::LEAD) == before;
         if let Some(first_finding) = bench.first_finding(Role::LEAD) {
             return Ok(Err(format!("{at}, {volts} V: {first_finding}")));
         }
-        if !(started && kept) {
+        if !(started && unchanged) {
             return Ok(Err(format!(
-                "case {case}: {at}, {volts} V for {span}: told {started}, flash as before {kept}"
+                "case {case}: {at}, {volts} V for {span}: told {started}, flash as before {unchanged}"
             )));
         }
     }
@@ -173,10 +173,10 @@ pub fn brown_outs(campaign: &Campaign, seed: u64) -> TrialResult {
 fn calibrating(
     campaign: &Campaign,
     seed: u64,
-    kept: Option<&[u8]>,
+    stored: Option<&[u8]>,
 ) -> Result<(FaultBench, Time), Error> {
     let mut bench = acknowledging_bench(campaign, seed)?;
-    if let Some(bytes) = kept {
+    if let Some(bytes) = stored {
         bench.write_store(Role::beam(0), bytes);
     }
     bench.start_board(Role::beam(0));
@@ -195,10 +195,10 @@ fn calibrating(
 fn cuts(
     campaign: &Campaign,
     seed: u64,
-    kept: Option<&[u8]>,
+    stored: Option<&[u8]>,
     wanted: impl Fn(usize, &FlashOperation) -> Vec<f64>,
 ) -> TrialResult {
-    let (mut bench, requested_at) = calibrating(campaign, seed, kept)?;
+    let (mut bench, requested_at) = calibrating(campaign, seed, stored)?;
     let before = settings_from_store(&bench.read_store(Role::beam(0)), Role::beam(0)).0;
     bench.run_for(SAVED_MS);
     let after = settings_from_store(&bench.read_store(Role::beam(0)), Role::beam(0)).0;
@@ -213,7 +213,7 @@ fn cuts(
     for (k, operation) in operations.enumerate() {
         for share in wanted(k, operation) {
             let at = operation.at + Time((operation.takes.0 as f64 * share) as u64);
-            if let Err(why) = cut(campaign, seed, kept, at, [&before, &after])? {
+            if let Err(why) = cut(campaign, seed, stored, at, [&before, &after])? {
                 return Ok(Err(format!("operation {k}, {at}: {why}")));
             }
             cases += 1;
@@ -229,11 +229,11 @@ fn cuts(
 fn cut(
     campaign: &Campaign,
     seed: u64,
-    kept: Option<&[u8]>,
+    stored: Option<&[u8]>,
     at: Time,
     permitted: [&Settings; 2],
 ) -> Result<Result<(), String>, Error> {
-    let (mut bench, _) = calibrating(campaign, seed, kept)?;
+    let (mut bench, _) = calibrating(campaign, seed, stored)?;
     while bench.now() + ms(1) <= at {
         bench.run_for(1);
     }
@@ -343,12 +343,12 @@ pub fn flipped_bits(campaign: &Campaign, seed: u64) -> TrialResult {
         let (found, _) = settings_from_store(&bytes, Role::beam(0));
         let notices = bench.robot.monitor().noticed(Node::beam(0));
         let same = TABLE.iter().all(|p| p.get(&found) == p.get(&saved));
-        let kept = bench.read_store(Role::beam(0)) == bytes;
+        let unchanged = bench.read_store(Role::beam(0)) == bytes;
         let started = bench.robot.monitor().latest(Node::beam(0)).is_some();
         let has_notice = notices.contains(Condition::ParameterDefault);
-        if !(started && kept && (same || has_notice)) {
+        if !(started && unchanged && (same || has_notice)) {
             return Ok(Err(format!(
-                "bit {bit}: heard {started}, flash as before {kept}, values the same {same}, told {has_notice}"
+                "bit {bit}: heard {started}, flash as before {unchanged}, values the same {same}, told {has_notice}"
             )));
         }
     }

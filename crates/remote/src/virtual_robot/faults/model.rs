@@ -2,7 +2,7 @@
 
 use super::Campaign;
 use super::entry::{Entry, entries};
-use super::outcome::{End, FaultCase, Outcome, stopped_wrongly};
+use super::outcome::{End, FaultCase, Outcome, stop_violation};
 use super::sensors::WHEELS;
 use core_algos::bus::LeadMode;
 use core_algos::control::regulator::Phase;
@@ -146,7 +146,7 @@ struct FaultObserver {
     /// Time of the stop, µs.
     stopped: Option<Micros>,
     /// Failure, in words.
-    wrong: Option<String>,
+    violation: Option<String>,
 }
 
 impl FaultObserver {
@@ -186,7 +186,7 @@ impl DriveTask<Simulation> for FaultObserver {
         if now < self.from {
             return Progress::Driving;
         }
-        self.wrong = self.exceeded(simulation);
+        self.violation = self.exceeded(simulation);
         let (speed, off) = (
             simulation.speed(),
             simulation.torque().iter().all(|torque| *torque == [0.0; 2]),
@@ -196,7 +196,7 @@ impl DriveTask<Simulation> for FaultObserver {
         match self.stopped {
             // The frame may swing a little when the motors switch off.
             Some(_) if !off || !(speed < SWING_M_S) => {
-                self.wrong = Some("drives again after its stop".to_owned());
+                self.violation = Some("drives again after its stop".to_owned());
             }
             Some(since) if now - since >= STOP_OBSERVATION_US => return Progress::Over,
             None if faulted && self.rest >= REST_TICKS => {
@@ -204,7 +204,7 @@ impl DriveTask<Simulation> for FaultObserver {
             }
             _ => {}
         }
-        match self.wrong {
+        match self.violation {
             Some(_) => Progress::Over,
             None => Progress::Driving,
         }
@@ -232,15 +232,15 @@ pub fn run_on(
         beyond: [0; 3],
         rest: 0,
         stopped: None,
-        wrong: None,
+        violation: None,
     };
     let done = drive(simulation, scenario, mission.time_limit_s, &mut observer)?.is_success();
     let first = simulation.monitor().first_fault().copied();
     let reason = first.and_then(|status| status.reason);
     let since = |at: Micros| at.saturating_sub(observer.from) as f64 * 1e-6;
     let off_s = observer.stopped.map(since);
-    let wrong = observer.wrong.or_else(|| match off_s {
-        Some(off_s) => stopped_wrongly(case.entry, reason, off_s, None),
+    let violation = observer.violation.or_else(|| match off_s {
+        Some(off_s) => stop_violation(case.entry, reason, off_s, None),
         None if done => goal_missed(simulation, scenario, case.entry),
         None => Some("neither done nor stopped".to_owned()),
     });
@@ -248,7 +248,7 @@ pub fn run_on(
     Ok(Outcome {
         seed: case.seed,
         after_ms: case.after_ms,
-        end: wrong.map_or(end, End::Wrong),
+        end: violation.map_or(end, End::Wrong),
         reason,
         off_s,
         own_off_s: None,

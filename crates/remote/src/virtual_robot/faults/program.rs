@@ -25,7 +25,7 @@ const TICK: u16 = 16 + 52;
 /// Start of the RAM, the unused end of the stack, which holds the code of a wild store.
 const RAM: u32 = 0x2000_0000;
 /// Address without memory.
-const NOTHING: u32 = 0x3000_0000;
+const UNMAPPED: u32 = 0x3000_0000;
 /// Findings of a processor fault: the fault itself, frames lost during the wait for the reset, the reset.
 const CRASH: &[&str] = &["fault", "bus error", "unmapped", "overrun", "reset"];
 /// Findings of a processor fault at the guard below the stack.
@@ -50,7 +50,7 @@ fn without_pulses(bench: &mut FaultBench) {
         pulses = axle.drivers.iter().any(|d| d.is_enabled() || recent(d));
     });
     if pulses {
-        bench.wrong = Some("pulses while the core was halted".to_owned());
+        bench.violation = Some("pulses while the core was halted".to_owned());
     }
 }
 
@@ -159,7 +159,7 @@ fn faults() -> Vec<Entry> {
 
 fn crashes() -> Vec<Entry> {
     entries! {
-        "wild store to nowhere", "program", drive(|b| { wild_store(b, None, NOTHING); })
+        "wild store to nowhere", "program", drive(|b| { wild_store(b, None, UNMAPPED); })
             .stops(HALTED).own_within(AT_ONCE_S).restarts().check(by_the_program).finds(CRASH);
         "wild store below the stack", "program", drive(|b| {
             let role = b.wheel().0;
@@ -180,13 +180,13 @@ fn crashes() -> Vec<Entry> {
             let role = b.wheel().0;
             b.board(role, |board| {
                 run_into(board, ADC);
-                board.core_mut().set_register(15, NOTHING);
+                board.core_mut().set_register(15, UNMAPPED);
             });
         }).stops(HALTED).own_within(AT_ONCE_S).restarts().check(by_the_program).finds(CRASH);
         "HardFault of the beam's board", "program", drive(|b| {
             b.board(Role::beam(0), |board| {
                 run_into(board, TICK);
-                board.core_mut().set_register(15, NOTHING);
+                board.core_mut().set_register(15, UNMAPPED);
             });
         }).goes_on().restarts().check(by_the_program).finds(CRASH);
     }

@@ -4,7 +4,7 @@ use super::Campaign;
 use super::bench::FaultBench;
 use super::entry::{Entry, RunKind, TimedAct};
 use super::model;
-use super::outcome::{End, FaultCase, Outcome, stopped_wrongly};
+use super::outcome::{End, FaultCase, Outcome, stop_violation};
 use super::shared_robots::{SharedRobots, stores};
 use crate::virtual_robot::Options;
 use core_algos::safety::{Condition, OperatingState};
@@ -206,7 +206,7 @@ fn violation(bench: &mut FaultBench, entry: &Entry, before: &[Vec<u8>]) -> Optio
     {
         return Some(bus_errors);
     }
-    let observed = bench.wrong.take();
+    let observed = bench.violation.take();
     if let Some(wrong) = observed.or_else(|| entry.check.and_then(|check| check(bench))) {
         return Some(wrong);
     }
@@ -254,8 +254,8 @@ fn outcome_of(
     let last = last_pulse(&mut bench).filter(|_| !observed.driven);
     let own_off_s = last.map(off);
     let wrong = violation(&mut bench, entry, before).or_else(|| match off_s {
-        Some(off_s) => stopped_wrongly(entry, reason, off_s, own_off_s),
-        None => drives_wrongly(&bench, case, observed.from, reference),
+        Some(off_s) => stop_violation(entry, reason, off_s, own_off_s),
+        None => drive_violation(&bench, case, observed.from, reference),
     });
     let end = match wrong {
         Some(why) => End::Wrong(why),
@@ -273,7 +273,7 @@ fn outcome_of(
     }
 }
 
-fn drives_wrongly(
+fn drive_violation(
     bench: &FaultBench,
     case: &FaultCase,
     from: Time,

@@ -45,13 +45,13 @@ impl Tools {
 
     /// Counts a transmission that has ended; true if the frame is intact.
     pub fn count_transmission(&mut self, role: Option<Role>, sending: &Sending) -> bool {
-        let whole = sending.error.is_none();
+        let intact = sending.error.is_none();
         if let Some(role) = role {
             let traffic = &mut self.traffic[self.cuts.topology.place(role)];
-            traffic.frames += u64::from(whole);
-            traffic.damaged += u64::from(!whole);
+            traffic.frames += u64::from(intact);
+            traffic.damaged += u64::from(!intact);
         }
-        whole
+        intact
     }
 
     /// True if a board has no power.
