@@ -95,7 +95,7 @@ pub extern "C" fn drive(bytes: usize, seed: u64) -> usize {
         let lines = script::parse(part(lines)?, &scenario)?;
         let mut robot = Simulation::new(&scenario, seed, 0)?;
         let see = |record: &Record| hashes.push(hash(record));
-        script::carry_out(&mut robot, &scenario, &lines, see, &mut Vec::new())
+        script::execute(&mut robot, &scenario, &lines, see, &mut Vec::new())
     })
 }
 

@@ -11,7 +11,7 @@ use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::world::faults::Fault;
 use rayon::prelude::*;
-use remote::virtual_robot::faults::{Campaign, Case, Course, End, Entry, catalogue, model};
+use remote::virtual_robot::faults::{Campaign, End, Entry, FaultCase, RunKind, catalogue, model};
 use std::path::Path;
 
 #[test]
@@ -67,12 +67,12 @@ fn outcomes_beyond_an_entry_are_wrong() {
             .map(|it| (*it).to_owned())
             .collect();
         let scenario = Scenario::parse(None, "", "test", &changes).unwrap();
-        let case = Case {
+        let case = FaultCase {
             entry: &entry,
             after_ms: 300,
             seed: 1,
         };
-        let Course::Model(fault) = entry.course.clone() else {
+        let RunKind::Model(fault) = entry.kind.clone() else {
             panic!("{}", entry.name)
         };
         let mut simulation = Simulation::new(&scenario, 1, 0).unwrap();
@@ -179,8 +179,8 @@ fn each_code_is_raised_by_a_fault() {
     let page = std::fs::read_to_string(page).unwrap();
     let modelled = catalogue()
         .into_iter()
-        .filter_map(|entry| match entry.course {
-            Course::Model(fault) => Some(("bus.loss=0.001", fault)),
+        .filter_map(|entry| match entry.kind {
+            RunKind::Model(fault) => Some(("bus.loss=0.001", fault)),
             _ => None,
         });
     let runs: Vec<_> = modelled.chain(runs()).collect();

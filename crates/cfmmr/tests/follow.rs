@@ -4,7 +4,7 @@ use crate::program::{assert_refused, cfmmr, files, json_file, succeed};
 use core_algos::fusion::robot::Mode;
 use host_sim::paths::Path;
 use host_sim::run::path_run;
-use host_sim::run::path_run::{Moment, Outcome, PathMode, Route};
+use host_sim::run::path_run::{Outcome, PathEpoch, PathMode, Route};
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use std::fs;
@@ -19,7 +19,12 @@ fn scenario() -> Scenario {
     scenario
 }
 
-fn run(path: &Path, path_mode: PathMode, scenario: &Scenario, seed: u64) -> (Outcome, Vec<Moment>) {
+fn run(
+    path: &Path,
+    path_mode: PathMode,
+    scenario: &Scenario,
+    seed: u64,
+) -> (Outcome, Vec<PathEpoch>) {
     let mut scenario = scenario.clone();
     let route = Route::new(path, 1, &scenario).unwrap();
     scenario.mission.start = route.start();
@@ -35,7 +40,7 @@ fn drive(
     route: &Route,
     path_mode: PathMode,
     seed: u64,
-    observe: impl FnMut(&Moment),
+    observe: impl FnMut(&PathEpoch),
 ) -> Outcome {
     let mut simulation = Simulation::new(scenario, seed, 0).unwrap();
     path_run::drive_on(&mut simulation, scenario, route, path_mode, observe).unwrap()

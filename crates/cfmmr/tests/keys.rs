@@ -18,7 +18,7 @@ use host_sim::scenario::effect;
 use host_sim::scenario::effect::Use;
 use host_sim::world::faults::Fault;
 use rayon::prelude::*;
-use remote::virtual_robot::faults::{Course, catalogue};
+use remote::virtual_robot::faults::{RunKind, catalogue};
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::sync::{Arc, Mutex};
 use toml::{Table, Value};
@@ -167,8 +167,8 @@ impl Situation {
         let (name, tick) = fault.split_once(" @").unwrap_or((fault, FAULT_TICK));
         let entry = catalogue().into_iter().find(|entry| entry.name == name);
         assert!(fault.is_empty() || entry.is_some(), "{line}");
-        let modelled = entry.and_then(|entry| match entry.course {
-            Course::Model(fault) => Some(fault),
+        let modelled = entry.and_then(|entry| match entry.kind {
+            RunKind::Model(fault) => Some(fault),
             _ => None,
         });
         Self {

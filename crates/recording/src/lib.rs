@@ -48,7 +48,7 @@ use host_sim::run::end::RunEnd;
 use host_sim::run::robot::{Observer, Record, Robot};
 use host_sim::scenario::Scenario;
 use host_sim::targets::board_record::BoardEvent;
-use host_sim::targets::{HostCommand, Report, Target};
+use host_sim::targets::{HostCommand, Target, TargetReport};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
@@ -79,7 +79,7 @@ impl Destinations {
     pub fn check(&self) -> Result<(), Error> {
         log::check(self)?;
         if let Some(path) = &self.csv {
-            tables::Place::new(path)?;
+            tables::TableDestination::new(path)?;
         }
         Ok(())
     }
@@ -271,7 +271,7 @@ enum Line {
     /// Common time of the boards at the start of the run, µs.
     Zero(i64),
     /// The nodes of a board were started.
-    Start(Role, Box<(Start, Option<Report>)>),
+    Start(Role, Box<(Start, Option<TargetReport>)>),
     /// A board was switched off or lost.
     Off(Role, Off),
     /// The host sent a command to the lead node.

@@ -23,7 +23,7 @@ pub trait Link: Send {
     fn send(&mut self, bytes: &[u8]) -> io::Result<()>;
 
     /// Waits for bytes; 0 after the timeout. An error means that the board is gone.
-    fn receive(&mut self, room: &mut [u8], timeout: Duration) -> io::Result<usize>;
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize>;
 
     /// A second handle for sending, if the link supports one.
     fn second(&self) -> Option<File> {
@@ -31,7 +31,7 @@ pub trait Link: Send {
     }
 
     /// Switches the board off.
-    fn kill(&mut self) -> Result<(), Error> {
+    fn switch_off(&mut self) -> Result<(), Error> {
         let name = self.name();
         Err(Error::input(format!(
             "{name}: this program cannot switch the board off"
@@ -40,7 +40,7 @@ pub trait Link: Send {
 
     /// Ends the board as if it had failed; only the link may report the end.
     fn crash(&mut self) -> Result<(), Error> {
-        self.kill()
+        self.switch_off()
     }
 
     /// Halts the board's processor with its link open, or resumes it.
@@ -52,7 +52,7 @@ pub trait Link: Send {
     }
 
     /// Switches the board on again.
-    fn revive(&mut self) -> Result<(), Error> {
+    fn switch_on(&mut self) -> Result<(), Error> {
         let name = self.name();
         Err(Error::input(format!(
             "{name}: this program cannot switch the board on"
@@ -114,7 +114,7 @@ impl Loopback {
 /// Flash of a board from a file; `None` if the file does not exist.
 pub fn flash_file(path: &Path) -> Result<Option<Vec<u8>>, Error> {
     let wrong = |why: String| Error::input(format!("{}: {why}", path.display()));
-    match input::bytes(path, input::DATA) {
+    match input::bytes(path, input::MAX_DATA_BYTES) {
         Ok(bytes) if bytes.len() == SECTORS * SECTOR => Ok(Some(bytes)),
         Ok(bytes) => Err(wrong(format!(
             "{} bytes: the flash of a board must have {}",
@@ -158,11 +158,11 @@ impl Link for Loopback {
         Ok(())
     }
 
-    fn receive(&mut self, room: &mut [u8], _timeout: Duration) -> io::Result<usize> {
-        self.waiting.read(room)
+    fn receive(&mut self, buffer: &mut [u8], _timeout: Duration) -> io::Result<usize> {
+        self.waiting.read(buffer)
     }
 
-    fn kill(&mut self) -> Result<(), Error> {
+    fn switch_off(&mut self) -> Result<(), Error> {
         self.sim_link = None;
         self.waiting.clear();
         Ok(())
@@ -173,7 +173,7 @@ impl Link for Loopback {
         Ok(())
     }
 
-    fn revive(&mut self) -> Result<(), Error> {
+    fn switch_on(&mut self) -> Result<(), Error> {
         self.start();
         Ok(())
     }
@@ -203,7 +203,7 @@ impl Descriptors {
     }
 
     /// Waits for bytes; 0 after the timeout.
-    pub fn receive(&mut self, room: &mut [u8], timeout: Duration) -> io::Result<usize> {
+    pub fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> io::Result<usize> {
         let timeout = Timespec::try_from(timeout).map_err(|_| ErrorKind::InvalidInput)?;
         let mut waiting = [PollFd::new(&self.from, PollFlags::IN)];
         match poll(&mut waiting, Some(&timeout)) {
@@ -211,7 +211,7 @@ impl Descriptors {
             Ok(_) => {}
             Err(error) => return Err(error.into()),
         }
-        match self.from.read(room) {
+        match self.from.read(buffer) {
             Ok(0) => Err(ErrorKind::UnexpectedEof.into()),
             Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(0),
             other => other,

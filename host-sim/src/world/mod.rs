@@ -268,8 +268,8 @@ impl World {
     /// True positions of one robot's gauges on the strip of each frame.
     pub fn gauges_of(&self, robot: &Drawn, plant: &Plant) -> Vec<Vec<Station>> {
         let on_frame = |(frame, errors): (usize, &FrameErrors)| {
-            let meant = self.sensors.bridge.gauges_m.iter();
-            meant
+            let nominal = self.sensors.bridge.gauges_m.iter();
+            nominal
                 .zip(errors.gauge_shift_m)
                 .map(|(place, shift)| plant.gauge(frame, place + shift))
                 .collect()
@@ -539,9 +539,9 @@ mod tests {
         let plain = Scenario::default();
         let before = Simulation::new(&plain, 7, 3).unwrap().truth();
         let mut changed = 0;
-        let mut told = toml::Table::try_from(plain.robot).unwrap();
-        for_each_number(&mut told, &mut |told, number| {
-            let robot: Result<RobotConfig, _> = told.clone().try_into();
+        let mut table = toml::Table::try_from(plain.robot).unwrap();
+        for_each_number(&mut table, &mut |table, number| {
+            let robot: Result<RobotConfig, _> = table.clone().try_into();
             let Ok(robot) = robot else { return };
             let mut scenario = plain.clone();
             scenario.robot = robot;
@@ -557,13 +557,13 @@ mod tests {
         let robot = Simulation::new(&other, 7, 3).unwrap();
         assert!(robot.truth() != before);
         // The boards get the bridge zeros at a straight edge, and nothing else of the drawn robot.
-        let told = [&plain, &other].map(|scenario| {
-            let mut told =
+        let configs = [&plain, &other].map(|scenario| {
+            let mut config =
                 crate::run::rig::board_config(scenario, &scenario.world.draw(Topology::PAIR, 7, 3));
-            told.beam.calibration.zero_counts = plain.robot.beam.calibration.zero_counts;
-            told
+            config.beam.calibration.zero_counts = plain.robot.beam.calibration.zero_counts;
+            config
         });
-        assert_eq!(told[0], told[1]);
+        assert_eq!(configs[0], configs[1]);
     }
 
     #[test]

@@ -103,7 +103,7 @@ fn of_board(links: &Links, role: Role) -> Result<Row, Error> {
         return Ok(Row::default());
     };
     let mut remote = Remote::new(ROBOT, role, link);
-    remote.hasten();
+    remote.shorten_wait();
     let record = remote.crash_record()?;
     let [panics, processor, watchdog, overflows] = record.counts;
     let stack = remote.stack();

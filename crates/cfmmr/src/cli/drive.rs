@@ -10,7 +10,7 @@ use host_sim::base::error::Error;
 use host_sim::base::input;
 use host_sim::run::keyboard::Keyboard;
 use host_sim::run::script;
-use host_sim::run::script::{Line, Step};
+use host_sim::run::script::{Line, ScriptStep};
 use host_sim::scenario::effect::{Taken, Use};
 use output::terminal;
 use std::fmt::Display;
@@ -73,7 +73,7 @@ pub fn run(args: &DriveArgs) -> Result<(), Error> {
     let place = &args.robot.boards.on;
     let no_zero = lines
         .iter()
-        .find(|line| !place.is_outside() && line.step == Step::Zero);
+        .find(|line| !place.is_outside() && line.step == ScriptStep::Zero);
     if let Some(line) = no_zero {
         return Err(Error::input(format!(
             "line {}: zero: must have --on virtual or --on serial: boards in this program have no calibration procedure",

@@ -75,7 +75,7 @@ pub fn run(args: &HilArgs) -> Result<(), Error> {
     let logs = BoardLog::of_boards(context.scenario.robot.topology());
     let place = (&args.boards.on, args.boards.baud());
     let targets = in_the_loop::connect(place, &boards, &mut context.scenario, &logs);
-    let targets = board_log::kept(targets, &logs, || context.output())?;
+    let targets = board_log::keep_logs_on_error(targets, &logs, || context.output())?;
     let run = Run {
         context: &context,
         mission: &mission,

@@ -18,7 +18,7 @@ use output::terminal::print;
 use remote::Remote;
 use remote::board_log::BoardLog;
 use remote::link::Loopback;
-use remote::parameters::Kept;
+use remote::parameters::BoardParameter;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -185,9 +185,9 @@ fn at_each(
         if target.boards.on.has_ports() {
             remote.end_earlier_session()?;
         }
-        remote.greet()?;
+        remote.start_session()?;
         act(role, &mut remote)?;
-        remote.leave()?;
+        remote.end_session()?;
     }
     Ok(())
 }
@@ -206,7 +206,7 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
     at_each(target, |role, remote| {
         let base = Settings::of(role);
         for kept in remote.parameters()? {
-            let Kept {
+            let BoardParameter {
                 parameter,
                 value,
                 source,

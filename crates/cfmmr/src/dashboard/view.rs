@@ -71,7 +71,7 @@ impl View {
             faults: faults(monitor.changes()),
             boards: robot.traffic(),
             bus: robot.bus(),
-            seen: record.seen(),
+            seen: record.with_estimate(),
             pace: pace.map(|pace| pace.keyboard().pace()),
             ..Self::before(monitor)
         }

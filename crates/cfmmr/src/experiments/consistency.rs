@@ -366,7 +366,7 @@ fn csv(report: &Report) -> Csv {
         let instants = row.path.iter().map(|instant| (false, instant));
         for (end, instant) in instants.chain([(true, &row.end)]) {
             for (name, body) in BODIES.into_iter().zip(instant.bodies()) {
-                let mut cells = csv::Row::default();
+                let mut cells = csv::CsvRow::default();
                 cells.put("rps imu", &[row.rps, row.imu]);
                 cells.put("fusion body", &[row.fusion, name]);
                 cells.put("end", &[end]);
@@ -379,7 +379,7 @@ fn csv(report: &Report) -> Csv {
             }
         }
     }
-    csv::Row::table(rows)
+    csv::CsvRow::table(rows)
 }
 
 /// Fusions of the picture, in the order of their colours.

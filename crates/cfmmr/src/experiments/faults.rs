@@ -7,8 +7,8 @@ use output::progress::Progress;
 use rayon::prelude::*;
 use remote::interrupt::watch_for_interrupt;
 use remote::virtual_robot::faults::{
-    Campaign, Case, Course, End, Entry, Outcome, Reference, SILENCE, UnderWay, model, reference,
-    run as run_case,
+    Campaign, End, Entry, FaultCase, Outcome, Reference, RunKind, SILENCE, SharedRobots, model,
+    reference, run as run_case,
 };
 use serde::Serialize;
 use std::collections::BTreeSet;
@@ -45,7 +45,7 @@ pub struct Row {
 impl Row {
     fn of(entry: &Entry, outcomes: Vec<Outcome>) -> Self {
         let times: BTreeSet<u64> = outcomes.iter().map(|run| run.after_ms).collect();
-        let driven = matches!(entry.course, Course::Drive(_) | Course::Model(_));
+        let driven = matches!(entry.kind, RunKind::Drive(_) | RunKind::Model(_));
         let may_stop = driven && (!entry.goes_on || !entry.codes.is_empty());
         Self {
             fault: entry.name,
@@ -234,16 +234,16 @@ fn covers(page: &str, row: &str) -> bool {
 }
 
 /// All runs of the given faults.
-fn cases<'a>(entries: &[&'a Entry], seeds: u64, quick: bool) -> Vec<Case<'a>> {
+fn cases<'a>(entries: &[&'a Entry], seeds: u64, quick: bool) -> Vec<FaultCase<'a>> {
     let mut cases = Vec::new();
     for entry in entries {
-        let times = match entry.course {
-            Course::Drive(_) => &TIMES[..],
-            Course::Model(_) => &MODEL_TIMES[..],
+        let times = match entry.kind {
+            RunKind::Drive(_) => &TIMES[..],
+            RunKind::Model(_) => &MODEL_TIMES[..],
             _ => &TIMES[..1],
         };
         for &after_ms in times.iter().take(if quick { 1 } else { times.len() }) {
-            cases.extend((1..=seeds).map(|seed| Case {
+            cases.extend((1..=seeds).map(|seed| FaultCase {
                 entry,
                 after_ms,
                 seed,
@@ -266,9 +266,9 @@ pub fn campaign(campaign: &Campaign, entries: &[&Entry], seeds: u64) -> Result<R
             .collect::<Result<_, Error>>()?,
         false => vec![Reference::new(); seeds as usize],
     };
-    let robots = UnderWay::of(&all);
+    let robots = SharedRobots::of(&all);
     let mut order: Vec<usize> = (0..all.len()).collect();
-    order.sort_by_cached_key(|&k| robots.place(&all[k]));
+    order.sort_by_cached_key(|&k| robots.group_index(&all[k]));
     let done: Vec<(usize, Option<Outcome>)> = order
         .into_par_iter()
         .with_max_len(1)

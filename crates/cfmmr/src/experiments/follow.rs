@@ -8,7 +8,7 @@ use host_sim::paths;
 use host_sim::paths::Path;
 use host_sim::run::end::RunEnd;
 use host_sim::run::path_run;
-use host_sim::run::path_run::{Deviation, Errors, Moment, Outcome, PathMode, Route};
+use host_sim::run::path_run::{Deviation, Errors, Outcome, PathEpoch, PathMode, Route};
 use host_sim::run::robot::Record;
 use host_sim::scenario::Scenario;
 use host_sim::scenario::effect::Taken;
@@ -149,7 +149,7 @@ pub fn publish(
     course: &Course,
     path_mode: PathMode,
     outcome: &Outcome,
-    moments: &[Moment],
+    moments: &[PathEpoch],
 ) -> Result<(String, Report, OutputDir), Error> {
     let (name, title) = names(path_mode);
     let (scenario, route) = (&context.scenario, &course.route);
@@ -181,7 +181,7 @@ pub fn publish(
     files.csv("errors.csv", errors(moments));
     files.csv("ends.csv", csv::of_ends([&outcome.end]));
     files.csv("log.csv", csv::of_records(&records));
-    let both = |moment: &Moment| {
+    let both = |moment: &PathEpoch| {
         [&moment.truth, &moment.estimate].map(|deviation| {
             let distance = match path_mode {
                 PathMode::Follow => deviation.lateral_m,
@@ -213,7 +213,7 @@ pub fn publish(
 fn followed(
     route: &Route,
     path_mode: PathMode,
-    moments: &[Moment],
+    moments: &[PathEpoch],
     records: &[Record],
 ) -> FollowRun {
     FollowRun {
@@ -271,9 +271,9 @@ fn summary(report: &Report) -> Vec<(String, String)> {
 const MOST_POINTS: usize = 2_000;
 
 fn over_time(
-    moments: &[Moment],
+    moments: &[PathEpoch],
     path_mode: PathMode,
-    of: impl Fn(&Moment) -> &Deviation,
+    of: impl Fn(&PathEpoch) -> &Deviation,
 ) -> FollowErrors {
     let mut errors = FollowErrors::default();
     for moment in moments
@@ -311,10 +311,10 @@ fn snapshots(records: &[Record]) -> Vec<Snapshot> {
 }
 
 /// Errors over time as a table.
-fn errors(moments: &[Moment]) -> Csv {
-    csv::Row::table(moments.iter().map(|moment| {
+fn errors(moments: &[PathEpoch]) -> Csv {
+    csv::CsvRow::table(moments.iter().map(|moment| {
         let (target, truth, estimate) = (&moment.target, &moment.truth, &moment.estimate);
-        let mut row = csv::Row::default();
+        let mut row = csv::CsvRow::default();
         row.put("time_s target_s_m", &[moment.record.time_s, target.s]);
         let at = [target.x, target.y, target.phi, target.kappa];
         let names = "target_x_m target_y_m target_phi_rad target_kappa_per_m";

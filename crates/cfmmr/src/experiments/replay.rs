@@ -142,7 +142,7 @@ pub fn run(wanted: &Wanted) -> Result<(Report, String), Error> {
             // All starts have equal parameters, so checking the first start is enough.
             let first = first.copied().unwrap_or_default();
             let changed = apply(&first, &changes, &file)?;
-            let estimates = replay::estimate_again(robot, &events, &|_| changed)?;
+            let estimates = replay::replay_estimates(robot, &events, &|_| changed)?;
             report.with = Some(Quality::of(&estimates, &run));
         }
     }
@@ -183,13 +183,13 @@ fn read_log(wanted: &Wanted, name: &str, to: &mut dyn FnMut(Role, Event)) -> Res
             .out
             .clone()
             .unwrap_or_else(|| recovered_name(&wanted.log));
-        let bytes = input::bytes(&wanted.log, input::LOG).map_err(refuse)?;
+        let bytes = input::bytes(&wanted.log, input::MAX_LOG_BYTES).map_err(refuse)?;
         recover(&bytes, name, &copy)?;
         drop(bytes);
-        let file = input::open(&copy, input::LOG)?;
+        let file = input::open(&copy, input::MAX_LOG_BYTES)?;
         return read::stream(BufReader::new(file), &copy.display().to_string(), to);
     }
-    let file = input::open(&wanted.log, input::LOG).map_err(refuse)?;
+    let file = input::open(&wanted.log, input::MAX_LOG_BYTES).map_err(refuse)?;
     read::stream(BufReader::new(file), name, to).map_err(|error| {
         Error::input(format!(
             "{error}; `cfmmr replay --recover {name}` recovers the intact records"
@@ -265,7 +265,7 @@ fn changes(text: &str, file: &str) -> Result<Toml, Error> {
 fn apply(recorded: &RobotConfig, changes: &Toml, file: &str) -> Result<RobotConfig, Error> {
     let failed = |error: &dyn std::fmt::Display| Error::input(format!("{file}: robot: {error}"));
     let mut table = Toml::try_from(recorded).map_err(|error| failed(&error))?;
-    toml_file::lay_over(&mut table, changes.clone());
+    toml_file::merge_config(&mut table, changes.clone());
     let config: RobotConfig = Value::Table(table)
         .try_into()
         .map_err(|error| failed(&error))?;

@@ -17,7 +17,7 @@ use host_sim::base::error::Error;
 use host_sim::base::statistics;
 use host_sim::base::statistics::nees;
 use host_sim::base::statistics::square;
-use host_sim::run::drive::{Errand, Progress, drive};
+use host_sim::run::drive::{DriveTask, Progress, drive};
 use host_sim::run::end::EndKind;
 use host_sim::run::robot::{Record, Robot};
 use host_sim::scenario::Scenario;
@@ -353,7 +353,7 @@ impl Soak<'_> {
     }
 }
 
-impl<R: Robot> Errand<R> for Soak<'_> {
+impl<R: Robot> DriveTask<R> for Soak<'_> {
     fn task(&self) -> Option<Task> {
         None
     }

@@ -11,7 +11,9 @@ use core_algos::node::{Outbox, axle};
 use core_algos::time::{Micros, TICK};
 use core_algos::topology::{AxleId, Role, Topology, Wheels};
 use host_sim::base::error::Error;
-use host_sim::targets::{Fault, HostCommand, InProcess, Output, Posted, Report, Room, Target};
+use host_sim::targets::{
+    Fault, HostCommand, InProcess, Outgoing, Output, Room, Target, TargetReport,
+};
 use std::sync::{Arc, Mutex};
 
 /// Results of the checks of all boards.
@@ -217,7 +219,7 @@ impl Target for Watched {
         Ok(())
     }
 
-    fn finish(&mut self, post: &mut dyn FnMut(Posted)) -> Result<Output, Fault> {
+    fn finish(&mut self, post: &mut dyn FnMut(Outgoing)) -> Result<Output, Fault> {
         let Some((tick, samples)) = self.begun.take() else {
             return Ok(Output::default());
         };
@@ -230,7 +232,7 @@ impl Target for Watched {
             .any(|fault| matches!(fault, BusFault::Mute));
         if !mute {
             for message in outbox.iter() {
-                post(Posted::Message(message));
+                post(Outgoing::Message(message));
             }
         }
         let mut findings = self.findings.lock().unwrap();
@@ -244,17 +246,17 @@ impl Target for Watched {
         Ok(output)
     }
 
-    fn kill(&mut self) -> Result<(), Error> {
+    fn switch_off(&mut self) -> Result<(), Error> {
         self.nodes = None;
         self.late.clear();
         Ok(())
     }
 
-    fn revive(&mut self) -> Result<(), Error> {
+    fn switch_on(&mut self) -> Result<(), Error> {
         Ok(())
     }
 
-    fn report(&self) -> Report {
+    fn report(&self) -> TargetReport {
         InProcess::new(Topology::PAIR, self.role).report()
     }
 }

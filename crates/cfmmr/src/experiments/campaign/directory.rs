@@ -92,7 +92,7 @@ impl Directory {
     /// State of a block.
     pub fn block(&self, block: u64) -> Result<Block, Error> {
         let path = self.file(block);
-        let content = match input::bytes(&path, input::DATA) {
+        let content = match input::bytes(&path, input::MAX_DATA_BYTES) {
             Ok(content) => content,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                 return Ok(Block::Missing);

@@ -91,8 +91,8 @@ impl Row {
     }
 
     /// Row of the CSV file; `vary` are the varied quantities.
-    fn cells<'a>(&self, vary: &'a [Vary]) -> csv::Row<'a> {
-        let mut row = csv::Row::default();
+    fn cells<'a>(&self, vary: &'a [Vary]) -> csv::CsvRow<'a> {
+        let mut row = csv::CsvRow::default();
         row.put("run cell", &[self.run as usize, self.cell as usize]);
         row.put("trial", &[self.trial]);
         for (vary, value) in vary.iter().zip(&self.values) {
@@ -132,7 +132,7 @@ impl Vary {
 
 /// Runs of a study as CSV.
 pub fn csv(study: &Study, rows: &[Row]) -> Csv {
-    csv::Row::table(rows.iter().map(|row| row.cells(&study.vary)))
+    csv::CsvRow::table(rows.iter().map(|row| row.cells(&study.vary)))
 }
 
 /// Content of a block's file: two lines of JSON, the second with the checksum of the first.

@@ -212,10 +212,10 @@ pub fn trials_csv<'a>(
         let numbered = block.iter().enumerate();
         numbered.map(move |(trial, Trial { outcome, .. })| (variant, trial, outcome))
     });
-    csv::Row::table(trials.map(|(variant, trial, outcome)| {
+    csv::CsvRow::table(trials.map(|(variant, trial, outcome)| {
         let error = FinalError::of(outcome.midpoint, goal);
         let [dx, dy, _] = outcome.relative_error;
-        let mut row = csv::Row::default();
+        let mut row = csv::CsvRow::default();
         row.put("rps imu", &[variant.rps, variant.imu]);
         row.put("fusion", &[variant.fusion()]);
         row.put("trial", &[trial]);

@@ -10,12 +10,12 @@ use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::run::bit_compare::{Difference, Trace};
 use host_sim::run::real_time::RealTimeLimiter;
-use host_sim::run::recovery::{PAUSE, Status};
+use host_sim::run::recovery::{CHECK_DELAY_TICKS, Status};
 use host_sim::run::robot::Robot;
 use host_sim::run::simulation::Simulation;
 use host_sim::scenario::Scenario;
 use host_sim::targets;
-use host_sim::targets::{Event, InProcess, Report as BoardReport, Target, What};
+use host_sim::targets::{Event, EventKind, InProcess, Target, TargetReport as BoardReport};
 use output::table::Table;
 use remote::Remote;
 use remote::board_log;
@@ -61,7 +61,8 @@ pub fn run(
     compare: bool,
 ) -> Result<(), Error> {
     let output = || run.context.output();
-    let (driven, mut boards) = board_log::kept(drive(run, targets, compare), logs, output)?;
+    let (driven, mut boards) =
+        board_log::keep_logs_on_error(drive(run, targets, compare), logs, output)?;
     boards.files.extend(board_log::files(logs));
     run.publish(driven, boards)
 }
@@ -88,7 +89,7 @@ pub fn connect(
         };
         let mut remote = Remote::new(robot, role, link);
         if boards.stored {
-            remote.greet()?;
+            remote.start_session()?;
             scenario.boards.put(role, &remote.own_parameters()?);
         }
         Ok(Box::new(remote))
@@ -227,9 +228,9 @@ fn summary(values: &Values) -> String {
     if values
         .events
         .iter()
-        .any(|event| event.what == What::Cleared)
+        .any(|event| event.what == EventKind::Cleared)
     {
-        let pause = f64::from(PAUSE) * 1e-3;
+        let pause = f64::from(CHECK_DELAY_TICKS) * 1e-3;
         text += &format!(
             "after a restart the host waited {pause} s, cleared the faults and repeated the task;\n\
              without the host the robot stays at rest\n"

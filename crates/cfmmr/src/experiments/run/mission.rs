@@ -13,10 +13,10 @@ use host_sim::base::error::Error;
 use host_sim::run::end::{Ended, RunEnd};
 use host_sim::run::keyboard::Keyboard;
 use host_sim::run::path_run;
-use host_sim::run::path_run::{Moment, PathMode};
+use host_sim::run::path_run::{PathEpoch, PathMode};
 use host_sim::run::regulate::regulate_on;
 use host_sim::run::robot::{Record, Robot};
-use host_sim::run::script::{Line, Step};
+use host_sim::run::script::{Line, ScriptStep};
 use host_sim::scenario::Scenario;
 use output::files::OutputDir;
 use serde_json::Value;
@@ -41,7 +41,7 @@ pub enum Outcome {
     /// Outcome of a posture regulation.
     Posture(Box<Trial>),
     /// Outcome of path following or trajectory tracking.
-    Path(Box<path_run::Outcome>, Vec<Moment>),
+    Path(Box<path_run::Outcome>, Vec<PathEpoch>),
     /// Outcome of a script.
     Script(Steps),
 }
@@ -89,7 +89,7 @@ impl Mission {
     pub fn keyboard(&self) -> Keyboard {
         match self {
             Self::Script { lines, .. } => match lines.first().map(|line| &line.step) {
-                Some(Step::Hand(keyboard)) => keyboard.clone(),
+                Some(ScriptStep::Hand(keyboard)) => keyboard.clone(),
                 _ => Keyboard::default(),
             },
             _ => Keyboard::default(),
@@ -136,7 +136,7 @@ impl Mission {
             }
             Self::Path(course, path_mode) => {
                 let mut kept = Thinned::new(MOST_ROWS);
-                let see = |moment: &Moment| kept.push(moment.clone());
+                let see = |moment: &PathEpoch| kept.push(moment.clone());
                 let outcome = path_run::drive_on(robot, scenario, &course.route, *path_mode, see)?;
                 Outcome::Path(Box::new(outcome), kept.into_values())
             }

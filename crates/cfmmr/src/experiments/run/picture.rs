@@ -20,7 +20,7 @@ pub fn draw(
     summary: Vec<(String, String)>,
 ) {
     files.csv("log.csv", csv::of_records(records));
-    let seen: Vec<Record> = records.iter().map(Record::seen).collect();
+    let seen: Vec<Record> = records.iter().map(Record::with_estimate).collect();
     let Some(last) = seen.last() else {
         return;
     };

@@ -9,7 +9,7 @@ use host_sim::base::error::Error;
 use host_sim::run::end::{EndKind, RunEnd};
 use host_sim::run::robot::{Record, Robot};
 use host_sim::run::script;
-use host_sim::run::script::{Line, Step, StepEnd};
+use host_sim::run::script::{Line, ScriptStep, StepEnd};
 use host_sim::scenario::Scenario;
 use output::files::{Csv, OutputDir};
 use output::table::Table;
@@ -41,7 +41,7 @@ impl Steps {
         let (mut records, mut ends) = (Thinned::new(MOST_ROWS), Vec::new());
         let see = |record: &Record| records.push(record.clone());
         // The end of the last step contains an error.
-        let _ = script::carry_out(robot, scenario, lines, see, &mut ends);
+        let _ = script::execute(robot, scenario, lines, see, &mut ends);
         Self {
             ends,
             records: records.into_values(),
@@ -91,7 +91,7 @@ impl Steps {
 /// Goal of the script's last step, if the step is a `goto`.
 pub fn goal(lines: &[Line]) -> Option<[f64; 3]> {
     match lines.last()?.step {
-        Step::Goto(goal) => Some(goal),
+        ScriptStep::Goto(goal) => Some(goal),
         _ => None,
     }
 }
@@ -124,8 +124,8 @@ pub fn publish(
 
 /// Ends of the steps as CSV.
 pub fn csv_of(steps: &[StepEnd]) -> Csv {
-    csv::Row::table(steps.iter().map(|step| {
-        let mut row = csv::Row::default();
+    csv::CsvRow::table(steps.iter().map(|step| {
+        let mut row = csv::CsvRow::default();
         row.put("line", &[step.line]);
         row.put("step", &[step.step.as_str()]);
         let goal = step.goal.unwrap_or([f64::NAN; 3]);

@@ -59,7 +59,7 @@ pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
     };
     let logs = BoardLog::of_boards(context.scenario.robot.topology());
     let driven = drive(run, &images, &options, &logs);
-    let (driven, mut boards) = board_log::kept(driven, &logs, || context.output())?;
+    let (driven, mut boards) = board_log::keep_logs_on_error(driven, &logs, || context.output())?;
     boards.files.extend(board_log::files(&logs));
     run.publish(driven, boards)
 }
