@@ -195,7 +195,7 @@ fn events_are_independent_of_the_quantum_and_delivered_ahead() {
                     event.kind,
                     EventKind::Sent { .. } | EventKind::Received { .. }
                 ) {
-                    assert!(event.at >= now, "{event:?} told at {now}");
+                    assert!(event.at >= now, "{event:?} delivered at {now}");
                 }
             }
         }
