@@ -42,7 +42,7 @@ use encoders::Encoders;
 use inertial::Inertial;
 use motors::Motors;
 use operator::Button;
-use tick::{Axle, AxleTick, Report};
+use tick::{Axle, AxleReport, AxleTick};
 use watchdog::TaskWatchdog;
 
 /// Runs the board. A controller of the user replaces the regulator.
@@ -75,7 +75,7 @@ fn start(
     controller: Option<&'static dyn KinematicController>,
     spawner: Spawner,
 ) -> Result<(), ConfigError> {
-    static REPORTS: Watch<CriticalSectionRawMutex, Report, 1> = Watch::new();
+    static REPORTS: Watch<CriticalSectionRawMutex, AxleReport, 1> = Watch::new();
     static COUNTS: [AtomicU32; watchdog::TASKS.len()] =
         [const { AtomicU32::new(0) }; watchdog::TASKS.len()];
 

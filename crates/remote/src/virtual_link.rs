@@ -20,7 +20,7 @@ use std::time::Duration;
 use virtual_board::Time;
 use virtual_board::board::Board;
 use virtual_board::chip::{Circuit, Drive, Inputs, Pin};
-use virtual_board::finding::Kind;
+use virtual_board::finding::FindingKind;
 
 /// Pins: strap of the rear board, nSLEEP of the motor drivers.
 const STRAP: Pin = Pin::new('C', 13);
@@ -114,7 +114,7 @@ impl ThreadedBoard {
         self.reader.read(&mut self.board);
         self.save_store()?;
         let findings = self.board.chip().findings().list().iter();
-        let mut findings = findings.filter(|finding| finding.kind != Kind::Reset);
+        let mut findings = findings.filter(|finding| finding.kind != FindingKind::Reset);
         if let Some(finding) = findings.next() {
             return Err(io::Error::other(finding.to_string()));
         }

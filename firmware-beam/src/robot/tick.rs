@@ -31,7 +31,7 @@ const SUPPLY_V: f32 = 3.3;
 
 /// Report for the log.
 #[derive(Clone, Copy, Debug)]
-pub struct Report {
+pub struct BeamReport {
     /// Health of the tick.
     pub health: Health,
     /// Excitation over its nominal value.
@@ -105,7 +105,7 @@ impl BoardTick for BeamTick {
     type Hardware = Chip;
     type Input = Block;
     type Samples = Block;
-    type Report = Report;
+    type LogReport = BeamReport;
 
     async fn wait(&mut self) -> Option<(Micros, Block)> {
         let block = self.beam.bridges.read().await;
@@ -166,14 +166,14 @@ impl BoardTick for BeamTick {
         }
     }
 
-    fn report(&mut self, block: &Block, health: Health, common: &mut Common) -> Report {
+    fn report(&mut self, block: &Block, health: Health, common: &mut Common) -> BeamReport {
         let temperature_c = self.beam.bridges.temperature();
         common.send_identity(ROLE, &health);
         let supply_v = block.excitation * SUPPLY_V;
         common.send(&health.message(ROLE, supply_v, temperature_c.unwrap_or(-128.0)));
         let latest = self.beam.node.latest();
         let gauges = latest.map_or(0, |latest| latest.used.count());
-        Report {
+        BeamReport {
             health,
             excitation: block.excitation,
             temperature_c,

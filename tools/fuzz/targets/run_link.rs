@@ -35,7 +35,7 @@ const STEPS: [u64; 8] = [
 ];
 
 /// Run links of a board, the board's state, and the model of both.
-struct Bench {
+struct BoardBench {
     run_links: [RunLink; 2],
     station: Station,
     model: RunLinks,
@@ -45,7 +45,7 @@ struct Bench {
     sequences: [u16; 3],
 }
 
-impl Bench {
+impl BoardBench {
     fn new(role: Role) -> Self {
         let identity = Identity {
             build: "fuzz",
@@ -293,7 +293,7 @@ fn payload_of(frame: &[u8]) -> Option<Vec<u8>> {
 
 fuzz_target!(|data: &[u8]| {
     let mut bytes = Bytes(data);
-    let mut bench = Bench::new(Role::PAIR[usize::from(bytes.byte()) % 3]);
+    let mut bench = BoardBench::new(Role::PAIR[usize::from(bytes.byte()) % 3]);
     while !bytes.is_empty() {
         match bytes.byte() {
             0..=31 => {

@@ -108,8 +108,8 @@ fn drawn(sites: Vec<Site>, seed: u64, file: &str) -> Vec<Site> {
             sites.swap(i, (random % (i as u64 + 1)) as usize);
         }
     }
-    let most = by_rule.values().map(Vec::len).max().unwrap_or(0);
-    (0..most)
+    let longest = by_rule.values().map(Vec::len).max().unwrap_or(0);
+    (0..longest)
         .flat_map(|k| by_rule.values().filter_map(move |sites| sites.get(k)))
         .cloned()
         .collect()
@@ -162,8 +162,8 @@ fn mutants(root: &Path, arguments: &Arguments) -> Result<Vec<Mutant>> {
                 rule: site.rule,
                 before: one_line(&text[site.bytes.clone()]),
                 after: match &site.form {
-                    rules::Form::Instead(text) => one_line(text),
-                    rules::Form::LeftOut => String::new(),
+                    rules::Form::Replaced(text) => one_line(text),
+                    rules::Form::Removed => String::new(),
                 },
                 site,
             });

@@ -59,7 +59,12 @@ impl Driving {
 
     /// Handles one event at `now`. Returns the route of a request for a session: the board must then reset into a
     /// session once all bytes are sent.
-    pub fn turn(&mut self, now: Micros, event: Event, output: &mut impl Output) -> Option<Route> {
+    pub fn handle_event(
+        &mut self,
+        now: Micros,
+        event: Event,
+        output: &mut impl Output,
+    ) -> Option<Route> {
         if self.end.is_watched() {
             self.report(output);
         }

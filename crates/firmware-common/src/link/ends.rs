@@ -172,9 +172,9 @@ impl LinkEnd {
         self.shared.telemetry.try_take()
     }
 
-    /// Takes the oldest entries that fit into `most` bytes.
-    pub fn take_entries(&mut self, most: usize) -> Entries {
-        self.reader.take(most)
+    /// Takes the oldest entries that fit into `max_bytes` bytes.
+    pub fn take_entries(&mut self, max_bytes: usize) -> Entries {
+        self.reader.take(max_bytes)
     }
 
     /// True if the next entry did not fit into the last report.

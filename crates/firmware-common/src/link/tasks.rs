@@ -84,8 +84,8 @@ impl Link {
         spawner: Spawner,
     ) {
         let service = bus.map(|bus| {
-            let carry = can::carry(bus.sender, bus.receiver);
-            spawner.spawn(carry.expect("spawned once"));
+            let task = can::run_session_bus(bus.sender, bus.receiver);
+            spawner.spawn(task.expect("spawned once"));
             bus.service
         });
         spawner.spawn(serve(self, service, watchdog, parameters).expect("spawned once"));
@@ -130,7 +130,7 @@ async fn drive(link: Link, config: &'static RobotConfig, service: ServicePort, e
             Ok(Either3::Third(result)) => Event::Executed(result),
             Ok(Either3::Second(())) | Err(_) => Event::Nothing,
         };
-        if let Some(route) = driving.turn(Instant::now().as_micros(), event, &mut ports) {
+        if let Some(route) = driving.handle_event(Instant::now().as_micros(), event, &mut ports) {
             ports.flush(route).await;
             defmt::info!("reset into a session");
             request::restart(Some(route));

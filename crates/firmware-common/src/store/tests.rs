@@ -269,12 +269,12 @@ fn second_power_cut_at_any_step_of_the_repair_keeps_every_acknowledged_value() {
 #[test]
 fn damage_gives_defaults_with_a_notice_and_erases_nothing() {
     const ROUNDS: u32 = 1500;
-    let [single, many] = [1, 60].map(|most| damage(ROUNDS, most));
+    let [single, many] = [1, 60].map(|max_bytes| damage(ROUNDS, max_bytes));
     println!("{single:?} {many:?}");
     // The manifest reveals every loss by a single fault.
-    assert!(single.intact > 1000 && single.defaults > 10 && single.silent == 0);
+    assert!(single.intact > 1000 && single.defaults > 10 && single.undetected == 0);
     // Many faults may hit both a value and the manifest of its save, and such a loss is undetected.
-    assert!(many.defaults > 1000 && many.silent * 200 <= ROUNDS);
+    assert!(many.defaults > 1000 && many.undetected * 200 <= ROUNDS);
 }
 
 /// Counts of starts with damaged bytes.
@@ -285,12 +285,12 @@ struct Damage {
     /// Values replaced by their defaults, with a notice.
     defaults: usize,
     /// Starts with a wrong value and without a notice.
-    silent: u32,
+    undetected: u32,
 }
 
-/// Damages up to `most` bytes of a store in use, `rounds` times. Checks that every value stays in its range and can
-/// be saved again.
-fn damage(rounds: u32, most: usize) -> Damage {
+/// Damages up to `max_bytes` bytes of a store in use, `rounds` times. Checks that every value stays in its range and
+/// can be saved again.
+fn damage(rounds: u32, max_bytes: usize) -> Damage {
     let mut counts = Damage::default();
     let (mut random, mut settings) = (Random(4), Settings::default());
     let mut flash = SmallFlash::new(3, 4);
@@ -301,7 +301,7 @@ fn damage(rounds: u32, most: usize) -> Damage {
             flash = save(&flash, &settings).0;
         }
         let mut damaged = flash.clone();
-        for _ in 0..1 + random.below(most) {
+        for _ in 0..1 + random.below(max_bytes) {
             let place = random.below(damaged.bytes.len());
             // Mostly in the written part, at the front of a sector.
             let place = match random.below(4) {
@@ -318,7 +318,7 @@ fn damage(rounds: u32, most: usize) -> Damage {
         let (found, report) = load(&damaged);
         counts.intact += u32::from(found == settings);
         counts.defaults += report.defaults();
-        counts.silent += u32::from(found != settings && report.conditions().is_empty());
+        counts.undetected += u32::from(found != settings && report.conditions().is_empty());
         for parameter in &TABLE {
             assert!(parameter.validate(parameter.get(&found)).is_ok());
         }

@@ -165,12 +165,12 @@ impl FaultBench {
     }
 
     /// Sets whether a board's transceiver sends and receives.
-    pub fn transceiver(&mut self, role: Role, sends: bool, hears: bool) {
+    pub fn transceiver(&mut self, role: Role, transmit_enabled: bool, receive_enabled: bool) {
         self.affected.get_or_insert(role);
         self.wire(Fault::Transceiver {
             node: self.robot.topology.place(role),
-            sends,
-            hears,
+            transmit_enabled,
+            receive_enabled,
         });
     }
 

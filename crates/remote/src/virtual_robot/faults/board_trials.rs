@@ -20,7 +20,7 @@ use rand::RngExt;
 use std::ops::Range;
 use virtual_board::Time;
 use virtual_board::chip::FlashOperation;
-use virtual_board::finding::Kind;
+use virtual_board::finding::FindingKind;
 use virtual_board::wire::{Frame, Id};
 
 /// Result of a trial: the number of cases, or the failure.
@@ -116,7 +116,7 @@ impl FaultBench {
         let mut first_finding = None;
         self.board(role, |board| {
             let mut findings = board.chip().findings().list().iter();
-            let finding = findings.find(|found| found.kind != Kind::Reset);
+            let finding = findings.find(|found| found.kind != FindingKind::Reset);
             first_finding = finding.map(ToString::to_string);
         });
         first_finding
