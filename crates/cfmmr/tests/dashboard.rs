@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 use terminal::pseudo_terminal;
 
 /// Timeout of a test step.
-const PATIENCE: Duration = Duration::from_secs(120);
+const TIMEOUT: Duration = Duration::from_secs(120);
 const ENTER: &str = "\x1b[?1049h";
 const LEAVE: &str = "\x1b[?1049l";
 
@@ -74,7 +74,7 @@ impl Session {
 
     /// Waits until `has` is true for the words of a line on the screen; returns the line.
     fn expect_line(&mut self, has: impl Fn(&[&str]) -> bool) -> String {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         loop {
             let screen = screen(&self.shown);
             let words = |line: &String| has(&line.split_whitespace().collect::<Vec<_>>());
@@ -91,7 +91,7 @@ impl Session {
 
     /// Waits until the program has printed `text`.
     fn expect(&mut self, text: &str) {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         while !self.shown.contains(text) {
             let left = deadline.saturating_duration_since(Instant::now());
             let Ok(bytes) = self.screen.recv_timeout(left) else {
@@ -107,7 +107,7 @@ impl Session {
 
     /// Waits for the end of the program and keeps its output.
     fn end(&mut self) -> ExitStatus {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         let status = loop {
             if let Some(status) = self.child.try_wait().unwrap() {
                 break status;
@@ -273,7 +273,7 @@ fn closed_terminal_ends_the_program() {
             text += &String::from_utf8_lossy(&room[..count]);
         }
         drop(master);
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + TIMEOUT;
         let status = loop {
             if let Some(status) = child.try_wait().unwrap() {
                 break status;

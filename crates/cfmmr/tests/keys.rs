@@ -208,9 +208,9 @@ impl Situation {
             }
         };
         let mut simulation = Simulation::new(&scenario, 3, 0)?;
-        let seen = Arc::new(Mutex::new(Vec::new()));
+        let hashes = Arc::new(Mutex::new(Vec::new()));
         simulation.observe(Box::new(Epochs {
-            seen: seen.clone(),
+            hashes: hashes.clone(),
             before: before.to_vec(),
         }));
         if let Some((fault, tick)) = self.fault.clone() {
@@ -223,7 +223,7 @@ impl Situation {
             }
             _ => regulate_on(&mut simulation, &scenario, |_| {}).map(|_| ()),
         };
-        Ok(std::mem::take(&mut *seen.lock().unwrap()))
+        Ok(std::mem::take(&mut *hashes.lock().unwrap()))
     }
 
     fn changes_with(&self, scenario: &Scenario, before: &[u64]) -> bool {
@@ -234,7 +234,7 @@ impl Situation {
 
 /// Hashes the state of each epoch.
 struct Epochs {
-    seen: Arc<Mutex<Vec<u64>>>,
+    hashes: Arc<Mutex<Vec<u64>>>,
     before: Vec<u64>,
 }
 
@@ -261,9 +261,9 @@ impl Observer for Epochs {
             frame.strain.map(f32::to_bits).hash(&mut hash);
         }
         format!("{:?} {:?}", record.lead, robot.monitor().changes().last()).hash(&mut hash);
-        let (mut seen, hash) = (self.seen.lock().unwrap(), hash.finish());
-        let same = self.before.is_empty() || self.before.get(seen.len()) == Some(&hash);
-        seen.push(hash);
+        let (mut hashes, hash) = (self.hashes.lock().unwrap(), hash.finish());
+        let same = self.before.is_empty() || self.before.get(hashes.len()) == Some(&hash);
+        hashes.push(hash);
         match same {
             true => Ok(()),
             false => Err(Error::Failure("changed".to_owned())),
@@ -364,7 +364,7 @@ fn with_parameter(scenario: &Scenario, role: Role, name: &str) -> Vec<Scenario> 
 }
 
 #[derive(Clone, Copy, PartialEq)]
-enum Found {
+enum KeyEffect {
     Effective,
     Elsewhere,
     Refused,
@@ -384,7 +384,7 @@ const TESTED_ELSEWHERE: &[(&str, &str)] = &[(
 )];
 
 /// Effect of a key in its situation of [`PROBES`]; `None` if the key has no such situation.
-fn probe(key: &str) -> Option<Result<Found, Error>> {
+fn probe(key: &str) -> Option<Result<KeyEffect, Error>> {
     let probes = PROBES.lines().filter_map(|line| line.split_once(" | "));
     let mut of_key = probes.filter(|(change, _)| change.split_once('=').unwrap().0 == key);
     let (change, line) = of_key.next()?;
@@ -396,20 +396,20 @@ fn probe(key: &str) -> Option<Result<Found, Error>> {
     };
     Some(changes().map(|changes| {
         if changes {
-            Found::Elsewhere
+            KeyEffect::Elsewhere
         } else {
-            Found::Nothing
+            KeyEffect::Nothing
         }
     }))
 }
 
 /// Searches a situation in which the key changes the run.
-fn look(key: &str, made: &[Made], change: &Change) -> Result<Found, Error> {
+fn search_effect(key: &str, made: &[Made], change: &Change) -> Result<KeyEffect, Error> {
     if let Some(found) = probe(key) {
         return found;
     }
     if TESTED_ELSEWHERE.iter().any(|(other, _)| *other == key) {
-        return Ok(Found::Elsewhere);
+        return Ok(KeyEffect::Elsewhere);
     }
     let (mut refused, mut tried) = (true, false);
     // One value usually shows the effect in the right situation; in other situations each value costs a whole run.
@@ -424,18 +424,18 @@ fn look(key: &str, made: &[Made], change: &Change) -> Result<Found, Error> {
             let mut others = others.iter().take(values.end).skip(values.start);
             if others.any(|other| situation.changes_with(other, before)) {
                 return Ok(if i == 0 {
-                    Found::Effective
+                    KeyEffect::Effective
                 } else {
-                    Found::Elsewhere
+                    KeyEffect::Elsewhere
                 });
             }
         }
     }
     // A key without another valid value counts as refused.
     Ok(if refused || !tried {
-        Found::Refused
+        KeyEffect::Refused
     } else {
-        Found::Nothing
+        KeyEffect::Nothing
     })
 }
 
@@ -499,7 +499,7 @@ fn each_key_changes_a_run_or_is_refused() {
     let keys: Vec<_> = of_scenario.chain(of_boards).collect();
     let results = keys
         .par_iter()
-        .map(|(key, change)| (key, look(key, &made, change)));
+        .map(|(key, change)| (key, search_effect(key, &made, change)));
     let results: Vec<_> = results.collect();
     let count = |wanted| {
         results
@@ -510,12 +510,12 @@ fn each_key_changes_a_run_or_is_refused() {
     println!(
         "{} keys: {} change the default run, {} another run, {} are refused",
         results.len(),
-        count(Found::Effective),
-        count(Found::Elsewhere),
-        count(Found::Refused)
+        count(KeyEffect::Effective),
+        count(KeyEffect::Elsewhere),
+        count(KeyEffect::Refused)
     );
     let wrong = results.iter().filter_map(|(key, found)| match found {
-        Ok(Found::Nothing) => Some(format!("{key}: changes no run and is not refused")),
+        Ok(KeyEffect::Nothing) => Some(format!("{key}: changes no run and is not refused")),
         Ok(_) => None,
         Err(error) => Some(format!("{key}: {error}")),
     });

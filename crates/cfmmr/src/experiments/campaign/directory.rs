@@ -3,7 +3,7 @@
 //! A block's content depends on the study only, so any number of shards can fill one directory. A killed shard keeps
 //! its finished blocks: a file is written completely or not at all.
 
-use super::rows::{Noted, Row};
+use super::rows::{CampaignRow, StoredBlock};
 use super::study::Study;
 use crate::BUILD;
 use host_sim::base::error::Error;
@@ -27,7 +27,7 @@ pub struct Directory {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Block {
     /// Runs of the block.
-    Complete(Vec<Row>),
+    Complete(Vec<CampaignRow>),
     /// No file.
     Missing,
     /// Unusable file, with the reason.
@@ -100,7 +100,7 @@ impl Directory {
             Err(error) => return Err(Error::Failure(format!("{}: {error}", path.display()))),
         };
         let spoiled = |why: String| Ok(Block::Spoiled(format!("{}: {why}", path.display())));
-        let mut read = match Noted::from_lines(&content) {
+        let mut read = match StoredBlock::from_lines(&content) {
             Ok(read) => read,
             Err(error) => return spoiled(error),
         };
@@ -122,16 +122,16 @@ impl Directory {
     }
 
     /// Writes the runs of a block.
-    pub fn write(&self, block: u64, rows: Vec<Row>) -> Result<(), Error> {
-        let noted = Noted {
+    pub fn write(&self, block: u64, rows: Vec<CampaignRow>) -> Result<(), Error> {
+        let stored = StoredBlock {
             made_by: BUILD.to_owned(),
             study: self.canonical.clone(),
             rows,
         };
         let file = self.file(block);
-        let lines = noted.to_lines()?;
+        let lines = stored.to_lines()?;
         // JSON cannot represent NaN; fail before such a block is written.
-        Noted::from_lines(lines.as_bytes())
+        StoredBlock::from_lines(lines.as_bytes())
             .map_err(|why| Error::Failure(format!("{}: {why}", file.display())))?;
         Ok(files::write_file(&file, lines)?)
     }

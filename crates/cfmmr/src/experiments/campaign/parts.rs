@@ -1,8 +1,8 @@
 //! Parts of a campaign. [`compute`] computes the missing blocks of one part; [`merge`] merges all blocks.
 
 use super::directory::{Block, Directory};
-use super::report::Report;
-use super::rows::Row;
+use super::report::CampaignReport;
+use super::rows::CampaignRow;
 use super::shard::Shard;
 use super::study::Study;
 use super::{pictures, rows};
@@ -40,12 +40,13 @@ pub fn compute(directory: &Directory, shard: &Shard, workers: &Workers) -> Resul
             return Err(interrupted(count(&to_do[..n]), count(&to_do)));
         }
         let run = |index| {
-            let finished = one(study, index);
+            let finished = run_trial(study, index);
             progress.advance();
             finished
         };
         let range = study.block_runs(block).into_par_iter();
-        let rows: Result<Vec<Row>, Error> = workers.pool.install(|| range.map(run).collect());
+        let rows: Result<Vec<CampaignRow>, Error> =
+            workers.pool.install(|| range.map(run).collect());
         directory.write(block, rows?)?;
     }
     let runs = count(&to_do);
@@ -108,10 +109,10 @@ fn missing(directory: &Directory, blocks: &[u64]) -> Result<Vec<u64>, Error> {
     Ok(missing)
 }
 
-fn one(study: &Study, index: u64) -> Result<Row, Error> {
+fn run_trial(study: &Study, index: u64) -> Result<CampaignRow, Error> {
     let run = study.run(index)?;
     let outcome = regulate(&run.scenario, study.seed, run.trial.into(), |_| {})?;
-    Ok(Row::of(index, run, &outcome))
+    Ok(CampaignRow::of(index, run, &outcome))
 }
 
 /// Finished and missing runs of a campaign.
@@ -132,7 +133,7 @@ pub struct Status {
 }
 
 /// Reads every block: status, and the runs of complete blocks.
-pub fn look(directory: &Directory) -> Result<(Status, Vec<Row>), Error> {
+pub fn read_blocks(directory: &Directory) -> Result<(Status, Vec<CampaignRow>), Error> {
     let study = directory.study();
     let mut status = Status {
         name: study.name.clone(),
@@ -155,7 +156,7 @@ pub fn look(directory: &Directory) -> Result<(Status, Vec<Row>), Error> {
 /// Merged runs of a campaign.
 pub struct Merged {
     /// Result.
-    pub report: Report,
+    pub report: CampaignReport,
     /// Table and pictures, not yet written.
     pub files: OutputDir,
     /// CRC-32C of the table.
@@ -169,7 +170,7 @@ pub fn merge(
     out: &Path,
     partial: bool,
 ) -> Result<Merged, Error> {
-    let (status, runs) = look(directory)?;
+    let (status, runs) = read_blocks(directory)?;
     if status.runs_done != status.runs || !status.spoiled.is_empty() {
         let spoiled: String = status
             .spoiled
@@ -197,7 +198,7 @@ pub fn merge(
     let study = directory.study();
     let content = rows::csv(study, &runs).into_bytes();
     let hash = crc32c(&content);
-    let report = Report::of(study, &runs);
+    let report = CampaignReport::of(study, &runs);
     let mut files = OutputDir::create(out)?;
     files.bytes("runs.csv", content);
     let mut pictures = vec![

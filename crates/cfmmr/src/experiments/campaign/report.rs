@@ -1,6 +1,6 @@
 //! Results of a campaign, as numbers and as a table.
 
-use super::rows::Row;
+use super::rows::CampaignRow;
 use super::study::{Study, Vary, number};
 use host_sim::base::statistics::{Summary, percentile};
 use host_sim::run::end::Ends;
@@ -57,7 +57,7 @@ pub struct Influence {
 
 /// Result of a campaign.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Report {
+pub struct CampaignReport {
     /// Name of the study.
     pub name: String,
     /// World of the first run.
@@ -122,7 +122,7 @@ pub(super) fn listed(study: &Study) -> impl Iterator<Item = (usize, &Vary)> {
 }
 
 /// Values of a numeric quantity; NaN for a value that is no number.
-pub(super) fn numbers(place: usize, rows: &[Row]) -> Vec<f64> {
+pub(super) fn numbers(place: usize, rows: &[CampaignRow]) -> Vec<f64> {
     let values = rows.iter().map(|row| number(&row.values[place]));
     values.map(|value| value.unwrap_or(f64::NAN)).collect()
 }
@@ -136,16 +136,16 @@ pub(super) fn short(key: &str) -> &str {
     &key[cut..]
 }
 
-impl Report {
+impl CampaignReport {
     /// Report on the runs of a study, in the order of their numbers.
-    pub fn of(study: &Study, rows: &[Row]) -> Self {
+    pub fn of(study: &Study, rows: &[CampaignRow]) -> Self {
         let cells = rows.chunk_by(|a, b| a.cell == b.cell);
-        let idle = |rows: &[Row]| study.idle(rows[0].cell).unwrap_or_default();
+        let idle = |rows: &[CampaignRow]| study.idle(rows[0].cell).unwrap_or_default();
         let cells: Vec<_> = cells.map(|rows| (rows, idle(rows))).collect();
         let places = 0..study.vary.len();
         let drawn = places.filter(|&place| study.vary[place].values.is_none());
         let influences = drawn.flat_map(|place| {
-            let of = move |(rows, idle): &(&[Row], Vec<Option<String>>)| {
+            let of = move |(rows, idle): &(&[CampaignRow], Vec<Option<String>>)| {
                 influence(study, place, rows, idle.get(place).cloned().flatten())
             };
             cells.iter().map(of)
@@ -252,9 +252,9 @@ fn label(values: &[(String, String)]) -> String {
 
 /// Correlations of the drawn quantity at `place` in the runs of one combination; `idle`: key and reason if the key has
 /// no effect there.
-fn influence(study: &Study, place: usize, rows: &[Row], idle: Option<String>) -> Influence {
+fn influence(study: &Study, place: usize, rows: &[CampaignRow], idle: Option<String>) -> Influence {
     let drawn = numbers(place, rows);
-    let with = |error: fn(&Row) -> f64| match idle {
+    let with = |error: fn(&CampaignRow) -> f64| match idle {
         None => rank_correlation(&drawn, &rows.iter().map(error).collect::<Vec<_>>()),
         Some(_) => None,
     };
@@ -276,7 +276,7 @@ fn influence(study: &Study, place: usize, rows: &[Row], idle: Option<String>) ->
 }
 
 /// The listed quantities and their values in a run.
-fn values(study: &Study, row: &Row) -> Vec<(String, String)> {
+fn values(study: &Study, row: &CampaignRow) -> Vec<(String, String)> {
     let value = |(place, vary): (usize, &Vary)| {
         let value = vary.cell(&row.values[place]);
         (vary.key.clone(), value.to_string())
@@ -284,9 +284,9 @@ fn values(study: &Study, row: &Row) -> Vec<(String, String)> {
     listed(study).map(value).collect()
 }
 
-fn cell(study: &Study, rows: &[Row]) -> Cell {
-    let numbers = |pick: fn(&Row) -> f64| rows.iter().map(pick).collect::<Vec<_>>();
-    let count = |is: fn(&&Row) -> bool| rows.iter().filter(is).count();
+fn cell(study: &Study, rows: &[CampaignRow]) -> Cell {
+    let numbers = |pick: fn(&CampaignRow) -> f64| rows.iter().map(pick).collect::<Vec<_>>();
+    let count = |is: fn(&&CampaignRow) -> bool| rows.iter().filter(is).count();
     let e_m = numbers(|row| row.e_m);
     let within = count(|row| row.within);
     Cell {

@@ -3,9 +3,9 @@
 
 use super::links::{DEFAULT_FLASH, Links};
 use super::mission::Outcome;
-use super::place::Place;
+use super::place::BoardPlace;
 use super::stage::Driven;
-use super::{BoardValues, Boards, Run, happenings};
+use super::{BoardValues, Boards, Run, events_text};
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::run::bit_compare::{Difference, Trace};
@@ -69,7 +69,7 @@ pub fn run(
 /// Connects to the boards of a place; boards without a link run in this program. With `stored`, the boards' own
 /// parameters are written into the scenario.
 pub fn connect(
-    (place, baud): (&Place, u32),
+    (place, baud): (&BoardPlace, u32),
     boards: &BoardUse,
     scenario: &mut Scenario,
     logs: &[BoardLog],
@@ -223,7 +223,7 @@ fn summary(values: &Values) -> String {
          {} ticks ({simulated:.1} s) in {:.1} s\n",
         values.ticks, values.wall_s
     );
-    text += &happenings(values.late_ticks, &values.events, &values.nodes);
+    text += &events_text(values.late_ticks, &values.events, &values.nodes);
     if values
         .events
         .iter()

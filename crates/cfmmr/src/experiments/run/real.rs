@@ -29,7 +29,8 @@ struct Values {
     /// End of the run.
     end: RunEnd,
     /// Reason if the robot did not confirm that it stopped.
-    restless: Option<String>,
+    #[serde(rename = "restless")]
+    stop_error: Option<String>,
     /// Time of all steps, s.
     duration_s: f64,
     /// Distance of the estimated midpoint from the goal, m.
@@ -56,18 +57,18 @@ pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
     let Run {
         context,
         mission,
-        watch,
+        outputs,
         ..
     } = run;
     let scenario = &context.scenario;
     let robot = scenario.robot.topology();
     // Ports are opened before the recording begins: a missing port is an input error.
-    let (connect, others) = open(robot, site, watch.records())?;
+    let (connect, others) = open(robot, site, outputs.records())?;
     let [x, y, phi] = scenario.mission.start.map(|value| value as f32);
     let told = scenario.mission.told();
     let start = scenario.robot.put_down(Posture::new(x, y, phi), &told);
     let start = mission.is_placed().then_some(start);
-    let record = watch.records().then_some((scenario, others));
+    let record = outputs.records().then_some((scenario, others));
     match run.on(|_| SerialRobot::open(robot, connect, start, record)) {
         Ok((robot, driven)) => publish(run, &robot, &driven),
         Err(Error::NoAnswer(why)) => no_answer(context, why),
@@ -161,7 +162,7 @@ fn values(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> Valu
     Values {
         build: robot.build().to_owned(),
         end: outcome.end(),
-        restless: driven.restless.clone(),
+        stop_error: driven.stop_error.clone(),
         duration_s: outcome.duration_s(),
         e_estimated_m: error.e_m,
         heading_estimated_rad: error.heading_rad,

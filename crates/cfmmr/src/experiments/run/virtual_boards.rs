@@ -4,7 +4,7 @@
 use super::mission::Outcome;
 use super::place::Site;
 use super::stage::Driven;
-use super::{BoardValues, Boards, Run, happenings};
+use super::{BoardValues, Boards, Run, events_text};
 use host_sim::base::error::Error;
 use host_sim::run::final_error::FinalError;
 use host_sim::run::real_time::RealTimeLimiter;
@@ -54,7 +54,7 @@ pub(super) fn run(run: &Run, site: &Site) -> Result<(), Error> {
     let options = Options {
         threads: site.threads,
         profile: site.profile,
-        record: run.watch.records(),
+        record: run.outputs.records(),
         ..Options::default()
     };
     let logs = BoardLog::of_boards(context.scenario.robot.topology());
@@ -170,7 +170,7 @@ fn summary(values: &Values) -> String {
         values.simulated_s / values.wall_s,
         instructions as f64 * 1e-6 / values.wall_s,
     );
-    text += &happenings(values.late_ticks, &values.events, &values.nodes);
+    text += &events_text(values.late_ticks, &values.events, &values.nodes);
     for board in &values.boards {
         for (time_s, cause) in &board.resets {
             text += &format!("{time_s:.3} s: {} board reset by {cause}\n", board.name);

@@ -139,7 +139,7 @@ fn older(at: Option<u32>, tick: u32, ms: u32) -> bool {
 }
 
 /// Checks of an axle node.
-pub struct AxleWatch {
+pub struct AxleChecks {
     axle: AxleId,
     limit_nm: f32,
     course: Course,
@@ -152,7 +152,7 @@ pub struct AxleWatch {
     blind_since: Option<u32>,
 }
 
-impl AxleWatch {
+impl AxleChecks {
     pub fn new(axle: AxleId, limit_nm: f32) -> Self {
         Self {
             axle,
@@ -298,14 +298,14 @@ impl AxleWatch {
 }
 
 /// Checks of the lead node.
-pub struct LeadWatch {
+pub struct LeadChecks {
     course: Course,
     /// True if the latest task is to clear faults.
     pub clears: bool,
     axles: [Option<Beat>; 2],
 }
 
-impl LeadWatch {
+impl LeadChecks {
     pub fn new() -> Self {
         Self {
             course: Course::new(),
@@ -356,9 +356,9 @@ impl LeadWatch {
 }
 
 /// Checks of the beam node.
-pub struct BeamWatch(Course, Option<LeadMode>);
+pub struct BeamChecks(Course, Option<LeadMode>);
 
-impl BeamWatch {
+impl BeamChecks {
     pub fn new() -> Self {
         Self(Course::new(), None)
     }
