@@ -179,9 +179,9 @@ fn doctor_reports_each_tool_and_prints_remedies() {
 
 #[test]
 fn doctor_fails_for_missing_needed_tools_only() {
-    let case = |spoil: &dyn Fn(&Machine), name: &str, finding: &str, remedy: &str| {
+    let case = |remove_or_replace: &dyn Fn(&Machine), name: &str, finding: &str, remedy: &str| {
         let machine = Machine::new();
-        spoil(&machine);
+        remove_or_replace(&machine);
         let (code, checks, output) = machine.doctor();
         assert_eq!(code, 1, "{name}: {output}");
         assert_eq!(checks[name]["finding"], finding, "{output}");

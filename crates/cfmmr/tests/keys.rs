@@ -375,7 +375,7 @@ enum KeyEffect {
 type Change = Box<dyn Fn(&Scenario) -> Vec<Scenario> + Send + Sync>;
 
 /// Situation with its scenario and its unchanged run.
-type Made = (Situation, Scenario, Vec<u64>);
+type Baseline = (Situation, Scenario, Vec<u64>);
 
 /// Keys without an effect under any fault of the catalogue, with the test that covers each.
 const TESTED_ELSEWHERE: &[(&str, &str)] = &[(
@@ -404,7 +404,7 @@ fn probe(key: &str) -> Option<Result<KeyEffect, Error>> {
 }
 
 /// Searches a situation in which the key changes the run.
-fn search_effect(key: &str, made: &[Made], change: &Change) -> Result<KeyEffect, Error> {
+fn search_effect(key: &str, made: &[Baseline], change: &Change) -> Result<KeyEffect, Error> {
     if let Some(found) = probe(key) {
         return found;
     }
@@ -441,7 +441,10 @@ fn search_effect(key: &str, made: &[Made], change: &Change) -> Result<KeyEffect,
 
 /// Refused keys that change the run of a situation. All are changed together first, and one by one only if that run
 /// differs.
-fn wrongly_refused((situation, scenario, before): &Made, keys: &[(String, Change)]) -> Vec<String> {
+fn wrongly_refused(
+    (situation, scenario, before): &Baseline,
+    keys: &[(String, Change)],
+) -> Vec<String> {
     let refused = |key: &str, scenario: &Scenario| situation.refusal(key, scenario).is_some();
     // Changing a key may give an effect to this key or to others.
     let with = |scenario: &Scenario, (key, change): &(String, Change)| {
@@ -480,7 +483,7 @@ fn each_key_changes_a_run_or_is_refused() {
         let run = situation.run(&scenario, &[]).unwrap();
         (situation, scenario, run)
     };
-    let made: Vec<Made> = lines.par_iter().map(make).collect();
+    let made: Vec<Baseline> = lines.par_iter().map(make).collect();
     let mut paths = Vec::new();
     let table = Value::Table(Table::try_from(&made[0].1).unwrap());
     leaves(&table, &[], &mut paths);

@@ -1,7 +1,7 @@
 //! In-process board with the sample and message faults of a plan; its nodes are checked at every tick.
 
 use super::checks::{AxleChecks, BeamChecks, LeadChecks, Violation};
-use super::plan::{BusFault, Distorted, Plan};
+use super::plan::{BusFault, Plan, SampleFaults};
 use core_algos::bus::{CanFrame, Message};
 use core_algos::link::protocol::Place;
 use core_algos::node::board::{Board, Samples};
@@ -41,7 +41,7 @@ pub struct CheckedBoard {
     plan: Arc<Plan>,
     findings: Arc<Mutex<Findings>>,
     nodes: Option<(Board, BoardChecks)>,
-    distorted: Distorted,
+    sample_faults: SampleFaults,
     /// Messages in transit, with the tick of arrival.
     late: Vec<(u32, Message)>,
     begun: Option<(u32, Samples)>,
@@ -55,7 +55,7 @@ impl CheckedBoard {
             plan: Arc::clone(plan),
             findings: Arc::clone(findings),
             nodes: None,
-            distorted: Distorted::new(role, seed),
+            sample_faults: SampleFaults::new(role, seed),
             late: Vec::new(),
             begun: None,
             torque_nm: Wheels::both(0.0),
@@ -202,10 +202,10 @@ impl Target for CheckedBoard {
         let mut at = tick;
         for fault in self.bus_faults(tick) {
             match fault {
-                BusFault::Deaf => return,
-                BusFault::Loss(share) if self.distorted.lost(share) => return,
+                BusFault::ReceiveNothing => return,
+                BusFault::Loss(share) if self.sample_faults.lost(share) => return,
                 BusFault::Late(ms) => at += ms,
-                BusFault::Loss(_) | BusFault::Mute => {}
+                BusFault::Loss(_) | BusFault::SendNothing => {}
             }
         }
         self.late.push((at, *message));
@@ -221,12 +221,12 @@ impl Target for CheckedBoard {
             return Ok(Output::default());
         };
         self.deliver(tick);
-        let samples = self.distorted.samples(&self.plan, tick, &samples);
+        let samples = self.sample_faults.samples(&self.plan, tick, &samples);
         let mut outbox = Outbox::new();
         let output = self.step(tick, &samples, &mut outbox);
         let mute = self
             .bus_faults(tick)
-            .any(|fault| matches!(fault, BusFault::Mute));
+            .any(|fault| matches!(fault, BusFault::SendNothing));
         if !mute {
             for message in outbox.iter() {
                 post(Posted::Message(message));

@@ -351,11 +351,11 @@ impl BusPostures {
 }
 
 /// Constants of an axle as configured in its board.
-pub fn configured_axle(scenario: &Scenario, role: Role) -> Result<wheels::Axle, Error> {
+pub fn configured_axle(scenario: &Scenario, role: Role) -> Result<wheels::AxleConstants, Error> {
     let mut settings = Settings::new(scenario.robot);
     scenario.boards.apply(role, &mut settings)?;
     let geometry = &settings.robot.geometry;
-    Ok(wheels::Axle {
+    Ok(wheels::AxleConstants {
         radius_m: geometry.wheel_radius_m.into(),
         ratio: geometry.wheel_ratio.into(),
         half_track_m: geometry.half_track_m.into(),

@@ -1,7 +1,7 @@
 //! Procedures of a calibration: runs, and the constants computed from them.
 
 use crate::experiments::calibrate::wheels;
-use crate::experiments::calibrate::wheels::{Errors, systematic};
+use crate::experiments::calibrate::wheels::{OdometryErrors, systematic};
 use crate::experiments::calibrate::{
     CalibrationBench, CalibrationRun, configured_axle, gauges, square, turns,
 };
@@ -216,7 +216,7 @@ pub fn calibrate_wheels(
             .map(|(_, _, run)| run.axles[i].clone())
             .collect();
         let old = configured_axle(scenario, role)?;
-        let errors: Errors = wheels::fit(&returns, 2.0 * old.half_track_m)
+        let errors: OdometryErrors = wheels::fit(&returns, 2.0 * old.half_track_m)
             .ok_or_else(|| Error::Failure(format!("{name} axle: the fit of the squares failed")))?;
         creep.push(errors.creep);
         let new = old.corrected(scale, &errors);
@@ -238,7 +238,7 @@ pub fn calibrate_wheels(
             report.find(role, &format!("robot.geometry.{name}"), old, new, truth)?;
         }
     }
-    let after = Squares::drive(&with(scenario, &report.found)?, bench, laps)?;
+    let after = Squares::drive(&with_parameters(scenario, &report.found)?, bench, laps)?;
     let both = [&before, &after];
     for (i, name) in names.clone().enumerate() {
         let measured = both.map(|runs| 1e3 * runs.systematic(|run| run.axles[i].error()));
@@ -309,7 +309,11 @@ pub fn calibrate_gauges(
     let ends = [&zeroed, &report.found];
     let mut errors = Vec::new();
     for overlays in ends {
-        errors.push(bench.drive(&with(scenario, overlays)?, &lap, 3)?.beam);
+        errors.push(
+            bench
+                .drive(&with_parameters(scenario, overlays)?, &lap, 3)?
+                .beam,
+        );
     }
     for (k, (what, unit)) in [
         ("frame's end on a lap, x", "mm"),
@@ -374,7 +378,7 @@ pub fn calibrate_gyros(
     fitted.world.sensors.gyro.fitted = true;
     let lap = square(1.0)?;
     let before = bench.drive(&fitted, &lap, 4)?;
-    let after = bench.drive(&with(&fitted, &report.found)?, &lap, 4)?;
+    let after = bench.drive(&with_parameters(&fitted, &report.found)?, &lap, 4)?;
     for axle in topology.axles() {
         let (i, name) = (axle.index(), topology.name(Role::Axle(axle)));
         let errors = [&before, &after].map(|run| 1e3 * run.heading[i].abs());
@@ -386,7 +390,7 @@ pub fn calibrate_gyros(
 }
 
 /// Scenario with the calibrated parameters.
-fn with(scenario: &Scenario, found: &Overlays) -> Result<Scenario, Error> {
+fn with_parameters(scenario: &Scenario, found: &Overlays) -> Result<Scenario, Error> {
     let mut scenario = scenario.clone();
     for role in found.topology.boards() {
         scenario.boards.put(role, &found.values(role)?);

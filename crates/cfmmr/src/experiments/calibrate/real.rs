@@ -61,7 +61,7 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
         ));
     };
     if confirm {
-        wait(&hold)?;
+        wait_for_confirmation(&hold)?;
     }
     let link = BoardLink::new(links.robot, Role::LEAD, 0);
     let (result, gauge) = request(port, link, sequence, &frame)?;
@@ -82,7 +82,7 @@ pub fn run(links: &Links, former: Option<f64>, confirm: bool, json: &Json) -> Re
 }
 
 /// Waits until the user confirms that the strip is held.
-fn wait(hold: &str) -> Result<(), Error> {
+fn wait_for_confirmation(hold: &str) -> Result<(), Error> {
     if !io::stdin().is_terminal() {
         return Err(Error::input(
             "standard input is not a terminal, so the held strip cannot be confirmed: use --yes",

@@ -111,7 +111,7 @@ impl Return {
 
 /// Errors of an axle's constants.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Errors {
+pub struct OdometryErrors {
     /// Relative excess of the right radius and deficit of the left radius over the configured values.
     pub ratio: f64,
     /// Relative excess of a true turn over the odometric turn.
@@ -122,7 +122,7 @@ pub struct Errors {
 
 /// Least-squares estimate of the errors (Gauss–Newton). The first round uses headings only, which are linear in the
 /// errors. `None` if the runs do not determine the errors.
-pub fn fit(returns: &[Return], track_m: f64) -> Option<Errors> {
+pub fn fit(returns: &[Return], track_m: f64) -> Option<OdometryErrors> {
     let heading = track_m / (2f64.sqrt() * MARK_M);
     let weights = [[0.0, 0.0, heading], [1.0 / MARK_M, 1.0 / MARK_M, heading]];
     let mut errors = [0.0; 3];
@@ -134,7 +134,7 @@ pub fn fit(returns: &[Return], track_m: f64) -> Option<Errors> {
     }
     let [ratio, turn, creep] = errors;
     let sound = ratio.abs() < 0.1 && turn.abs() < 0.2 && creep.is_finite();
-    sound.then_some(Errors { ratio, turn, creep })
+    sound.then_some(OdometryErrors { ratio, turn, creep })
 }
 
 /// One step of Gauss–Newton.
@@ -170,7 +170,7 @@ fn improve(returns: &[Return], errors: &[f64; 3], weights: &[f64; 3]) -> Option<
 
 /// Constants of an axle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Axle {
+pub struct AxleConstants {
     /// Mean radius, m.
     pub radius_m: f64,
     /// Radius of the right wheel over that of the left.
@@ -179,9 +179,9 @@ pub struct Axle {
     pub half_track_m: f64,
 }
 
-impl Axle {
+impl AxleConstants {
     /// Corrected constants; `scale` is the true over the odometric length of a straight line.
-    pub fn corrected(&self, scale: f64, errors: &Errors) -> Self {
+    pub fn corrected(&self, scale: f64, errors: &OdometryErrors) -> Self {
         Self {
             radius_m: self.radius_m * scale,
             ratio: self.ratio * (1.0 + errors.ratio) / (1.0 - errors.ratio),
@@ -208,13 +208,13 @@ mod tests {
     use super::*;
 
     /// Radii of left and right, m.
-    fn radii(axle: &Axle) -> [f64; 2] {
+    fn radii(axle: &AxleConstants) -> [f64; 2] {
         let left = 2.0 * axle.radius_m / (1.0 + axle.ratio);
         [left, axle.ratio * left]
     }
     use std::f64::consts::FRAC_PI_2;
 
-    const CONFIGURED: Axle = Axle {
+    const CONFIGURED: AxleConstants = AxleConstants {
         radius_m: 0.073,
         ratio: 1.0,
         half_track_m: 0.162,
@@ -223,7 +223,7 @@ mod tests {
     /// Square of side `side` with corners of `radius` (0: on the spot). The wheels turn so that the configured axle
     /// would drive the square exactly; the true axle moves by its own radii, track and creep.
     fn square(
-        truth: &Axle,
+        truth: &AxleConstants,
         side: f64,
         radius: f64,
         direction: f64,
@@ -278,7 +278,7 @@ mod tests {
         Return { lap, end: posture }
     }
 
-    const TRUTH: Axle = Axle {
+    const TRUTH: AxleConstants = AxleConstants {
         radius_m: 0.073,
         ratio: 1.002,
         half_track_m: 0.1628,
@@ -288,7 +288,7 @@ mod tests {
     fn rounded_squares_with_creep_give_the_true_constants() {
         for truth in [
             TRUTH,
-            Axle {
+            AxleConstants {
                 ratio: 0.9985,
                 half_track_m: 0.1612,
                 ..TRUTH

@@ -31,7 +31,7 @@ pub enum Block {
     /// No file.
     Missing,
     /// Unusable file, with the reason.
-    Spoiled(String),
+    Damaged(String),
 }
 
 impl Directory {
@@ -99,23 +99,23 @@ impl Directory {
             }
             Err(error) => return Err(Error::Failure(format!("{}: {error}", path.display()))),
         };
-        let spoiled = |why: String| Ok(Block::Spoiled(format!("{}: {why}", path.display())));
+        let damaged = |why: String| Ok(Block::Damaged(format!("{}: {why}", path.display())));
         let mut read = match StoredBlock::from_lines(&content) {
             Ok(read) => read,
-            Err(error) => return spoiled(error),
+            Err(error) => return damaged(error),
         };
         if read.study != self.canonical {
-            return spoiled("belongs to a different study".to_owned());
+            return damaged("belongs to a different study".to_owned());
         }
         if read.made_by != BUILD {
-            return spoiled(format!("was written by another build than {BUILD}"));
+            return damaged(format!("was written by another build than {BUILD}"));
         }
         let runs = read.rows.iter().map(|row| row.run);
         if !runs.eq(self.study.block_runs(block)) {
-            return spoiled("does not contain the runs of its block".to_owned());
+            return damaged("does not contain the runs of its block".to_owned());
         }
         for row in &mut read.rows {
-            (row.cell, row.trial) = self.study.place(row.run);
+            (row.cell, row.trial) = self.study.cell_and_trial(row.run);
             row.values = self.study.values(row.cell, row.trial)?;
         }
         Ok(Block::Complete(read.rows))

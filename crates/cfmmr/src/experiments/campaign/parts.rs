@@ -100,7 +100,7 @@ fn missing(directory: &Directory, blocks: &[u64]) -> Result<Vec<u64>, Error> {
         match directory.block(block)? {
             Block::Complete(_) => {}
             Block::Missing => missing.push(block),
-            Block::Spoiled(why) => {
+            Block::Damaged(why) => {
                 note(format!("{why}: the block is recomputed"));
                 missing.push(block);
             }
@@ -117,7 +117,7 @@ fn run_trial(study: &Study, index: u64) -> Result<CampaignRow, Error> {
 
 /// Finished and missing runs of a campaign.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Status {
+pub struct CampaignProgress {
     /// Name of the study.
     pub name: String,
     /// All runs.
@@ -129,24 +129,25 @@ pub struct Status {
     /// Blocks without a file.
     pub missing: Vec<u64>,
     /// Damaged blocks.
-    pub spoiled: Vec<String>,
+    #[serde(rename = "spoiled")]
+    pub damaged: Vec<String>,
 }
 
 /// Reads every block: status, and the runs of complete blocks.
-pub fn read_blocks(directory: &Directory) -> Result<(Status, Vec<CampaignRow>), Error> {
+pub fn read_blocks(directory: &Directory) -> Result<(CampaignProgress, Vec<CampaignRow>), Error> {
     let study = directory.study();
-    let mut status = Status {
+    let mut status = CampaignProgress {
         name: study.name.clone(),
         runs: study.runs(),
         blocks: study.blocks(),
-        ..Status::default()
+        ..CampaignProgress::default()
     };
     let mut all = Vec::new();
     for block in 0..study.blocks() {
         match directory.block(block)? {
             Block::Complete(rows) => all.extend(rows),
             Block::Missing => status.missing.push(block),
-            Block::Spoiled(why) => status.spoiled.push(why),
+            Block::Damaged(why) => status.damaged.push(why),
         }
     }
     status.runs_done = all.len() as u64;
@@ -171,9 +172,9 @@ pub fn merge(
     partial: bool,
 ) -> Result<Merged, Error> {
     let (status, runs) = read_blocks(directory)?;
-    if status.runs_done != status.runs || !status.spoiled.is_empty() {
-        let spoiled: String = status
-            .spoiled
+    if status.runs_done != status.runs || !status.damaged.is_empty() {
+        let damaged: String = status
+            .damaged
             .iter()
             .map(|why| format!("{why}\n"))
             .collect();
@@ -182,7 +183,7 @@ pub fn merge(
             false => format!("; missing blocks: {}", ranges(&status.missing)),
         };
         let left_out = format!(
-            "{spoiled}{}: {} of {} runs are complete{missing}",
+            "{damaged}{}: {} of {} runs are complete{missing}",
             status.name, status.runs_done, status.runs
         );
         if !partial || status.runs_done == 0 {

@@ -30,18 +30,18 @@ fn on_decades(error: f64) -> f64 {
 struct Listed<'a> {
     vary: &'a Vary,
     /// Index among the varied quantities.
-    place: usize,
+    index: usize,
     values: Vec<&'a toml::Value>,
 }
 
 impl<'a> Listed<'a> {
     fn all(study: &'a Study, rows: &[CampaignRow]) -> Vec<Self> {
-        let of = |(place, vary): (usize, &'a Vary)| {
-            let has = |value: &&toml::Value| rows.iter().any(|row| row.values[place] == **value);
+        let of = |(index, vary): (usize, &'a Vary)| {
+            let has = |value: &&toml::Value| rows.iter().any(|row| row.values[index] == **value);
             let values = vary.values.iter().flatten().filter(has).collect();
             Self {
                 vary,
-                place,
+                index,
                 values,
             }
         };
@@ -75,7 +75,7 @@ fn split<'a>(group: Group<'a>, lists: &[&Listed]) -> Vec<Group<'a>> {
             let labels = [group.label.clone(), list.label(value)];
             let labels = labels.into_iter().filter(|label| !label.is_empty());
             let rows = group.rows.iter().copied();
-            let has = |row: &&CampaignRow| row.values[list.place] == *list.values[value];
+            let has = |row: &&CampaignRow| row.values[list.index] == *list.values[value];
             Group {
                 label: labels.collect::<Vec<_>>().join(", "),
                 rows: rows.filter(has).collect(),
@@ -232,11 +232,11 @@ pub fn sensitivity(study: &Study, rows: &[CampaignRow]) -> Option<Figure> {
     let splitting = splitting(&lists);
     let varied = study.vary.iter().enumerate();
     let numeric = varied.filter(|(_, vary)| vary.is_numeric() && !rows.is_empty());
-    let panels = numeric.map(|(place, vary)| {
+    let panels = numeric.map(|(index, vary)| {
         let others = splitting.iter().copied();
         let others = others.filter(|list| list.vary.key != vary.key);
         let groups = split(all(rows), &others.collect::<Vec<_>>());
-        influence(vary, place, &numbers(place, rows), &groups).y_limits(limits)
+        influence(vary, index, &numbers(index, rows), &groups).y_limits(limits)
     });
     let panels: Vec<Panel> = panels.collect();
     let title = format!("{}: error against the varied quantities", study.name);
@@ -268,7 +268,7 @@ pub fn correlations(
     let others = lists.iter().enumerate().filter(|(n, _)| Some(*n) != across);
     let groups = split(all(rows), &others.map(|(_, list)| list).collect::<Vec<_>>());
     let x = |row: &CampaignRow| match across {
-        Some(n) => number(&row.values[lists[n].place]).unwrap_or(f64::NAN),
+        Some(n) => number(&row.values[lists[n].index]).unwrap_or(f64::NAN),
         None => row.cell as f64,
     };
     let x_label = across.map_or("cell of runs.csv", |n| short(&lists[n].vary.key));
@@ -325,7 +325,7 @@ fn axis(all: &[f64], even: bool) -> ([f64; 2], bool) {
 }
 
 /// Position error over one quantity; `all`: values of the quantity in all runs.
-fn influence(vary: &Vary, place: usize, all: &[f64], groups: &[Group]) -> Panel {
+fn influence(vary: &Vary, index: usize, all: &[f64], groups: &[Group]) -> Panel {
     let even = vary.uniform.is_some() || vary.normal.is_some();
     let (limits, logarithmic) = axis(all, even);
     let mut panel = Panel::new(short(&vary.key), "e (cm)")
@@ -337,7 +337,7 @@ fn influence(vary: &Vary, place: usize, all: &[f64], groups: &[Group]) -> Panel 
             stroke.color = INK;
         }
         let points = group.rows.iter();
-        let points = points.filter_map(|row| Some([number(&row.values[place])?, e_cm(row)]));
+        let points = points.filter_map(|row| Some([number(&row.values[index])?, e_cm(row)]));
         let points: Vec<[f64; 2]> = points.collect();
         let mark = |radius| Mark::new(SHAPES[n % 4], radius, stroke.color);
         if vary.values.is_none() {

@@ -91,10 +91,10 @@ fn ranks(values: &[f64]) -> Vec<f64> {
     let mut ranks = vec![0.0; values.len()];
     let mut first = 0;
     while first < order.len() {
-        let same = |&&place: &&usize| values[place].total_cmp(&values[order[first]]).is_eq();
+        let same = |&&index: &&usize| values[index].total_cmp(&values[order[first]]).is_eq();
         let count = order[first..].iter().take_while(same).count();
-        for &place in &order[first..first + count] {
-            ranks[place] = first as f64 + 0.5 * (count as f64 + 1.0);
+        for &index in &order[first..first + count] {
+            ranks[index] = first as f64 + 0.5 * (count as f64 + 1.0);
         }
         first += count;
     }
@@ -122,8 +122,8 @@ pub(super) fn listed(study: &Study) -> impl Iterator<Item = (usize, &Vary)> {
 }
 
 /// Values of a numeric quantity; NaN for a value that is no number.
-pub(super) fn numbers(place: usize, rows: &[CampaignRow]) -> Vec<f64> {
-    let values = rows.iter().map(|row| number(&row.values[place]));
+pub(super) fn numbers(index: usize, rows: &[CampaignRow]) -> Vec<f64> {
+    let values = rows.iter().map(|row| number(&row.values[index]));
     values.map(|value| value.unwrap_or(f64::NAN)).collect()
 }
 
@@ -132,7 +132,7 @@ pub(super) fn short(key: &str) -> &str {
     let cut = key
         .rmatch_indices('.')
         .nth(1)
-        .map_or(0, |(place, _)| place + 1);
+        .map_or(0, |(index, _)| index + 1);
     &key[cut..]
 }
 
@@ -142,11 +142,11 @@ impl CampaignReport {
         let cells = rows.chunk_by(|a, b| a.cell == b.cell);
         let idle = |rows: &[CampaignRow]| study.idle(rows[0].cell).unwrap_or_default();
         let cells: Vec<_> = cells.map(|rows| (rows, idle(rows))).collect();
-        let places = 0..study.vary.len();
-        let drawn = places.filter(|&place| study.vary[place].values.is_none());
-        let influences = drawn.flat_map(|place| {
+        let indices = 0..study.vary.len();
+        let drawn = indices.filter(|&index| study.vary[index].values.is_none());
+        let influences = drawn.flat_map(|index| {
             let of = move |(rows, idle): &(&[CampaignRow], Vec<Option<String>>)| {
-                influence(study, place, rows, idle.get(place).cloned().flatten())
+                influence(study, index, rows, idle.get(index).cloned().flatten())
             };
             cells.iter().map(of)
         });
@@ -250,10 +250,10 @@ fn label(values: &[(String, String)]) -> String {
     }
 }
 
-/// Correlations of the drawn quantity at `place` in the runs of one combination; `idle`: key and reason if the key has
+/// Correlations of the drawn quantity at `index` in the runs of one combination; `idle`: key and reason if the key has
 /// no effect there.
-fn influence(study: &Study, place: usize, rows: &[CampaignRow], idle: Option<String>) -> Influence {
-    let drawn = numbers(place, rows);
+fn influence(study: &Study, index: usize, rows: &[CampaignRow], idle: Option<String>) -> Influence {
+    let drawn = numbers(index, rows);
     let with = |error: fn(&CampaignRow) -> f64| match idle {
         None => rank_correlation(&drawn, &rows.iter().map(error).collect::<Vec<_>>()),
         Some(_) => None,
@@ -264,7 +264,7 @@ fn influence(study: &Study, place: usize, rows: &[CampaignRow], idle: Option<Str
     // With few runs the normal approximation exceeds 1.
     let bound = (1.96 / (rows.len() as f64 - 1.0).sqrt()).min(1.0);
     Influence {
-        key: study.vary[place].key.clone(),
+        key: study.vary[index].key.clone(),
         cell: rows[0].cell,
         values: values(study, &rows[0]),
         trials: rows.len(),
@@ -277,8 +277,8 @@ fn influence(study: &Study, place: usize, rows: &[CampaignRow], idle: Option<Str
 
 /// The listed quantities and their values in a run.
 fn values(study: &Study, row: &CampaignRow) -> Vec<(String, String)> {
-    let value = |(place, vary): (usize, &Vary)| {
-        let value = vary.cell(&row.values[place]);
+    let value = |(index, vary): (usize, &Vary)| {
+        let value = vary.cell(&row.values[index]);
         (vary.key.clone(), value.to_string())
     };
     listed(study).map(value).collect()

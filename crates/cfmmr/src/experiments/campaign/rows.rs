@@ -1,6 +1,6 @@
 //! Results of runs and their file formats. Equal results give equal bytes.
 
-use super::study::{Run, Study, Vary, number};
+use super::study::{Study, StudyRun, Vary, number};
 use core_algos::link::framing::crc32c;
 use core_algos::safety::Condition;
 use host_sim::base::error::Error;
@@ -62,7 +62,7 @@ pub struct CampaignRow {
 
 impl CampaignRow {
     /// Row of run number `run`.
-    pub fn of(run: u64, of: Run, outcome: &Outcome) -> Self {
+    pub fn of(run: u64, of: StudyRun, outcome: &Outcome) -> Self {
         let error = FinalError::of(outcome.midpoint, of.scenario.mission.goal);
         let end = &outcome.end;
         let [x, y, _] = outcome.midpoint;
@@ -206,12 +206,12 @@ mod tests {
         }
 
         #[test]
-        fn damaged_file_is_refused(place in 0usize..2000, to: u8, cut in 0usize..2000) {
+        fn damaged_file_is_refused(index in 0usize..2000, to: u8, cut in 0usize..2000) {
             let results = [1.5, 2.5].map(|e_m| (e_m, 0, 0));
             let mut file = stored(&results).to_lines().unwrap().into_bytes();
             let n = file.len();
-            prop_assume!(file[place % n] != to);
-            file[place % n] = to;
+            prop_assume!(file[index % n] != to);
+            file[index % n] = to;
             prop_assert!(StoredBlock::from_lines(&file).is_err());
             file.truncate(cut % n);
             prop_assert!(StoredBlock::from_lines(&file).is_err());

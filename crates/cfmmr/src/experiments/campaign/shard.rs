@@ -91,9 +91,9 @@ fn together<const N: usize>(
     let mut values = [0; N];
     let mut set = None;
     let mut missing = None;
-    for (name, place) in names.iter().zip(&mut values) {
+    for (name, slot) in names.iter().zip(&mut values) {
         match read(name)? {
-            Some(value) => (*place, set) = (value, set.or(Some((*name, value)))),
+            Some(value) => (*slot, set) = (value, set.or(Some((*name, value)))),
             None => missing = missing.or(Some(*name)),
         }
     }

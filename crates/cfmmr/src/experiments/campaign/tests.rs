@@ -3,7 +3,7 @@ use super::parts::{merge, next_step, ranges};
 use super::pictures::{correlations, distributions, map, sensitivity};
 use super::report::{CampaignReport, rank_correlation, wilson};
 use super::rows::{self, CampaignRow};
-use super::study::{Run, Study, number};
+use super::study::{Study, StudyRun, number};
 use host_sim::run::end::{EndKind, RunEnd};
 use host_sim::run::regulate::Outcome;
 use plant::{Creep, Tyre};
@@ -43,7 +43,7 @@ fn every_combination_has_the_same_trials() {
     let study = study();
     assert_eq!((study.runs(), study.blocks()), (16, 6));
     let runs: Vec<_> = (0..16).map(|i| study.run(i).unwrap()).collect();
-    let drawn = |run: &Run| run.scenario.world.sensors.geometry.wheel_radius_sigma;
+    let drawn = |run: &StudyRun| run.scenario.world.sensors.geometry.wheel_radius_sigma;
     for (i, run) in runs.iter().enumerate() {
         assert_eq!((run.cell, run.trial), (i as u64 / 4, i as u32 % 4));
         let [creep, rps] = [[0.003, 0.01][i / 8], [1.0, 0.0][i / 4 % 2]];
@@ -120,8 +120,8 @@ fn blocks_are_stored_and_spoiled_files_detected() {
     let Block::Complete(rows) = directory.block(2).unwrap() else {
         panic!("{:?}", directory.block(2));
     };
-    let places: Vec<_> = rows.iter().map(|row| (row.cell, row.trial)).collect();
-    assert_eq!(places, [(1, 2), (1, 3), (2, 0)]);
+    let cells_and_trials: Vec<_> = rows.iter().map(|row| (row.cell, row.trial)).collect();
+    assert_eq!(cells_and_trials, [(1, 2), (1, 3), (2, 0)]);
     let of = |row: &CampaignRow| (row.run, row.e_m, row.values[1].as_bool() == Some(true));
     let found: Vec<_> = rows.iter().map(of).collect();
     let wanted = [(6, 0.006, false), (7, 0.007, false), (8, 0.008, true)];
@@ -132,13 +132,13 @@ fn blocks_are_stored_and_spoiled_files_detected() {
     let error = directory.write(1, bad).unwrap_err().to_string();
     assert!(error.contains("block-000001.jsonl"), "{error}");
     assert_eq!(directory.block(1).unwrap(), Block::Missing);
-    // A file under another number and a truncated file are spoiled.
+    // A file under another number and a truncated file are damaged.
     let path = folder.path().join("block-000002.jsonl");
     std::fs::copy(&path, folder.path().join("block-000003.jsonl")).unwrap();
-    assert!(matches!(directory.block(3).unwrap(), Block::Spoiled(_)));
+    assert!(matches!(directory.block(3).unwrap(), Block::Damaged(_)));
     let content = std::fs::read(&path).unwrap();
     std::fs::write(&path, &content[..content.len() / 2]).unwrap();
-    assert!(matches!(directory.block(2).unwrap(), Block::Spoiled(_)));
+    assert!(matches!(directory.block(2).unwrap(), Block::Damaged(_)));
     // The folder of a different study is refused.
     let other = Study::parse(&TEXT.replace("seed = 3", "seed = 4"), "other").unwrap();
     let error = Directory::open_for(other, folder.path()).unwrap_err();
@@ -364,13 +364,13 @@ fn table_of_the_report_has_a_line_per_end() {
     let text = CampaignReport::of(&study, &rows).text();
     let (first, second) = (format!("3 {long}"), "1 reached");
     let lines: Vec<&str> = text.lines().collect();
-    let place = lines
+    let line = lines
         .iter()
         .position(|line| line.ends_with(&first))
         .expect(&text);
-    assert!(lines[place].starts_with("0.003, false "), "{text}");
-    assert_eq!(lines[place + 1].trim(), second, "{text}");
-    assert_eq!(lines[place].find(&first), lines[place + 1].find(second));
+    assert!(lines[line].starts_with("0.003, false "), "{text}");
+    assert_eq!(lines[line + 1].trim(), second, "{text}");
+    assert_eq!(lines[line].find(&first), lines[line + 1].find(second));
 }
 
 #[test]

@@ -20,11 +20,11 @@ use serde_json::{Value, json};
 /// Runs [`core_algos::fusion::ekf`]: a configuration line, then one line per step.
 #[derive(Clone, Debug, Default)]
 pub struct Ekf {
-    stage: KernelState<Box<Run>>,
+    stage: KernelState<Box<EkfRun>>,
 }
 
 #[derive(Clone, Debug)]
-struct Run {
+struct EkfRun {
     filter: AxleFilter,
     fix: Option<Fix>,
     state: State,
@@ -61,7 +61,7 @@ struct EkfStep {
     pose: Option<[f64; 3]>,
 }
 
-impl Run {
+impl EkfRun {
     fn new(setup: &Setup) -> Result<Self, String> {
         let mut sigmas = [0.0; 4];
         for k in 0..4 {
@@ -148,7 +148,7 @@ impl Run {
 
 impl Kernel for Ekf {
     fn line(&mut self, text: &str) -> Result<Value, String> {
-        let start = |setup: &Setup| Run::new(setup).map(Box::new);
+        let start = |setup: &Setup| EkfRun::new(setup).map(Box::new);
         self.stage.line(text, start, |run, step| run.step(step))
     }
 }

@@ -34,7 +34,7 @@ pub struct BoardUse {
 
 /// Result of the boards after the run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Values {
+pub(super) struct InTheLoopValues {
     /// True if every output equals that of the in-process run; `None` without a comparison.
     identical: Option<bool>,
     /// First difference.
@@ -157,8 +157,8 @@ fn values(
     trace: &Trace,
     wall_s: f64,
     difference: Option<&Option<Difference>>,
-) -> Values {
-    Values {
+) -> InTheLoopValues {
+    InTheLoopValues {
         identical: difference.map(Option::is_none),
         difference: difference
             .and_then(Option::as_ref)
@@ -177,7 +177,7 @@ fn values(
 }
 
 /// Summary of the boards.
-fn summary(values: &Values) -> String {
+fn summary(values: &InTheLoopValues) -> String {
     let mut table = Table::new([
         "board",
         "place",

@@ -146,9 +146,9 @@ enum BoardValues {
     #[default]
     None,
     /// Values of boards in the loop.
-    InTheLoop(in_the_loop::Values),
+    InTheLoop(in_the_loop::InTheLoopValues),
     /// Values of virtual boards.
-    Virtual(virtual_boards::Values),
+    Virtual(virtual_boards::VirtualBoardValues),
 }
 
 /// Result of a mission and of its boards.
@@ -163,9 +163,10 @@ struct Published {
 /// Reasons for a failed run: the mission failed, the robot did not stop, or a board has a problem. A mission that the
 /// user interrupted has not failed.
 fn failure(driven: &Driven<Outcome>, problem: Option<String>) -> Option<String> {
-    let undone = driven.outcome.failure();
-    let undone = undone.filter(|_| driven.outcome.end().kind != EndKind::Interrupted);
-    let all = [undone, driven.stop_error.clone(), problem];
+    let mission_failure = driven.outcome.failure();
+    let mission_failure =
+        mission_failure.filter(|_| driven.outcome.end().kind != EndKind::Interrupted);
+    let all = [mission_failure, driven.stop_error.clone(), problem];
     let all: Vec<String> = all.into_iter().flatten().collect();
     (!all.is_empty()).then(|| all.join("; "))
 }

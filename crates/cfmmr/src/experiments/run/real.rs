@@ -23,7 +23,7 @@ use serde::Serialize;
 
 /// Result of a robot whose true posture is not known.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-struct Values {
+struct RealRobotValues {
     /// Build of the front board's image.
     build: String,
     /// End of the run.
@@ -135,17 +135,23 @@ fn publish(run: &Run, robot: &SerialRobot, driven: &Driven<Outcome>) -> Result<(
 /// Publishes the end of a run without any answer of the robot.
 fn no_answer(context: &Context, why: String) -> Result<(), Error> {
     #[derive(Serialize)]
-    struct Values<'a> {
+    struct NoAnswerValues<'a> {
         end: &'a RunEnd,
     }
     let end = RunEnd::no_answer(why);
     let mut files = context.output()?;
     files.csv("ends.csv", csv::of_ends([&end]));
     let text = format!("end: {}\n", end.text());
-    context.finish(&text, &Values { end: &end }, files, &[], end.failure())
+    context.finish(
+        &text,
+        &NoAnswerValues { end: &end },
+        files,
+        &[],
+        end.failure(),
+    )
 }
 
-fn values(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> Values {
+fn values(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> RealRobotValues {
     let outcome = &driven.outcome;
     let fused = robot.record().lead.fused.robot;
     let at = fused.posture;
@@ -159,7 +165,7 @@ fn values(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> Valu
         Outcome::Script(steps) => steps.ends.clone(),
         _ => Vec::new(),
     };
-    Values {
+    RealRobotValues {
         build: robot.build().to_owned(),
         end: outcome.end(),
         stop_error: driven.stop_error.clone(),
@@ -175,7 +181,7 @@ fn values(robot: &SerialRobot, driven: &Driven<Outcome>, goal: [f64; 3]) -> Valu
     }
 }
 
-fn table(values: &Values) -> String {
+fn table(values: &RealRobotValues) -> String {
     let mut table = Table::new(["real robot", ""]);
     let mut row = |name: &str, value: String| {
         table.row([name.to_owned(), value]);

@@ -19,7 +19,7 @@ use serde::Serialize;
 
 /// Result of a script.
 #[derive(Debug, Serialize)]
-struct Values<'a> {
+struct ScriptValues<'a> {
     /// Steps with their ends.
     steps: &'a [StepEnd],
 }
@@ -114,7 +114,7 @@ pub fn publish(
         summary(&executed.ends),
     );
     files.csv("ends.csv", csv_of(&executed.ends));
-    let report = serde_json::to_value(Values {
+    let report = serde_json::to_value(ScriptValues {
         steps: &executed.ends,
     });
     let report = report.map_err(|error| Error::Failure(error.to_string()))?;

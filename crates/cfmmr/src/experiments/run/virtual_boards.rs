@@ -23,7 +23,7 @@ use std::time::Instant;
 
 /// Result of virtual boards after a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Values {
+pub(super) struct VirtualBoardValues {
     /// Distance of the midpoint from the goal at the end, m.
     e_m: f64,
     /// Heading less goal heading at the end, rad.
@@ -102,9 +102,9 @@ fn drive(
     Ok((driven, boards))
 }
 
-fn values(robot: &mut VirtualRobot, goal: &[f64; 3], start: Instant) -> Values {
+fn values(robot: &mut VirtualRobot, goal: &[f64; 3], start: Instant) -> VirtualBoardValues {
     let error = FinalError::of(robot.record().midpoint, *goal);
-    Values {
+    VirtualBoardValues {
         e_m: error.e_m,
         heading_rad: error.heading_rad,
         boot_s: robot.boot_s(),
@@ -119,7 +119,7 @@ fn values(robot: &mut VirtualRobot, goal: &[f64; 3], start: Instant) -> Values {
 }
 
 /// Summary of the boards.
-fn summary(values: &Values) -> String {
+fn summary(values: &VirtualBoardValues) -> String {
     let mut table = Table::new([
         "board",
         "build",
