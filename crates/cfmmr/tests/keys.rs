@@ -272,8 +272,8 @@ impl Observer for Epochs {
 }
 
 /// Paths of all values.
-fn leaves(value: &Value, at: &[String], found: &mut Vec<Vec<String>>) {
-    let mut inner = |key: String, value: &Value| leaves(value, &[at, &[key]].concat(), found);
+fn value_paths(value: &Value, at: &[String], found: &mut Vec<Vec<String>>) {
+    let mut inner = |key: String, value: &Value| value_paths(value, &[at, &[key]].concat(), found);
     match value {
         Value::Table(table) => table
             .iter()
@@ -293,7 +293,7 @@ fn entry<'a>(value: &'a mut Value, path: &[String]) -> &'a mut Value {
 }
 
 /// Values to try; some may be out of range.
-fn others(value: &Value) -> Vec<Value> {
+fn trial_values(value: &Value) -> Vec<Value> {
     let words = "creep brush paper-law funnel derived printed exact trace determinant elastica \
                  piecewise quadrature wheels filter off reference beam joint odometry";
     match *value {
@@ -310,11 +310,11 @@ fn others(value: &Value) -> Vec<Value> {
 }
 
 /// At most `count` valid scenarios that differ in one key.
-fn changed(scenario: &Scenario, path: &[String], count: usize) -> Vec<Scenario> {
+fn changed_scenarios(scenario: &Scenario, path: &[String], count: usize) -> Vec<Scenario> {
     let mut table = Value::Table(Table::try_from(scenario).unwrap());
     let value = entry(&mut table, path).clone();
     let mut found = Vec::new();
-    for other in others(&value) {
+    for other in trial_values(&value) {
         *entry(&mut table, path) = other;
         let Ok(other) = table.clone().try_into::<Scenario>() else {
             continue;
@@ -486,10 +486,13 @@ fn each_key_changes_a_run_or_is_refused() {
     let made: Vec<Baseline> = lines.par_iter().map(make).collect();
     let mut paths = Vec::new();
     let table = Value::Table(Table::try_from(&made[0].1).unwrap());
-    leaves(&table, &[], &mut paths);
+    value_paths(&table, &[], &mut paths);
     let of_scenario = paths.into_iter().map(|path| -> (String, Change) {
         let key = path.join(".");
-        (key, Box::new(move |scenario| changed(scenario, &path, 7)))
+        (
+            key,
+            Box::new(move |scenario| changed_scenarios(scenario, &path, 7)),
+        )
     });
     let boards = Role::PAIR
         .into_iter()

@@ -258,7 +258,7 @@ fn one_line(text: &str) -> String {
 }
 
 /// Toolchain that the workspace pins.
-fn pinned() -> String {
+fn pinned_toolchain() -> String {
     let text: toml::Table = toml::from_str(include_str!("../../../../rust-toolchain.toml"))
         .expect("the workspace's own file");
     let channel = text["toolchain"]["channel"].as_str();
@@ -266,7 +266,7 @@ fn pinned() -> String {
 }
 
 fn toolchain(name: &'static str) -> Check {
-    let channel = pinned();
+    let channel = pinned_toolchain();
     let oldest = version(&channel).unwrap_or_default();
     let remedy = match program_output("rustup", &["--version"]) {
         Ok(_) => format!("rustup toolchain install {channel}"),
@@ -448,7 +448,11 @@ mod tests {
         for text in ["", "no number", "12", "1.x"] {
             assert_eq!(version(text), None, "{text}");
         }
-        assert!(version(&pinned()) >= Some([1, 95, 0]), "{}", pinned());
+        assert!(
+            version(&pinned_toolchain()) >= Some([1, 95, 0]),
+            "{}",
+            pinned_toolchain()
+        );
     }
 
     #[test]

@@ -53,14 +53,14 @@ pub struct HilArgs {
 }
 
 /// Minimum run time, s.
-const LEAST_S: f64 = 20.0;
+const MIN_DURATION_S: f64 = 20.0;
 
 /// Runs the command.
 pub fn run(args: &HilArgs) -> Result<(), Error> {
     let mut context = args.common.context("hil")?;
     args.boards.check()?;
     let mission = prepare(args, &mut context)?;
-    let plan = args.plan.plan(LEAST_S)?;
+    let plan = args.plan.plan(MIN_DURATION_S)?;
     if !context.scenario.world.bus.quantise {
         return Err(Error::input(
             "bus.quantise = false: must be true with boards in the loop",

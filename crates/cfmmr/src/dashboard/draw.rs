@@ -17,11 +17,11 @@ use ratatui::text::{Line, Span, Text};
 use ratatui::widgets::{Block, Borders, Paragraph};
 
 /// Smallest terminal: columns, lines.
-pub const LEAST: (u16, u16) = (60, 20);
+pub const MIN_SIZE: (u16, u16) = (60, 20);
 /// Width of the left column in the smallest terminal.
-const LEFT: u16 = 34;
+const LEFT_WIDTH: u16 = 34;
 /// Smallest terminal with a map.
-const WITH_MAP: (u16, u16) = (80, 24);
+const MIN_SIZE_WITH_MAP: (u16, u16) = (80, 24);
 /// Age of the latest heartbeat above which a node is shown as silent, s.
 const SILENT_S: f64 = 0.5;
 
@@ -33,10 +33,10 @@ const DIM: Style = Style::new().add_modifier(Modifier::DIM);
 /// Draws the view over the whole terminal.
 pub fn draw(frame: &mut Frame, view: &View) {
     let area = frame.area();
-    if area.width < LEAST.0 || area.height < LEAST.1 {
+    if area.width < MIN_SIZE.0 || area.height < MIN_SIZE.1 {
         let text = format!(
             "The dashboard needs {} x {} characters; this terminal has {} x {}. q: end the run",
-            LEAST.0, LEAST.1, area.width, area.height
+            MIN_SIZE.0, MIN_SIZE.1, area.width, area.height
         );
         let lines = wrapped(&text, area.width.into())
             .into_iter()
@@ -47,7 +47,9 @@ pub fn draw(frame: &mut Frame, view: &View) {
     let faults = fault_lines(view, area.width.into(), usize::MAX).len() + 1;
     let faults = u16::try_from(faults).unwrap_or(u16::MAX).max(4);
     // Faults have precedence over the map.
-    match area.width >= WITH_MAP.0 && area.height >= faults.saturating_add(WITH_MAP.1 - 4) {
+    match area.width >= MIN_SIZE_WITH_MAP.0
+        && area.height >= faults.saturating_add(MIN_SIZE_WITH_MAP.1 - 4)
+    {
         true => draw_with_map(frame, view, faults),
         false => draw_without_map(frame, view),
     }
@@ -63,7 +65,7 @@ fn draw_without_map(frame: &mut Frame, view: &View) {
     ])
     .areas(frame.area());
     let columns = [
-        Constraint::Length(LEFT.max(frame.area().width / 2)),
+        Constraint::Length(LEFT_WIDTH.max(frame.area().width / 2)),
         Constraint::Length(1),
         Constraint::Fill(1),
     ];
@@ -85,7 +87,7 @@ fn draw_with_map(frame: &mut Frame, view: &View, lines: u16) {
     ])
     .areas(frame.area());
     let [left, _, right] = Layout::horizontal([
-        Constraint::Length(LEFT + 6),
+        Constraint::Length(LEFT_WIDTH + 6),
         Constraint::Length(1),
         Constraint::Fill(1),
     ])

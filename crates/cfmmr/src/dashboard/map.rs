@@ -11,7 +11,7 @@ use ratatui::widgets::{Block, Borders};
 /// Half of an axle's drawn length, m.
 const HALF_TRACK_M: f64 = 0.16;
 /// Least half width and height of the map, m.
-const LEAST_M: f64 = 0.5;
+const MIN_HALF_RANGE_M: f64 = 0.5;
 /// Scale of the standard deviations for 95 % of a normal distribution in the plane: √5.991.
 const SCALE_95: f64 = 2.4477;
 
@@ -83,7 +83,7 @@ fn bounds(view: &View, area: Rect) -> Option<([f64; 2], [f64; 2])> {
         return None;
     }
     let center = [0, 1].map(|k| 0.5 * (low[k] + high[k]));
-    let half = [0, 1].map(|k| (0.5 * (high[k] - low[k]) + 0.3).max(LEAST_M));
+    let half = [0, 1].map(|k| (0.5 * (high[k] - low[k]) + 0.3).max(MIN_HALF_RANGE_M));
     let scale = (half[0] / cells[0]).max(half[1] / cells[1]);
     Some((center, cells.map(|count| scale * count)))
 }

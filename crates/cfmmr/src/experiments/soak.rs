@@ -31,9 +31,9 @@ use std::collections::BTreeMap;
 /// Time limit for one goal, ticks.
 const GOAL_TIMEOUT: u64 = 60_000;
 /// Time at rest after a goal, ticks.
-const REST: u64 = 500;
+const REST_TICKS: u64 = 500;
 /// Time from clearing a fault to the next goal, ticks.
-const RECOVERY: u64 = 2_000;
+const RECOVERY_TICKS: u64 = 2_000;
 /// Half the side of the square of goals, m.
 const SQUARE_M: f64 = 1.5;
 /// Number of equal pieces of a run. The mean NIS of each piece gives the trend.
@@ -314,7 +314,7 @@ impl Soak<'_> {
         let DrivePhase::Driving(since) = self.phase else {
             return;
         };
-        if tick - since < REST {
+        if tick - since < REST_TICKS {
             return;
         }
         let lead = &record.lead;
@@ -333,7 +333,7 @@ impl Soak<'_> {
         self.sums.goals += 1;
         self.sums.reached += u64::from(done);
         self.sums.missed += u64::from(!done);
-        self.phase = DrivePhase::Resting(tick + REST);
+        self.phase = DrivePhase::Resting(tick + REST_TICKS);
         if let Some(reason) = reason {
             *self.faults.entry(reason.entry().name).or_default() += 1;
         }
@@ -382,7 +382,7 @@ impl<R: Robot> Errand<R> for Soak<'_> {
             return Ok(());
         }
         if faulty {
-            self.phase = DrivePhase::Resting(tick + RECOVERY);
+            self.phase = DrivePhase::Resting(tick + RECOVERY_TICKS);
             return robot.command(&HostCommand::Task(Task::Clear));
         }
         let mut uniform = |half: f64| self.random.random_range(-half..half);
@@ -400,7 +400,7 @@ impl<R: Robot> Errand<R> for Soak<'_> {
     fn epoch(&mut self, robot: &R, record: &Record, since: Option<Micros>) -> Progress {
         let tick = robot.now() / TICK;
         // The first estimates are from before the start posture arrives.
-        if since.is_some_and(|since| since >= REST * TICK) {
+        if since.is_some_and(|since| since >= REST_TICKS * TICK) {
             self.observe(record);
             self.evaluate_drive(robot, record, tick);
         }
@@ -424,7 +424,7 @@ pub fn run(
         windows,
         advance,
         random: generator(seed, 1, Stream::Other(1)),
-        phase: DrivePhase::Resting(REST),
+        phase: DrivePhase::Resting(REST_TICKS),
         drive_ended: false,
         sums: Sums::default(),
         piece: Sums::default(),

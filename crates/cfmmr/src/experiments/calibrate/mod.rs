@@ -190,10 +190,14 @@ impl CalibrationBench {
                 ..Truth::default()
             };
             let mut sums = [0.0; MAX_GAUGES];
-            for k in 0..SAMPLES + SETTLE {
+            for k in 0..SAMPLES + SETTLE_SAMPLES {
                 let counts = sensors.sample(&truth).frames[0];
                 for (sum, count) in sums.iter_mut().zip(counts) {
-                    *sum += if k < SETTLE { 0.0 } else { f64::from(count) };
+                    *sum += if k < SETTLE_SAMPLES {
+                        0.0
+                    } else {
+                        f64::from(count)
+                    };
                 }
             }
             let counts = sums.map(|sum| middle + sum / SAMPLES as f64);
@@ -205,8 +209,8 @@ impl CalibrationBench {
     /// Gyro readings of each axle while the robot is turned by hand on the spot: three turns to the left, then three to
     /// the right, each between two rests.
     pub fn turn(&self, scenario: &Scenario) -> Result<Vec<Vec<Turn>>, Error> {
-        const REST: usize = 3000;
-        const TURNING: usize = 18_000;
+        const REST_SAMPLES: usize = 3000;
+        const TURN_SAMPLES: usize = 18_000;
         let mut config = scenario.world.sensors.clone();
         config.gyro.fitted = true;
         let mut sensors = Sensors::new(&config, &self.robot, self.seed, 1)?;
@@ -219,14 +223,16 @@ impl CalibrationBench {
         for angle in [3.0 * TAU, -3.0 * TAU] {
             let turned = angle + normal(&mut random, MARK_SIGMA_RAD);
             let mut sums = vec![[Sum::default(); 3]; all.len()];
-            for k in 0..REST + TURNING + REST {
-                let part = usize::from(k >= REST) + usize::from(k >= REST + TURNING);
+            for k in 0..REST_SAMPLES + TURN_SAMPLES + REST_SAMPLES {
+                let part =
+                    usize::from(k >= REST_SAMPLES) + usize::from(k >= REST_SAMPLES + TURN_SAMPLES);
                 // The turn starts and ends smoothly, within its own part of the readings.
-                let share = (k as f64 - REST as f64) / TURNING as f64;
+                let share = (k as f64 - REST_SAMPLES as f64) / TURN_SAMPLES as f64;
                 let rate = match (part, (0.01..0.99).contains(&share)) {
                     (1, true) => {
                         let phase = (share - 0.01) / 0.98;
-                        turned / (0.98 * TURNING as f64 * 1e-3) * (1.0 - libm::cos(TAU * phase))
+                        turned / (0.98 * TURN_SAMPLES as f64 * 1e-3)
+                            * (1.0 - libm::cos(TAU * phase))
                     }
                     _ => 0.0,
                 };
@@ -251,7 +257,7 @@ impl CalibrationBench {
 }
 
 /// Samples discarded after a change, while filters and delays settle.
-const SETTLE: usize = 500;
+const SETTLE_SAMPLES: usize = 500;
 
 /// Square with round corners, from the middle of a side along x; `direction` is 1 for a left turn, −1 for a right turn.
 pub fn square(direction: f64) -> Result<Path, Error> {

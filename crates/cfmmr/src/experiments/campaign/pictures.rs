@@ -15,15 +15,15 @@ use view::plot::{Figure, Height, Panel};
 use view::style::{BAND, INK, Mark, Shape, Stroke, mark_of, series, series_by};
 
 /// Smallest error on a logarithmic axis, cm and degrees.
-const LEAST: f64 = 0.01;
+const MIN_ERROR: f64 = 0.01;
 /// Marks of the series, distinct in grayscale.
 const SHAPES: [Shape; 4] = [Shape::Disc, Shape::Ring, Shape::Cross, Shape::Target];
 /// Largest number of maps in a row.
 const MAPS: usize = 2;
 
-/// Limits an error to at least [`LEAST`], for a logarithmic axis.
+/// Limits an error to at least [`MIN_ERROR`], for a logarithmic axis.
 fn on_decades(error: f64) -> f64 {
-    error.max(LEAST)
+    error.max(MIN_ERROR)
 }
 
 /// Listed quantity with the values that occur in the runs, in the order of the study's file.
@@ -157,7 +157,7 @@ fn shares(mut values: Vec<f64>) -> Vec<[f64; 2]> {
     let count = values.len() as f64;
     let steps = values.iter().enumerate();
     let steps = steps.flat_map(|(k, &v)| [[v, k as f64 / count], [v, (k + 1) as f64 / count]]);
-    std::iter::once([LEAST, 0.0]).chain(steps).collect()
+    std::iter::once([MIN_ERROR, 0.0]).chain(steps).collect()
 }
 
 /// Map of random starts, marked by end, or of final positions if all runs have one start; one map per combination of

@@ -15,8 +15,8 @@ use plant::frame::Strip;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// Places of seed and output curvatures, as fractions of the length.
-const PLACES: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
+/// Positions of seed and output curvatures, as fractions of the length.
+const POSITIONS: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
 
 /// The `frame` algorithm.
 pub struct Frame;
@@ -79,12 +79,12 @@ fn solve(case: &FrameCase) -> Result<FrameSolution, String> {
     }
     let strip = Strip::new(case.length, case.ei, case.ea, 0.0);
     let (equilibrium, stable) = strip
-        .find(case.pose, &PLACES, &case.seed_curvature)
+        .find(case.pose, &POSITIONS, &case.seed_curvature)
         .ok_or("pose: no equilibrium on the branch of seed_curvature")?;
     Ok(FrameSolution {
         wrench_end: strip.wrench(&equilibrium),
         root_moment: strip.root_moment(&equilibrium),
-        curvature: PLACES.map(|f| strip.elastic_curvature(&equilibrium, f * case.length)),
+        curvature: POSITIONS.map(|f| strip.elastic_curvature(&equilibrium, f * case.length)),
         stable,
     })
 }
