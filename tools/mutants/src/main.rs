@@ -162,8 +162,8 @@ fn mutants(root: &Path, arguments: &Arguments) -> Result<Vec<Mutant>> {
                 rule: site.rule,
                 before: one_line(&text[site.bytes.clone()]),
                 after: match &site.form {
-                    rules::Form::Replacement(text) => one_line(text),
-                    rules::Form::Removal => String::new(),
+                    rules::Form::Replaced(text) => one_line(text),
+                    rules::Form::Removed => String::new(),
                 },
                 site,
             });

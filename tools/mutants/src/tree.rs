@@ -265,17 +265,17 @@ fn insert(
         let from = to.len();
         let number = first.number;
         match &first.site.form {
-            Form::Replacement(change) => {
+            Form::Replaced(change) => {
                 to.push_str(&format!(
                     "(if crate::mutant::on({number}) {{ {change} }} else {{ "
                 ));
             }
-            Form::Removal => to.push_str(&format!("if !crate::mutant::on({number}) {{ ")),
+            Form::Removed => to.push_str(&format!("if !crate::mutant::on({number}) {{ ")),
         }
         insert(text, bytes.clone(), inner, to, parts);
         to.push_str(match first.site.form {
-            Form::Replacement(_) => " })",
-            Form::Removal => " }",
+            Form::Replaced(_) => " })",
+            Form::Removed => " }",
         });
         parts.push(Part {
             number,
