@@ -139,7 +139,7 @@ struct Unreliable {
 
 impl Unreliable {
     /// Bytes after random loss and damage.
-    fn spoil(&mut self, bytes: &[u8]) -> Vec<u8> {
+    fn corrupt(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut bytes = bytes.to_vec();
         if self.random.random::<f64>() < self.loss {
             bytes.clear();
@@ -162,13 +162,13 @@ impl Link for Unreliable {
     }
 
     fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
-        let bytes = self.spoil(bytes);
+        let bytes = self.corrupt(bytes);
         self.link.send(&bytes)
     }
 
     fn receive(&mut self, room: &mut [u8], timeout: Duration) -> io::Result<usize> {
         let count = self.link.receive(room, timeout)?;
-        let bytes = self.spoil(&room[..count]);
+        let bytes = self.corrupt(&room[..count]);
         room[..bytes.len()].copy_from_slice(&bytes);
         Ok(bytes.len())
     }

@@ -310,7 +310,7 @@ impl Finder<'_> {
                 }
             }
             Expr::If(expr) if !has_let(&expr.cond) => {
-                let ends = expr.else_branch.is_none() && leaves(&expr.then_branch);
+                let ends = expr.else_branch.is_none() && ends_in_jump(&expr.then_branch);
                 let text = if ends { "false" } else { "true" };
                 self.replace(Rule::Guard, expr.cond.span(), text);
             }
@@ -361,13 +361,13 @@ impl<'ast> Visit<'ast> for Finder<'_> {
     }
 
     fn visit_item_fn(&mut self, item: &'ast ItemFn) {
-        if runs(&item.vis, &item.sig) {
+        if may_run(&item.vis, &item.sig) {
             self.visit_block(&item.block);
         }
     }
 
     fn visit_impl_item_fn(&mut self, item: &'ast ImplItemFn) {
-        if runs(&item.vis, &item.sig) {
+        if may_run(&item.vis, &item.sig) {
             self.visit_block(&item.block);
         }
     }
@@ -387,7 +387,7 @@ impl<'ast> Visit<'ast> for Finder<'_> {
             if let Stmt::Expr(expr, Some(_)) = stmt {
                 match expr {
                     Expr::Assign(assign) => {
-                        let rule = if resets(&assign.right) {
+                        let rule = if is_initial_value(&assign.right) {
                             Rule::Reset
                         } else {
                             Rule::Stale
@@ -438,7 +438,7 @@ impl<'ast> Visit<'ast> for Finder<'_> {
 }
 
 /// True for a function that may run at run time; private `const` functions are taken as evaluated by the compiler.
-fn runs(visibility: &Visibility, signature: &Signature) -> bool {
+fn may_run(visibility: &Visibility, signature: &Signature) -> bool {
     signature.constness.is_none() || matches!(visibility, Visibility::Public(_))
 }
 
@@ -464,16 +464,16 @@ fn is_update(op: &BinOp) -> bool {
 }
 
 /// True if the value is an initial value: a literal, constant, `default()` or `new()`.
-fn resets(value: &Expr) -> bool {
+fn is_initial_value(value: &Expr) -> bool {
     match value {
         Expr::Lit(_) => true,
         Expr::Path(path) => path.path.segments.last().is_some_and(|last| {
             let name = last.ident.to_string();
             name.starts_with(char::is_uppercase)
         }),
-        Expr::Array(array) => array.elems.iter().all(resets),
-        Expr::Tuple(tuple) => tuple.elems.iter().all(resets),
-        Expr::Repeat(repeat) => resets(&repeat.expr),
+        Expr::Array(array) => array.elems.iter().all(is_initial_value),
+        Expr::Tuple(tuple) => tuple.elems.iter().all(is_initial_value),
+        Expr::Repeat(repeat) => is_initial_value(&repeat.expr),
         Expr::Call(call) => match &*call.func {
             Expr::Path(path) => {
                 let last = path.path.segments.last().map(|last| last.ident.to_string());
@@ -495,7 +495,7 @@ fn has_let(expr: &Expr) -> bool {
 }
 
 /// True if a block ends with `return`, `continue` or `break`.
-fn leaves(block: &Block) -> bool {
+fn ends_in_jump(block: &Block) -> bool {
     let last = block.stmts.last();
     let Some(Stmt::Expr(expr, _)) = last else {
         return false;

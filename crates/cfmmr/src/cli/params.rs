@@ -128,7 +128,7 @@ pub fn run(args: &ParamsArgs) -> Result<(), Error> {
 
 /// Parameter of a board in the JSON result.
 #[derive(Debug, Serialize)]
-struct Row {
+struct ParameterRow {
     board: &'static str,
     name: &'static str,
     unit: &'static str,
@@ -145,7 +145,7 @@ struct Row {
 
 /// Change of a parameter.
 #[derive(Debug, Serialize)]
-struct Change {
+struct ParameterChange {
     board: &'static str,
     name: &'static str,
     unit: &'static str,
@@ -213,7 +213,7 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
                 saved,
             } = kept;
             if wanted.iter().any(|other| other.id == parameter.id) {
-                rows.push(Row {
+                rows.push(ParameterRow {
                     board: ROBOT.name(role),
                     name: parameter.name,
                     unit: parameter.unit,
@@ -240,8 +240,8 @@ fn show(target: &ParamsTarget, wanted: &[&'static Parameter]) -> Result<(), Erro
     names.dedup();
     let new = |n: usize| !names[..n].contains(&names[n]);
     for n in (0..names.len()).filter(|&n| new(n)) {
-        let of_name: Vec<&Row> = rows.iter().filter(|row| row.name == names[n]).collect();
-        let Row {
+        let of_name: Vec<&ParameterRow> = rows.iter().filter(|row| row.name == names[n]).collect();
+        let ParameterRow {
             name,
             unit,
             from,
@@ -374,7 +374,7 @@ fn change(
         for (parameter, value) in wanted(role)? {
             let old = before.iter().find(|kept| kept.parameter.id == parameter.id);
             remote.set_parameter(parameter, value)?;
-            changes.push(Change {
+            changes.push(ParameterChange {
                 board: ROBOT.name(role),
                 name: parameter.name,
                 unit: parameter.unit,

@@ -112,7 +112,13 @@ mod tests {
     fn wheel_and_track_of_one_board_are_stored_in_that_board() {
         let file = "[boards.rear]\nrobot.geometry.wheel_radius_m = 0.07\nrobot.geometry.half_track_m = 0.16\n";
         let scenario = Scenario::parse(None, file, "test", &[]).unwrap();
-        let radius = |role| configured_settings(&scenario, role).unwrap().robot.geometry.wheel_radius_m;
+        let radius = |role| {
+            configured_settings(&scenario, role)
+                .unwrap()
+                .robot
+                .geometry
+                .wheel_radius_m
+        };
         assert_eq!(radius(Role::axle(1)), 0.07);
         assert_eq!(radius(Role::axle(0)), 0.073);
     }

@@ -3,9 +3,9 @@
 
 use super::links::{DEFAULT_FLASH, Links};
 use super::mission::Outcome;
-use super::place::Place;
+use super::place::BoardPlace;
 use super::stage::Driven;
-use super::{BoardValues, Boards, Run, happenings};
+use super::{BoardValues, Boards, Run, events_text};
 use core_algos::topology::Role;
 use host_sim::base::error::Error;
 use host_sim::run::bit_compare::{Difference, Trace};
@@ -34,7 +34,7 @@ pub struct BoardUse {
 
 /// Result of the boards after the run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct Values {
+pub(super) struct InTheLoopValues {
     /// True if every output equals that of the in-process run; `None` without a comparison.
     identical: Option<bool>,
     /// First difference.
@@ -70,7 +70,7 @@ pub fn run(
 /// Connects to the boards of a place; boards without a link run in this program. With `stored`, the boards' own
 /// parameters are written into the scenario.
 pub fn connect(
-    (place, baud): (&Place, u32),
+    (place, baud): (&BoardPlace, u32),
     boards: &BoardUse,
     scenario: &mut Scenario,
     logs: &[BoardLog],
@@ -158,8 +158,8 @@ fn values(
     trace: &Trace,
     wall_s: f64,
     difference: Option<&Option<Difference>>,
-) -> Values {
-    Values {
+) -> InTheLoopValues {
+    InTheLoopValues {
         identical: difference.map(Option::is_none),
         difference: difference
             .and_then(Option::as_ref)
@@ -178,7 +178,7 @@ fn values(
 }
 
 /// Summary of the boards.
-fn summary(values: &Values) -> String {
+fn summary(values: &InTheLoopValues) -> String {
     let mut table = Table::new([
         "board",
         "place",
@@ -224,7 +224,7 @@ fn summary(values: &Values) -> String {
          {} ticks ({simulated:.1} s) in {:.1} s\n",
         values.ticks, values.wall_s
     );
-    text += &happenings(values.late_ticks, &values.events, &values.nodes);
+    text += &events_text(values.late_ticks, &values.events, &values.nodes);
     if values
         .events
         .iter()

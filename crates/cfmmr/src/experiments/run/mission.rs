@@ -4,7 +4,7 @@ use super::steps;
 use super::steps::Steps;
 use crate::experiments::Context;
 use crate::experiments::follow;
-use crate::experiments::follow::{Course, MOST_ROWS};
+use crate::experiments::follow::{Course, MAX_ROWS};
 use crate::experiments::posture;
 use crate::experiments::posture::{Trial, Variant};
 use crate::experiments::result::end_lines;
@@ -130,17 +130,17 @@ impl Mission {
         Ok(match self {
             Self::Posture(_) => {
                 let mut trial = Trial::default();
-                let outcome = regulate_on(robot, scenario, |record| trial.see(record, true))?;
+                let outcome = regulate_on(robot, scenario, |record| trial.push(record, true))?;
                 trial.outcome = outcome;
                 Outcome::Posture(Box::new(trial))
             }
             Self::Path(course, path_mode) => {
-                let mut kept = Thinned::new(MOST_ROWS);
-                let see = |moment: &PathEpoch| kept.push(moment.clone());
-                let outcome = path_run::drive_on(robot, scenario, &course.route, *path_mode, see)?;
+                let mut kept = Thinned::new(MAX_ROWS);
+                let keep = |moment: &PathEpoch| kept.push(moment.clone());
+                let outcome = path_run::drive_on(robot, scenario, &course.route, *path_mode, keep)?;
                 Outcome::Path(Box::new(outcome), kept.into_values())
             }
-            Self::Script { lines, .. } => Outcome::Script(Steps::taken(robot, scenario, lines)),
+            Self::Script { lines, .. } => Outcome::Script(Steps::execute(robot, scenario, lines)),
         })
     }
 
