@@ -19,8 +19,8 @@ pub fn markdown() -> String {
            (about 1 s);\n\
          - **cut**: switch the motors of this axle off at once; the other axle stops as above. The bridges short the\n\
            motors, which brakes the axle; after a driver fault or overcurrent the drivers sleep and it coasts.\n\n\
-         The emergency stop is a stop of the nodes. Its contact, one an axle board, also switches the enable pins of that\n\
-         board off within 60 µs, without the program; an axle whose contact stays closed takes the 1 s of a stop.\n\n\
+         An open contact of the emergency stop also switches the enable pins of its axle board off within 60 µs, without the\n\
+         program. An axle with closed contact takes the 1 s of a stop.\n\n\
          A stop or cut is latched until cleared. *holds for* is the time that a condition must last.\n\n\
          *bit* is the bit of the condition in the notices of a heartbeat.\n\n\
          | code | bit | class | name | holds for | meaning | remedy |\n|---|---|---|---|---|---|---|\n",

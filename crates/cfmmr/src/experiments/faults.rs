@@ -165,13 +165,11 @@ impl Report {
              {speed} m/s, a steering angle beyond {:.0}° or a force of the frame beyond {force} N for more than 0.3 s. The run fails.\n\n\
              *Silence*: bus off, neighbour lost, neighbour stopped or command timeout; which of them comes first depends on\n\
              the phase of the bus.\n\n\
-             *Motors off*: time from the fault until no motor is driven, the longest of the runs. It includes detection and the\n\
-             coordinated stop of the sound axles, which lasts about 1 s: decelerate, rest, release the bent frame. On virtual\n\
-             boards the simulated current decides, not the report of a board; a motor that its bridge shorts to brake is off. In\n\
-             the other rows the commanded torques are zero and the robot is at rest. *Last pulse of struck axle*: end of the drive\n\
-             of the affected axle, which with its emergency stop open or after a cut does not wait for the coordinated stop.\n\
-             *Allowed*: 2.2 s (detection 0.1 s, `stop_timeout_s` 2 s), less where a board is lost, more where the robot may drive\n\
-             on first: by its encoders for 20 s, or until a slow error is detected.\n\n\
+             *Motors off*: time from the fault until no motor of the robot is driven, the longest of the runs: detection, then the\n\
+             coordinated stop of the sound axles of about 1 s. On virtual boards the simulated current decides, not the report of\n\
+             a board; a motor that its bridge shorts to brake is off. In process the torques are zero and the robot is at rest.\n\
+             *Last pulse of struck axle*: the affected axle does not wait for the others after a cut or at its emergency stop.\n\
+             *Allowed*: detection 0.1 s and `stop_timeout_s` 2 s; less if a board is lost, more if the robot may drive on first.\n\n\
              | fault | seam | times × seeds | goes on | stops | other | codes | motors off (s) | allowed (s) | last pulse of struck axle (ms) | allowed (ms) |\n\
              |---|---|---|---|---|---|---|---|---|---|---|\n",
             self.verdict(),
