@@ -58,11 +58,11 @@ def drawn(**keys):
     return lambda k: [f"{key.replace('__', '.')}={sigma * k}" for key, sigma in keys.items()]
 
 
-PLACE = "no sensor on board measures the room"
-LONGER = "all ways grow alike; a gyro tells it by the turns"
-TURNS = "a steady turn that wheels and frame agree with; a gyro tells it"
-SIDEWAYS = "no sensor on board measures a way sideways"
-WIDER = "all turns grow alike and the frame stays straight; a gyro tells it"
+PLACE = "no sensor on board measures the position in the room"
+LONGER = "all distances grow alike; a gyro measures the turns"
+TURNS = "wheels and frame agree on a steady turn; a gyro measures the turn"
+SIDEWAYS = "no sensor on board measures sideways motion"
+WIDER = "all turns grow alike and the frame stays straight; a gyro measures the turns"
 
 # Property, standard deviation, settings for k standard deviations, true if signed, reason why no sensor detects it.
 ROWS = [
@@ -134,7 +134,7 @@ def main():
     parser.add_argument("--trials", type=int, default=40)
     parser.add_argument("--only", default="", metavar="TEXT", help="rows whose property contains this text")
     args = parser.parse_args()
-    print("| property | σ | −10 σ | −3 σ | +3 σ | +10 σ | codes | reason, if below 97 % |")
+    print("| property | σ | −10 σ | −3 σ | +3 σ | +10 σ | codes (runs) | reason, if below 97 % |")
     print("|---|---|---|---|---|---|---|---|")
     missed = []
     with tempfile.TemporaryDirectory() as folder:
@@ -156,8 +156,8 @@ def main():
                     low |= min(shares) < ENOUGH
             if low:
                 missed.append(name)
-            said = ", ".join(f"{code} {count}" for code, count in codes.most_common())
-            print(f"| {name} | {sigma} | {' | '.join(cells)} | {said} | {reason if low and reason else ''} |", flush=True)
+            named = ", ".join(f"{code} {count}" for code, count in codes.most_common())
+            print(f"| {name} | {sigma} | {' | '.join(cells)} | {named} | {reason if low and reason else ''} |", flush=True)
     print(f"\nBelow {100 * ENOUGH:.0f} %: {', '.join(missed) or 'none'}.")
 
 

@@ -15,8 +15,12 @@ pub fn markdown() -> String {
          code decides the reaction:\n\n\
          - **notice**: report only;\n\
          - **degraded**: drive on for a limited time and distance;\n\
-         - **stop**: decelerate all axles together along their path, then switch the motors off;\n\
-         - **cut**: switch the motors off at once.\n\n\
+         - **stop**: decelerate all axles together along their path, release the bent frame, then switch the motors off\n\
+           (about 1 s);\n\
+         - **cut**: switch the motors of this axle off at once; the other axle stops as above. The bridges short the\n\
+           motors, which brakes the axle; after a driver fault or overcurrent the drivers sleep and it coasts.\n\n\
+         An open contact of the emergency stop also switches the enable pins of its axle board off within 60 µs, without the\n\
+         program. An axle with closed contact takes the 1 s of a stop.\n\n\
          A stop or cut is latched until cleared. *holds for* is the time that a condition must last.\n\n\
          *bit* is the bit of the condition in the notices of a heartbeat.\n\n\
          | code | bit | class | name | holds for | meaning | remedy |\n|---|---|---|---|---|---|---|\n",

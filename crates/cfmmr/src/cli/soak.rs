@@ -99,9 +99,9 @@ fn markdown(measured: &Measured, scenario: &Scenario) -> String {
     };
     let mut text = format!(
         "# Soak\n\n\
-         Printed by `cfmmr soak --ticks {} {command}`. {:.2} hours of robot time: {} ticks with all\n\
-         sensors, all noise and a bus that loses {} % of the frames, from goal to goal in a square of 3 m\n\
-         (world: {}). {boards}. Position is by dead reckoning only.\n\n\
+         Printed by `cfmmr soak --ticks {} {command}`. {:.2} hours of robot time ({} ticks) from goal to\n\
+         goal in a square of 3 m, with all sensors and noise. World: {} (`bus.loss` = {}).\n\
+         {boards}. Position is by dead reckoning only.\n\n\
          - *σ*: largest estimated standard deviation of position and heading.\n\
          - *error*: position error at the goals, rms. *pair*: error of the relative posture of the axles, rms.\n\
          - *NEES*: normalised square of the error, expected 3. *NIS*: of the beam's innovation, expected {NIS_EXPECTED}.\n\
@@ -113,8 +113,8 @@ fn markdown(measured: &Measured, scenario: &Scenario) -> String {
         report.ticks,
         soak::seconds(report.ticks) / 3600.0,
         report.ticks,
-        100.0 * scenario.world.bus.loss,
         scenario.world.label(),
+        scenario.world.bus.loss,
     );
     for window in &report.windows {
         text += &row(window);

@@ -54,9 +54,8 @@ const TABLES: &str = "
 
 `--csv DIR` writes `epochs.csv`, `axles.csv` and `beam.csv`. Each experiment writes the columns of `epochs.csv` beside its
 pictures (`log.csv`, `log-joint.csv`). A column has the path of the value in a log. A list has a column for each entry,
-counted from 0. A value that is null is empty, true is 1 and false is 0. Bytes, texts in hexadecimal and frames
-(`received`) have no columns. In a row of `epochs.csv`, `/lead` is the latest message at that time, sent in the epoch
-before.
+counted from 0. Null is an empty cell, true 1, false 0. Bytes, hexadecimal texts and frames (`received`) have no columns.
+The columns of `/lead` in `epochs.csv` hold the latest message at the row's time, sent in the epoch before.
 
 | table | columns |
 |---|---|

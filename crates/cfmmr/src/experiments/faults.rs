@@ -80,15 +80,21 @@ impl FaultRow {
         reasons.map(name).collect()
     }
 
+    fn longest(&self, pick: fn(&Outcome) -> Option<f64>) -> Option<f64> {
+        let times = self.outcomes.iter().filter_map(pick);
+        times.reduce(f64::max)
+    }
+
+    /// Longest time to motors off, s; `None` if the robot must not stop.
+    fn off_s(&self) -> Option<f64> {
+        self.longest(|run| run.off_s)
+            .filter(|_| self.off_within_s.is_some())
+    }
+
     fn markdown(&self) -> String {
         let codes: Vec<&str> = self.codes().into_iter().collect();
-        let longest = |pick: fn(&Outcome) -> Option<f64>| {
-            let times = self.outcomes.iter().filter_map(pick);
-            times.reduce(f64::max)
-        };
         let number = |value: Option<f64>| value.map_or(String::new(), |v| format!("{v:.3}"));
         let limit = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
-        let stops = self.off_within_s.is_some();
         let runs = self.outcomes.len();
         let seeds = runs / self.times.max(1);
         let tried = match self.cases > runs {
@@ -103,10 +109,10 @@ impl FaultRow {
             self.count(&End::Stopped),
             self.wrong().count(),
             codes.join(", "),
-            number(longest(|run| run.off_s).filter(|_| stops)),
+            number(self.off_s()),
             limit(self.off_within_s),
             number(
-                longest(|run| run.own_off_s)
+                self.longest(|run| run.own_off_s)
                     .filter(|_| self.own_within_s.is_some())
                     .map(|s| 1e3 * s)
             ),
@@ -141,25 +147,32 @@ impl FaultsReport {
         let [speed, steering, force] = model::BOUNDS;
         let mut text = format!(
             "# Faults\n\n\
+             {}\n\n\
              Printed by `cfmmr faults --on virtual`. Each fault comes at several times with {} seeds each; the seed also\n\
-             selects the affected board or wheel. World: {}.\n\n\
+             selects the affected board or wheel. World: {}. *Seam*: signal or part that the fault changes.\n\n\
              - Seams *samples*, *frames*, *boards* and *plant*: the boards run in this process and the robot drives to its\n\
              goal. The fault comes {} s after the start. `cfmmr faults` prints these rows alone; it needs no images.\n\
              - The other seams: the default images run on [virtual boards](virtual_boards.md). The fault comes {} s after\n\
-             the start.\n\n\
+             the start.\n\
+             - *Cases*: instants or damages that the seeds together try; a seed counts as one run.\n\n\
              A run has one of these ends:\n\n\
-             - *Goes on*: the robot finishes its task within {:.0} cm and {:.0}°, or within what it claims. On virtual\n\
-             boards: a second later, or after the restart of the affected board, it drives, no node has stopped, and the\n\
-             robot is within 2 cm of its place without the fault.\n\
-             - *Stops*: no motor carries current after the allowed time. The simulated current decides, not the\n\
-             report of a board. The drivers of the affected axle end their last pulse within the allowed time.\n\
+             - *Goes on*: the true goal error is within {:.0} cm and {:.0}°, or within the estimated 95 % error if that is larger.\n\
+             On virtual boards: a second later, or after the restart of the affected board, the robot drives, no node has\n\
+             stopped, and the robot is within 2 cm of its place without the fault.\n\
+             - *Stops*: all motors are off within the allowed time.\n\
              - *Other*: any other end, a first code that does not fit ([codes](codes.md)), a reset or a finding that the\n\
              fault does not explain, a restart that is not reported, changed parameters in the flash, or a speed beyond\n\
              {speed} m/s, a steering angle beyond {:.0}° or a force of the frame beyond {force} N for more than 0.3 s. The run fails.\n\n\
              *Silence*: bus off, neighbour lost, neighbour stopped or command timeout; which of them comes first depends on\n\
              the phase of the bus.\n\n\
+             *Motors off*: time from the fault until no motor of the robot is driven, the longest of the runs: detection, then the\n\
+             coordinated stop of the sound axles of about 1 s. On virtual boards the simulated current decides, not the report of\n\
+             a board; a motor that its bridge shorts to brake is off. In process the torques are zero and the robot is at rest.\n\
+             *Last pulse of struck axle*: the affected axle does not wait for the others after a cut or at its emergency stop.\n\
+             *Allowed*: detection 0.1 s and `stop_timeout_s` 2 s; less if a board is lost, more if the robot may drive on first.\n\n\
              | fault | seam | times × seeds | goes on | stops | other | codes | motors off (s) | allowed (s) | last pulse of struck axle (ms) | allowed (ms) |\n\
              |---|---|---|---|---|---|---|---|---|---|---|\n",
+            self.verdict(),
             self.seeds,
             self.world,
             seconds(MODEL_TIMES),
@@ -172,14 +185,22 @@ impl FaultsReport {
             // Writing to a string does not fail.
             let _ = writeln!(text, "{}", row.markdown());
         }
-        let runs: usize = self.rows.iter().map(|row| row.outcomes.len()).sum();
-        let rows = self.rows.len();
-        let _ = writeln!(
-            text,
-            "\n{rows} faults, {runs} runs, {} failed.",
-            self.wrong()
-        );
         text
+    }
+
+    /// Numbers of faults, runs and failures, and the longest stop.
+    fn verdict(&self) -> String {
+        let runs: usize = self.rows.iter().map(|row| row.outcomes.len()).sum();
+        let (rows, wrong) = (self.rows.len(), self.wrong());
+        let stops = self
+            .rows
+            .iter()
+            .filter_map(|row| Some((row.off_s()?, row.fault)));
+        let longest = stops.max_by(|a, b| a.0.total_cmp(&b.0));
+        let longest = longest.map_or(String::new(), |(off_s, fault)| {
+            format!(" Longest time to motors off: {off_s:.3} s (*{fault}*).")
+        });
+        format!("{rows} faults, {runs} runs, {wrong} failed.{longest}")
     }
 
     /// Number of failed runs.

@@ -31,9 +31,9 @@ fn transceivers() -> Vec<Entry> {
             at(0, |b| b.piece(Role::LEAD, 2)),
             at(1500, |b| b.piece(Role::LEAD, 0)),
         ]).stops(SILENCE);
-        "transceiver sends no more", "transceiver", steps(&[at(0, |b| transceiver(b, false, true))])
+        "transceiver sends nothing", "transceiver", steps(&[at(0, |b| transceiver(b, false, true))])
             .stops(SILENCE);
-        "transceiver hears no more", "transceiver", drive(|b| { transceiver(b, true, false) }).stops(SILENCE);
+        "transceiver receives nothing", "transceiver", drive(|b| { transceiver(b, true, false) }).stops(SILENCE);
         "transceiver dead", "transceiver", drive(|b| { transceiver(b, false, false) }).stops(SILENCE);
         "transceiver of the beam dead", "transceiver", drive(|b| { b.transceiver(Role::beam(0), false, false); })
             .goes_on();

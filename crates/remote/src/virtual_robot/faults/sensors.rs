@@ -138,7 +138,7 @@ fn inertials() -> Vec<Entry> {
         "inertial sensor's samples stand still (no DRDY line: it is polled)", "ICM-42688-P", drive(|b| {
             inertial(b, |f| f.frozen = true);
         }).goes_on().stops(WHEELS);
-        "inertial sensor tells of no data (DRDY)", "ICM-42688-P", drive(|b| {
+        "inertial sensor signals no data (DRDY)", "ICM-42688-P", drive(|b| {
             inertial(b, |f| f.no_data_ready = true);
         }).goes_on();
     }
